@@ -39,7 +39,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TOLERANCE = 2e-3
 BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
 
-LOOSE = {"right-hand sides": float("inf"), "energy not accounted for": 3.0}
+LOOSE = {"right-hand sides": float("inf"), "energy balance error": 3.0}
 """Relative tolerance of lines that hold these words: work, wall time, error of the integration."""
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")

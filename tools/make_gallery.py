@@ -40,10 +40,10 @@ EXAMPLES = (
 HEAD = """\
 # Gallery
 
-Written by `tools/make_gallery.py`. Each example is one file in
-[`examples/gallery`](../../examples/gallery), draws one picture and gives one number, which is
-checked against other means: closed forms, energy, a tighter tolerance. A test computes all of
-them again (`tests/python/unit/test_gallery.py`). To run one:
+`tools/make_gallery.py` writes this page. Each example is one file in
+[`examples/gallery`](../../examples/gallery). It draws one picture and computes one number. The
+number is compared with another method: a closed form, the energy, or a smaller tolerance. A test
+repeats all computations (`tests/python/unit/test_gallery.py`). To run one example:
 
 ```console
 $ python examples/gallery/bouncing.py bouncing.png

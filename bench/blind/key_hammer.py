@@ -349,7 +349,7 @@ class KeyHammer(Model):
     def guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
         """Positions and speeds at the segment starts: parabolas through the measured outputs.
 
-        A fit from here needs no luck to get through the impacts.
+        A fit from here follows the impacts.
         """
         starts = np.zeros((len(segments), len(self._base)))
         for channel, name in enumerate(self.outputs):

@@ -97,7 +97,7 @@ void bind_contact(py::module_& m) {
                              "Whether a term that acts turns over near the threshold speed.")
       .def("dry", &Friction::dry, "The terms that hold a joint back at speeds near zero, alone.")
       .def("sharpened", &Friction::sharpened, py::arg("threshold_speed"),
-           "The limit of a threshold speed of zero, turned over at a speed of choice.")
+           "The limit of a threshold speed of zero, regularized at a chosen speed.")
       .def_property_readonly(
           "dry_speeds",
           [](const Friction& f) {

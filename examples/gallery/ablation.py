@@ -1,4 +1,4 @@
-"""What each part of the model does to the force on the string: leave one out at a time."""
+"""Contribution of each part of the model to the string force: one part is omitted at a time."""
 
 from show import Found, show
 

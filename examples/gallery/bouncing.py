@@ -1,8 +1,8 @@
-"""A ball bounces on a damped spring and on felt: how much of its speed comes back.
+"""The rebound speed of a ball on a damped spring and on felt.
 
-Hunt-Crossley, F = k e^p (1 + d v), loses more the faster the impact: (1 + d v0)/(1 - d v1) = exp(d
-(v0 + v1)). Felt that remembers knows how deep it was pressed, not how fast: v1^2/v0^2 = W_U/W_L of
-its branches.
+The loss of a Hunt-Crossley contact, F = k e^p (1 + d v), increases with the impact speed: (1 + d
+v0)/(1 - d v1) = exp(d (v0 + v1)). The loss of felt with memory depends on the largest compression
+and not on the speed: v1^2/v0^2 = W_U/W_L of its branches.
 """
 
 import numpy as np

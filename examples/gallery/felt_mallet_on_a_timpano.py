@@ -1,9 +1,10 @@
-"""A felt mallet strikes a timpano: how long they touch.
+"""The contact time of a felt mallet on a timpano.
 
-The head is an ideal membrane (no air) in its modes J_m(k r) cos(m phi), struck at three quarters
-of its radius; the mallet is a mass behind `felt_memory`. Leapfrog in time. On a head that does not
-yield, the contact time follows from the felt's energy alone: T = integral of de / v(e) down and
-up. On a single mode that is slow, the two masses meet as one of m M/(m + M).
+The head is an ideal membrane (no air) with the modes J_m(k r) cos(m phi). It is struck at three
+quarters of its radius. The mallet is a mass with a contact `felt_memory`. The time integration is
+a leapfrog method. On a rigid head, the contact time follows from the energy of the felt alone: T =
+integral of de / v(e) for compression and release. On a single slow mode, the two masses act as one
+mass m M/(m + M).
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
-"""A mass falls on a felt pad: the first peak follows from the energy alone.
+"""The first force peak of a mass that falls on a felt pad follows from the energy alone.
 
-The pad is `felt_memory`, whose loading on virgin felt is F = a e exp(b e) + c e. With the work of
-gravity, m g (h + e) = a/b^2 ((b e - 1) exp(b e) + 1) + c e^2/2 gives the largest compression and
-force.
+The law of the pad is `felt_memory`. Its loading on virgin felt is F = a e exp(b e) + c e. The work
+of gravity, m g (h + e) = a/b^2 ((b e - 1) exp(b e) + 1) + c e^2/2, gives the largest compression
+and force.
 """
 
 import math

@@ -1,7 +1,8 @@
-"""A carriage is pushed against a felt stop and bounces: how far it comes back.
+"""The return of a carriage that is pushed against a felt stop.
 
-The first impact meets virgin felt: loading up to e with integral of (F_L - push) de = push times
-the way, then back on the unloading branch from there. What lies between the branches is heat.
+The first impact meets virgin felt. The compression e follows from the energy: the integral of (F_L
+- push) de is the work of the push on the free path. The carriage returns along the unloading
+branch from e. The area between the branches is heat.
 """
 
 from pathlib import Path

@@ -1,7 +1,8 @@
-"""A compression test with scatter becomes a felt, and the interval holds the truth.
+"""A felt from a compression test with scatter: the interval contains the true value.
 
-The test of the tutorial (examples/tutorial) was made from the packaged felt a12_06, so that the
-answer is known. Friction is taken off, then the elastic law of both branches is fitted.
+The test of the tutorial (examples/tutorial) was simulated with the packaged felt a12_06, so the
+true values are known. The friction is removed first. Then the elastic law of both branches is
+fitted.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""An oscillator of your own, its model without friction, and three records: what is missing.
+"""A diagnosis of an oscillator whose model has no dry friction, from three records.
 
-The records come from an oscillator with 0.8 N of dry friction. The model knows mass, spring and
-dashpot, and the effects of the library: it should name the friction, and its size.
+The records are those of an oscillator with 0.8 N of dry friction. The model contains mass, spring,
+dashpot, and the effects of the library. The diagnosis should name the friction and its magnitude.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
-"""A motor presses a felt stop with a flexible arm (thesis, chapter 5): the force of the finger.
+"""The finger force of a motor that presses a felt stop with a flexible arm (thesis, chapter 5).
 
-The arm is a beam on a turning hub. With a hub too heavy to turn and no tip its frequency is that
-of a cantilever, in closed form; the books of energy close.
+The arm is a beam on a rotating hub. With a very heavy hub and without a tip mass, its frequency is
+that of a cantilever in closed form. The energy balance closes.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
-"""A hammer strikes a string: until the first echo returns, the string is a dashpot of 2 Z.
+"""A hammer on a string: until the first echo returns, the string acts as a dashpot of 2 Z.
 
 On a long string F = 2 Z v with the impedance Z = sqrt(T mu), until the wave from the near end
-comes back after 2 x/c. Note 40 of the thesis, struck by 9 g at an eighth of its length; 200 modes,
-no damping.
+returns after 2 x/c. The string is note 40 of the thesis. A mass of 9 g strikes it at an eighth of
+its length. There are 200 modes and no damping.
 """
 
 from pathlib import Path

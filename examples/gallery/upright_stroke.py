@@ -1,6 +1,7 @@
 """A soft impact of the upright action: finger, let-off, string, check.
 
-The thesis's piano impact; the impact speed is converged, and the books of energy close.
+The stroke is the piano impact of the thesis. The impact speed is converged, and the energy balance
+closes.
 """
 
 from show import Found, show

@@ -1,7 +1,7 @@
-"""A wool mass is compressed and let go: van Wyk's cube, and what friction takes.
+"""Compression and release of a wool mass: van Wyk's law, and the loss by friction.
 
-van Wyk: P = k E (v^3 - v0^3). The loop comes from fibers that slide on each other (thesis eq.
-3.65): where none slides there is none.
+Van Wyk's law is P = k E (v^3 - v0^3). The loop results from fibers that slide on each other
+(thesis eq. 3.65). If no fiber slides, there is no loop.
 """
 
 import numpy as np

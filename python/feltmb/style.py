@@ -1,4 +1,4 @@
-"""House style of the pictures: colors, sizes, units for the reader, figures and axes."""
+"""Style of the pictures: colors, sizes, units for the reader, figures and axes."""
 
 from __future__ import annotations
 

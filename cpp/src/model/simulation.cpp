@@ -932,8 +932,8 @@ class Run {
     }
     result_.status = RunStatus::kFailed;
     result_.message = format(
-        "energy not accounted for reaches %.3g J, %.3g %% of the %.3g J turned over, expected at "
-        "most %.3g %% (ledger_limit); use a smaller rtol",
+        "the energy balance error reaches %.3g J, %.3g %% of the exchanged energy of %.3g J, "
+        "expected at most %.3g %% (ledger_limit); use a smaller rtol",
         b.residual_largest, 100.0 * b.residual_relative, b.turned_over,
         100.0 * options_.ledger_limit);
   }

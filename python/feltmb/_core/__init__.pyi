@@ -117,7 +117,7 @@ class Friction:
         """
     def sharpened(self, threshold_speed: typing.SupportsFloat | typing.SupportsIndex) -> Friction:
         """
-        The limit of a threshold speed of zero, turned over at a speed of choice.
+        The limit of a threshold speed of zero, regularized at a chosen speed.
         """
     @property
     def acts(self) -> bool:

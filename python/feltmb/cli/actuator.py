@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 ROWS = {
-    "first_contact_time": ("the stop is first met", "s"),
-    "first_contact_speed": ("with the speed", "m/s"),
+    "first_contact_time": ("first contact with the stop", "s"),
+    "first_contact_speed": ("speed at this contact", "m/s"),
     "peak_stop_force": ("largest stop force", "N"),
     "peak_finger_force": ("largest finger force", "N"),
-    "bounces": ("the stop is left and met again", "times"),
+    "bounces": ("bounces at the stop", "times"),
     "deflection": ("largest tip deflection", "m"),
-    "mean_finger_force": ("finger force held, last quarter", "N"),
-    "ringing": ("its rms ringing", "N"),
+    "mean_finger_force": ("mean finger force, last quarter", "N"),
+    "ringing": ("rms of its oscillation", "N"),
 }
 
 
@@ -87,7 +87,7 @@ _set = list_option(
 @click.option(
     "--action-force",
     metavar="FILE",
-    help="Measured force of the action on the tip by time, CSV or TOML, in place of its mass.",
+    help="Measured force of the action on the tip over time, CSV or TOML; it replaces the mass.",
 )
 @click.option(
     "--duration", type=positive("s"), default=0.2, show_default=True, help="Simulated time [s]."
@@ -97,7 +97,7 @@ _set = list_option(
     type=positive("Hz"),
     default=10000.0,
     show_default=True,
-    help="Samples a second [Hz].",
+    help="Samples per second [Hz].",
 )
 @click.option(
     "--tolerance",
@@ -204,6 +204,12 @@ def _show(actuator: Actuator, run: ActuatorRun) -> None:
     table = new_table(f"actuator {actuator.name}, damper {kind}", "", "value", "unit", right=(1,))
     for i, f in enumerate(_frequencies(actuator)):
         table.add_row(f"natural frequency {i + 1}", f"{f:.5g}", "Hz")
+    reaction = actuator.config.action
+    if reaction.mass or reaction.force is None:
+        table.add_row("mass of the action", f"{reaction.mass:.4g}", "kg")
+    if reaction.force is not None:
+        role = "added to the mass" if reaction.mass else "replaces the mass"
+        table.add_row("force of the action", "record", role)
     for key, (text, unit) in ROWS.items():
         if key not in run.summary:
             continue
@@ -212,7 +218,7 @@ def _show(actuator: Actuator, run: ActuatorRun) -> None:
         table.add_row(text, number, shown)
     for key in ("work_motor", "given_to_action", "dissipated_stop", "dissipated_damper"):
         table.add_row(key.replace("_", " "), *pretty(run.energy[key], "J"))
-    table.add_row("energy not accounted for", f"{run.energy['residual_relative']:.1e}", "of work")
+    table.add_row("energy balance error", f"{run.energy['residual_relative']:.1e}", "of work")
     table.caption = (
         f"{run.stats['steps']} steps, {run.stats['forces']} forces, "
         f"{1e3 * run.stats['wall']:.3g} ms"
@@ -262,22 +268,30 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
 @click.argument("target")
 @_arm
 @click.option(
-    "--damper", metavar="KIND[=C]", default="one-sided", show_default=True, help="Where to start."
+    "--damper",
+    metavar="KIND[=C]",
+    default="one-sided",
+    show_default=True,
+    help="Damper at the start of the fit.",
 )
 @_set
 @click.option(
     "--action",
     shell_complete=actions,
     metavar="NAME",
-    help="Press this action instead of the actuator's stop.",
+    help="Press this action instead of the stop of the actuator.",
 )
-@click.option("--torque", metavar="FILE", help="Torque to start from; default: the actuator's.")
+@click.option(
+    "--torque",
+    metavar="FILE",
+    help="Torque at the start of the fit; default: that of the actuator.",
+)
 @list_option(
     "--fit",
     metavar="NAME",
     default=("stiffness", "damping", "torque"),
     show_default=True,
-    help="What may change.",
+    help="Parameters that are fitted.",
 )
 @click.option(
     "--knots",
@@ -287,7 +301,11 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
     help="Knots of the torque.",
 )
 @click.option(
-    "--steps", type=click.IntRange(1), default=60, show_default=True, help="Steps at most."
+    "--steps",
+    type=click.IntRange(1),
+    default=60,
+    show_default=True,
+    help="Largest number of steps.",
 )
 @click.option(
     "--out",

@@ -23,17 +23,20 @@ from feltmb.cli.common import POSITIVE, Quantity, force_option, say_written, tab
     type=POSITIVE,
     default=20.0,
     show_default=True,
-    help="How many times slower than life.",
+    help="Factor by which the motion is slower than in reality.",
 )
 @click.option(
     "--fps",
     type=click.IntRange(1, 50),
     default=30,
     show_default=True,
-    help="Frames a second.",
+    help="Frames per second.",
 )
 @click.option(
-    "--window", type=(Quantity("s"), Quantity("s")), metavar="FROM TO", help="Only this time [s]."
+    "--window",
+    type=(Quantity("s"), Quantity("s")),
+    metavar="FROM TO",
+    help="Show only this time interval [s].",
 )
 @force_option
 @tables_as_json

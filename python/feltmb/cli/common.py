@@ -535,7 +535,7 @@ def model_set_option(function: F) -> F:
 
 def force_option(function: F) -> F:
     """Option ``--force``."""
-    return click.option("--force", is_flag=True, help="Replace files that exist.")(function)
+    return click.option("--force", is_flag=True, help="Overwrite existing files.")(function)
 
 
 def json_option(function: F) -> F:
@@ -561,8 +561,8 @@ def folder_option(text: str, *, required: bool = False) -> Callable[[F], F]:
 budget_option = click.option(
     "--budget",
     type=positive("s"),
-    help="Time after which the best answer by then is reported, with what was not tried: 5min [s]. "
-    "The proof of it comes on top.",
+    help="Time after which fits stop and the best answer is reported, with the effects that were "
+    "not tested: 5min [s]. The test on held-out records may exceed it.",
 )
 modulus_option = click.option(
     "--e-modulus",

@@ -32,15 +32,15 @@ STROKES = ("piano", "forte", "staccato")
     type=FolderName(file_okay=False),
     default=Path("out"),
     show_default=True,
-    help="Folder for the results; files of a former demo in it are replaced.",
+    help="Folder for the results. Files of an earlier demo are overwritten.",
 )
-@click.option("--no-animation", is_flag=True, help="Leave out the animation (the slowest part).")
+@click.option("--no-animation", is_flag=True, help="Omit the animation (the slowest part).")
 @set_option
 @tables_as_json
 def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
-    """Strike steinway45 piano, forte and staccato.
+    """Simulate the strokes piano, forte and staccato of steinway45.
 
-    Prints the results beside the published ones and writes NetCDF files, plots and an animation.
+    Prints the results with the published values, and writes NetCDF files, plots and an animation.
     """
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 

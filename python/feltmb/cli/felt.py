@@ -39,7 +39,7 @@ def felt() -> None:
 @felt.command(name="list")
 @tables_as_json
 def list_command() -> None:
-    """List the felts that come with feltmb. All of them are synthetic."""
+    """List the packaged felts. All of them are synthetic."""
     from feltmb.felt import load_material, packaged_materials
 
     table = new_table("Felts (synthetic, not measured)", "name", "v_f", "P max [MPa]", "loss",
@@ -137,7 +137,7 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
     type=click.Choice(["repaired", "printed"]),
     default="repaired",
     show_default=True,
-    help="Equations repaired, or as the thesis prints them.",
+    help="Corrected equations, or the equations as printed in the thesis.",
 )
 @click.option(
     "--points",
@@ -228,7 +228,7 @@ def loop_command(
     "--thickness",
     type=positive("m"),
     required=True,
-    help="Of the felt without load [m], such as 6mm.",
+    help="Thickness of the felt without load [m], such as 6mm.",
 )
 @click.option(
     "--area", required=True, metavar="LAW:NUMBERS",
@@ -236,12 +236,14 @@ def loop_command(
     "or sphere_on_layer:5mm.",
 )  # fmt: skip
 @click.option(
-    "--columns", is_flag=True, help="Compress each column of the felt by what the indenter leaves."
+    "--columns",
+    is_flag=True,
+    help="Compute the compression of each column of the felt under the indenter.",
 )
 @click.option(
     "--largest",
     type=positive("m"),
-    help="End of the loop [m], such as 2mm; default where v_f_max is reached.",
+    help="End of the loop [m], such as 2mm; default: compression at v_f_max.",
 )
 @click.option(
     "--points",
@@ -261,7 +263,7 @@ def loop_command(
 @click.option(
     "--contact",
     metavar="NN",
-    help="Write a mechanism whose contact (such as 06) has this envelope.",
+    help="Write a mechanism in which this contact (such as 06) has the envelope.",
 )
 @click.option(
     "--out",
@@ -291,10 +293,10 @@ def envelope_command(
     picture: Path | None,
     force: bool,
 ) -> None:
-    """Loop of a contact, force against compression, from felt MATERIAL.
+    """Compute the loop of a contact, force against compression, from felt MATERIAL.
 
-    The table is the value of contacts.NN.memory.envelope in a mechanism file; with --contact the
-    file is a mechanism that can be used at once.
+    The table is the value of contacts.NN.memory.envelope in a mechanism file. With --contact the
+    output file is a complete mechanism.
     """
     from feltmb.errors import InvalidParameter
     from feltmb.felt import envelope, load_material, parse_area

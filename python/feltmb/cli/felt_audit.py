@@ -62,7 +62,7 @@ def _print_audit(result: Audit) -> None:
     name="audit", short_help="Audit LAW: a contact, a felt, an envelope, or all contacts."
 )
 @click.argument("law", shell_complete=packaged("", "felts"))
-@click.option("--all", "everything", is_flag=True, help="All contacts of mechanism LAW.")
+@click.option("--all", "everything", is_flag=True, help="Audit all contacts of the mechanism LAW.")
 @set_option
 @click.option(
     "--largest",
@@ -73,7 +73,7 @@ def _print_audit(result: Audit) -> None:
     "--plot",
     "folder",
     type=FolderName(file_okay=False),
-    help="Folder for a picture of each.",
+    help="Folder for one picture of each law.",
 )
 @json_option
 @force_option
@@ -88,7 +88,8 @@ def audit_command(
 ) -> None:
     """Audit LAW: a contact (steinway45:04), a felt, an envelope, or --all contacts of a mechanism.
 
-    Valid window, crossing, adhesion, made energy, loss against amplitude and frequency, stiffness.
+    The audit reports valid window, crossing, adhesion, created energy, loss against amplitude and
+    frequency, and stiffness.
     """
     from feltmb.felt import audit, audit_targets
     from feltmb.felt.plot import plot_audit

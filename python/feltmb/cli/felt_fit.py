@@ -36,7 +36,7 @@ __all__ = ["fit_command", "identify_command"]
     shell_complete=felts,
     metavar="NAME",
     required=True,
-    help="Felt (name or TOML) that gives the fibers.",
+    help="Felt (name or TOML file) whose fiber data are used.",
 )
 @click.option(
     "--out",
@@ -49,7 +49,9 @@ __all__ = ["fit_command", "identify_command"]
     "--plot", "folder", type=FolderName(file_okay=False),
     help="Folder for the report and its pictures.",
 )  # fmt: skip
-@click.option("--v-f0", type=FRACTION, help="Volume fraction without load [-]; default the felt's.")
+@click.option(
+    "--v-f0", type=FRACTION, help="Volume fraction without load [-]; default: that of the felt."
+)
 @click.option(
     "--thickness",
     type=positive("m"),
@@ -59,7 +61,11 @@ __all__ = ["fit_command", "identify_command"]
     "--area", type=positive("m^2"), help="Area of the sample [m^2], such as 4cm2, for force data."
 )
 @click.option(
-    "--relative", type=Number(0.0, 1e3), default=0.0, show_default=True, help="Relative weight [-]."
+    "--relative",
+    type=Number(0.0, 1e3),
+    default=0.0,
+    show_default=True,
+    help="Factor r of the weight 1/(1 + r P/P_max) of a sample [-]; 0: equal weights.",
 )
 @click.option("--level", type=FRACTION, default=0.95, show_default=True, help="Confidence [-].")
 @json_option
@@ -161,18 +167,23 @@ def identify_command(
 
 @click.command(name="fit", short_help="Find a felt whose layer has the loop of ACTION:CONTACT.")
 @click.argument("contact", metavar="ACTION:CONTACT", shell_complete=actions)
-@click.option("--area", required=True, metavar="LAW:NUMBERS", help="As for envelope.")
+@click.option(
+    "--area",
+    required=True,
+    metavar="LAW:NUMBERS",
+    help="Area of the contact, as in `felt envelope`.",
+)
 @click.option(
     "--fibers",
     shell_complete=felts,
     metavar="NAME",
     required=True,
-    help="Felt (name or TOML) that gives fibers and v_f0.",
+    help="Felt (name or TOML file) whose fiber data and v_f0 are used.",
 )
 @click.option(
     "--thickness",
     type=positive("m"),
-    help="Without load [m], such as 3mm; default: fitted, gamma = pi/2.",
+    help="Thickness without load [m], such as 3mm; default: fitted with gamma = pi/2.",
 )
 @click.option(
     "--friction", type=Number(0, 1, max_open=True), default=0.1, show_default=True,
@@ -201,8 +212,8 @@ def fit_command(
 ) -> None:
     """Find a felt whose layer has the loop of a contact, such as steinway45:06.
 
-    Force and compression of the contact become pressure and volume fraction by an area and a
-    thickness. For a specimen whose pressure was measured use identify.
+    Area and thickness convert force and compression of the contact to pressure and volume fraction.
+    For a specimen with measured pressure use identify.
     """
     from feltmb.felt import audit_targets, contact_loop, fit_contact, load_material, parse_area
     from feltmb.files import write_text

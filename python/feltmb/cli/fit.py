@@ -35,9 +35,9 @@ __all__ = ["command"]
     type=click.IntRange(0, 10_000),
     default=3,
     show_default=True,
-    help="Further starting points at most.",
+    help="Largest number of further starting points.",
 )
-@folder_option("Folder of fit.json.")
+@folder_option("Folder for fit.json.")
 @budget_option
 @model_set_option
 @json_option
@@ -53,10 +53,10 @@ def command(
     as_json: bool,
     force: bool,
 ) -> None:
-    """Fit the parameters of MODEL to measured DATA: values, intervals, what the data said.
+    """Fit the parameters of MODEL to measured DATA, and print values and intervals.
 
-    MODEL is a packaged mechanism or a Python file that defines `model` and `effects`. A fit that
-    was cut off resumes when it is started again with the same output folder.
+    MODEL is a packaged mechanism or a Python file that defines `model` and `effects`. An
+    interrupted fit continues when it is started again with the same output folder.
     """
     import json
     import shutil

@@ -45,7 +45,8 @@ from feltmb.cli.completing import actions
 @click.option(
     "--hold",
     type=click.Choice(["zero", "linear"]),
-    help="Course of the input over a step; default: linear for a motion, else zero.",
+    help="Interpolation of the input over a step; default: linear for a motion, else zero "
+    "(constant).",
 )
 @list_option(
     "--parameter",
@@ -69,7 +70,7 @@ def command(
     rtol: float,
     force: bool,
 ) -> None:
-    """Write ACTION as a unit for co-simulation (FMI), with a binary that needs no Python."""
+    """Export ACTION as a co-simulation unit (FMI). Its binary needs no Python."""
     from feltmb.run.fmu import export
 
     mechanism = load_with_settings(action, settings)

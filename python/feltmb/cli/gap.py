@@ -42,7 +42,7 @@ def command() -> None:
     """Diagnose the gap between a model and measurements: where, which cause, how far it shrinks.
 
     A model is a packaged mechanism or a Python file that defines `model` and `effects`. Measured
-    files are CSV, MAT or NetCDF, each with a TOML of the same name beside it.
+    files are CSV, MAT or NetCDF. A TOML file of the same name describes each file.
     """
 
 
@@ -59,17 +59,17 @@ command.add_command(session_command)
     "--hold-out",
     "hold_out",
     metavar="NAME",
-    help="Record (or its file) that proves what the others suggest. Default: the "
-    "records whose TOML says so, else some are chosen.",
+    help="Record (or its file) that is held out to confirm the findings. Default: the records with "
+    "the role held_out, else some records are chosen.",
 )
-@folder_option("Folder of report.html, report.json.")
+@folder_option("Folder for report.html and report.json.")
 @list_option(
     "--include",
     "included",
     shell_complete=effects,
     metavar="EFFECT",
-    help="Effect of the library that is made part of the model first, its magnitude a "
-    "parameter: is there a gap left?",
+    help="Effect of the library that is added to the model before the diagnosis, with its "
+    "magnitude as a parameter.",
 )
 @click.option(
     "--alpha",
@@ -91,22 +91,22 @@ command.add_command(session_command)
     type=click.IntRange(0, 100_000),
     default=12,
     show_default=True,
-    help="Refits for the null law.",
+    help="Refits for the null distribution.",
 )
 @click.option(
     "--seed",
     type=click.IntRange(0),
     default=0,
     show_default=True,
-    help="Of the refits for the null law.",
+    help="Seed of the refits for the null distribution.",
 )
 @reading_options
 @list_option(
     "--good-enough",
     "good_enough",
     metavar="[CHANNEL=]SIZE",
-    help="Difference that does not matter, such as 0.2mm or hammer_tip.x=0.1mm: it is added to "
-    "the noise of channels of that unit.",
+    help="Difference that you accept, such as 0.2mm or hammer_tip.x=0.1mm. It is added to the "
+    "noise of the channels with this unit.",
 )
 @click.option(
     "--write",
@@ -149,8 +149,9 @@ def run(
 ) -> None:
     """Diagnose the gap between MODEL and measured DATA.
 
-    Ctrl-C ends it with what is known so far, as --budget does; Ctrl-C once more ends it at once.
-    A run that was cut off resumes when it is started again with the same output folder.
+    Ctrl-C ends the diagnosis with the results so far, as --budget does. A second Ctrl-C stops it
+    immediately. An interrupted diagnosis continues when it is started again with the same output
+    folder.
     """
     import shutil
 

@@ -48,7 +48,7 @@ class _Told:
         say(text, err=True)
 
 
-@click.command("blind", short_help="Withhold effects of MODEL in turn: would a diagnosis be right?")
+@click.command("blind", short_help="Test the diagnosis of MODEL on simulated machines.")
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
@@ -57,24 +57,22 @@ class _Told:
     help="Number of cases; default: one without an effect and one for each effect.",
 )
 @click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all that is drawn."
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of all random draws."
 )
 @list_option(
     "--effect",
     "only",
     shell_complete=effects,
     metavar="EFFECT",
-    help="Effect that is withheld; default: all. All of them are offered.",
+    help="Effect that is withheld; default: each effect in turn. All effects are candidates.",
 )
 @list_option(
     "--hold-out",
     "hold_out",
     metavar="NAME",
-    help="Record that proves what the others suggest.",
+    help="Record that is held out to confirm the findings.",
 )
-@folder_option(
-    "Folder of the cases, a file each, and of blind.json. A run that was cut off goes on."
-)
+@folder_option("Folder for blind.json and one file for each case. An interrupted run continues.")
 @model_set_option
 @json_option
 def command(
@@ -88,12 +86,12 @@ def command(
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """How often a diagnosis of MODEL would be right on your machine.
+    """Estimate how often a diagnosis of MODEL would be correct on your machine.
 
-    Each case gives the model one effect of its library, with a magnitude and parameters from their
-    priors, and simulates the inputs of DATA with the noise of its sensors. The diagnosis does not
-    know which. Without DATA the planned runs of the model are taken. Machine and model share their
-    equations: a real machine is harder.
+    Each case adds one effect of the library to the model, with a magnitude and parameters from
+    their priors, and simulates the inputs of DATA with the noise of its sensors. The diagnosis does
+    not know the effect. Without DATA the planned runs of the model are used. Machine and model have
+    the same equations, so a real machine is more difficult.
     """
     import json
 

@@ -51,7 +51,7 @@ _DATA = (".csv", ".txt", ".tsv", ".dat", ".mat", ".nc")
     "html_page",
     metavar="PAGE",
     type=click.Path(path_type=Path),
-    help="Write a page on which records and model move together, as in feltmb view.",
+    help="Write a page that shows records and model together, as in feltmb view.",
 )
 @reading_options
 @model_set_option
@@ -68,8 +68,8 @@ def command(
 ) -> None:
     """Check measured DATA: clocks, units, noise, repeatability.
 
-    With MODEL (as of `gap diagnose`) also simulate each record with the tabulated numbers and show
-    how far record and model are apart, before anything is fitted.
+    With MODEL (as in `gap diagnose`), also simulate each record with the tabulated numbers and show
+    the difference between record and model before any fit.
     """
     from feltmb.gap.checks import check_records
     from feltmb.gap.report import plain

@@ -1,4 +1,4 @@
-"""``feltmb gap plan``: what could be told apart, and which experiments would tell it."""
+"""``feltmb gap plan``: experiments that identify effects."""
 
 from __future__ import annotations
 
@@ -50,16 +50,16 @@ measured_option = click.option(
     "--measured",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="TOML with tests of single parts: [measured.PARAMETER] with value, sd and how. They "
-    "replace tolerances.",
+    help="TOML file with tests of single parts: [measured.PARAMETER] with value, sd and how. "
+    "They replace the tolerances of these parameters.",
 )
 limits_option = click.option(
     "--limits",
     "limits_file",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="TOML with the limits of inputs, and tests of parts that can be made. Default: those of "
-    "the model; of a mechanism with a finger 0 to 25 N, 2 kN/s, 0.6 s.",
+    help="TOML file with the limits of the inputs and the possible tests of parts. Default: the "
+    "limits of the model; for a mechanism with a finger 0 to 25 N, 2 kN/s, 0.6 s.",
 )
 
 
@@ -85,14 +85,14 @@ class Telling:
             redraw("")
 
 
-@click.command("plan", short_help="Which experiments would tell the effects of MODEL apart.")
+@click.command("plan", short_help="Experiments that identify the effects of MODEL.")
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--budget",
     type=Number(0, 1000, min_open=True),
-    help="Design experiments, for so many strokes (a test of a part costs what the limits say). "
-    "Without it the planned runs of the model are compared.",
+    help="Design experiments with this number of strokes (the limits give the cost of a test of a "
+    "part). Without it the planned runs of the model are compared.",
 )
 @limits_option
 @click.option(
@@ -100,7 +100,8 @@ class Telling:
     "report_folder",
     metavar="PATH",
     type=click.Path(path_type=Path),
-    help="Report of a diagnosis (folder or report.json): what separates what it left open.",
+    help="Report of a diagnosis (folder or report.json). The plan separates the causes that the "
+    "report could not separate.",
 )
 @measured_option
 @click.option(
@@ -108,7 +109,7 @@ class Telling:
     type=click.Choice(["names", "sizes"]),
     default="names",
     show_default=True,
-    help="To tell effects apart, or to know their magnitudes.",
+    help="Identify effects, or estimate their magnitudes.",
 )
 @list_option("--channels", metavar="NAME", help="Channel or output that will be measured.")
 @list_option("--family", "families", metavar="NAME", help="Kind of profile; default: all.")
@@ -117,7 +118,7 @@ class Telling:
     type=click.IntRange(1, 10_000),
     default=12,
     show_default=True,
-    help="Profiles that are worked out in full.",
+    help="Number of profiles that are evaluated in full.",
 )
 @click.option(
     "--refine",
@@ -125,18 +126,20 @@ class Telling:
     type=click.IntRange(0, 10_000),
     default=4,
     show_default=True,
-    help="Further ones, to improve the first experiment.",
+    help="Number of further profiles that improve the first experiment.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random draws."
+)
 @click.option(
     "--arm",
     shell_complete=actuators,
     metavar="NAME",
-    help="Key actuator (wood, aluminum or a file) for which torques are written too.",
+    help="Key actuator (wood, aluminum or a file) for which torques are also written.",
 )
 @folder_option(
-    "Folder of the strokes (CSV, TOML), their pictures and plan.json. The next plan into it "
-    "is quicker."
+    "Folder of the strokes (CSV, TOML), their pictures and plan.json. The next plan in "
+    "this folder is faster."
 )
 @model_set_option
 @json_option
@@ -160,16 +163,16 @@ def command(
     as_json: bool,
     force: bool,
 ) -> None:
-    """Which effects of MODEL could be told apart, and which experiments would tell them.
+    """Plan experiments that identify the effects of MODEL.
 
-    With --budget experiments are designed: smooth profiles of the inputs within limits, and tests
-    of single parts, the ones that tell most first. DATA are measured files: the plan goes on from
-    what they say, or from a --report.
+    With --budget the command designs experiments: smooth profiles of the inputs within limits, and
+    tests of single parts. The most informative experiments come first. DATA are measured files. The
+    plan uses these files, or a --report, as its starting point.
 
-    Without it, before any measurement: DATA are files whose inputs are planned; without them the
-    first of the model's own planned runs is taken (of a mechanism: the packaged forte stroke,
-    cameras that read to 0.02 mm). Further runs of the model and outputs that are not measured are
-    ranked as next experiments.
+    Without --budget the command compares planned runs before any measurement. DATA are files with
+    planned inputs. Without DATA the first planned run of the model is used (for a mechanism: the
+    packaged forte stroke, measured by cameras with a noise of 0.02 mm). Further runs of the model
+    and outputs that are not measured are ranked as next experiments.
     """
     from feltmb.cli.gap_models import load_adapter
 
@@ -293,18 +296,18 @@ def _lever(arm: str) -> float:
 
 
 def print_design(found: Design) -> None:
-    """The plan as tables, with reasons in words."""
+    """Print the plan as tables, with reasons."""
     names = found.aim == "names"
 
     def value(v: float) -> str:
         return f"{v:.0%}" if names else f"{v:.3g}"
 
-    what = "belief in the right name" if names else "information"
+    what = "probability of the correct name" if names else "information"
     if not found.experiments:
-        say("No allowed experiment tells anything more.")
+        say("No experiment within the limits gives more information.")
     else:
         table = new_table(
-            "what to do next", "", "experiment", "cost", what, right=(2, 3), whole=(0, 2, 3)
+            "next experiments", "", "experiment", "cost", what, right=(2, 3), whole=(0, 2, 3)
         )
         for i, e in enumerate(found.experiments, 1):
             text = "\n".join([e.name, *(f"  {r}" for r in e.reasons)])
@@ -312,10 +315,11 @@ def print_design(found: Design) -> None:
         console().print(table)
     say(
         f"Expected {what}: {value(found.before)} now, {value(found.after)} after the plan"
-        + (f" ({value(found.reachable)} with all that was tried)." if names else ".")
+        + (f" ({value(found.reachable)} with all tested experiments)." if names else ".")
     )
     table = new_table(
-        "what will show", "effect", "belief", "from", "right", "or its twin", "taken for", "chance",
+        "detectable effects", "effect", "now", "detectable from", "correct", "or most similar",
+        "confused with", "chance",
         right=(1, 2, 3, 4, 6), whole=(0,),
     )  # fmt: skip
     for v in found.effects[:MOST_EFFECTS]:
@@ -326,17 +330,17 @@ def print_design(found: Design) -> None:
     if len(found.effects) > MOST_EFFECTS:
         say(f"and {len(found.effects) - MOST_EFFECTS} more effects (plan.json, --json)")
     for p in found.parts[:MOST_PARTS]:
-        say(f"measure a part: {p.text}")
+        say(f"measure a part separately: {p.text}")
     for group in found.inseparable:
-        say("no allowed experiment tells apart: " + ", ".join(group))
+        say("no experiment within the limits separates: " + ", ".join(group))
     if found.failed:
-        say(f"{found.failed} profiles could not be simulated and are left out")
+        say(f"{found.failed} profiles could not be simulated and are omitted")
 
 
 def _compare(
     model: str, adapter: Adapter, data: Sequence[Path], channels: Sequence[str], *, as_json: bool
 ) -> None:
-    """What could be told apart with planned runs, before any measurement."""
+    """Print which effects planned runs could separate, before any measurement."""
     from feltmb.gap import plan
     from feltmb.gap.report import plain
 
@@ -355,11 +359,11 @@ def _compare(
         print_json(plain(found))
         return
     table = new_table(
-        "what would show",
+        "detectable effects",
         "effect",
         "smallest",
-        "own trace",
-        "taken for",
+        "own signature",
+        "confused with",
         "chance",
         right=(1, 2, 4),
         whole=(0,),
@@ -370,9 +374,9 @@ def _compare(
         table.add_row(r.effect, size, f"{r.surviving:.0%}", *rival)
     console().print(table)
     for group in found.classes:
-        say("cannot be told apart: " + ", ".join(group))
+        say("cannot be separated: " + ", ".join(group))
     if found.unseen:
-        say("cannot be seen: " + ", ".join(found.unseen))
+        say("cannot be detected: " + ", ".join(found.unseen))
     for e in found.experiments[:5]:
         text = "; ".join(f"{a} | {b} {x:.0%} -> {y:.0%}" for a, b, x, y in e.gains[:3])
-        say(f"add {e.kind} {e.name}: {text or 'separates nothing new'}")
+        say(f"add {e.kind} {e.name}: {text or 'separates no further effects'}")

@@ -77,7 +77,7 @@ def _calibration(report: Report) -> None:
         say(f"- and {len(report.calibrated) - MOST_MOVED} more, see report.json")
     at_limit = [i.name for i in report.fit.intervals() if i.at_limit]
     if at_limit:
-        say(f"At a limit that it may not pass: {', '.join(at_limit)}")
+        say(f"At a limit of its range: {', '.join(at_limit)}")
 
 
 def _missing(report: Report) -> None:
@@ -88,12 +88,12 @@ def _missing(report: Report) -> None:
         say("No effect was tested.")
         return
     if not report.named and not report.one_of:
-        say("Nothing is named; what was tested, in the order of belief:")
+        say("Nothing is named. Tested effects in the order of their probability:")
     out = console()
     table = new_table(
-        "", "effect", "magnitude, 95 %", "T", "belief", right=(1, 2, 3), whole=(0, 1, 2, 3)
+        "", "effect", "magnitude, 95 %", "T", "probability", right=(1, 2, 3), whole=(0, 1, 2, 3)
     )
-    room = max(27, out.width - 50)
+    room = max(27, out.width - 55)
     for r in report.which.effects[:MOST_EFFECTS]:
         mark = "* " if r.named else ("? " if r.effect in report.one_of else "  ")
         unit = "" if r.unit == "1" else f" {r.unit}"

@@ -25,7 +25,7 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
             "metavar": "CHANNEL=COLUMN",
             "cls": ListOption,
             "multiple": True,
-            "help": "Column of the file that shows this channel (or time). Repeatable.",
+            "help": "Column of the file for this channel (or for time). Repeatable.",
         },
     ),
     (
@@ -34,8 +34,8 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
             "metavar": "[CHANNEL=]UNIT",
             "cls": ListOption,
             "multiple": True,
-            "help": "Unit of a channel (or of time), also px; without CHANNEL: of outputs whose "
-            "header says none. Repeatable.",
+            "help": "Unit of a channel (or of time), also px. Without CHANNEL: unit of all outputs "
+            "without a unit in the header. Repeatable.",
         },
     ),
     (
@@ -44,7 +44,8 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
             "metavar": "[CHANNEL=]LENGTH",
             "cls": ListOption,
             "multiple": True,
-            "help": "What a pixel, or another unit of the file, is: 0.21mm. Repeatable.",
+            "help": "Length of a pixel, or of another unit of the file, such as 0.21mm. "
+            "Repeatable.",
         },
     ),
     (
@@ -53,11 +54,11 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
             "metavar": "[CHANNEL=]VALUE",
             "cls": ListOption,
             "multiple": True,
-            "help": "Zero of a channel in the unit of the file; X,Y of all in pixels; start: where "
-            "it stands at the beginning. Repeatable.",
+            "help": "Zero of a channel in the unit of the file; X,Y: zero of all channels in "
+            "pixels; start: first value of the channel. Repeatable.",
         },
     ),
-    ("--y-up", {"is_flag": True, "help": "Pixels count upwards in y; default: downwards."}),
+    ("--y-up", {"is_flag": True, "help": "The y pixels count upward; default: downward."}),
     (
         "--reference",
         {
@@ -65,12 +66,12 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
             "cls": ListOption,
             "multiple": True,
             "help": "absolute (coordinates of the mechanism) or rest (displacement from rest); "
-            "default: told by where a channel starts. Repeatable.",
+            "default: determined from the first value of the channel. Repeatable.",
         },
     ),
     (
         "--frame-rate",
-        {"type": positive("Hz"), "help": "True frames a second of the camera [Hz]."},
+        {"type": positive("Hz"), "help": "Frames per second of the camera [Hz]."},
     ),
     (
         "--time-offset",
@@ -78,7 +79,7 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
             "metavar": "[CHANNEL=]TIME",
             "cls": ListOption,
             "multiple": True,
-            "help": "By how much a channel, or all outputs, are late against the input: 12ms. "
+            "help": "Delay of a channel, or of all outputs, relative to the input, such as 12ms. "
             "Repeatable.",
         },
     ),
@@ -87,12 +88,16 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
         {
             "metavar": "COLUMN",
             "default": "",
-            "help": "Column that numbers the runs; default: a run begins where the clock does.",
+            "help": "Column with the number of the run; default: a new run begins where the time "
+            "restarts.",
         },
     ),
     (
         "--likelihood",
-        {"type": Number(0, 1), "help": "Points of a tracker below it are missing; default 0.6."},
+        {
+            "type": Number(0, 1),
+            "help": "Points of a tracker below this likelihood are missing values; default 0.6.",
+        },
     ),
 )
 

@@ -37,7 +37,7 @@ __all__ = ["command"]
 LAST_WORDS = 400
 
 
-@click.command("session", short_help="Plan, let a command measure, diagnose, until named.")
+@click.command("session", short_help="Plan, measure and diagnose until the cause is named.")
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
@@ -45,28 +45,31 @@ LAST_WORDS = 400
     "run_command",
     metavar="COMMAND",
     required=True,
-    help="What plays a request: called as COMMAND REQUEST RECORD.",
+    help="Program that performs an experiment. It is called as COMMAND REQUEST RECORD.",
 )
 @folder_option(
-    "Folder of the session, a folder a step. One that was cut off goes on.", required=True
+    "Folder of the session, with one folder for each step. An interrupted session continues.",
+    required=True,
 )
 @click.option(
     "--budget",
     type=Number(0, 1000, min_open=True),
     default=6.0,
     show_default=True,
-    help="Strokes that may be made; a test of a part costs what the limits say.",
+    help="Number of strokes; the limits give the cost of a test of a part.",
 )
 @limits_option
 @measured_option
 @click.option("--timeout", type=positive("s"), help="Longest time of one call of COMMAND [s].")
 @click.option("--candidates", type=click.IntRange(1, 10_000), default=12, show_default=True,
-              help="Profiles that are worked out in full.")  # fmt: skip
+              help="Number of profiles that are evaluated in full.")  # fmt: skip
 @click.option("--refine", "refinements", type=click.IntRange(0, 10_000), default=4,
-              show_default=True, help="Further ones, to improve the next experiment.")  # fmt: skip
+              show_default=True, help="Profiles that improve the next experiment.")  # fmt: skip
 @click.option("--bootstrap", type=click.IntRange(0, 100_000), default=12, show_default=True,
-              help="Refits for the null law of each diagnosis.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
+              help="Refits for the null distribution of each diagnosis.")  # fmt: skip
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random draws."
+)
 @model_set_option
 @json_option
 def command(
@@ -85,16 +88,17 @@ def command(
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Plan an experiment with MODEL, let COMMAND make it, diagnose, and again.
+    """Plan an experiment for MODEL, run it with COMMAND, diagnose, and repeat.
 
-    COMMAND gets two arguments. REQUEST is a CSV with the time and what each input is to do; COMMAND
-    plays it, and writes what was measured to RECORD, a CSV with time, inputs and outputs (a TOML
-    beside it may describe the sensors). Where the limits offer tests of parts, REQUEST may be a
-    TOML with [part] (parameter, sd, how); RECORD is then a TOML with [measured.PARAMETER] (value,
-    sd). It ends with exit code 0. DATA are records that were made before.
+    COMMAND has two arguments. REQUEST is a CSV file with the time and the values of each input.
+    COMMAND applies these inputs and writes the measurement to RECORD, a CSV file with time, inputs
+    and outputs. A TOML file of the same name may describe the sensors. If the limits contain tests
+    of parts, REQUEST may be a TOML file with [part] (parameter, sd, how). RECORD is then a TOML
+    file with [measured.PARAMETER] (value, sd). The exit code must be 0. DATA are earlier records.
 
-    The session ends when the cause is named, when no allowed experiment separates what is left, or
-    when the budget is spent. Called again with the same folder it goes on where it was.
+    The session ends when the cause is named, when no experiment within the limits separates the
+    remaining causes, or when the budget is spent. A second call with the same folder continues the
+    session.
     """
     from feltmb.cli.gap_models import load_adapter
     from feltmb.gap import Options, read_measured, session
@@ -112,7 +116,7 @@ def command(
         if not as_json:
             say(f"{step.number}: {step.name}")
             if step.kind == "stroke":
-                say(f"   belief in the right name expected after it: {step.expected:.0%}")
+                say(f"   expected probability of the correct name after it: {step.expected:.0%}")
             if step.verdict:
                 say(f"   {step.verdict}: {step.statement}")
 

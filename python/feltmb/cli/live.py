@@ -13,22 +13,22 @@ from feltmb.cli.completing import actions
 @click.command("live")
 @click.argument("mechanism", default="steinway45", shell_complete=actions)
 @click.argument("records", nargs=-1, type=click.Path(path_type=Path, exists=True, dir_okay=False))
-@click.option("--no-browser", is_flag=True, help="Print the address and open no browser.")
+@click.option("--no-browser", is_flag=True, help="Print the address without opening a browser.")
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
     default=0,
     show_default=True,
-    help="Port of this machine; 0: a free one.",
+    help="Port on this computer; 0: a free port.",
 )
 @json_option
 def command(
     mechanism: str, records: tuple[Path, ...], no_browser: bool, port: int, as_json: bool
 ) -> None:
-    """Turn and play MECHANISM on a page of this machine, hold RECORDS against it.
+    """Change and simulate MECHANISM in a browser, and compare it with RECORDS.
 
-    MECHANISM is a packaged one or a TOML file; the page follows the file while you edit it. The
-    address is secret and of this machine only. Ctrl-C ends it.
+    MECHANISM is a packaged mechanism or a TOML file. The page reloads the file when you edit it.
+    The address is secret and works only on this computer. Ctrl-C stops the server.
     """
     from feltmb.live import serve
 

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     "--record",
     type=click.Path(path_type=Path),
     metavar="DATA",
-    help="Write the TOML beside this measured file instead: what its columns seem to be.",
+    help="Write the TOML file of this measured file, with a first assignment of its columns.",
 )
 @click.option(
     "--model",
     metavar="MODEL",
     shell_complete=actions,
-    help="With --record: the model whose channels the columns are, as of gap diagnose.",
+    help="With --record: the model whose channels are assigned to the columns, as in gap diagnose.",
 )
 @reading_options
 @model_set_option
@@ -44,8 +44,8 @@ def command(
 ) -> None:
     """Write a commented mechanism file to PATH: a pendulum hammer on felt, ready to run.
 
-    With --record: the TOML of a measured file, at PATH or beside it, for `gap check`, `gap
-    diagnose` and `fit`.
+    With --record: write the TOML file of a measured file for `gap check`, `gap diagnose` and `fit`,
+    at PATH or in the folder of the measured file.
     """
     from feltmb.errors import InvalidParameter
     from feltmb.files import check_writable, write_text

@@ -16,20 +16,20 @@ from feltmb.cli.completing import outputs
     "--out",
     "-o",
     type=FolderName(file_okay=False),
-    help="Folder; default: beside each run.",
+    help="Folder for the plots; default: the folder of each run.",
 )
 @list_option(
     "--compare",
     metavar="OUTPUT",
     shell_complete=outputs,
-    help="Overlay this output of all runs instead, such as hammer_tip.x.",
+    help="Draw only this output, with all runs in one plot, such as hammer_tip.x.",
 )
 @force_option
 @tables_as_json
 def command(
     runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...], force: bool
 ) -> None:
-    """Draw all plots of each of RUNS, or an overlay of chosen outputs."""
+    """Draw all plots of each run, or compare selected outputs of RUNS."""
     from feltmb.files import make_folder, write_file
     from feltmb.graphics.plot import compare as overlay
     from feltmb.graphics.plot import save_all

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     "--target",
     "own",
     metavar="STEP=VALUE",
-    help="Another target of a step, such as let-off=4mm or key-dip=10mm.",
+    help="Target of a step, such as let-off=4mm or key-dip=10mm.",
 )
 @click.option(
     "-o",
@@ -61,8 +61,9 @@ def command(
 ) -> None:
     """Regulate ACTION: key dip, strike, lost motion, let-off, damper, backcheck.
 
-    Each step measures one thing and turns one screw; the steps are repeated until all hold. If a
-    target cannot be met, the table says which and why, nothing is written and the exit code is 1.
+    Each step measures one value and turns one screw. The steps are repeated until all targets are
+    met. If a target cannot be met, the table gives the reason, no file is written, and the exit
+    code is 1.
     """
     from feltmb.action.regulate import default_targets, load_targets, regulate
     from feltmb.errors import FeltmbError

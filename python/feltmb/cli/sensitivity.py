@@ -40,14 +40,14 @@ if TYPE_CHECKING:
     "paths",
     metavar="PATH",
     shell_complete=known_paths,
-    help="Dotted path as for --set; * for any name; stroke.scale, stroke.delay. "
-    "Default: every number of the mechanism, which takes a while.",
+    help="Dotted path as for --set, with * for any name; or stroke.scale, stroke.delay. Default: "
+    "every number of the mechanism, which takes longer.",
 )
 @click.option(
     "--number",
     metavar="NAME",
-    help="Number of the summary by which the table is ordered; default: impact_speed, or the first "
-    "that the stroke has.",
+    help="Number of the summary that sorts the table; default: impact_speed, or the first number "
+    "of the stroke.",
 )
 @click.option(
     "--most", type=click.IntRange(1), default=20, show_default=True, help="Rows of the table."
@@ -92,10 +92,10 @@ def command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Derivatives of a STROKE of ACTION by its parameters, in one pass.
+    """Compute the derivatives of a STROKE of ACTION with respect to its parameters.
 
-    The table shows what 1 % more of each parameter does to the numbers of the strike. A parameter
-    that is zero is changed by 1 % of 1 mm, 0.01 rad and so on.
+    The table shows how the numbers of the strike change if a parameter increases by 1 %. A
+    parameter that is zero is changed by 1 % of a typical value (1 mm, 0.01 rad and so on).
     """
     from feltmb.errors import InvalidParameter
     from feltmb.files import write_text

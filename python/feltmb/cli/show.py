@@ -24,8 +24,8 @@ from feltmb.cli.completing import actions
 @click.command("show")
 @click.argument("action", shell_complete=actions)
 @set_option
-@click.option("--values", is_flag=True, help="Every number with its unit and source.")
-@click.option("--toml", is_flag=True, help="Print the mechanism file, --set applied.")
+@click.option("--values", is_flag=True, help="List every number with its unit and source.")
+@click.option("--toml", is_flag=True, help="Print the mechanism file with the changes of --set.")
 @click.option(
     "--plot",
     metavar="FILE",
@@ -36,7 +36,7 @@ from feltmb.cli.completing import actions
     "--graph",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Draw its linear graph (PNG), or write it as text (.dot).",
+    help="Draw the linear graph of the mechanism (PNG), or write it as text (.dot).",
 )
 @force_option
 @json_option

@@ -46,14 +46,16 @@ if TYPE_CHECKING:
     "--actuator",
     shell_complete=actuators,
     metavar="NAME",
-    help="Let this actuator press the key: wood, aluminum, or a file.",
+    help="Actuator that presses the key: wood, aluminum, or a file.",
 )
 @click.option(
     "--damper",
     metavar="KIND[=C]",
     help="Damper of the actuator: none, dashpot, one-sided; C in N m s/rad, default the thesis's.",
 )
-@click.option("--pad", metavar="NAME", help="What its finger wears: pulp (default) or felt.")
+@click.option(
+    "--pad", metavar="NAME", help="Pad of the finger of the actuator: pulp (default) or felt."
+)
 @list_option(
     "--torque",
     "torques",
@@ -64,13 +66,13 @@ if TYPE_CHECKING:
     "--out",
     "-o",
     type=click.Path(path_type=Path),
-    help="File to write, .nc or .h5 (everything) or .csv (the outputs over time); with several "
-    "strokes the folder for STROKE.nc.",
+    help="Output file: .nc or .h5 (all data) or .csv (the outputs over time). With several "
+    "strokes: folder for the files STROKE.nc.",
 )
 @click.option(
     "--resume",
     is_flag=True,
-    help="Keep what --out holds already of the same inputs: a cut-off command goes on.",
+    help="Keep the runs in --out that have the same inputs. An interrupted command thus continues.",
 )
 @click.option("--plot", is_flag=True, help="Also draw plots beside --out (or here).")
 @click.option("--wav", is_flag=True, help="Also write the string as WAV beside --out (or here).")
@@ -83,49 +85,55 @@ if TYPE_CHECKING:
 @click.option(
     "--error",
     type=Number(0, 0.1, min_open=True),
-    help="In place of --rtol: the largest error asked for of the hammer's force over its peak, "
-    "after a strike of 50 ms on a string.",
+    help="Instead of --rtol: largest error of the hammer force relative to its peak, for a strike "
+    "of 50 ms on a string.",
 )
 @click.option(
     "--method",
     type=click.Choice(["auto", "cvode", "modal"]),
     default="auto",
     show_default=True,
-    help="cvode: all states by CVODES; modal: a free string vibrates exactly outside of it.",
+    help="cvode: CVODES integrates all states; modal: the vibration of a free string is computed "
+    "exactly and separately.",
 )
 @click.option(
     "--output-rate",
     type=positive("Hz"),
     default=10000.0,
     show_default=True,
-    help="Samples a second [Hz].",
+    help="Samples per second [Hz].",
 )
 @click.option(
     "--max-wall",
     type=positive("s"),
-    help="Give up after this wall time a stroke [s]; what was simulated is saved.",
+    help="Stop a stroke after this wall time [s]; the simulated part is saved.",
 )
 @click.option(
     "--ledger-limit",
     type=Number(0, min_open=True),
     default=0.1,
     show_default=True,
-    help="A run has failed where more than this share of the energy turned over is missing.",
+    help="A run fails if the energy balance error exceeds this fraction of the exchanged energy.",
 )
 @click.option(
     "--start",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Go on from the end of this saved run.",
+    help="Start at the end of this saved run.",
 )
 @click.option(
     "--noise",
     metavar="LENGTH",
-    help='Standard deviation of measured strokes, such as "2 um": smooths them within it.',
+    help='Standard deviation of the noise of measured strokes, such as "2 um"; the strokes are '
+    "smoothed within it.",
 )
 @click.option(
-    "--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Strokes at a time."
+    "--jobs",
+    type=click.IntRange(1, 256),
+    default=1,
+    show_default=True,
+    help="Number of parallel strokes.",
 )
-@click.option("--no-ledger", is_flag=True, help="Leave out the energy ledger (faster).")
+@click.option("--no-ledger", is_flag=True, help="Omit the energy ledger (faster).")
 @force_option
 @json_option
 def command(
@@ -418,9 +426,9 @@ def summary_table(run: Run, title: str) -> Any:
     if run.energy:
         table.add_row("work put in", *pretty(run.energy["work_in"], "J"))
         table.add_row(
-            "energy not accounted for",
+            "energy balance error",
             f"{run.energy['residual_relative']:.1e}",
-            "of the energy turned over",
+            "of the exchanged energy",
         )
         for name in run.energy["created_by"]:
             table.add_row(

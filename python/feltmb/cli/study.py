@@ -34,11 +34,13 @@ WIDTH = 80
     "--out",
     "-o",
     type=FolderName(file_okay=False),
-    help="Folder for one HTML page of all studies, figures, tables, and for the finished "
-    "simulations, from which a study that was cut off goes on.",
+    help="Folder for one HTML page of all studies, figures, tables, and the finished simulations. "
+    "An interrupted study continues from this folder.",
 )
 @click.option(
-    "--jobs", type=click.IntRange(1, 256), help="Simulations at a time; default: one a core."
+    "--jobs",
+    type=click.IntRange(1, 256),
+    help="Number of parallel simulations; default: one for each core.",
 )
 @force_option
 @json_option
@@ -50,11 +52,11 @@ def command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Run studies: variants in parallel, what changes, and whether findings hold.
+    """Run studies: simulate variants in parallel, compare them, and test findings.
 
-    NAMES are packaged studies (feltmb study --list), paths of TOML files of your own, or all. A
-    study is data; see docs/howto/run_studies.md. A simulation that fails has its error in the
-    table. Exit code 0 also if findings disagree: that is a result.
+    NAMES are packaged studies (feltmb study --list), paths of your own TOML files, or all. The page
+    docs/howto/run_studies.md describes the files. If a simulation fails, the table contains its
+    error. A finding that disagrees is a result, and the exit code is 0.
     """
     from feltmb.errors import InvalidParameter
     from feltmb.run.study import load_study, packaged_studies, run_studies

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     "--before",
     metavar="ACTION",
     shell_complete=actions,
-    help="Show this mechanism beside it; default with --set: ACTION as it is.",
+    help="Mechanism for comparison; default with --set: ACTION without changes.",
 )
 @set_option
 @force_option
@@ -50,11 +50,11 @@ def command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Touch of ACTION: weights of a slow press and release, and families of strikes.
+    """Compute the touch of ACTION: weights of a slow press and release, and series of strikes.
 
-    Static numbers without inertia; pressed and struck strikes simulated in threads. Published
-    ranges stand beside them; most are of grand pianos. With --set or --before the numbers of both
-    mechanisms are shown, before and after.
+    Static values are computed without inertia. Pressed and struck strikes are simulated in threads.
+    The table contains published ranges, most of them of grand pianos. With --set or --before it
+    shows the values of both mechanisms.
     """
     from feltmb.action.touch import touch
     from feltmb.files import check_writable, make_folder

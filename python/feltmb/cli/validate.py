@@ -35,13 +35,13 @@ def _is_stroke(path: Path, tables: Mapping[str, object]) -> bool:
 
 @click.command("validate")
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--no-rest-pose", is_flag=True, help="Do not solve for the rest pose.")
+@click.option("--no-rest-pose", is_flag=True, help="Do not compute the rest pose.")
 @json_option
 def command(files: tuple[Path, ...], no_rest_pose: bool, as_json: bool) -> None:
     """Check mechanisms (TOML), strokes (TOML or CSV) or saved runs (NetCDF).
 
-    All faults of a file are listed at once; for a mechanism the rest pose is found too, and what an
-    infinite line carries there beyond its body is warned of.
+    All faults of a file are listed together. For a mechanism the rest pose is also computed. A
+    warning is given if an infinite line carries a contact beyond its body in this pose.
     """
     from feltmb.cli.common import complain
     from feltmb.errors import FeltmbError, InvalidParameter

@@ -24,18 +24,22 @@ from feltmb.cli.completing import events
     type=POSITIVE,
     default=20.0,
     show_default=True,
-    help="How many times slower than life; can be changed in the page.",
+    help="Factor by which the motion is slower than in reality; it can be changed in the page.",
 )
 @click.option(
-    "--window", type=(Quantity("s"), Quantity("s")), metavar="FROM TO", help="Only this time [s]."
+    "--window",
+    type=(Quantity("s"), Quantity("s")),
+    metavar="FROM TO",
+    help="Show only this time interval [s].",
 )
 @click.option(
     "--align",
     metavar="EVENT",
     shell_complete=events,
-    help="Let this event, such as string_contact_on, happen at the same time in all runs.",
+    help="Shift the runs so that this event, such as string_contact_on, has the same time in all "
+    "runs.",
 )
-@click.option("--at", type=Quantity("s"), help="Begin at this time [s].")
+@click.option("--at", type=Quantity("s"), help="Start the display at this time [s].")
 @force_option
 @tables_as_json
 def command(
@@ -49,9 +53,9 @@ def command(
 ) -> None:
     """Show saved RUNS in a browser: motion, forces, curves, string.
 
-    Writes one HTML file that needs no network. The first of up to six RUNS is drawn full, the
-    others as outlines over it: simulated and measured, before and after. A run may also be a CSV
-    file of measured curves with a header such as "time [s],hammer_tip.vx [m/s]".
+    Writes one HTML file that needs no network. Up to six runs are compared: the first one is
+    filled, and the others are outlines. A run may also be a CSV file of measured curves with a
+    header such as "time [s],hammer_tip.vx [m/s]".
     """
     from feltmb.graphics.viewer import read_curves, view
     from feltmb.run.results import load_run

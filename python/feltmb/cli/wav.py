@@ -28,22 +28,22 @@ from feltmb.cli.common import (
 @click.option(
     "--position",
     type=Quantity("m"),
-    help="Listen to the string's displacement here [m] from "
-    "its end y = 0; default: the force at the bridge end.",
+    help="Position [m] from the end y = 0 at which the string displacement is the signal; default: "
+    "the force at the bridge end.",
 )
 @click.option(
     "--slowness",
     type=POSITIVE,
     default=1.0,
     show_default=True,
-    help="How many times slower than life.",
+    help="Factor by which the motion is slower than in reality.",
 )
 @force_option
 @tables_as_json
 def command(
     run: Path, out: Path | None, position: float | None, slowness: float, force: bool
 ) -> None:
-    """Write the string of a saved RUN as a WAV file."""
+    """Write the string vibration of a saved RUN as a WAV file."""
     from feltmb.run.results import load_run
 
     target = out or run.with_suffix(".wav")

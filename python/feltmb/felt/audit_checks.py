@@ -337,7 +337,7 @@ def envelope_curves(core: _core.Envelope) -> _Curves:
 
 
 def shape_findings(core: _core.Envelope) -> list[Finding]:
-    """Where the share of unloading fell with compression, before the law with memory mends it."""
+    """Where the share of unloading decreases, before the law with memory corrects it."""
     force, low, high = core.repair
     top = float(core.loading(core.closing))
     if force <= 1e-4 * top:

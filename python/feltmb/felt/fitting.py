@@ -60,8 +60,8 @@ class ContactFit:
 def contact_loop(contact: object, *, name: str, points: int = 80) -> tuple[Array, Array, Array]:
     """Loop of a contact that has one: compression [m], loading and unloading force [N].
 
-    Of the curve fits of eq. 4.21, up to where the branches meet; unloading held between 0 and
-    loading, not otherwise mended.
+    Of the curve fits of eq. 4.21, up to where the branches meet; unloading limited to values
+    between 0 and loading, not changed otherwise.
 
     Parameters
     ----------

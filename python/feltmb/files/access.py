@@ -291,7 +291,7 @@ def _no_folder(folder: Path) -> str:
         )
     except OSError:
         near = []
-    hint = f"did you mean {near[0]!r}?" if near else "make it first, or mend the path"
+    hint = f"did you mean {near[0]!r}?" if near else "create it first, or correct the path"
     where = "" if missing == folder.absolute() else f" ({missing.name!r} is missing)"
     return f"{folder}: there is no such folder{where}; {hint}"
 

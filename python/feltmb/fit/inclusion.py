@@ -48,7 +48,7 @@ def including(
     ------
     InvalidParameter
         The model cannot simulate one of them, or it is an effect of a sensor or an input: there
-        the records must be mended, not the model.
+        correct the records instead of the model.
     """
     chosen = tuple(t if isinstance(t, Candidate) else Candidate(t, t.shapes[0]) for t in included)
     values = (
@@ -60,7 +60,7 @@ def including(
     names = [p.name for p in model.parameters]
     for t in chosen:
         if t.effect.observe is not None or t.effect.excite is not None:
-            faults.append(f"{t.name} is no part of the machine: mend the records instead")
+            faults.append(f"{t.name} is not an effect of the machine: correct the records instead")
         elif not model.accepts(t.effect):
             faults.append(f"the model {model.name} cannot simulate {t.name}")
         if t.name in names:

@@ -532,7 +532,7 @@ def at_level(
 
 
 def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
-    """A point from which a fit without gaps ends in the right valley.
+    """A point from which a fit without gaps ends in the right local minimum.
 
     One simulation from start to end is no longer nearly linear in anything once a mechanism lets
     go earlier or later than the machine did, or strikes at another speed, and a fit to all of it at
@@ -607,7 +607,7 @@ def _descend(
     loose, loosest = point, 0.0
     table: list[tuple[float, float]] = []
     poor = 0
-    # A level that is left unfinished leads into a wrong valley of the next.
+    # A level that is left unfinished leads into a wrong local minimum of the next.
     way = settings.coarser(0.3)
     for i, level in enumerate(levels):
         if progress is not None:
@@ -642,7 +642,7 @@ def _descend(
 
 
 def _stuck(fit: Fit) -> list[Array]:
-    """Segments whose misfit stands far above the others': a state may sit in a wrong valley."""
+    """Segments of very large misfit: their state may be in a wrong local minimum."""
     zs = []
     for segmented, chain in zip(fit.problem.segmented_records, fit.normal.chains, strict=True):
         n = np.maximum(segmented.samples.sum(axis=1), 1.0)

@@ -87,7 +87,7 @@ def calibrate(
         singles = score_fit(again, included).singles()
         largest.append(float(np.max(singles)) if singles.size else 0.0)
     middle = float(np.mean(maxima))
-    # Half a standard error is taken off, so that luck of few replicates does not stretch the law.
+    # Half a standard error is taken off, so that chance in few replicates does not stretch the law.
     error = float(np.std(maxima)) / np.sqrt(replicates)
     stretch = max(1.0, (float(np.mean(largest)) - 0.5 * error) / max(middle, 1e-12))
     return Null(threshold * stretch, maxima, stretch, replicates)

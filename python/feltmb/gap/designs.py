@@ -68,10 +68,10 @@ class DesignedExperiment:
     """With the outputs that the model expects."""
     part: PartTest | None = None
     before: float
-    """Expected belief in the right name before it [1], or information [log evidence]."""
+    """Expected probability of the correct name before it [1], or information [log evidence]."""
     after: float
     reasons: tuple[str, ...] = ()
-    """What it is good for, in words."""
+    """Reasons for the experiment, as text."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,32 +83,32 @@ class Visible:
     belief: float
     """In it now."""
     smallest_before: float
-    """Smallest magnitude that shows [unit]; inf: never."""
+    """Smallest detectable magnitude [unit]; inf: never."""
     smallest: float
     """The same after the plan."""
     right: float
-    """Belief that it would get after the plan, if it were true [1]."""
+    """Probability that it would have after the plan if it were true [1]."""
     pair: float
-    """The same of it and what is most like it."""
+    """The same of it and the most similar candidate together."""
     rival: str
-    """What it would be taken for most often after the plan; "": nothing."""
+    """Effect that it would most often be confused with after the plan; "": none."""
     confusion: float
-    """Chance of that at its scale [1]."""
+    """Probability of this confusion at its scale [1]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HelpfulPart:
-    """A parameter whose own measurement would make an effect visible."""
+    """A parameter whose separate measurement would make an effect detectable."""
 
     effect: str
     parameter: str
     known_to: float
-    """How well it should be known [``unit``]."""
+    """Standard deviation that the measurement needs [``unit``]."""
     unit: str
     tolerance: float
-    """How well it is known [``unit``]."""
+    """Its present standard deviation [``unit``]."""
     smallest_before: float
-    """Smallest magnitude of the effect that shows [``effect_unit``]."""
+    """Smallest detectable magnitude of the effect [``effect_unit``]."""
     smallest: float
     effect_unit: str
 
@@ -118,8 +118,8 @@ class HelpfulPart:
         own = f"{self.known_to:.1%}" if self.unit == "1" else f"{self.known_to:.2g} {self.unit}"
         unit = "" if self.effect_unit == "1" else f" {self.effect_unit}"
         return (
-            f"{self.parameter} known to {own} shows {self.effect} from {self.smallest:.2g}{unit} "
-            f"on (now {self.smallest_before:.2g}{unit})"
+            f"{self.parameter} known to {own}: {self.effect} is detectable from "
+            f"{self.smallest:.2g}{unit} (now {self.smallest_before:.2g}{unit})"
         )
 
 
@@ -134,7 +134,7 @@ class Design:
     parts: tuple[HelpfulPart, ...]
     """Parameters that stand most in the way of an effect, after the plan."""
     before: float
-    """Expected belief in the right name now [1], or information [log evidence]."""
+    """Expected probability of the correct name now [1], or information [log evidence]."""
     after: float
     """After the plan."""
     reachable: float
@@ -182,39 +182,40 @@ def design(
     folder: str | Path | None = None,
     progress: Tell | None = None,
 ) -> Design:
-    """The experiments that tell most, within limits and a budget.
+    """Design the most informative experiments within limits and a budget.
 
     Parameters
     ----------
     records
-        What was measured already; empty: nothing.
+        Records that were measured before; empty: none.
     limits
-        Of the inputs; with tests of parts that can be made.
+        Limits of the inputs, and possible tests of parts.
     sensors
-        By output that will be measured; default: those of ``limits``, else of the records, else
-        all outputs, each with a noise of a thousandth of what it shows.
+        Sensors of the outputs that will be measured. Default: those of ``limits``, else of the
+        records, else all outputs, each with a noise of a thousandth of its spread.
     budget
-        In experiments: a stroke costs 1, a test of a part what ``limits`` says.
+        Cost of all experiments: a stroke costs 1, the cost of a test of a part is in ``limits``.
     aim
-        ``names``: to tell effects apart; ``sizes``: to know their magnitudes.
+        ``names``: identify effects; ``sizes``: estimate their magnitudes.
     belief
-        What may be true; default: from the records by one step, else the weights of the library.
+        Prior probabilities of the effects. Default: from the records by one step, else the weights
+        of the library.
     families
         Names of :data:`~feltmb.gap.profiles.FAMILIES`; default: all.
     candidates
-        Profiles that are worked out in full.
+        Number of profiles that are evaluated in full.
     refinements
-        Further ones, to improve the first experiment.
+        Number of further profiles that improve the first experiment.
     seed
-        Of the draws.
+        Seed of the random draws.
     folder
-        Where what was worked out is kept for the next plan, of mechanisms: functions of other
-        models cannot be told apart.
+        Folder in which evaluated profiles are stored for the next plan. It is used for mechanisms
+        only, because functions of other models cannot be compared.
 
     Raises
     ------
     InvalidParameter
-        Names that there are not, a budget that buys nothing, or no profile that can be simulated.
+        Unknown names, a budget that is too small, or no profile that can be simulated.
     """
     limits.check(model)
     chosen = _families(families)
@@ -598,7 +599,7 @@ def _by_name(knowledge: Knowledge, values: Array) -> dict[str, float]:
 
 
 def _reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, ...]:
-    """How many effects come to show, and the pairs that are separated, weighed by belief."""
+    """Number of detectable effects, and the separated pairs, weighted by probability."""
     weights = before.belief.over(before.candidates)
     names = [t.name for t in before.candidates]
     was, then = before.confusion(), after.confusion()
@@ -607,24 +608,24 @@ def _reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, .
     if shown[1] - shown[0]:
         count = len(set(names))
         out.append(
-            f"shows {len(shown[1])} of {count} effects at the size one would expect "
+            f"detects {len(shown[1])} of {count} effects at their expected magnitude "
             f"({len(shown[0])} before)"
         )
     same = np.array([[a == b for b in names] for a in names])
     # Only what shows can be taken for another.
     fall = np.where(same, 0.0, was[:, :-1] - then[:, :-1])
     worth = fall * np.minimum(weights[:, None], weights[None, :])
-    told: set[str] = set()
+    reported: set[str] = set()
     for flat in np.argsort(-worth, axis=None, kind="stable"):
         a, b = (int(i) for i in np.unravel_index(int(flat), worth.shape))
         if worth[a, b] <= 0.0 or len(out) >= most:
             break
-        if fall[a, b] < WORTH_TELLING or names[a] in told:
+        if fall[a, b] < WORTH_TELLING or names[a] in reported:
             continue
-        told |= {names[a], names[b]}
+        reported |= {names[a], names[b]}
         out.append(
-            f"separates {names[a]} from {names[b]}: chance of confusion {was[a, b]:.0%} to "
-            f"{then[a, b]:.0%}"
+            f"separates {names[a]} from {names[b]}: probability of confusion {was[a, b]:.0%} "
+            f"-> {then[a, b]:.0%}"
         )
     return tuple(out)
 
@@ -717,7 +718,7 @@ def draw_experiment(
 ) -> tuple[str, Profile, Record]:
     """An experiment drawn at random within the limits: input, profile, and what the model expects.
 
-    The measure for a plan: what does not think draws like this.
+    The baseline for a plan: a random choice without optimization.
 
     Parameters
     ----------

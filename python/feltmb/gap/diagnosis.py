@@ -28,8 +28,8 @@ from feltmb.gap.criteria import (
     CLOSE_ALARM,
     COLOR_GAIN,
     EXCESS,
+    GIVEN_SIGMA,
     REST_EXCESS,
-    TOLD_SIGMA,
     WIDE_GAP,
 )
 from feltmb.gap.decide import Facts, decide
@@ -108,8 +108,9 @@ class Options:
     restarts: int = 3
     seed: int = 0
     least_share: float = 0.03
-    """Share of the largest held-out gain of a set below which an effect is small print: a law that
-    is off by a sixth of its force leaves a thirtieth of its gain to what mends its form."""
+    """Share of the largest held-out gain of a set below which an effect is not significant: an
+    error of a sixth in the force of a law leaves a thirtieth of its gain to an effect that
+    compensates its form."""
     segmented_level: float = 0.01
     """Gap between segments of the segmented metric, as a share of the spread of the states."""
     fit: FitSettings | None = None
@@ -799,7 +800,7 @@ def _with_factor(checks: DataChecks, factor: dict[str, float]) -> DataChecks:
     )
     warnings = tuple(
         f"{name}: neighboring samples differ by {f:.3g} times the noise that is told (good to "
-        f"{TOLD_SIGMA:.0%}); the larger noise is used"
+        f"{GIVEN_SIGMA:.0%}); the larger noise is used"
         for name, f in factor.items()
     )
     return replace(checks, channels=channels, warnings=(*checks.warnings, *warnings))

@@ -11,7 +11,7 @@ from feltmb.fit.linearize import predict
 from feltmb.fit.model import Model
 from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, polish
-from feltmb.gap.criteria import AS_TOLD, COLORED, MISFIT_RATIO, STILL_SHRINKS, TOLD_SIGMA
+from feltmb.gap.criteria import AS_GIVEN, COLORED, GIVEN_SIGMA, MISFIT_RATIO, STILL_SHRINKS
 from feltmb.gap.search import Search
 
 __all__ = [
@@ -93,7 +93,7 @@ def color_of_discrepancy(
         own = [s.noise[c] for s in sensed if name in s.record.outputs]
         if not rest or any(n.correlation_time > 0.0 or n.averaged > 1 for n in own):
             continue
-        if np.nanmean(np.concatenate([v for v, _ in rest]) ** 2) > AS_TOLD**2:
+        if np.nanmean(np.concatenate([v for v, _ in rest]) ** 2) > AS_GIVEN**2:
             return None
         # Pairs of neighbors, both measured, and how far apart they are.
         pairs = np.concatenate([np.column_stack([v[1:], v[:-1], dt]) for v, dt in rest])
@@ -106,12 +106,13 @@ def color_of_discrepancy(
 
 
 def noise_factors(search: Search) -> dict[str, float]:
-    """Factor by which the noise of a channel is larger than told, where what is left says so.
+    """Factor by which the noise of a channel exceeds the given sigma, by channel.
 
-    A told sigma is known to ``criteria.TOLD_SIGMA``. Neighbors differ by the noise, whatever slower
-    is left in them, so that an unknown cause is not taken for noise: the factor is that of their
-    differences, no more than that of all that is left, and drawn to one as far as the prior says.
-    What is not significant, or farther off than a told sigma can be, is left out.
+    The prior standard deviation of a given sigma is ``criteria.GIVEN_SIGMA``. The factor follows
+    from the differences of neighboring samples. Slow deviations do not influence these differences,
+    so that an unknown cause is not taken for noise. The factor is at most that of the whole
+    residual, and the prior pulls it toward one. Factors that are not significant, or larger than
+    the prior permits, are omitted.
     """
     best = search.best
     fit = (search.tight_fit or search.model_fit) if best is None else best.fit
@@ -130,9 +131,9 @@ def noise_factors(search: Search) -> dict[str, float]:
         noise = min(float(np.mean(all_left**2)), 0.5 * float(np.mean(all_steps**2)))
         # The variance of half the mean square of differences of n normal numbers is 3 / n.
         weight = all_steps.size / 0.75
-        share = weight / (weight + TOLD_SIGMA**-2.0)
+        share = weight / (weight + GIVEN_SIGMA**-2.0)
         factor = 0.5 * share * float(np.log(max(noise, 1e-300)))
-        if 2.0 / np.sqrt(weight) < factor < 2.0 * TOLD_SIGMA:
+        if 2.0 / np.sqrt(weight) < factor < 2.0 * GIVEN_SIGMA:
             out[name] = float(np.exp(factor))
     return out
 

@@ -107,7 +107,7 @@ def ledger_map(
 def bars(
     effects: Sequence[Ranked], one_of: Sequence[str], refused: Sequence[str], most: int = 10
 ) -> str:
-    """Belief in each effect, with its magnitude beside it."""
+    """Probability and magnitude of each effect."""
     shown = list(effects[:most])
     if not shown:
         return ""
@@ -129,7 +129,7 @@ def bars(
     ax.set_xlim(0.0, 1.8)  # room for the magnitudes
     ax.set_xticks([0.0, 0.5, 1.0], ["0", "50 %", "100 %"])
     ax.spines["left"].set_visible(False)
-    return _svg(figure, "belief in each effect", tips)
+    return _svg(figure, "probability of each effect", tips)
 
 
 def waterfall(how_far: HowFar) -> str:

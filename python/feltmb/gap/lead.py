@@ -79,7 +79,7 @@ def lead(
         fits = [
             polish(problem, replace(p, memo={}), 1.0, limited) for p in (taken_over(best), alone)
         ]
-        if min(f.cost for f in fits) > tabulated:  # both valleys are worse than no fit at all
+        if min(f.cost for f in fits) > tabulated:  # both local minima are worse than no fit
             fits.append(polish(problem, replace(start, memo={}), 1.0, limited))
         out.append(max(fits, key=lambda f: f.log_evidence))
     return sorted(out, key=lambda f: -full_evidence(f, total))

@@ -20,7 +20,7 @@ from feltmb.data import Record
 from feltmb.files import make_folder, write_file, write_text
 from feltmb.gap.designs import Design, DesignedExperiment
 from feltmb.gap.report import plain
-from feltmb.style import new_figure, reader_unit, style_axes
+from feltmb.style import new_figure, reader_unit, side_legend, style_axes
 
 __all__ = ["design_json", "request_file", "write_design"]
 
@@ -157,10 +157,10 @@ def _torque(e: DesignedExperiment, path: Path, lever: float, *, force: bool) -> 
 
 
 def _picture(e: DesignedExperiment, path: Path, units: Mapping[str, str], *, force: bool) -> Path:
-    """The input, and below what the model expects of each channel."""
+    """Picture of the input, and below it the expected outputs."""
     record = e.record
     assert isinstance(record, Record)
-    figure = new_figure(6.0, 4.5)
+    figure = new_figure(7.4, 4.5)
     above, below = figure.subplots(2, 1, sharex=True)
     factor, unit = reader_unit(units.get(e.input, "1"))
     above.plot(1e3 * record.time, factor * record.inputs[e.input], color="#0072B2")
@@ -169,5 +169,5 @@ def _picture(e: DesignedExperiment, path: Path, units: Mapping[str, str], *, for
         own, shown = reader_unit(units.get(name, "1"))
         below.plot(1e3 * record.time, own * values, label=f"{name} [{shown}]", linewidth=1.0)
     style_axes(below, "time [ms]", "expected")
-    below.legend(fontsize=6, frameon=False, ncols=2)
+    side_legend(below)
     return write_file(path, lambda p: figure.savefig(p, format="png", dpi=150), force=force)

@@ -27,7 +27,7 @@ __all__ = [
     "worth_of",
 ]
 
-#: Note of a model that an effect led out of a wrong valley.
+#: Note of a model that an effect led out of a wrong local minimum.
 REFITTED = "fitted again from the fit with an effect"
 
 
@@ -91,7 +91,7 @@ def refit(
 
     Records in one go are fitted again from the priors, with new effects as large as one would
     expect to meet, where the warm start comes to less than half of what its linear model promised:
-    the model without the effect stands in another valley.
+    the model without the effect is in another local minimum.
     """
     problem = base.problem.with_candidates(included)
     start, promised = _reachable(problem, base, included, magnitudes)

@@ -103,7 +103,7 @@ def search(
 
     ``most`` effects make the largest set; of the ranked sets and of the ranked single effects
     ``width`` are refitted. ``reseeds``: times that the search may begin again because a set has led
-    the model out of a wrong valley. ``led``: sets that were fitted before, see
+    the model out of a wrong local minimum. ``led``: sets that were fitted before, see
     :func:`~feltmb.gap.lead.lead`.
     """
     while True:
@@ -114,7 +114,7 @@ def search(
                 # As near to its end as the sets that it is compared with.
                 hunt._keep(refit_at(fit.problem, fit.point, fit.level, hunt.quick))
         if better is not None and reseeds and better.log_evidence > model.log_evidence + 1.0:
-            # The descent of the gaps had left the valley in which they close.
+            # The descent of the gaps had left the local minimum in which they close.
             notes = (*model.notes, CLOSED)
             better = replace(better, levels=model.levels, notes=notes)
         else:
@@ -558,7 +558,7 @@ def _short(known: CandidateSet | None, best: CandidateSet, k: int) -> bool:
     """Whether the best set without its candidate k is still to be fitted from there.
 
     So it is where its known fit falls short of what the best one predicts to first order: half the
-    square of the magnitude over its deviation is lost. Such a fit is stuck in another valley.
+    square of the magnitude over its deviation is lost. Such a fit is in another local minimum.
     """
     if known is None:
         return True

@@ -97,28 +97,28 @@ def session(
     diagnosing: Callable[[Any], None] | None = None,
     told: Callable[[SessionStep], None] | None = None,
 ) -> Session:
-    """Plan, measure, diagnose, until the cause is named, inseparable, or the budget is spent.
+    """Plan, measure and diagnose until the cause is named or inseparable, or the budget is spent.
 
     Parameters
     ----------
     run
-        ``run(request, answer)`` plays a request and writes what was measured. A request is a CSV of
-        time and inputs, the answer a CSV of a record; or a TOML with ``[part]``, and the answer a
-        TOML with ``[measured.PARAMETER]``.
+        ``run(request, answer)`` performs a request and writes the measurement. A request is a CSV
+        of time and inputs, and the answer is a CSV of a record. Or a request is a TOML with
+        ``[part]``, and the answer is a TOML with ``[measured.PARAMETER]``.
     read
         Records of an answer.
     folder
-        Of the session; one that was cut off goes on where it was.
+        Folder of the session. An interrupted session continues.
     records
-        What was measured before.
+        Records that were measured before.
     budget
         In experiments.
     units, kinds
         See :func:`~feltmb.gap.plan_files.write_design`.
     progress, diagnosing
-        Told of the work of a plan, and of a diagnosis.
+        Functions that receive the progress of a plan and of a diagnosis.
     told
-        Told of each step, those of an earlier run as well.
+        Function that receives each step, also those of an earlier call.
 
     Raises
     ------
@@ -218,9 +218,9 @@ def _at_an_end(report: Mapping[str, Any] | None, plan: Design, left: float) -> t
     if open_:
         return (
             "inseparable",
-            f"No experiment within the limits separates {', '.join(open_)} from what is like it: "
-            f"the belief in the right name would go from {plan.before:.0%} to "
-            f"{plan.reachable:.0%} with all that was tried.",
+            f"No experiment within the limits separates {', '.join(open_)} from similar causes: "
+            f"the probability of the correct name would change from {plan.before:.0%} to "
+            f"{plan.reachable:.0%} with all tested experiments.",
         )
     found = {} if report is None else report
     if found.get("verdict") in _COMPLETE:
@@ -232,9 +232,9 @@ def _at_an_end(report: Mapping[str, Any] | None, plan: Design, left: float) -> t
         )
     return (
         "nothing more to learn",
-        "No experiment within the limits is expected to show a cause that these records do not "
-        f"show: {plan.before:.0%} of what the library holds would be named now, "
-        f"{plan.reachable:.0%} with all that was tried ({left:g} experiments are left).",
+        "No experiment within the limits is expected to detect a cause that these records do not "
+        f"show: {plan.before:.0%} of the effects of the library would be named now, "
+        f"{plan.reachable:.0%} with all tested experiments ({left:g} experiments are left).",
     )
 
 

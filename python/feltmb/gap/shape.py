@@ -1,7 +1,7 @@
 """Shapes between those of an effect's list: a width, level or time is fitted like a magnitude.
 
-The list is a coarse net: a play that is half as wide as its nearest entry leaves a rest behind, and
-the search would mend that rest with effects that are not there.
+The list is a coarse net: a play that is half as wide as its nearest entry leaves a residual, and
+the search would compensate this residual with effects that do not exist.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from feltmb import _core
 from feltmb.contact.tables import CORE_LAWS, LAWS
 from feltmb.errors import InvalidParameter
-from feltmb.mechanism.partial import mended
+from feltmb.mechanism.partial import without_faults
 from feltmb.mechanism.schema import Contact, MechanismFile
 from feltmb.mechanism.to_core import describe_with_faults
 from feltmb.units.quantity import (
@@ -417,7 +417,7 @@ def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
 
 def _hidden_faults(raw: Mapping[str, Any]) -> list[str]:
     """Faults that the core finds in what the schema lets pass of a faulty file."""
-    found = mended(raw, lambda tables: _parse(tables)[0])
+    found = without_faults(raw, lambda tables: _parse(tables)[0])
     if found is None:
         return []
     rest, dropped = found

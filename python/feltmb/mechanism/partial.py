@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-__all__ = ["mended"]
+__all__ = ["without_faults"]
 
 #: Tables whose entries can be left out; what refers to them is left out in turn.
 _LOOSE = ("surfaces", "contacts", "springs", "straps", "points", "events")
@@ -19,7 +19,7 @@ _SINGLE = ("string", "finger", "reading", "start_pose", "source", "about", "grav
 _ROUNDS = 20
 
 
-def mended(
+def without_faults(
     raw: Mapping[str, Any], faults_of: Callable[[Mapping[str, Any]], Sequence[str]]
 ) -> tuple[dict[str, Any], set[str]] | None:
     """Copy of a mechanism's tables without what is at fault.
@@ -59,7 +59,7 @@ def _drop(rest: dict[str, Any], where: str, dropped: set[str]) -> None:
     node = rest.get(table)
     if table in _SINGLE or not isinstance(node, Mapping):
         if table in ("schema", "name"):
-            rest[table] = 1 if table == "schema" else "mended"
+            rest[table] = 1 if table == "schema" else "without faults"
             dropped.add(table)
         elif table in rest and table != "bodies":
             del rest[table]

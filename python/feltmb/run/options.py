@@ -59,7 +59,7 @@ class RunOptions:
         Order limit of the BDF, 1 to 5; default: chosen by the lightly damped modes of strings and
         members (docs/explanation/model.md, "Integrator").
     ledger_limit : float or None
-        Largest share of the energy turned over that may be missing from the ledger, above 0;
+        Largest energy balance error as a fraction of the exchanged energy, above 0;
         default 0.1 (``run.energy["residual_relative"]``). Beyond it the run has failed. Without a
         ledger nothing is known, and nothing is limited. A large number, 1e9 say, is no limit.
     """

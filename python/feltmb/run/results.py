@@ -130,7 +130,13 @@ class Run:
         )
 
     def _repr_html_(self) -> str:
-        rows = [(name, value, summary_unit(name)) for name, value in self.summary.items()]
+        times = {name: value for name, value in self.summary.items() if name.endswith("_time")}
+        # Times in their order, then the other numbers.
+        names = [
+            *sorted(times, key=times.__getitem__),
+            *(n for n in self.summary if n not in times),
+        ]
+        rows = [(name, self.summary[name], summary_unit(name)) for name in names]
         return html_table(repr(self), ("summary", "value", "unit"), rows)
 
     @checked

@@ -1,4 +1,4 @@
-"""What a careful user would want to be told about a run that did not fail."""
+"""Warnings of completed runs."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from feltmb.run.stroke import PRESCRIBED, Stroke
 
 __all__ = ["run_warnings"]
 
-#: Share of a felt's loop by which it may be passed without a word.
+#: Fraction of the loop of a felt by which the loop may be exceeded without a warning.
 PASSED = 1e-3
 #: Deflection of a member, over its length, beyond which its equations do not hold.
 BENT = 0.25
-#: Turn of a motor beyond which its arm no longer presses, but swings [rad].
+#: Rotation of a motor above which its arm swings and no longer presses [rad].
 SWING = math.pi / 4
 
 
 def run_warnings(
     action: Action, stroke: Stroke, options: Any, result: Any, energy: Mapping[str, Any]
 ) -> list[str]:
-    """Where a run leaves what its numbers, its input or its equations hold for."""
+    """Warnings where the accuracy, the input or the equations of a run are not valid."""
     out = []
     residual = energy.get("residual_relative", 0.0)
     if residual > 1e-3:
         out.append(
-            f"energy not accounted for is {100 * residual:.2g} % of the energy turned over at "
+            f"the energy balance error is {100 * residual:.2g} % of the exchanged energy at "
             f"rtol {options.rtol:g}: use a smaller rtol"
         )
     out += _of_members(result)
@@ -37,10 +37,10 @@ def run_warnings(
 
 
 def _of_members(result: Any) -> list[str]:
-    """Members bent or stretched by more than equations for small deflections hold for."""
+    """Members whose deflection exceeds the range of the equations for small deflections."""
     return [
         f"member {name} of {1e3 * length:.3g} mm is deflected by {1e3 * largest:.3g} mm at "
-        f"{time:.4f} s, by more than a quarter of its length: deflections are taken as small"
+        f"{time:.4f} s, more than a quarter of its length: the model assumes small deflections"
         for name, length, largest, time in result.deflections
         if largest > BENT * length
     ]
@@ -58,9 +58,10 @@ def _of_input(stroke: Stroke, result: Any) -> list[str]:
         largest = float(np.max(np.abs(stroke.smoothed(noise).profile.acceleration(stroke.time))))
         if jitter > 0.2 * largest:
             out.append(
-                f"the record's noise, about {noise:.2g} {stroke.unit}, gives accelerations of "
-                f"{jitter:.2g} {stroke.unit}/s^2 from row to row, the motion itself {largest:.2g}: "
-                "the reaction is mostly noise; smooth the record (--noise, Stroke.smoothed)"
+                f"the noise of the record, about {noise:.2g} {stroke.unit}, causes accelerations "
+                f"of {jitter:.2g} {stroke.unit}/s^2 between samples, and the motion itself has "
+                f"{largest:.2g}: the reaction is mostly noise; smooth the record (--noise, "
+                "Stroke.smoothed)"
             )
     names = list(result.names)
     if stroke.kind == "key_motion" and "finger.force" in names and result.time.size:
@@ -68,8 +69,9 @@ def _of_input(stroke: Stroke, result: Any) -> list[str]:
         lowest = int(np.argmin(force))
         if force[lowest] < -0.02 * max(1.0, float(np.max(force))):
             out.append(
-                f"the key's motion takes a finger that pulls, {-force[lowest]:.3g} N at "
-                f"{result.time[lowest]:.4f} s: a finger would leave the key there"
+                f"the prescribed key motion requires a finger that pulls with "
+                f"{-force[lowest]:.3g} N at {result.time[lowest]:.4f} s: a real finger would "
+                "leave the key"
             )
     return out
 

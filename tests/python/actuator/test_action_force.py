@@ -5,6 +5,7 @@ import pytest
 
 import feltmb
 from feltmb import actuator
+from feltmb.action.actuator.plot import plot_run
 from feltmb.cli import main
 
 
@@ -68,6 +69,22 @@ def test_the_command_takes_a_record(tmp_path, monkeypatch, measured, capsys):
         main(["actuator", "--action-force", "cell.csv", "--duration", "0.05", "--json"])
     assert end.value.code == 0
     assert '"first_contact_time": 0.0323' in capsys.readouterr().out
+    for options, shown in (
+        (["--action-force", "cell.csv"], "force of the action record replaces the mass"),
+        ([], "mass of the action 0.27 kg"),
+    ):
+        with pytest.raises(SystemExit):
+            main(["actuator", *options, "--duration", "0.05"])
+        assert shown in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_legend_is_outside_the_axes(wood):
+    figure = plot_run(actuator.simulate_actuator(wood, duration=0.02))
+    figure.canvas.draw()
+    legends = [ax.get_legend() for ax in figure.axes if ax.get_legend() is not None]
+    assert legends
+    for legend in legends:
+        assert not legend.get_window_extent().overlaps(legend.axes.get_window_extent())
 
 
 @pytest.mark.parametrize(

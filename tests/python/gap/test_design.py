@@ -144,15 +144,15 @@ def test_expected_evidence_is_what_records_then_give():
 
 
 def test_twins_are_told_to_be_inseparable():
-    twin = effect("twin", lambda u: -2.0 * u**2)
+    alike = effect("alike", lambda u: -2.0 * u**2)
     cube = effect("cube", lambda u: u**3 - u)
     found = design(
-        line(), [SQUARE, twin, cube], limits=limits(least=-1.0), sensors=SENSORS, budget=3,
+        line(), [SQUARE, alike, cube], limits=limits(least=-1.0), sensors=SENSORS, budget=3,
         refinements=0,
     )  # fmt: skip
-    assert found.inseparable == (("square", "twin"),)
+    assert found.inseparable == (("square", "alike"),)
     rows = {v.effect: v for v in found.effects}
-    assert rows["square"].rival == "twin"
+    assert rows["square"].rival == "alike"
     assert rows["square"].right < 0.6 < rows["square"].pair
     assert rows["cube"].right > 0.95
 
@@ -181,7 +181,7 @@ def test_test_of_a_part_is_bought_where_it_tells_more():
     part = PartTest(parameter="slope", sd=0.001, cost=1.0, how="weighing")
     without = design(model, [slope], limits=limits(), sensors=SENSORS, budget=2, refinements=0)
     assert without.parts[0].parameter == "slope"
-    assert "slope known to 10.0% shows slope too from" in without.parts[0].text
+    assert "slope known to 10.0%: slope too is detectable from" in without.parts[0].text
     found = design(
         model, [slope], limits=limits(parts=(part,)), sensors=SENSORS, budget=2, refinements=0
     )

@@ -80,8 +80,8 @@ def test_a_motion_is_not_driven_past_its_stops():
 
 
 def test_twins_are_told_to_need_another_sensor():
-    twin = replace(CUBE, name="twin")
-    advice = _advice(fitted(record(1.0)), Candidate(CUBE), Candidate(twin), 0.1)
+    alike = replace(CUBE, name="alike")
+    advice = _advice(fitted(record(1.0)), Candidate(CUBE), Candidate(alike), 0.1)
     assert "another point or quantity" in advice.text
     assert advice.confusion_then == pytest.approx(0.5)
 

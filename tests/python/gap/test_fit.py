@@ -197,7 +197,7 @@ def test_segments_cover_the_record_once(length):
 
 
 def test_a_segment_in_a_wrong_valley_is_not_taken_for_a_gap():
-    """A pendulum seen by the sine of its angle: half a turn more is another valley."""
+    """A pendulum seen by the sine of its angle: half a turn more is another local minimum."""
     from dataclasses import replace as changed
 
     from feltmb.fit.linearize import Place

@@ -102,7 +102,7 @@ def test_faults_are_told_together():
     text = str(caught.value)
     assert "1 magnitudes for 2 effects" in text
     assert "cannot simulate bed_creep" in text
-    assert "mend the records" in text
+    assert "correct the records" in text
 
 
 def run(*arguments):

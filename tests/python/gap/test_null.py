@@ -76,7 +76,7 @@ def null_p(count, replicates):
 
 @pytest.mark.slow
 @pytest.mark.xfail(
-    reason="a stretch of at least 1 makes p too large by luck: distance 0.076, p 0.006"
+    reason="a stretch of at least 1 makes p too large by chance: distance 0.076, p 0.006"
 )
 def test_p_is_uniform_over_500_nulls_with_strained_tolerances():
     p = null_p(500, 4)

@@ -168,7 +168,7 @@ def test_a_limit_and_a_useless_model_are_told(capsys):
     print_report(report)
     shown = " ".join(capsys.readouterr().out.split())
     assert "further from the records than a constant is" in shown
-    assert "At a limit that it may not pass: slope" in shown
+    assert "At a limit of its range: slope" in shown
     assert report.as_it_is[0].worse_than_constant
     assert any("sits at its limit" in a.text for a in report.next)
     assert "further from the records than a constant is" in page(report)

@@ -223,8 +223,8 @@ def test_rivals_stay_rivals_in_refined_steps() -> None:
     """Two laws alike to a thousandth, beside a sharp friction that asks for refined steps."""
     records = runs("straight", k=40.0, dry=0.3, cubic=2e3)
     cube = library.polynomial_stiffness(SLIDE, 3, scale=1e3)
-    twin = Effect(
-        name="twin",
+    alike = Effect(
+        name="alike",
         component="slide",
         unit="N/m^3",
         scale=1e3,
@@ -232,9 +232,9 @@ def test_rivals_stay_rivals_in_refined_steps() -> None:
             -size * x.q**3 * (1.0 + 1e-3 * np.cos(5.0 * x.q)), t, x, u, p
         ),
     )
-    effects = [library.dry_friction(SLIDE, scale=0.1, speed=0.3), cube, twin]
+    effects = [library.dry_friction(SLIDE, scale=0.1, speed=0.3), cube, alike]
     report = diagnose(make_model(k=40.0), effects, records, options=Options(bootstrap=0))
     assert report.named == ("dry friction slide",), report.statement
-    assert set(report.one_of) == {cube.name, "twin"}
+    assert set(report.one_of) == {cube.name, "alike"}
     friction = report.which["dry friction slide"]
     assert friction.magnitude == pytest.approx(0.3, rel=0.01)

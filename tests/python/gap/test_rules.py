@@ -114,7 +114,7 @@ def test_a_data_problem_holds_nothing_of_the_machine():
 
 
 def test_what_mends_the_form_of_a_larger_effect_is_small_print():
-    # The truth is a cube whose law bends a little; the fifth power alone would mend that.
+    # The truth is a cube whose law bends a little; the fifth power alone would compensate that.
     bent = records(lambda u: u + 0.5 * u**3 + 0.06 * u**5)
     effects = [power(3), power(5)]
     report = diagnose(LINE, effects, bent, options=Options(bootstrap=0))
@@ -281,7 +281,7 @@ def test_a_small_effect_that_explains_all_that_is_left_is_no_small_print():
     said = diagnose(LINE, [power(3), power(2)], both, options=Options(bootstrap=0))
     assert said.verdict is Verdict.NAMED
     assert set(said.named) == {"power 2", "power 3"}
-    # Where it leaves more than noise it may mend the form of the larger one.
+    # Where it leaves more than noise it may compensate the form of the larger one.
     more = records(lambda u: u + 0.3 * u**3 + 0.03 * u**2 + 3e-3 * np.sin(9.0 * u), noise=1e-4)
     said = diagnose(LINE, [power(3), power(2)], more, options=Options(bootstrap=0))
     assert said.verdict is not Verdict.NAMED

@@ -1,4 +1,4 @@
-"""The search ends in the right valley: cases of the blind bench in which it once did not."""
+"""The search ends in the right local minimum: cases of the blind bench in which it once did not."""
 
 from dataclasses import replace
 

@@ -328,7 +328,7 @@ def test_the_page_names_the_friction_with_its_size():
 
 
 def ring(time, inputs, parameters):
-    """An oscillation of many periods: another frequency is another valley of a plain fit."""
+    """An oscillation of many periods: another frequency is another local minimum of a plain fit."""
     w = parameters["rate"] * inputs["u"]
     return {"y": np.exp(-0.3 * time) * np.sin(w * time) + parameters["offset"]}
 

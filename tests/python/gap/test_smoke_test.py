@@ -110,8 +110,8 @@ def test_what_a_callable_may_not_do_is_told():
     text = message(model(), [nothing, other])
     assert "nothing: at magnitude 1 the model gives no numbers with it" in text
     assert "other: its excite changes 'g', which is no input of the record; known are f" in text
-    twin = replace(nothing, name="twin", hidden=(State(name="q", hidden=True),))
-    assert "its hidden state 'q' has the name of a state of model arm" in message(model(), [twin])
+    alike = replace(nothing, name="alike", hidden=(State(name="q", hidden=True),))
+    assert "its hidden state 'q' has the name of a state of model arm" in message(model(), [alike])
 
 
 def test_a_sensor_effect_may_change_its_outputs_in_place():

@@ -1,6 +1,7 @@
 """What objects show of themselves: a short repr, a table in HTML, a picture, labelled arrays."""
 
 import math
+import re
 import types
 
 import numpy as np
@@ -38,6 +39,14 @@ def test_short_words_of_a_run_and_a_mechanism(run):
     html = run._repr_html_()
     assert f"<td>impact_speed</td><td>{run.summary['impact_speed']:.4g}</td><td>m/s</td>" in html
     assert "<td>06</td>" in action._repr_html_()
+
+
+def test_the_table_of_a_run_lists_times_in_their_order(run):
+    names = re.findall(r"<tr><td>(\w+)</td>", run._repr_html_())
+    assert sorted(names) == sorted(run.summary)
+    times = [run.summary[n] for n in names if n.endswith("_time")]
+    assert times == sorted(times)
+    assert all(n.endswith("_time") for n in names[: len(times)])
 
 
 def test_pictures_of_a_run_and_a_mechanism(run):

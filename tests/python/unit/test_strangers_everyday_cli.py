@@ -159,7 +159,7 @@ def test_a_mistyped_folder_is_not_made(tmp_path):
     ):
         _, said = _call(*line)
         assert "there is no such folder" in said, line
-        assert "make it first, or mend the path" in said
+        assert "create it first, or correct the path" in said
     assert [p.name for p in tmp_path.iterdir()] == ["results"]
 
 

@@ -505,9 +505,9 @@ def test_json(own):
 def test_command_refuses(own, tmp_path):
     assert run(code=2).exit_code == 2
     assert isinstance(run("wires", code=1).exception, InvalidParameter)
-    twin = tmp_path / "twin.toml"
-    twin.write_text(OWN)
-    assert "two studies have the name own" in str(run(own, twin, code=1).exception)
+    second = tmp_path / "second.toml"
+    second.write_text(OWN)
+    assert "two studies have the name own" in str(run(own, second, code=1).exception)
     file = tmp_path / "file"
     file.write_text("")
     assert run(own, "--out", file, code=2).exit_code == 2

@@ -131,7 +131,7 @@ def test_what_is_left_out_of_a_curve_lies_near_the_line(values, tolerance, seed)
     assert len(knots(time, y, 0.0, 10)) <= 10
 
 
-def test_the_worst_place_is_mended_first_when_samples_run_out():
+def test_the_worst_place_is_refined_first_when_samples_run_out():
     time = np.linspace(0, 1, 1001)
     y = 0.01 * np.sin(200 * time) + np.where(np.abs(time - 0.5) < 0.002, 1.0, 0.0)
     kept = knots(time, y[:, None], 0.0, 12)

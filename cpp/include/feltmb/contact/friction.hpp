@@ -162,7 +162,7 @@ struct FrictionSum : Terms... {
     return out;
   }
 
-  /// The limit v_t -> 0 of all terms, turned over at a speed of choice.
+  /// The limit v_t -> 0 of all terms, regularized at a chosen speed.
   FrictionSum sharpened(double v_t) const {
     FrictionSum out = *this;
     const auto sharpen = []<class T>(T& term) {

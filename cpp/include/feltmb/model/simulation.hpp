@@ -52,7 +52,7 @@ struct SimulationOptions {
   Method method = Method::kAuto;
   int max_order = 0;      ///< of the BDF; 0: chosen by the modes of the mechanism, bdf_order.hpp
   double max_step = 0.0;  ///< [s], 0: no limit
-  /// A run with a ledger has failed where more than this share of the energy turned over is not
+  /// A run with a ledger has failed where more than this share of the exchanged energy is not
   /// accounted for [-], > 0.
   double ledger_limit = 0.1;
   long max_steps = 20000000;

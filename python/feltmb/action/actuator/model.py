@@ -558,7 +558,7 @@ def simulate_actuator(
     InvalidParameter
         An argument is out of range.
     IntegrationError
-        More than a tenth of the energy turned over is not accounted for; ``error.partial`` is the
+        The energy balance error exceeds a tenth of the exchanged energy; ``error.partial`` is the
         run.
     """
     if isinstance(actuator, str):
@@ -599,8 +599,8 @@ def simulate_actuator(
     limit = _core.SimulationOptions().ledger_limit
     if energy["residual_relative"] > limit:
         raise IntegrationError(
-            f"actuator: energy not accounted for is {energy['residual_relative']:.1%} of the "
-            f"energy turned over, expected at most {limit:.0%}; use a smaller tolerance",
+            f"actuator: the energy balance error is {energy['residual_relative']:.1%} of the "
+            f"exchanged energy, expected at most {limit:.0%}; use a smaller tolerance",
             partial=run,
             time=float(run.time[-1]),
             state="",
@@ -655,7 +655,7 @@ def _warnings(
             "deflections are taken as small"
         )
     if energy["residual_relative"] > 1e-3:
-        found.append(f"energy not accounted for is {energy['residual_relative']:.1%}")
+        found.append(f"the energy balance error is {energy['residual_relative']:.1%}")
     return found
 
 

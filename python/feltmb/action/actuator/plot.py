@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feltmb.action.actuator.model import ActuatorRun, degrees
-from feltmb.style import CYCLE, GRAY, NORMAL, new_figure, style_axes
+from feltmb.style import CYCLE, GRAY, NORMAL, new_figure, side_legend, style_axes
 
 if TYPE_CHECKING:
     from feltmb.action.actuator.matching import Match
@@ -42,7 +42,7 @@ def compare_runs(
     *,
     end: float | None = None,
 ) -> Any:
-    """Runs over one another, one row a panel of :data:`PANELS`; ``end`` in s."""
+    """Draw runs in common axes, with one row for each panel of :data:`PANELS`; ``end`` in s."""
     figure = new_figure(7.4, 0.5 + 2.1 * len(panels))
     axes = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True))
     for ax, panel in zip(axes, panels, strict=True):
@@ -69,7 +69,7 @@ def compare_runs(
                     )
         style_axes(ax, "", label)
         if len(runs) > 1 or len(outputs) > 1:
-            ax.legend(loc="best", frameon=False, fontsize=NORMAL - 0.5)
+            side_legend(ax)
     axes[-1].set_xlabel("time [ms]", fontsize=NORMAL)
     if end is not None:
         axes[-1].set_xlim(0.0, 1e3 * end)
@@ -94,7 +94,7 @@ def plot_match(found: Match) -> Any:
     ):
         axes[0].plot(1e3 * found.time, values, label=label, color=color, linewidth=1.3)
     axes[0].lines[-1].set_linestyle("--")
-    axes[0].legend(frameon=False, fontsize=NORMAL - 0.5)
+    side_legend(axes[0])
     fine = np.linspace(0.0, found.time[-1], 500)
     axes[1].plot(1e3 * fine, found.torque.at(fine), color=CYCLE[1], linewidth=1.3)
     style_axes(axes[0], "", "finger force [N]", f"rms deviation {found.rms:.3g} N, means over 1 ms")

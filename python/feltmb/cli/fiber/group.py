@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 seed_option = click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all that is random."
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of all random draws."
 )
 
 EXIT_FAILED = 1

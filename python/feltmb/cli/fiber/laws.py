@@ -176,7 +176,9 @@ def _gradient(text: str) -> Any:
     required=True,
     help="Last deformation gradient: 3 stretches or 9 numbers by rows, with commas.",
 )
-@click.option("--v-random", type=FRACTION, required=True, help="Volume fraction when random [-].")
+@click.option(
+    "--v-random", type=FRACTION, required=True, help="Volume fraction of the random network [-]."
+)
 @modulus_option
 @click.option("--k-b", type=NOT_NEGATIVE, default=1.0, show_default=True, help="Bending constant.")
 @click.option("--k-t", type=NOT_NEGATIVE, default=1.0, show_default=True, help="Torsion constant.")
@@ -235,7 +237,7 @@ def granular_command(
     type=click.Choice(["isotropic", "confined", "simple"]),
     default="confined",
     show_default=True,
-    help="Sides: like the height, held, or free of stress.",
+    help="Lateral strain: equal to that of the height, zero, or free of stress.",
 )
 @modulus_option
 @click.option("--v-f0", type=FRACTION, required=True, help="Volume fraction at rest [-].")

@@ -66,7 +66,7 @@ def models_command(name: str | None) -> None:
     "--network",
     "n",
     type=click.IntRange(1, 10_000_000),
-    help="Estimate also from a random network of N fibers.",
+    help="Also estimate the numbers from a random network of N fibers.",
 )
 @seed_option
 @click.option(

@@ -53,8 +53,12 @@ from feltmb.cli.fiber.group import (
 @click.option(
     "--segment", type=positive("m"), default=62.5e-6, show_default=True, help="Segment length [m]."
 )
-@click.option("--v-f", type=FRACTION, default=0.1, show_default=True, help="First volume fraction.")
-@click.option("--v-max", type=FRACTION, default=0.3, show_default=True, help="Turning point.")
+@click.option(
+    "--v-f", type=FRACTION, default=0.1, show_default=True, help="Initial volume fraction."
+)
+@click.option(
+    "--v-max", type=FRACTION, default=0.3, show_default=True, help="Largest volume fraction."
+)
 @click.option(
     "--crimp",
     type=Quantity("rad", 0),
@@ -63,14 +67,18 @@ from feltmb.cli.fiber.group import (
     help="Turning angle per bead [rad].",
 )
 @click.option(
-    "--friction", type=NOT_NEGATIVE, default=0.35, show_default=True, help="Coefficient [-]."
+    "--friction",
+    type=NOT_NEGATIVE,
+    default=0.35,
+    show_default=True,
+    help="Coefficient of friction [-].",
 )
 @click.option(
     "--repulsion",
     type=click.Choice(["hertz", "logarithmic"]),
     default="hertz",
     show_default=True,
-    help="Between touching segments: Hertz with friction, or eq. 2.10.",
+    help="Repulsion between touching segments: Hertz with friction, or eq. 2.10.",
 )
 @modulus_option
 @click.option(
@@ -85,22 +93,28 @@ from feltmb.cli.fiber.group import (
     type=Number(0, 0.01, min_open=True, max_open=True),
     default=2e-5,
     show_default=True,
-    help="Halve it to check.",
+    help="Strain in one time step; halve it to check the result.",
 )
 @click.option(
     "--cycles",
     type=click.IntRange(1, 100_000),
     default=1,
     show_default=True,
-    help="Press and release so often.",
+    help="Number of cycles of compression and release.",
 )
 @seed_option
 @click.option(
-    "--threads", type=click.IntRange(0, 1024), default=0, show_default=True, help="0: all cores."
+    "--threads",
+    type=click.IntRange(0, 1024),
+    default=0,
+    show_default=True,
+    help="Number of threads; 0: all cores.",
 )
-@click.option("--resume", is_flag=True, help="Go on with OUTPUT, an unfinished run.")
+@click.option("--resume", is_flag=True, help="Continue the unfinished run OUTPUT.")
 @click.option(
-    "--samples", type=click.IntRange(1), help="Stop after this many samples; resume later."
+    "--samples",
+    type=click.IntRange(1),
+    help="Stop after this number of samples; the run can be resumed.",
 )
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture.")
 @force_option
@@ -127,7 +141,7 @@ def simulate_command(
     plot: Path | None,
     force: bool,
 ) -> None:
-    """Compress and release a box of single fibers; the run goes to OUTPUT (.npz)."""
+    """Compress and release a box of single fibers, and write the run to OUTPUT (.npz)."""
     from feltmb.errors import InvalidParameter, ModelError
     from feltmb.fiber import Cycle, FiberBox, FiberRun
     from feltmb.fiber import simulate as run_simulation

@@ -90,7 +90,7 @@ class _Batch:
         self._jobs = jobs
         self._folder = folder
         self._guard = threading.Lock()
-        self._positions: dict[str, list[int]] = {}  # of members under way; twins run once
+        self._positions: dict[str, list[int]] = {}  # of members under way; equal members run once
         self._under_way: dict[int, tuple[Member, Action]] = {}
         self._ready: queue.Queue[tuple[int, Outcome] | None] = queue.Queue(2 * jobs + 2)
         self._stop = _core.StopFlag()
@@ -175,7 +175,7 @@ def _on_executor(
     workers = getattr(executor, "_max_workers", None) or 16
     limit = 2 * int(workers) + 2
     waiting: dict[Future[Outcome], Member] = {}
-    positions: dict[str, list[int]] = {}  # of members under way; twins run once
+    positions: dict[str, list[int]] = {}  # of members under way; equal members run once
     try:
         for index, member in enumerate(members):
             if member.key in positions:
