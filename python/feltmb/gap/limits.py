@@ -14,7 +14,7 @@ from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import read_toml
 from feltmb.fit.model import Model
-from feltmb.units.quantity import SI, Schema, fault_text, parse_scalar
+from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar
 
 __all__ = ["InputLimits", "Limits", "PartTest", "read_limits"]
 
