@@ -522,6 +522,38 @@ BETTER_SENSOR = _number(
     _JUDGED, "gap/test_experiments.py",
 )  # fmt: skip
 
+WORTH_TELLING = _number(
+    "WORTH_TELLING", 0.02, "probability",
+    "decrease of the probability of confusion above which a plan gives it as a reason",
+    _JUDGED, "gap/test_design.py",
+)  # fmt: skip
+SHOWS = _number(
+    "SHOWS", 0.1, "probability",
+    "probability to miss an effect below which a plan counts it as visible",
+    _JUDGED, "gap/test_design.py",
+)  # fmt: skip
+LEAST_PLAN_GAIN = _number(
+    "LEAST_PLAN_GAIN", 1e-4, "probability or log evidence",
+    "gain below which an experiment is left out of a plan: below it are rounding errors",
+    _JUDGED, "gap/test_design.py",
+)  # fmt: skip
+LEAST_PROGRESS = _number(
+    "LEAST_PROGRESS", 0.02, "probability",
+    "expected gain by all possible experiments below which a session ends",
+    _JUDGED, "gap/test_session.py",
+)  # fmt: skip
+RESERVE = _number(
+    "RESERVE", 0.1, "probability",
+    "share of the belief that a plan leaves to effects that the diagnosis considers impossible, "
+    "because a diagnosis can be wrong",
+    _JUDGED, "gap/test_design.py",
+)  # fmt: skip
+BEST_PART = _number(
+    "BEST_PART", 0.1, "share of the tolerance",
+    "best standard deviation that the test of a single part is assumed to reach",
+    _JUDGED, "gap/test_design.py",
+)  # fmt: skip
+
 
 def table() -> str:
     """The criteria as a table in Markdown."""

@@ -26,6 +26,7 @@ from feltmb.files import Store
 from feltmb.fit.calling import calling
 from feltmb.fit.model import VARIABILITY, Effect, Model
 from feltmb.gap.checks import with_sigma
+from feltmb.gap.criteria import LEAST_PLAN_GAIN, SHOWS, WORTH_TELLING
 from feltmb.gap.information import Belief, Information, Knowledge, information, record_of
 from feltmb.gap.limits import Limits, PartTest
 from feltmb.gap.planning import _noise
@@ -45,12 +46,6 @@ POINTS = 64
 COMPASS, FINEST = 0.15, 1e-3
 #: Refinements that a family takes before another is worth a start.
 ROOM = 20
-#: Fall of the chance of confusion that is worth a word.
-WORTH_TELLING = 0.02
-#: Chance to be taken for nothing, below which an effect shows.
-SHOWS = 0.1
-#: Gain below which an experiment is not worth its name: belief, or log evidence.
-LEAST_GAIN = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -328,7 +323,7 @@ def _greedy(
             return out
         gains = [(value(knowledge.plus(o.information)) - now) / o.cost for o in able]
         best = int(np.argmax(gains))
-        if not gains[best] > LEAST_GAIN:
+        if not gains[best] > LEAST_PLAN_GAIN:
             return out
         out.append(able[best])
         left -= able[best].cost

@@ -33,21 +33,17 @@ from feltmb.fit.model import Candidate, Model
 from feltmb.fit.problem import Problem, solve_scaled
 from feltmb.fit.segmented_records import segment_record
 from feltmb.gap.checks import with_sigma
-from feltmb.gap.criteria import DETECTABLE
+from feltmb.gap.criteria import BEST_PART, DETECTABLE, RESERVE
 from feltmb.gap.planning import _noise, planned
 
 __all__ = ["Belief", "Information", "Knowledge", "information"]
 
 #: Magnitudes at which an effect is expected before there are data [scales].
 MAGNITUDES = (0.5, 1.0, 2.0)
-#: Share of the belief that stays with what a diagnosis holds impossible.
-RESERVE = 0.1
 #: Continuity defects that are allowed, as a share of the spread of the states: that of the
 #: segmented metric. With exact continuity a chaotic machine would promise to show a friction of
 #: 1e-7 N, by a linearization that holds no further.
 LOOSE = 0.01
-#: How well a part can be measured by itself at best, as a share of its tolerance.
-BEST_PART = 0.1
 
 
 @checked

@@ -23,6 +23,7 @@ from feltmb.data import Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import digest_of, is_file, make_folder, read_json, write_text
 from feltmb.fit.model import Effect, Model
+from feltmb.gap.criteria import LEAST_PROGRESS
 from feltmb.gap.designs import Design, design
 from feltmb.gap.diagnosis import Options, diagnose
 from feltmb.gap.findings import Verdict
@@ -37,8 +38,6 @@ __all__ = ["Session", "SessionStep", "session"]
 Outcome = Literal[
     "named", "inseparable", "nothing is missing", "nothing more to learn", "out of budget"
 ]
-#: Expected gain of belief by all that could be done, below which nothing is worth a try.
-LEAST_PROGRESS = 0.02
 #: Verdicts that end a session without a cause: the model explains the records.
 _COMPLETE = (Verdict.NO_GAP.value, Verdict.CALIBRATED.value)
 #: Keys of a step that must be there to resume.
