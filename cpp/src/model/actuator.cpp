@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/core/index.hpp"
 #include "feltmb/model/law_force.hpp"
 
 namespace feltmb {
@@ -383,8 +384,6 @@ class Run {
     o[kStopHeat] = stop_ ? stop_->dissipated() : 0.0;
     o[kDamperHeat] = damper_ ? damper_->dissipated() : 0.0;
   }
-
-  static std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
   /// Adds what the stepper has done so far to the result.
   void count() {

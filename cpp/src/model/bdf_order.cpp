@@ -7,12 +7,11 @@
 #include <limits>
 #include <numbers>
 
+#include "feltmb/core/index.hpp"
 #include "feltmb/planar/dynamics.hpp"
 
 namespace feltmb {
 namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 /// Coordinates that a simulation integrates.
 std::vector<int> moving_coordinates(const Mechanism& m) {

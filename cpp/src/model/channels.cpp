@@ -1,11 +1,11 @@
 #include "feltmb/model/channels.hpp"
 
+#include "feltmb/core/index.hpp"
+
 namespace feltmb {
 namespace {
 
 using View = ChannelView;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 double finger_force(const View& v) {
   const Mechanism& m = v.mechanism();

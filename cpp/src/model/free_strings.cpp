@@ -4,14 +4,10 @@
 #include <cmath>
 
 #include "feltmb/core/flush_to_zero.hpp"
+#include "feltmb/core/index.hpp"
 #include "feltmb/modal/kernels.hpp"
 
 namespace feltmb {
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
 
 FreeStrings::FreeStrings(const Mechanism& mechanism) : mechanism_(mechanism) {
   for (const auto& s : mechanism.strings) {

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/core/index.hpp"
 #include "feltmb/model/channels.hpp"
 #include "feltmb/model/equilibrium.hpp"
 
@@ -12,8 +13,6 @@ namespace feltmb {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 class LawForce : public modal::ScalarForce {
  public:

@@ -4,12 +4,11 @@
 #include <cmath>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/core/index.hpp"
 #include "feltmb/modal/kernels.hpp"
 
 namespace feltmb {
 namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 /// Between matrices of one size.
 void copy(const Eigen::MatrixXd& from, Eigen::MatrixXd& to) {

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/core/index.hpp"
 #include "feltmb/core/sums.hpp"
 #include "feltmb/model/bdf_order.hpp"
 #include "feltmb/model/channels.hpp"
@@ -19,8 +20,6 @@ namespace feltmb {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 void check(const SimulationOptions& o) {
   const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };

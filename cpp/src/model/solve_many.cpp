@@ -1,14 +1,11 @@
 // MechanismSystem::solve for many right-hand sides at once: rows of states, columns side by side.
 
+#include "feltmb/core/index.hpp"
 #include "feltmb/modal/kernels.hpp"
 #include "feltmb/model/mechanism_system.hpp"
 
 namespace feltmb {
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
+namespace {}  // namespace
 
 void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
   using Row = Eigen::RowVectorXd;

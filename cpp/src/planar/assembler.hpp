@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "feltmb/core/index.hpp"
 #include "feltmb/planar/mechanism.hpp"
 
 namespace feltmb {
@@ -34,7 +35,6 @@ class Assembler {
   /// Link of the cross section of a beam at x; made when first asked for.
   int station(int beam, double x, const std::string& where);
   int add_station(int index, double x, bool lump);
-  static std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
   void add_bodies();
   void place_body(const BodyDescription& b, const Placement& parent_body);

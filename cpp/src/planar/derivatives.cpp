@@ -1,13 +1,10 @@
 #include <cmath>
 
+#include "feltmb/core/index.hpp"
 #include "feltmb/planar/dynamics.hpp"
 
 namespace feltmb {
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
+namespace {}  // namespace
 
 void Dynamics::complete_links() {
   move_lumps();

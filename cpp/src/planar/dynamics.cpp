@@ -4,12 +4,10 @@
 #include <cmath>
 #include <limits>
 
+#include "feltmb/core/index.hpp"
+
 namespace feltmb {
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
+namespace {}  // namespace
 
 Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
     : m_(std::move(mechanism)), n_(m_->size()) {

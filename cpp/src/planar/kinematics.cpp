@@ -1,14 +1,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "feltmb/core/index.hpp"
 #include "feltmb/planar/dynamics.hpp"
 
 namespace feltmb {
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
+namespace {}  // namespace
 
 double Dynamics::turn(std::size_t i) const {
   const Link& link = m_->links[i];

@@ -1,3 +1,4 @@
+#include "feltmb/core/index.hpp"
 #include "feltmb/planar/dynamics.hpp"
 
 namespace feltmb {
@@ -29,11 +30,7 @@ InputKind input_kind(const std::string& name) {
   }
   throw InvalidParameter("input \"" + name + "\" is unknown; known are " + known);
 }
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
+namespace {}  // namespace
 
 /// Finds the reaction and corrects the accelerations; see Prescription.
 void Dynamics::prescribe(const Drive& drive) {

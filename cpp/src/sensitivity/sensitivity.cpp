@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/core/index.hpp"
 #include "feltmb/model/channels.hpp"
 #include "feltmb/numeric/parallel.hpp"
 #include "feltmb/sensitivity/trajectory.hpp"
@@ -27,7 +28,6 @@ using detail::Switch;
 using detail::SwitchKind;
 
 Eigen::Index index(std::size_t i) { return static_cast<Eigen::Index>(i); }
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 void check(const std::vector<SensitivitySegment>& segments, const SensitivityOptions& options) {
   if (!(options.tolerance > 0.0 && options.tolerance <= 0.1)) {
