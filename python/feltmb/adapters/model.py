@@ -170,8 +170,8 @@ class MechanismModel(DifferentiableMechanism):
         self.until = library.until
         if until is not None and math.isfinite(until) and library.until is None:
             raise InvalidParameter(
-                f"until: the library {library.name} does not say where a stroke turns "
-                "(defaults.until); all of a record counts"
+                f"until: the library {library.name} does not specify the reversal of a stroke "
+                "(defaults.until); the whole record is used"
             )
         if until is not None and library.until is not None:
             self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
@@ -263,8 +263,8 @@ class MechanismModel(DifferentiableMechanism):
             if self.least_samples <= kept < record.samples:
                 notes.append(
                     f"{record.name}: samples after {record.time[kept - 1]:.4g} s are not used, "
-                    f"{self.until.after_turn:g} s after {self.until.output} turned: what follows "
-                    "is chaotic and is excluded (--set until=end uses them)"
+                    f"{self.until.after_turn:g} s after the reversal of {self.until.output}: later "
+                    "samples are chaotic and are excluded (--set until=end uses them)"
                 )
                 record = record.cut(0, kept)
             cut.append(record)

@@ -232,7 +232,7 @@ def interruptible() -> Iterator[Callable[[], bool]]:
     def handle(*_: object) -> None:
         asked.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        say("\nfeltmb: ends with what is known so far; Ctrl-C once more ends at once", err=True)
+        say("\nfeltmb: ends with the results so far; a second Ctrl-C stops at once", err=True)
 
     signal.signal(signal.SIGINT, handle)
     try:

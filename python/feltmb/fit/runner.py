@@ -158,8 +158,8 @@ class Runner:
                 given = pickle.dumps(self._function)
             except Exception as error:
                 self.notices.append(
-                    f"its function cannot be pickled ({error}): runs are made one after the other. "
-                    "Define it at the top of a module to have them made in processes"
+                    f"its function cannot be pickled ({error}): runs are sequential. Define it "
+                    "at the top level of a module to use parallel processes"
                 )
                 return
         pool = ProcessPoolExecutor(count, context, _begin, (given,))

@@ -276,8 +276,8 @@ class SimulatorModel(Model):
         ]
         if noisy:
             notes.append(
-                "its numerical noise is not small beside that of the sensor of "
-                f"{', '.join(noisy)}: tighten its tolerances"
+                "its numerical noise is not small compared with that of the sensor of "
+                f"{', '.join(noisy)}: reduce its tolerances"
             )
         if jitter > 1e-12:
             notes.append("two runs with the same arguments differ: seed its random numbers")

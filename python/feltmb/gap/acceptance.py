@@ -231,8 +231,8 @@ class _Attempt:
         small = paired.gain < self.least_share * most
         if small and not self._completes(c, name):
             return (
-                f"{gain} beside {most:.0f}: no more than an error in the form of the larger effect "
-                "would bring"
+                f"{gain} compared with {most:.0f}: an error in the form of the larger effect would "
+                "gain as much"
             )
         if not _improves(paired, self.inflation):
             return f"{gain}, p = {paired.p:.2g}"

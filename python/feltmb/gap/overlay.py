@@ -211,16 +211,16 @@ def _delay(time: Array, measured: Array, model: Array) -> float:
     return float((most - best - fine) * step)
 
 
-#: Factors that wrong units leave, and what they look like.
+#: Factors caused by wrong units, and their description.
 _UNITS = (
-    (1e3, "mm that are called m"),
-    (1e-3, "m that are called mm"),
-    (10.0, "mm that are called cm"),
-    (0.1, "cm that are called mm"),
-    (25.4, "mm that are called inches"),
-    (1.0 / 25.4, "inches that are called mm"),
-    (9.80665, "N that are called kgf"),
-    (1.0 / 9.80665, "kgf that are called N"),
+    (1e3, "mm labeled as m"),
+    (1e-3, "m labeled as mm"),
+    (10.0, "mm labeled as cm"),
+    (0.1, "cm labeled as mm"),
+    (25.4, "mm labeled as inches"),
+    (1.0 / 25.4, "inches labeled as mm"),
+    (9.80665, "N labeled as kgf"),
+    (1.0 / 9.80665, "kgf labeled as N"),
     (-1.0, "the other direction"),
 )
 

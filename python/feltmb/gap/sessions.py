@@ -312,9 +312,7 @@ def _measured_records(
     sensors: Mapping[str, Sensor] | None,
 ) -> list[Record]:
     if not is_file(answer):
-        raise DataError(
-            f"{answer}: is not there, expected the record that the command was to write"
-        )
+        raise DataError(f"{answer}: missing; expected the record that the command writes")
     try:
         found = read(answer)
     except FeltmbError as error:

@@ -46,12 +46,12 @@ def besides_tolerances(fit: Fit, effects: Sequence[Effect]) -> list[Effect]:
 
 
 def prior_deviations_told(fit: Fit) -> str:
-    """Parameters that are not what they were said to be, in words; empty: there are none."""
+    """Text about parameters far from their priors; empty: there are none."""
     far = beyond_prior(fit)
     if not far:
         return ""
     told = ", ".join(f"{name} by {z:.2g}" for name, z in far.items())
-    return f"parameters lie beyond their priors, in their standard deviations: {told}"
+    return f"parameters are far from their priors (in prior standard deviations): {told}"
 
 
 def within_tolerance(found: Search, settings: FitSettings) -> Search:

@@ -315,7 +315,7 @@ class _Machine:
                 if sensor.sigma is None and different.size < 2:
                     raise DataError(
                         f"record {record.name}: nothing was measured of {name}, and its sensor "
-                        "says no noise; expected sigma, or a measured record"
+                        "has no noise; expected sigma, or a measured record"
                     )
         told = [with_sigma(r, checks.noise(r.name)) for r in records]
         ready = model.ready(told)
