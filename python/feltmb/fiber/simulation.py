@@ -202,12 +202,12 @@ class FiberRun:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to know before trusting the run; the reasons of a failed one."""
+        """Warnings of the run; the reasons if it failed."""
         return tuple(text for _, text in self._judged())
 
     @property
     def loop_loss(self) -> float:
-        """Fraction of the work of loading that release does not give back [-]."""
+        """Fraction of the loading work that is lost in the cycle [-]."""
         change = np.diff(self.column("work"))
         unloading = self.column("phase")[1:] > 0
         put_in = float(np.sum(change[~unloading]))

@@ -85,7 +85,7 @@ class Coordinate:
         return x[self.position], x[self.speed]
 
     def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
-        """Rates by name of the state that a force gives.
+        """Rates of the states that a force causes, by name of the state.
 
         Parameters
         ----------
@@ -147,7 +147,7 @@ class Coupling:
         return q - self.ratio * r, v - self.ratio * w
 
     def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
-        """Rates by name of the state that a force gives.
+        """Rates of the states that a force causes, by name of the state.
 
         Parameters
         ----------

@@ -397,7 +397,7 @@ class Problem:
         return replace(self, included=included)
 
     def carry(self, point: Point, included: tuple[Candidate, ...], magnitudes: Array) -> Point:
-        """A point of this problem as one of the same problem with other included effects.
+        """Convert a point of this problem to the same problem with other included effects.
 
         Hidden states that are new start at their prior mean; those that stay are kept.
         """

@@ -85,7 +85,7 @@ class Exposed:
 
 @checked
 class SimulatorModel(Model):
-    """A simulator of one's own: ``function(time, inputs, parameters) -> {output: array}``.
+    """Your own simulator: ``function(time, inputs, parameters) -> {output: array}``.
 
     The function gets the clock [s] of a whole record, a dictionary of its inputs, each (n,), and a
     dictionary of all parameters, exposed ones included, as numbers; it returns every output at
@@ -161,13 +161,13 @@ class SimulatorModel(Model):
         self._ready = False
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
-        """None that could be set: a run begins as the function begins it."""
+        """No states: the function defines the start of a run."""
         del included
         return ()
 
     @property
     def simulations(self) -> int:
-        """Runs of the function so far; what was kept is not run again."""
+        """Number of runs of the function so far; stored runs are not repeated."""
         return self._runner.made
 
     def accepts(self, effect: Effect) -> bool:

@@ -86,7 +86,7 @@ class DataChecks:
 
 @checked
 def check_records(records: Sequence[Record], outputs: Sequence[str] | None = None) -> DataChecks:
-    """Look at records before a model is asked.
+    """Check records without a model.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
 
 
 def check_against(model: Model, records: Sequence[Record]) -> DataChecks:
-    """Look at records for a model: units and lengths besides what they are on their own.
+    """Check records for a model: units and lengths, in addition to the checks without a model.
 
     Raises
     ------

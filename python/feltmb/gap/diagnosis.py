@@ -84,7 +84,7 @@ ROUNDS = 4
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What may be tuned; the defaults are meant to be left alone."""
+    """Options of a diagnosis. The defaults are suitable for most cases."""
 
     alpha: float = 0.01
     """Family-wise rate of false alarms."""
@@ -288,7 +288,7 @@ def diagnose(
     budget: float | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Report:
-    """Where the gap between a model and measurements lies, what causes it, how far it shrinks.
+    """Diagnose the gap between a model and measurements: its place, its cause, how far it shrinks.
 
     Parameters
     ----------
@@ -829,7 +829,7 @@ def fit_model(
     budget: float | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Fit:
-    """Fit the model alone to all records: parameters, intervals, what the data said.
+    """Fit the model without effects to all records: parameters with intervals.
 
     The notes of the fit hold the warnings of the data checks, and what of the records is not used.
     ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.

@@ -30,7 +30,7 @@ MOST_PANELS = 24
 
 @dataclass(frozen=True, kw_only=True)
 class GapBeforeRow:
-    """One channel of one record beside the model as it is."""
+    """One channel of one record compared with the model as it is."""
 
     record: str
     channel: str
@@ -88,7 +88,7 @@ class GapBefore:
 def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     """Simulate the inputs of records with the tabulated parameters of a model and compare.
 
-    Nothing is fitted: one simulation a record.
+    Nothing is fitted: each record is simulated once.
 
     Raises
     ------

@@ -166,7 +166,7 @@ def plan(
     experiments: Sequence[Record] = (),
     segment: float | None = None,
 ) -> Plan:
-    """What planned records could tell, from the model alone.
+    """Compute which effects planned records could detect, from the model alone.
 
     Parameters
     ----------

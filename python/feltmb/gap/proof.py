@@ -121,7 +121,7 @@ def evaluate(
 ) -> Outcome:
     """A fitted model on held-out segmented records.
 
-    ``like``: another model there, whose start states are tried where the own ones lead nowhere.
+    ``like``: another model whose start states are used if the own start states fail.
     """
     base = replace(
         model.problem,

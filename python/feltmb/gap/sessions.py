@@ -43,7 +43,7 @@ _KEYS = ("number", "kind", "name", "cost", "verdict", "named", "one_of", "statem
 
 @dataclass(frozen=True, kw_only=True)
 class SessionStep:
-    """One experiment and what the diagnosis said after it; number 0: before any."""
+    """One experiment and the diagnosis after it; number 0: before the first experiment."""
 
     number: int
     kind: str

@@ -43,7 +43,7 @@ Progress = Callable[[int, int, "WithheldCase"], None]
 @checked
 @dataclass(frozen=True, kw_only=True)
 class WithheldCase:
-    """One withheld effect and what the diagnosis said."""
+    """One withheld effect and its diagnosis."""
 
     number: int
     effect: str
@@ -168,7 +168,7 @@ def withhold(
     folder: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Withheld:
-    """Withhold effects of a library in turn and tell how often a diagnosis would be right.
+    """Withhold effects of a library in turn and count how often a diagnosis is correct.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ class MachineState:
 
 @checked
 class Machine:
-    """A mechanism that is advanced step by step, each step with an input of its own.
+    """A mechanism that advances step by step. Each step has its own input.
 
     A step begins with the state only, not with the history of an integrator: the input may jump,
     and the same state and input give the same end to the last bit, whatever was done before. A
@@ -146,7 +146,7 @@ class Machine:
         return self._stepper.outputs()
 
     def reset(self) -> None:
-        """Go to the rest pose, at time zero; felt forgets."""
+        """Set the rest pose and time zero, and reset the memory of felts."""
         self._stepper.state = self._stepper.rest
 
     def read(self, channel: str, unit: str | None = None) -> float:

@@ -37,7 +37,7 @@ def gradient(
     tolerance: float = 3e-3,
     output_rate: float = 1000.0,
 ) -> Gradient:
-    """Derivatives of a stroke from the rest pose, which moves with the parameters.
+    """Compute the derivatives of a stroke that starts at the rest pose, including its change.
 
     Parameters
     ----------
