@@ -393,7 +393,7 @@ class MechanismModel(DifferentiableMechanism):
         return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
     def whole(self, record: Record, variant: Variant) -> Array | None:
-        """Outputs of a version over the whole record from rest, (n, ny); None if it failed."""
+        """Outputs of one version over the whole record from rest, (n, ny); None if it failed."""
         task = _Task(0, variant, 0, record.samples - 1, np.zeros(0))
         run = self._integrate(record, self.drives.of(record), task, ())
         return None if run is None else run[1]
@@ -642,7 +642,7 @@ class MechanismModel(DifferentiableMechanism):
         return variant.points[point]["xy".index(axis)] if point in variant.points else 0.0
 
     def in_parallel(self, work: Callable[[Any], None], tasks: Sequence[Any]) -> None:
-        """Do the tasks on the threads of the model; the results do not depend on their number."""
+        """Run the tasks on the threads of the model; results do not depend on their number."""
         if self.workers <= 1 or len(tasks) < 2:
             for task in tasks:
                 work(task)

@@ -497,7 +497,7 @@ class ListOption(click.Option):
 
 
 def list_option(*declarations: str, **attributes: Any) -> Callable[[F], F]:
-    """Option of a list: repeated, with commas, or both; alike in every command."""
+    """Option with a list as value: repeated, separated by commas, or both."""
     text = attributes.pop("help")
     return click.option(
         *declarations,

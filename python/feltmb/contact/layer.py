@@ -228,7 +228,7 @@ class LayerParameters(Schema):
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Those of the law with memory, by name."""
+        """Numbers of the law with memory, by name."""
         law = CORE_LAWS["felt_memory"]
         return {f.name: getattr(self, f.name) for f in law.fields if f.kind == "number"}
 

@@ -216,7 +216,7 @@ class Record:
 
     @cached_property
     def even(self) -> bool:
-        """Whether all steps of the clock are alike."""
+        """Whether all time steps are equal."""
         return bool(np.allclose(np.diff(self.time), self.interval, rtol=1e-6, atol=0.0))
 
     def output_array(self, names: Iterable[str]) -> Array:

@@ -40,9 +40,9 @@ class Named:
 @checked
 @dataclass(frozen=True)
 class Rate:
-    """An output that shows the rate of a state: that of a speed is what an accelerometer sees.
+    """An output that is the rate of a state. The rate of a speed is the signal of an accelerometer.
 
-    Effects and unknown forces count, which a function of the states knows nothing of.
+    It includes effects and unknown forces, which a function of the states does not.
     """
 
     state: str

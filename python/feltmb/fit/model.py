@@ -468,7 +468,7 @@ class Model(ABC):
         return record, ()
 
     def refined(self, batches: Sequence[Batch]) -> Model:
-        """Itself in steps that are fine enough for these jobs and their included effects.
+        """The model with steps that are small enough for these jobs and their included effects.
 
         Default: as it is.
         """
@@ -692,7 +692,8 @@ def difference_sensitivities(
 ) -> Sensitivity:
     """Central differences by parameters, magnitudes and start states.
 
-    One-sided ones of second order where a bound or the sign of an effect forbids the other side.
+    One-sided differences of second order are used where a bound or the sign of an effect excludes
+    one side.
     """
     count = len(segments)
     theta = np.asarray(theta, dtype=np.float64)

@@ -131,8 +131,8 @@ class Problem:
     ) -> tuple[float, list[Array]]:
         """Sum of squares, and its part by segment of every record; infinite where it fails.
 
-        The noise of the inputs is integrated out with the derivatives of ``linears``, as the
-        steps do: otherwise steps and their acceptance would not mean the same function.
+        The noise of the inputs is integrated out with the derivatives of ``linears``, as in the
+        steps. Otherwise steps and their acceptance would use different functions.
         """
         current().step()
 

@@ -175,7 +175,7 @@ class Runner:
         self._pool, self.processes = pool, count
 
     def first(self, run: Run) -> tuple[float, Array]:
-        """Seconds of a run, and its values a second time, which should be the same.
+        """Time of a run [s], and the values of a repeated run, which should be equal.
 
         Raises
         ------

@@ -48,7 +48,7 @@ WORTH_A_PROCESS = 5e-3
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Exposed:
-    """A parameter of the function that is at its neutral value in the model as it is: an effect."""
+    """An effect that is a parameter of the function, at its neutral value in the model as it is."""
 
     scale: float
     """Departure from the neutral value that one would expect if it were there [unit]."""
@@ -89,9 +89,9 @@ class SimulatorModel(Model):
 
     The function gets the clock [s] of a whole record, a dictionary of its inputs, each (n,), and a
     dictionary of all parameters, exposed ones included, as numbers; it returns every output at
-    every time, (n,). It must give the same for the same arguments. Where it has no answer it may
-    raise an exception or return NaN: at the given values of the parameters that is an error, far
-    off, where a fit tries, that trial has failed.
+    every time, (n,). It must give the same for the same arguments. If it has no result it may raise
+    an exception or return NaN. At the given values of the parameters this is an error. At other
+    values, which a fit tries, only that trial fails.
 
     Parameters
     ----------

@@ -177,7 +177,7 @@ class _Attempt:
         return outcome.gap(sensed, "open_loop"), outcome.gap(sensed, "segmented")
 
     def unexplained(self, c: CandidateSet) -> float:
-        """Log evidence that unknown forces still bring to a set."""
+        """Log evidence that unknown forces still add to a set."""
         if c.key not in self.tightest:
             self.tightest[c.key] = tighten(c.fit, self.settings)
         tight = self.tightest[c.key]

@@ -173,7 +173,7 @@ def with_sigma(record: Record, noise: Mapping[str, Noise]) -> Record:
 
 
 def faults_against(model: Model, records: Sequence[Record]) -> list[str]:
-    """Records whose units, lengths or start states are none for the model."""
+    """Faults of records whose units, lengths or start states do not fit the model."""
     problems = []
     states = [s.name for s in model.states()]
     for record in records:

@@ -51,7 +51,7 @@ class _Attempt:
 
 
 def advise(search: Search, accepted: Accepted) -> tuple[Advice, ...]:
-    """The best of a few experiments for every rival of the accepted set."""
+    """The best of several experiments for every alternative to the accepted set."""
     best = accepted.best
     if best is None:
         return ()

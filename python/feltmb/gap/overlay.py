@@ -231,7 +231,7 @@ def _unit_of(row: GapBeforeRow) -> str:
 
 
 def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]) -> str:
-    """What is wrong with units, in one sentence; empty if nothing is.
+    """Faults of units as one sentence; empty if there are none.
 
     Only where every parameter is known to within a factor, and all records of a channel agree.
 

@@ -36,7 +36,7 @@ __all__ = [
 
 @dataclass(frozen=True, kw_only=True)
 class Planned:
-    """What planned records would say about one effect."""
+    """Information of planned records about one effect."""
 
     effect: str
     component: str

@@ -56,7 +56,7 @@ class Outcome:
 
     @cached_property
     def open_loop(self) -> tuple[Array, ...]:
-        """The same, simulated in one go from the first state."""
+        """The same for one simulation of the whole record from the first state."""
         return tuple(one_run(self.tight))
 
     def part(self, rows: slice) -> Outcome:

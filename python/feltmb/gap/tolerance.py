@@ -21,7 +21,7 @@ HELD = "parameters held within their tolerance"
 
 
 def beyond_prior(fit: Fit) -> dict[str, float]:
-    """Parameters that had to go beyond their tolerance, and by how many standard deviations.
+    """Parameters beyond their tolerance, and their deviation in standard deviations.
 
     Those of run-to-run variability are no numbers of the machine and are left out.
     """
@@ -37,7 +37,7 @@ def beyond_prior(fit: Fit) -> dict[str, float]:
 
 
 def besides_tolerances(fit: Fit, effects: Sequence[Effect]) -> list[Effect]:
-    """Effects that are not merely more of a parameter which lies within its tolerance.
+    """Effects except those that only increase a parameter within its tolerance.
 
     The score of such an effect is what its parameter is off, which ``TOLERATED`` judges.
     """

@@ -67,9 +67,9 @@ class MachineState:
 class Machine:
     """A mechanism that advances step by step. Each step has its own input.
 
-    A step begins with the state only, not with the history of an integrator: the input may jump,
-    and the same state and input give the same end to the last bit, whatever was done before. A
-    machine belongs to one thread at a time. The interpreter's lock is released in a step.
+    A step depends on the state only, and not on the history of an integrator. The input may
+    therefore jump, and the same state and input give the same result to the last bit. Only one
+    thread at a time may use a machine. A step releases the lock of the interpreter.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ class Machine:
         return value / conversion_factor(unit, self.units[channel])
 
     def state(self) -> MachineState:
-        """All that the steps to come depend on."""
+        """The state that determines all following steps."""
         time, y, memory, kind, *drive = self._stepper.state
         return MachineState(time, y, np.asarray(memory), kind, tuple(drive))
 

@@ -104,7 +104,7 @@ def segments(
     output_rate: float = 1000.0,
     jobs: int | None = None,
 ) -> list[Gradient]:
-    """Derivatives of many stretches of one stroke, each from its own full state, in one call.
+    """Compute the derivatives of several segments of one stroke, each from its own full state.
 
     This is what multiple shooting needs: with ``directions`` the columns after the parameters are
     derivatives by the start state of each segment.
