@@ -173,7 +173,7 @@ class Targets(Schema):
 
     @checked
     def with_targets(self, targets: Mapping[str, str]) -> Targets:
-        """The same steps with other targets.
+        """Copy of the steps with other targets.
 
         Parameters
         ----------

@@ -73,7 +73,7 @@ class Axis:
     name
         Column of the table.
     values
-        What to go through.
+        Values of the axis.
     paths
         Dotted paths that take the value: of the mechanism, ``stroke.scale``, ``stroke.delay`` or
         ``options.NAME``.
