@@ -43,11 +43,10 @@ class _Kind:
 def checked(target: T) -> T:
     """Check the arguments of a function, or of the public methods of a class, by annotations.
 
-    A ``float`` is finite, unless the default of its parameter is not, and so is each of a
-    ``Sequence[float]``; an ``int`` is a count, and
-    not negative; an ``Array`` is made of what it is given. The call raises
-    :class:`~feltmb.errors.InvalidParameter` with function, argument, what was got and what is
-    expected; a missing or unknown argument stays Python's ``TypeError``.
+    A ``float``, and each element of a ``Sequence[float]``, must be finite unless the default of the
+    parameter is not. An ``int`` must not be negative. The value of an ``Array`` is converted to an
+    array. The call raises :class:`~feltmb.errors.InvalidParameter` with function, argument, what
+    was got and what is expected; a missing or unknown argument stays Python's ``TypeError``.
     """
     if not isinstance(target, type):
         wrapped: T = _wrapped(target)

@@ -82,7 +82,7 @@ class DataError(InvalidParameter):
 
 
 class ModelError(FeltmbError):
-    """A model cannot do what was asked of it, for example reach a rest pose."""
+    """A model cannot compute a requested result, for example a rest pose."""
 
 
 class FileExists(FeltmbError):
@@ -90,7 +90,7 @@ class FileExists(FeltmbError):
 
 
 class IntegrationError(FeltmbError):
-    """The solver stopped early, or what it found cannot be trusted.
+    """The solver stopped early, or its result is not reliable.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 80
 
 
 def no_such(what: str, name: object, known: Iterable[str]) -> InvalidParameter:
-    """Error of a name that is none of those known, with what is near it.
+    """Error for an unknown name, with similar known names.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def no_such(what: str, name: object, known: Iterable[str]) -> InvalidParameter:
 
 
 def shown(value: object) -> str:
-    """A value in a message: short, in one line, whatever it is."""
+    """A value as short text in one line, for messages."""
     try:
         return " ".join(_REPR.repr(value).split())
     except Exception:  # a number of thousands of digits, or a foreign repr that fails

@@ -1,8 +1,10 @@
-"""C++: the public part of the headers, bodies left out."""
+"""C++: the public declarations of the headers, each with its signature, description and members."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 #: In the order of the layers.
@@ -17,8 +19,9 @@ KEEPS = re.compile(r"\b(class|struct|union|enum|namespace)\b")
 HEAD = """\
 # C++ headers
 
-What each header declares, with its comments. Bodies and private parts are left out. To use the
-library: `find_package(feltmb)`, target `feltmb::feltmb`, as in
+These pages list the public declarations of each header: signatures, descriptions, and the fields
+of structures with type, default, unit and meaning. To use the library, call
+`find_package(feltmb)` and link the target `feltmb::feltmb`, as in
 [tests/cmake_consumer](../../../tests/cmake_consumer).
 
 ```{toctree}
@@ -44,9 +47,153 @@ def folder_page(root: Path, folder: str) -> str:
     for file in sorted((root / folder).glob("*.hpp")):
         about, code = declarations(file.read_text(encoding="utf-8"))
         lines += [f"## feltmb/{folder}/{file.name}", ""]
-        lines += [about, ""] if about else []
-        lines += ["```cpp", code, "```", ""] if code else []
+        lines += [plain(about), ""] if about else []
+        for item in items(code):
+            lines += rendered(item)
     return "\n".join(lines).rstrip() + "\n"
+
+
+@dataclass
+class Item:
+    """One declaration: comment before it, text, and comment behind it."""
+
+    text: str
+    before: list[str] = field(default_factory=list)
+    behind: list[str] = field(default_factory=list)
+
+    @property
+    def about(self) -> list[str]:
+        """Lines of both comments."""
+        return [*self.before, *self.behind]
+
+
+def items(code: str) -> Iterator[Item]:
+    """Declarations of a header, or of the body of a class."""
+    item = None
+    comment: list[str] = []
+    i = 0
+    while i < len(code):
+        if code[i].isspace():
+            i += 1
+            continue
+        end = code.find("\n", i)
+        end = len(code) if end < 0 else end
+        access = re.match(r"(public|protected|private):", code[i:])
+        if access:
+            i += access.end()
+        elif code.startswith("///<", i):
+            if item is not None:
+                item.behind.append(code[i + 4 : end].strip())
+            i = end
+        elif code.startswith("//", i):
+            if code.startswith("///", i):
+                comment.append(code[i + 3 : end].removeprefix(" ").rstrip())
+            i = end
+        else:
+            if item is not None:
+                yield item
+            stop = statement_end(code, i)
+            text = code[i:stop].strip()
+            item = Item(text, comment) if text.strip(";") else None
+            comment = []
+            i = stop
+    if item is not None:
+        yield item
+
+
+def statement_end(code: str, start: int) -> int:
+    """Place behind the semicolon of the statement that begins at ``start``."""
+    depth = 0
+    for found in re.compile(r'//[^\n]*|"(?:\\.|[^"\\])*"|[{}();]').finditer(code, start):
+        c = found.group()
+        depth += (c in "{(") - (c in "})") if len(c) == 1 else 0
+        if c == ";" and depth <= 0:
+            return found.end()
+    return len(code)
+
+
+def rendered(item: Item) -> list[str]:
+    """One declaration as Markdown."""
+    made = re.match(
+        r"(?P<head>(?:template\s*<.*?>\s*)?(?:struct|class)\s+(?P<name>\w+)[^;{]*)\{(?P<body>.*)\}\s*;$",
+        item.text,
+        re.DOTALL,
+    )
+    if made is None:
+        if re.fullmatch(r"(struct|class|enum)\s[^{(]*;", item.text):
+            return []  # a forward declaration
+        return [*fenced(item.text), *described(item.about)]
+    lines = [f"### {made['name']}", "", *fenced(f"{made['head'].strip()};"), *described(item.about)]
+    members = list(items(made["body"].replace("\n  ", "\n")))
+    fields = [(parts, m) for m in members if (parts := field_parts(m.text))]
+    if fields:
+        lines += ["| field | type | default | meaning |", "|---|---|---|---|"]
+        for (kind, name, default), m in fields:
+            cells = (f"`{name}`", code_cell(kind), code_cell(default), plain(" ".join(m.about)))
+            lines.append("| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |")
+        lines.append("")
+    bare: list[str] = []
+    for m in members:
+        if field_parts(m.text):
+            continue
+        if not m.about and not m.text.startswith(("struct", "class", "enum")):
+            bare.append(m.text)
+            continue
+        lines += [*fenced("\n".join(bare)), *fenced(m.text), *described(m.about)]
+        bare = []
+    return [*lines, *fenced("\n".join(bare))]
+
+
+def field_parts(text: str) -> tuple[str, str, str] | None:
+    """Type, name and default of a field; None for anything else."""
+    bare = re.sub(r"\s+", " ", text).rstrip("; ")
+    if bare.startswith(("using ", "friend ", "struct ", "class ", "enum ", "template")):
+        return None
+    flat = bare
+    while (shorter := re.sub(r"<[^<>]*>", "", flat)) != flat:
+        flat = shorter
+    if "(" in flat.split("=")[0].split("{")[0] or "operator" in flat:
+        return None
+    found = re.fullmatch(
+        r"(?P<type>.+?[\s&*>])(?P<name>\w+(?:\[[^\]]*\])?)\s*(?:=\s*(?P<set>.*)|\{(?P<init>.*)\})?",
+        bare,
+    )
+    if found is None:
+        return None
+    return found["type"].strip(), found["name"], (found["set"] or found["init"] or "").strip()
+
+
+def code_cell(text: str) -> str:
+    """Code in a cell of a table."""
+    return f"`{text}`" if text else ""
+
+
+def fenced(code: str) -> list[str]:
+    """A block of code; nothing for nothing."""
+    return ["```cpp", code.strip(), "```", ""] if code.strip() else []
+
+
+def described(comment: list[str]) -> list[str]:
+    """A comment as paragraphs; indented lines are formulas and stay as they are."""
+    lines: list[str] = []
+    formula: list[str] = []
+    for line in [*comment, ""]:
+        if line.startswith("  "):
+            formula.append(line)
+            continue
+        if formula:
+            lines += ["", "```text", *formula, "```", ""]
+            formula = []
+        lines.append(plain(line))
+    return [*lines, ""] if any(lines) else []
+
+
+def plain(text: str) -> str:
+    """Text of a comment for Markdown: its signs are no markup, except code in backticks."""
+    parts = re.split(r"(`[^`]*`)", text)
+    return "".join(
+        p if p.startswith("`") else re.sub(r"([\\*_<>\[\]$#{}~^|])", r"\\\1", p) for p in parts
+    )
 
 
 def declarations(text: str) -> tuple[str, str]:

@@ -41,4 +41,4 @@ class DifferentiableMechanism(Model):
 
     @abstractmethod
     def in_parallel(self, work: Callable[[Any], None], tasks: Sequence[Any]) -> None:
-        """Do the tasks on the threads of the model; the results do not depend on their number."""
+        """Run the tasks on the threads of the model; results do not depend on their number."""

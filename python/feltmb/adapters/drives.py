@@ -122,8 +122,8 @@ def with_noise(record: Record, notes: list[str]) -> Record:
     if sigma > AUDIBLE[name]:
         unit, what = ("m", "taken out") if name == "displacement" else ("N", "allowed for")
         notes.append(
-            f"{record.name}: nothing is said of the noise of {name}; {sigma:.2g} {unit} are "
-            f"estimated and {what} (sigma in the TOML tells better)"
+            f"{record.name}: the noise of {name} is not specified; {sigma:.2g} {unit} are "
+            f"estimated and {what} (specify sigma in the TOML)"
         )
     return replace(record, input_sigma={**record.input_sigma, name: sigma})
 

@@ -91,7 +91,7 @@ def impact_record(
 
 
 class ImpactModel(Model):
-    """A mechanism asked for numbers of impacts.
+    """A mechanism as a model of impact numbers.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class ImpactModel(Model):
         self._strike_index = action.mechanism.contact_numbers.index(self._strike_contact)
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
-        """An impact starts at rest: no states of its own."""
+        """No states: an impact starts at rest."""
         del included
         return ()
 
@@ -163,7 +163,7 @@ class ImpactModel(Model):
         return isinstance(effect.data, Entry) or super().accepts(effect)
 
     def simulate(self, record: Record, jobs: Jobs) -> Simulated:
-        """One impact a job; both samples of the record show it."""
+        """Simulate one impact for each job; both samples of the record contain it."""
         outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
 
         def work(b: int) -> None:

@@ -196,7 +196,7 @@ class Condition:
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One effect or tolerance of one mechanism: how a magnitude enters, and what people read."""
+    """One effect or tolerance of a mechanism: its changes per unit of magnitude, and its texts."""
 
     name: str
     kind: Kind
@@ -240,7 +240,7 @@ class Until:
 
 @dataclass(frozen=True, kw_only=True)
 class Library:
-    """All that is known of a mechanism as an adapter."""
+    """Effects, tolerances and channels of a mechanism."""
 
     name: str
     tolerances: tuple[Entry, ...]

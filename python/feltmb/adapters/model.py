@@ -170,8 +170,8 @@ class MechanismModel(DifferentiableMechanism):
         self.until = library.until
         if until is not None and math.isfinite(until) and library.until is None:
             raise InvalidParameter(
-                f"until: the library {library.name} does not say where a stroke turns "
-                "(defaults.until); all of a record counts"
+                f"until: the library {library.name} does not specify the reversal of a stroke "
+                "(defaults.until); the whole record is used"
             )
         if until is not None and library.until is not None:
             self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
@@ -263,9 +263,9 @@ class MechanismModel(DifferentiableMechanism):
             if self.least_samples <= kept < record.samples:
                 notes.append(
                     f"{record.name}: samples after {record.time[kept - 1]:.4g} s are not used, "
-                    f"{self.until.after_turn:g} s after {self.until.output} turned: what follows "
-                    "is chaotic and is excluded (--set until=end, in Python until=math.inf, uses "
-                    "them)"
+                    f"{self.until.after_turn:g} s after the reversal of {self.until.output}: later "
+                    "samples are chaotic and are excluded (--set until=end, in Python "
+                    "until=math.inf, uses them)"
                 )
                 record = record.cut(0, kept)
             cut.append(record)
@@ -394,7 +394,7 @@ class MechanismModel(DifferentiableMechanism):
         return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
     def whole(self, record: Record, variant: Variant) -> Array | None:
-        """Outputs of a version over the whole record from rest, (n, ny); None if it failed."""
+        """Outputs of one version over the whole record from rest, (n, ny); None if it failed."""
         task = _Task(0, variant, 0, record.samples - 1, np.zeros(0))
         run = self._integrate(record, self.drives.of(record), task, ())
         return None if run is None else run[1]
@@ -560,7 +560,7 @@ class MechanismModel(DifferentiableMechanism):
         return variant.points[point]["xy".index(axis)] if point in variant.points else 0.0
 
     def in_parallel(self, work: Callable[[Any], None], tasks: Sequence[Any]) -> None:
-        """Do the tasks on the threads of the model; the results do not depend on their number."""
+        """Run the tasks on the threads of the model; results do not depend on their number."""
         if self.workers <= 1 or len(tasks) < 2:
             for task in tasks:
                 work(task)

@@ -25,7 +25,7 @@ CAMERA, LOAD_CELL = 2e-5, 0.01
 
 
 def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tuple[Record, ...]:
-    """Packaged strokes as records without measured values, with sensors as they may be bought.
+    """Packaged strokes as records without measured values, with typical commercial sensors.
 
     The force is known to 0.01 N, displacements to 0.02 mm; sampled at 2 kHz. None for a mechanism
     that has no finger.

@@ -39,10 +39,10 @@ def from_rest(
         kind = frame if start.kind == "either" else start.kind
         if not kind:
             notes.append(
-                f"{record.name}: {name} starts at {start.value:.6g} m: that is neither rest (0) "
-                f"nor where {model} has it at rest ({start.rest:.6g} m); it is taken as "
-                'displacement from rest (reference = "absolute" or origin = "start" in the TOML '
-                "says otherwise)"
+                f"{record.name}: {name} starts at {start.value:.6g} m: this is neither zero "
+                f"nor the rest value of {model} ({start.rest:.6g} m); it is treated as a "
+                'displacement from rest (specify reference = "absolute" or origin = "start" in '
+                "the TOML to change this)"
             )
         if kind != "absolute":
             continue
@@ -51,14 +51,14 @@ def from_rest(
         if abs(start.value - start.rest) > start.near:
             zero = start.value
             notes.append(
-                f"{record.name}: {name} starts at {start.value:.6g} m, {model} has it at "
-                f"{start.rest:.6g} m at rest: its own start is taken for rest"
+                f"{record.name}: {name} starts at {start.value:.6g} m, the rest value of {model} "
+                f"is {start.rest:.6g} m: the first value of the record is used as rest value"
             )
         outputs[name] = record.outputs[name] - zero
         sensors[name] = replace(sensors[name], reference="rest")
     for told, names in absolute.items():
         if names:
-            why = "as told" if told else f"they start where {model} has them at rest"
+            why = "as specified" if told else f"they start at the rest values of {model}"
             notes.insert(
                 0,
                 f"{record.name}: {', '.join(names)}: absolute coordinates ({why}); compared as "

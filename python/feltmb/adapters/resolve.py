@@ -23,11 +23,11 @@ SETTINGS = {
     "tolerances": "parameters to estimate, names or patterns (default: all of the library)",
     "library": "packaged library of effects or TOML file (default: that of the mechanism)",
     "rtol": "relative tolerance of the integrator (default 1e-6)",
-    "until": "how long after the impact samples count in s, or end: all of "
-    "them (default: that of the library, 0.01)",
-    "segment": "length of the segments in s whose misfit is told",
-    "variation": "change of felt and friction from stroke to stroke as a "
-    "share (default 0.01), none: no variation",
+    "until": "time after the impact up to which samples are used in s, or end: all "
+    "samples (default: that of the library, 0.01)",
+    "segment": "length of the segments in s whose misfit is reported",
+    "variation": "relative change of felt and friction from stroke to stroke "
+    "(default 0.01), none: no variation",
 }
 
 

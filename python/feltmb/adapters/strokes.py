@@ -67,7 +67,7 @@ class RunVariability:
     columns: Array
 
     def covers(self, record: Record) -> bool:
-        """Whether it is that of a record, or of a part of it from its beginning."""
+        """Whether the stroke is the input of a record, or of its first part."""
         n = min(record.samples, self.record.samples)
         known = [self.record.time, *self.record.inputs.values()]
         given = [record.time, *record.inputs.values()]

@@ -25,7 +25,7 @@ def _shapes(entry: Entry) -> str:
 def effects_markdown(library: Library, names: Iterable[str] | None = None) -> str:
     """Table of effects: name, component, mechanism, magnitude, shapes, kind."""
     chosen = set(names) if names is not None else None
-    rows = ["| effect | what happens | magnitude | kind | shapes |", "|---|---|---|---|---|"]
+    rows = ["| effect | description | magnitude | kind | shapes |", "|---|---|---|---|---|"]
     for e in library.effects:
         if chosen is not None and e.name not in chosen:
             continue
@@ -34,8 +34,8 @@ def effects_markdown(library: Library, names: Iterable[str] | None = None) -> st
 
 
 def tolerances_markdown(library: Library) -> str:
-    """Table of tolerances: name, standard deviation, where it is known from."""
-    rows = ["| parameter | standard deviation | known from |", "|---|---|---|"]
+    """Table of tolerances: name, standard deviation, source."""
+    rows = ["| parameter | standard deviation | source |", "|---|---|---|"]
     for e in library.tolerances:
         magnitude = f"{100 * e.magnitude:g} %" if e.unit == "1" else f"{e.magnitude:.3g} {e.unit}"
         rows.append(f"| `{e.name}` ({e.mechanism}) | {magnitude} | {e.source} |")

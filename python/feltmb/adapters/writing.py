@@ -92,7 +92,7 @@ def action_of_findings(
 
 
 def _tidy(value: float) -> float:
-    """A number without the last digits, which are rounding."""
+    """A number without its last digits, which contain rounding errors."""
     return float(f"{value:.12g}")
 
 

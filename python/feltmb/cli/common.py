@@ -232,7 +232,7 @@ def interruptible() -> Iterator[Callable[[], bool]]:
     def handle(*_: object) -> None:
         asked.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        say("\nfeltmb: ends with what is known so far; Ctrl-C once more ends at once", err=True)
+        say("\nfeltmb: ends with the results so far; a second Ctrl-C stops at once", err=True)
 
     signal.signal(signal.SIGINT, handle)
     try:
@@ -497,7 +497,7 @@ class ListOption(click.Option):
 
 
 def list_option(*declarations: str, **attributes: Any) -> Callable[[F], F]:
-    """Option of a list: repeated, with commas, or both; alike in every command."""
+    """Option with a list as value: repeated, separated by commas, or both."""
     text = attributes.pop("help")
     return click.option(
         *declarations,

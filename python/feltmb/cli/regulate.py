@@ -152,7 +152,7 @@ def regulation_table(result: Regulation) -> Any:
 
 
 def screw_table(result: Regulation) -> Any:
-    """What was turned, and by how much."""
+    """Table of the turned screws and their changes."""
     table = new_table(
         "screws", "step", "screw", "turned", "value changed", "before", "after", right=(2,)
     )

@@ -49,7 +49,7 @@ class Law:
 
     @property
     def state(self) -> tuple[float, tuple[float, ...]]:
-        """Largest compression remembered [m], and the law's own states."""
+        """Largest compression in the memory [m], and the states of the law."""
         return self._path.largest, tuple(self._path.state[: self.core.n_states])
 
     def force(
@@ -58,7 +58,7 @@ class Law:
         rate: npt.ArrayLike = 0.0,
         state: tuple[float, tuple[float, ...]] | None = None,
     ) -> Array:
-        """Force [N] at compressions [m] and rates [m/s], the memory as given (default: virgin).
+        """Force [N] at compressions [m] and rates [m/s], with a memory (default: virgin felt).
 
         Parameters
         ----------

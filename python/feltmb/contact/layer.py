@@ -44,7 +44,7 @@ class Area(Protocol):
 
     @property
     def core(self) -> Any:
-        """The area as the integrator knows it."""
+        """The area as an object of the C++ core."""
         ...
 
     def area(self, compression: ArrayLike) -> Array:
@@ -78,7 +78,7 @@ class ConstantArea(_FromCore):
 
     @property
     def core(self) -> Any:
-        """The area as the integrator knows it."""
+        """The area as an object of the C++ core."""
         return _core.ConstantArea(self.size)
 
     def __str__(self) -> str:
@@ -102,7 +102,7 @@ class CrossedCylinders(_FromCore):
 
     @property
     def core(self) -> Any:
-        """The area as the integrator knows it."""
+        """The area as an object of the C++ core."""
         return _core.CrossedCylinders(self.radius_a, self.radius_b)
 
     def __str__(self) -> str:
@@ -126,7 +126,7 @@ class CircleOnLayer(_FromCore):
 
     @property
     def core(self) -> Any:
-        """The area as the integrator knows it."""
+        """The area as an object of the C++ core."""
         return _core.CircleOnLayer(self.radius, self.width, self.length)
 
     def __str__(self) -> str:
@@ -146,7 +146,7 @@ class SphereOnLayer(_FromCore):
 
     @property
     def core(self) -> Any:
-        """The area as the integrator knows it."""
+        """The area as an object of the C++ core."""
         return _core.SphereOnLayer(self.radius)
 
     def __str__(self) -> str:
@@ -228,7 +228,7 @@ class LayerParameters(Schema):
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Those of the law with memory, by name."""
+        """Numbers of the law with memory, by name."""
         law = CORE_LAWS["felt_memory"]
         return {f.name: getattr(self, f.name) for f in law.fields if f.kind == "number"}
 

@@ -121,7 +121,7 @@ class Curve(Schema):
 
     @property
     def core(self) -> _core.ExponentialCurve:
-        """The curve as the core knows it."""
+        """The curve as an object of the C++ core."""
         return _core.ExponentialCurve(self.a, self.b, self.c)
 
 

@@ -380,7 +380,7 @@ def _to_si(unit: str, si: str) -> tuple[float | None, str]:
 
 
 def write_record(record: Record, path: str | Path, *, force: bool = False) -> Path:
-    """Write a record as CSV with its TOML beside it, so that :func:`read_record` returns it.
+    """Write a record as a CSV file and a TOML file, which :func:`read_record` can read.
 
     Parameters
     ----------

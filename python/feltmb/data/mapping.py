@@ -28,7 +28,7 @@ _CALLED = {
 
 @dataclass(frozen=True)
 class Signals:
-    """Names and units of what a model reads."""
+    """Names and units of the channels of a model."""
 
     inputs: Sequence[str] = ()
     outputs: Sequence[str] = ()

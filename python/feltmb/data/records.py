@@ -29,7 +29,7 @@ LARGEST = (
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
-    """What stands between a quantity of the machine and a column of the record.
+    """Sensor between a quantity of the machine and a column of the record.
 
     The record shows ``gain * low_pass(y)(t - delay) + offset + noise``. Known values are applied to
     the simulation before it is compared; the ``*_sd`` are priors of what is not known: each becomes
@@ -99,7 +99,7 @@ class Sensor:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class StartPrior:
-    """What is known of the state at the first sample: mean and standard deviation by state."""
+    """Prior of the state at the first sample: mean and standard deviation by state."""
 
     mean: Mapping[str, float] = field(default_factory=dict)
     sd: Mapping[str, float] = field(default_factory=dict)
@@ -216,7 +216,7 @@ class Record:
 
     @cached_property
     def even(self) -> bool:
-        """Whether all steps of the clock are alike."""
+        """Whether all time steps are equal."""
         return bool(np.allclose(np.diff(self.time), self.interval, rtol=1e-6, atol=0.0))
 
     def output_array(self, names: Iterable[str]) -> Array:
@@ -228,9 +228,9 @@ class Record:
     def cut(
         self, first: int, last: int, name: str | None = None, role: Role | None = None
     ) -> Record:
-        """Samples ``first`` <= i < ``last`` as a record of their own.
+        """Samples ``first`` <= i < ``last`` as a separate record.
 
-        Unless the first sample stays, nothing is known of the state that it begins with.
+        If the first sample is removed, the start state of the new record is unknown.
 
         Parameters
         ----------
@@ -263,7 +263,7 @@ class Record:
         gain: float = 1.0,
         offset: float = 0.0,
     ) -> Record:
-        """Same record, an input taken back from what its sensor shows to what acted.
+        """Same record, with an input converted from the reading of its sensor to its true value.
 
         The sensor shows ``gain * low_pass(u)(t - delay) + offset``. The low-pass is taken back by
         the slope of the reading, which raises its noise; ``input_sigma`` says how far. Beyond the

@@ -45,7 +45,7 @@ def sketch_sheet(
         # A name that is no signal of the model is better than no file.
         note = str(error)
         sheet = sheet_for(path, columns, Signals(), options, None)
-    lines = [f"# How {path.name} is read. Written by feltmb new --record: look it over."]
+    lines = [f"# How {path.name} is read. Written by feltmb new --record; check it."]
     if columns.source:
         lines.append(f"# It was exported by {columns.source}.")
     lines += [f"# {text}" for text in (*columns.notes, *note.splitlines())]
@@ -71,24 +71,24 @@ def _top(path: Path, sheet: Sheet, columns: Columns) -> list[str]:
     clock = clock_column(columns, sheet.time)
     lines = [
         f"name = {_quoted(path.stem)}",
-        'role = "fit"  # or "held_out": proves what others say',
+        'role = "fit"  # or "held_out": confirms the findings of the others',
     ]
     lines.append(f'input_mode = {_quoted(sheet.input_mode)}  # or "motion"')
     lines.append(f"time = {_quoted(clock)}")
     if clock == frame_column(columns) and not columns.units.get(clock):
         rate = "" if sheet.frame_rate is None else f"{sheet.frame_rate:g}"
-        lines.append(f"frame_rate = {rate}" if rate else "# frame_rate = 1000  # Hz: to be told")
+        lines.append(f"frame_rate = {rate}" if rate else "# frame_rate = 1000  # Hz: specify it")
     else:
         told = unit_of_column(columns, clock, sheet.time_unit)
-        why = "" if told else "  # the header says none"
+        why = "" if told else "  # no unit in the header"
         lines.append(f"time_unit = {_quoted(told or 's')}{why}")
         if sheet.frame_rate is not None:
             lines.append(f"frame_rate = {sheet.frame_rate:g}")
     runs = run_column(columns, sheet.run)
     if runs:
-        lines.append(f"run = {_quoted(runs)}  # every run is a record of its own")
+        lines.append(f"run = {_quoted(runs)}  # each run is a separate record")
     if columns.likelihood:
-        lines.append(f"likelihood = {sheet.likelihood:g}  # less likely points are missing")
+        lines.append(f"likelihood = {sheet.likelihood:g}  # points below it are missing")
     return lines
 
 
@@ -100,17 +100,17 @@ def _column(name: str, spec: ColumnSpec, columns: Columns) -> list[str]:
     column = columns.find(spec.column or name)
     unit = _unit(name, spec, columns)
     lines = [f"column = {_quoted(column)}"]
-    lines.append(f"unit = {_quoted(unit)}" if unit else '# unit = "mm"  # the header says none')
+    lines.append(f"unit = {_quoted(unit)}" if unit else '# unit = "mm"  # no unit in the header')
     if spec.scale != "":
         lines.append(f"scale = {_quoted(spec.scale)}")
     elif unit == PIXEL:
-        lines.append('# scale = "0.21 mm"  # what a pixel is: to be told')
+        lines.append('# scale = "0.21 mm"  # length of a pixel: specify it')
     if spec.origin != 0.0:
         lines.append(f"origin = {_quoted(spec.origin)}")
     elif unit == PIXEL:
-        lines.append('origin = "start"  # zero where it stands at the beginning; or a pixel')
+        lines.append('origin = "start"  # zero at the first value; or a pixel')
     if unit == PIXEL and name.endswith(".y"):
-        lines.append(f"down = {'false' if spec.down is False else 'true'}  # counts downwards")
+        lines.append(f"down = {'false' if spec.down is False else 'true'}  # counts downward")
     return lines
 
 
@@ -119,11 +119,13 @@ def _sensor(spec: Any, *, output: bool, unit: str) -> list[str]:
     if not output:
         return lines
     if spec.delay:
-        lines.append(f"delay = {spec.delay:g}  # s, late against the input")
+        lines.append(f"delay = {spec.delay:g}  # s, delay relative to the input")
     if spec.reference:
         lines.append(f"reference = {_quoted(spec.reference)}")
     elif unit not in ("N", "kN", "mN"):
-        lines.append('# reference = "rest"  # or "absolute"; told by its start without it')
+        lines.append(
+            '# reference = "rest"  # or "absolute"; determined from its first value without it'
+        )
     return lines
 
 

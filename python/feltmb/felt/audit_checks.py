@@ -23,7 +23,7 @@ _SCAN = 4001
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault, with the compressions at which it holds."""
+    """One fault, with its range of compressions."""
 
     kind: str
     """``crossing``, ``adhesion``, ``softening``, ``open``, ``shape`` (of the data),

@@ -78,7 +78,7 @@ class CompressionData:
 
     @property
     def is_loaded(self) -> NDArray[np.bool_]:
-        """Where the pressure is above its scatter and what a load cell resolves."""
+        """Whether the pressure exceeds its scatter and the resolution of a load cell."""
         top = float(np.max(self.pressure))
         return np.asarray(self.pressure > max(5.0 * _scatter(self), _RESOLUTION * top))
 

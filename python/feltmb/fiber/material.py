@@ -95,7 +95,7 @@ class BranchCurve:
 
 @checked
 class FeltMaterial(Schema):
-    """A felt: what its fibers are and how it answers compression.
+    """A felt: data of its fibers, and its pressure under compression.
 
     Pressure of loading: ``sigma_L + r_sc n C_sL``; of unloading: ``sigma_U - r_sc n C_sU``, held at
     0 from below. sigma is eq. 3.64 less its value at ``v_f0``; the contact force, hence the
@@ -219,7 +219,7 @@ class FeltMaterial(Schema):
         return 1.0 - float(np.sum(back[1:] + back[:-1]) / np.sum(load[1:] + load[:-1]))
 
     def core(self) -> _all.FeltMaterial:
-        """The felt as the integrator knows it.
+        """The felt as an object of the C++ core.
 
         Raises
         ------

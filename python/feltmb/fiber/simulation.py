@@ -81,7 +81,7 @@ class FiberBox:
 @checked
 @dataclass(frozen=True)
 class Cycle:
-    """What to do with the box."""
+    """Compression cycle of the box."""
 
     v_max: float = 0.3
     """Volume fraction at which compression turns to release [-]."""
@@ -123,12 +123,12 @@ class FiberRun:
 
     @property
     def energy(self) -> dict[str, float]:
-        """Energy books of the run [J] and what they say [-].
+        """Energy balance of the run [J] and its relative numbers [-].
 
-        ``put_in``: work of the box while it pushes; ``friction``, ``drag``: lost since the start;
-        ``stored``: change since the start; ``residual_relative``: largest part that these leave
-        out, ``drag_relative``: drag, ``kinetic_relative``: most that was in motion, all over what
-        was turned over.
+        ``put_in``: work of the box while it compresses; ``friction``, ``drag``: losses since the
+        start; ``stored``: change since the start. Relative to the exchanged energy:
+        ``residual_relative``, the largest error of the balance; ``drag_relative``, the drag;
+        ``kinetic_relative``, the largest kinetic energy.
         """
         stored = np.sum([self.column(k) for k in _STORED], axis=0)
         work, friction, drag = (self.column(k) for k in ("work", "friction_loss", "drag_loss"))
@@ -202,12 +202,12 @@ class FiberRun:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to know before trusting the run; the reasons of a failed one."""
+        """Warnings of the run; the reasons if it failed."""
         return tuple(text for _, text in self._judged())
 
     @property
     def loop_loss(self) -> float:
-        """Fraction of the work of loading that release does not give back [-]."""
+        """Fraction of the loading work that is lost in the cycle [-]."""
         change = np.diff(self.column("work"))
         unloading = self.column("phase")[1:] > 0
         put_in = float(np.sum(change[~unloading]))

@@ -45,7 +45,7 @@ _FILTERS = (_DEFLATE, 2, 3, 32000)
 
 
 class Hdf5File:
-    """What an open file holds at its top level.
+    """Content of an open file at its top level.
 
     Attributes
     ----------

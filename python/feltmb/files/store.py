@@ -109,7 +109,7 @@ class Store:
             return Kept(found, {name: arrays[name] for name in names})
         except (ValueError, KeyError, TypeError, AttributeError) as fault:
             warnings.warn(
-                f"{path.name}: the result is computed anew: the file is damaged or was edited "
+                f"{path.name}: the result is computed again: the file is damaged or was edited "
                 f"({printable(str(fault))[:200]})",
                 RuntimeWarning,
                 stacklevel=2,

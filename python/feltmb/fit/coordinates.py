@@ -40,9 +40,9 @@ class Named:
 @checked
 @dataclass(frozen=True)
 class Rate:
-    """An output that shows the rate of a state: that of a speed is what an accelerometer sees.
+    """An output that is the rate of a state. The rate of a speed is the signal of an accelerometer.
 
-    Effects and unknown forces count, which a function of the states knows nothing of.
+    It includes effects and unknown forces, which a function of the states does not.
     """
 
     state: str
@@ -85,7 +85,7 @@ class Coordinate:
         return x[self.position], x[self.speed]
 
     def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
-        """Rates by name of the state that a force gives.
+        """Rates of the states that a force causes, by name of the state.
 
         Parameters
         ----------
@@ -147,7 +147,7 @@ class Coupling:
         return q - self.ratio * r, v - self.ratio * w
 
     def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
-        """Rates by name of the state that a force gives.
+        """Rates of the states that a force causes, by name of the state.
 
         Parameters
         ----------

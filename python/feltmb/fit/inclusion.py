@@ -129,7 +129,7 @@ class Including(Model):
         return replace(base, model=Including(base.model, self._own, self._magnitudes))
 
     def accepts(self, effect: Effect) -> bool:
-        """What the model accepts, but for what it includes."""
+        """Effects that the model accepts, except those that it includes."""
         return effect.name not in [t.name for t in self._own] and self._base.accepts(effect)
 
     def check_writing(self, path: Path) -> None:

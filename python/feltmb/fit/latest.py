@@ -58,7 +58,7 @@ class Latest(Generic[K, V]):
     def get(self, key: K, make: Callable[[], V]) -> V:
         """What a key stands for, made where it is not kept.
 
-        Two threads that ask for the same at once may both make it.
+        Two threads that request the same value at the same time may both compute it.
         """
         with self._lock:
             if key in self._made:

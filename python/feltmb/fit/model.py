@@ -307,7 +307,7 @@ class Jobs:
 
     @property
     def longest(self) -> int:
-        """Samples of the longest segment, both ends counted."""
+        """Number of samples of the longest segment, including both ends."""
         return int(np.max(self.segments[:, 1] - self.segments[:, 0])) + 1
 
 
@@ -351,7 +351,7 @@ Batch = tuple[Record, Jobs]
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Simulated:
-    """What every job gave; a job that failed holds NaN."""
+    """Results of all jobs; those of a failed job are NaN."""
 
     outputs: Array
     """(B, L, ny) at the samples i0, i0+1, ..., i1 of each job; beyond i1: anything."""
@@ -455,7 +455,7 @@ class Sensitivity:
 @checked
 @dataclass(frozen=True, eq=False)
 class Ready:
-    """A model and records as a fit takes them; see :meth:`Model.ready`."""
+    """A model and records that are prepared for a fit; see :meth:`Model.ready`."""
 
     model: Model
     records: tuple[Record, ...]
@@ -467,7 +467,7 @@ class Ready:
 
 @checked
 class Model(ABC):
-    """Base of all that can be fitted and diagnosed.
+    """Base class of all models that can be fitted and diagnosed.
 
     A subclass sets the attributes and writes :meth:`simulate`. If it has derivatives, it overrides
     :meth:`sensitivities` as well; otherwise batched differences are taken.
@@ -511,8 +511,8 @@ class Model(ABC):
     def simulate(self, record: Record, jobs: Jobs) -> Simulated:
         """Simulate every job.
 
-        Inputs are ``record.inputs``. The measured outputs are not to be used: they are what is to
-        be explained.
+        Inputs are ``record.inputs``. Do not use the measured outputs: the model has to explain
+        them.
         """
 
     def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
@@ -527,7 +527,7 @@ class Model(ABC):
         return record, ()
 
     def refined(self, batches: Sequence[Batch]) -> Model:
-        """Itself in steps that are fine enough for these jobs and their included effects.
+        """The model with steps that are small enough for these jobs and their included effects.
 
         Default: as it is.
         """
@@ -546,7 +546,7 @@ class Model(ABC):
         return out
 
     def forget(self) -> None:  # noqa: B027
-        """Drop what earlier fits left behind, so that a fit does not depend on those before it."""
+        """Delete the data of earlier fits, so that a fit does not depend on them."""
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """Itself made ready for all records of a fit or diagnosis, and what it can use of them.
@@ -684,7 +684,8 @@ def run_through(
 def difference_sensitivities(model: Model, request: SensitivityRequest) -> Sensitivity:
     """Central differences by parameters, magnitudes and start states.
 
-    One-sided ones of second order where a bound or the sign of an effect forbids the other side.
+    One-sided differences of second order are used where a bound or the sign of an effect excludes
+    one side.
     """
     segments, included, candidates = request.segments, request.included, request.candidates
     count = len(segments)

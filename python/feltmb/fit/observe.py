@@ -44,8 +44,8 @@ def observe_jobs(model: Model, record: Record, jobs: Jobs) -> Simulated:
 def observe_all(model: Model, batches: Sequence[Batch]) -> list[Simulated]:
     """Simulate jobs as the sensors of their records would show them.
 
-    Input effects change the inputs before, sensor effects and the known part of the sensors (gain,
-    delay, low-pass, offset) change the outputs after the model's own simulation.
+    Input effects change the inputs before the simulation of the model. Sensor effects and the known
+    part of the sensors (gain, delay, low-pass, offset) change the outputs after it.
     """
     excited = [_excited(record, jobs) for record, jobs in batches]
     runs = iter(model.simulate_all([batch for parts in excited for _, batch in parts]))

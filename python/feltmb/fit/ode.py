@@ -195,7 +195,7 @@ class OdeModel(Stepped):
         return Ready(out, tuple(records), tuple(notes))
 
     def refined(self, batches: Sequence[Batch]) -> Model:
-        """With more substeps, if they were not given and these jobs ask for them."""
+        """Copy with more substeps, if they were not specified and these jobs need them."""
         return refined(self, batches) if self._free_steps else self
 
     def accepts(self, effect: Effect) -> bool:

@@ -133,8 +133,8 @@ class Problem:
     ) -> tuple[float, list[Array]]:
         """Sum of squares, and its part by segment of every record; infinite where it fails.
 
-        The noise of the inputs is integrated out with the derivatives of ``linears``, as the
-        steps do: otherwise steps and their acceptance would not mean the same function.
+        The noise of the inputs is integrated out with the derivatives of ``linears``, as in the
+        steps. Otherwise steps and their acceptance would use different functions.
         """
         current().step()
 
@@ -401,7 +401,7 @@ class Problem:
         return replace(self, included=included)
 
     def carry(self, point: Point, included: tuple[Candidate, ...], magnitudes: Array) -> Point:
-        """A point of this problem as one of the same problem with other included effects.
+        """Convert a point of this problem to the same problem with other included effects.
 
         Hidden states that are new start at their prior mean; those that stay are kept.
         """

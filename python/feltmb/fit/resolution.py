@@ -65,11 +65,11 @@ def resolved(model: M, records: Sequence[Record]) -> tuple[M, list[str]]:
         advice = "method='rosenbrock' suits stiff systems"
     else:
         noisy = difference_in_noise(out, _with_substeps(out, 2 * model.substeps))
-        advice = "give more of them, or None: as many as it takes"
+        advice = "increase them, or use None to choose them automatically"
     if noisy > NOISY:
         notes.append(
             f"model {model.name}: substeps = {out.substeps}: half the step changes the outputs by "
-            f"{noisy:.3g} times their noise, which looks like a cause; {advice}"
+            f"{noisy:.3g} times their noise, which can look like an effect; {advice}"
         )
     if model.hold == "auto":
         straight, smooth = copy.copy(out), copy.copy(out)

@@ -158,8 +158,8 @@ class Runner:
                 given = pickle.dumps(self._function)
             except Exception as error:
                 self.notices.append(
-                    f"its function cannot be pickled ({error}): runs are made one after the other. "
-                    "Define it at the top of a module to have them made in processes"
+                    f"its function cannot be pickled ({error}): runs are sequential. Define it "
+                    "at the top level of a module to use parallel processes"
                 )
                 return
         pool = ProcessPoolExecutor(count, context, _begin, (given,))
@@ -175,7 +175,7 @@ class Runner:
         self._pool, self.processes = pool, count
 
     def first(self, run: Run) -> tuple[float, Array]:
-        """Seconds of a run, and its values a second time, which should be the same.
+        """Time of a run [s], and the values of a repeated run, which should be equal.
 
         Raises
         ------

@@ -47,7 +47,7 @@ WORTH_A_PROCESS = 5e-3
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Exposed:
-    """A parameter of the function that is at its neutral value in the model as it is: an effect."""
+    """An effect that is a parameter of the function, at its neutral value in the model as it is."""
 
     scale: float
     """Departure from the neutral value that one would expect if it were there [unit]."""
@@ -84,13 +84,13 @@ class Exposed:
 
 @checked
 class SimulatorModel(Model):
-    """A simulator of one's own: ``function(time, inputs, parameters) -> {output: array}``.
+    """Your own simulator: ``function(time, inputs, parameters) -> {output: array}``.
 
     The function gets the clock [s] of a whole record, a dictionary of its inputs, each (n,), and a
     dictionary of all parameters, exposed ones included, as numbers; it returns every output at
-    every time, (n,). It must give the same for the same arguments. Where it has no answer it may
-    raise an exception or return NaN: at the given values of the parameters that is an error, far
-    off, where a fit tries, that trial has failed.
+    every time, (n,). It must give the same for the same arguments. If it has no result it may raise
+    an exception or return NaN. At the given values of the parameters this is an error. At other
+    values, which a fit tries, only that trial fails.
 
     Parameters
     ----------
@@ -160,13 +160,13 @@ class SimulatorModel(Model):
         self._ready = False
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
-        """None that could be set: a run begins as the function begins it."""
+        """No states: the function defines the start of a run."""
         del included
         return ()
 
     @property
     def simulations(self) -> int:
-        """Runs of the function so far; what was kept is not run again."""
+        """Number of runs of the function so far; stored runs are not repeated."""
         return self._runner.made
 
     def accepts(self, effect: Effect) -> bool:
@@ -275,8 +275,8 @@ class SimulatorModel(Model):
         ]
         if noisy:
             notes.append(
-                "its numerical noise is not small beside that of the sensor of "
-                f"{', '.join(noisy)}: tighten its tolerances"
+                "its numerical noise is not small compared with that of the sensor of "
+                f"{', '.join(noisy)}: reduce its tolerances"
             )
         if jitter > 1e-12:
             notes.append("two runs with the same arguments differ: seed its random numbers")

@@ -43,7 +43,7 @@ PAUSE = 0.1
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """What a callback is told."""
+    """Progress that a callback receives."""
 
     stage: str
     """In plain words: checks of the data, fit of the model, search, proof, report."""

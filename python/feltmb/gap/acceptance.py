@@ -177,7 +177,7 @@ class _Attempt:
         return outcome.gap(sensed, "open_loop"), outcome.gap(sensed, "segmented")
 
     def unexplained(self, c: CandidateSet) -> float:
-        """Log evidence that unknown forces still bring to a set."""
+        """Log evidence that unknown forces still add to a set."""
         if c.key not in self.tightest:
             self.tightest[c.key] = tighten(c.fit, self.settings)
         tight = self.tightest[c.key]
@@ -231,8 +231,8 @@ class _Attempt:
         small = paired.gain < self.least_share * most
         if small and not self._completes(c, name):
             return (
-                f"{gain} beside {most:.0f}: no more than an error in the form of the larger effect "
-                "would bring"
+                f"{gain} compared with {most:.0f}: an error in the form of the larger effect would "
+                "gain as much"
             )
         if not _improves(paired, self.inflation):
             return f"{gain}, p = {paired.p:.2g}"

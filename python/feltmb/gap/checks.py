@@ -89,7 +89,7 @@ class DataChecks:
 
 @checked
 def check_records(records: Sequence[Record], outputs: Sequence[str] | None = None) -> DataChecks:
-    """Look at records before a model is asked.
+    """Check records without a model.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def _same_numbers(one: Record, other: Record) -> bool:
 
 
 def check_against(model: Model, records: Sequence[Record]) -> DataChecks:
-    """Look at records for a model: units and lengths besides what they are on their own.
+    """Check records for a model: units and lengths, in addition to the checks without a model.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def with_sigma(record: Record, noise: Mapping[str, Noise]) -> Record:
 
 
 def faults_against(model: Model, records: Sequence[Record]) -> list[str]:
-    """Records whose units, lengths or start states are none for the model."""
+    """Faults of records whose units, lengths or start states do not fit the model."""
     problems = []
     states = [s.name for s in model.states()]
     for record in records:

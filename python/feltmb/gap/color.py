@@ -47,8 +47,9 @@ def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noi
     """Noise as the mean over several samples that blocks at rest show, or that of the data sheet.
 
     Restricted likelihood of the blocks (a polynomial each and one variance are taken out). An
-    average must beat the sheet and first-order noise of several correlation times, whatever the
-    degree of the polynomial, and have the standard deviation of the sheet.
+    average is accepted under two conditions. It is more likely than the noise of the data sheet and
+    than first-order noise of several correlation times, for every degree of the polynomial. It has
+    the standard deviation of the data sheet.
 
     Parameters
     ----------

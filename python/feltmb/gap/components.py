@@ -96,7 +96,7 @@ def component_table(
             shown = loose if clear else row
             trace, signature = _recover(shown.fit, port, shown.parts, shown.variance, prior)
             # Along the way of a model that cannot follow, a force takes the form of its detours.
-            signature = signature if clear else "too weak for its form to be told"
+            signature = signature if clear else "too weak to determine its form"
         out.append(
             ComponentRow(
                 component=port.component,

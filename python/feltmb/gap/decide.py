@@ -118,8 +118,8 @@ def decide(facts: Facts) -> Decision:
             replace(facts, belief=belief),
             Verdict.UNKNOWN,
             "The records of the fit show no gap, but the held-out ones do: fitted to them alone "
-            f"the model leaves {facts.beyond:.3g} times the sum of squares of noise. They reach "
-            "what the others do not. Give some of them to the fit, and hold out others.",
+            f"the model leaves {facts.beyond:.3g} times the sum of squares of noise. They excite "
+            "effects that the others do not. Fit some of them, and hold out others.",
         )
     if not gap:
         weak = hint or (p < HINT * facts.alpha and search.best is not None)
@@ -137,14 +137,14 @@ def decide(facts: Facts) -> Decision:
         return _silent(
             facts,
             Verdict.TOO_WEAK,
-            "The fit of the model did not converge, also from other starts; a stuck fit is not "
-            "taken for a gap. Give closer priors, or shorter segments.",
+            "The fit of the model did not converge, also from other starts. A stuck fit is not "
+            "taken for a gap. Use narrower priors, or shorter segments.",
         )
     if best is None:
         text = f"There is a gap ({_signs(facts)}), but no tested effect is proven to explain it."
         text += _closest(facts.closest)
         if facts.closest is None and search.scores.candidates:
-            text += " None of them comes nearer to the held-out records than the model does."
+            text += " None of them is closer to the held-out records than the model."
         refused = _refusals(accepted)
         if refused and (facts.closest is None or not facts.closest.why):
             text += f" Held-out records refused {refused}."
@@ -158,7 +158,7 @@ def _calibrated(facts: Facts) -> Decision:
     fit = facts.search.model_fit
     ratio = f"sum of squares {fit.chi2 / fit.dof:.2f} of its expectation"
     rest = f"{ratio}, largest score family-wise p = {facts.p:.2g}"
-    what = "less than was said to be good enough" if facts.enough else f"noise ({rest})"
+    what = "less than the specified good_enough" if facts.enough else f"noise ({rest})"
     told = prior_deviations_told(fit)
     but = f" But {told}." if told else ""
     sure = [r for r in facts.calibrated if r.sure]
@@ -167,8 +167,7 @@ def _calibrated(facts: Facts) -> Decision:
         if facts.calibrated:
             by_chance = (
                 f" {len(facts.calibrated)} of {len(of_the_machine(fit))} parameters moved by more"
-                " than two standard deviations of their estimates, no further than noise moves "
-                "some."
+                " than two standard deviations of their estimates, which noise alone can cause."
             )
         text = f"The model explains the records as it is tabulated: what is left is {what}."
         return _silent(facts, Verdict.NO_GAP, text + by_chance + but)
@@ -217,7 +216,7 @@ def _closest(closest: Closest | None) -> str:
         for name, size, unit in zip(closest.effects, closest.magnitudes, closest.units, strict=True)
     )
     text = (
-        f" Closest comes {sizes}: it would close {closest.closed:.0%} of the held-out gap "
+        f" The closest is {sizes}: it would close {closest.closed:.0%} of the held-out gap "
         f"(95% from {closest.low:.0%} to {closest.high:.0%})"
     )
     return f"{text}, but is not proven: {closest.why}." if closest.why else f"{text}."
@@ -290,10 +289,10 @@ def _name(facts: Facts) -> Decision:
         where = "records show" if all(n in data for n in sure) else "model lacks"
         text = f"The {where}: {_list(sure)}. {closed}"
     if sure and unsure:
-        text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
+        text += f" In addition, one of {_list(unsure)}, which these records cannot tell apart."
         rest = rest if left else " What is left with it is noise."
     if left and (told := prior_deviations_told(best.fit)):
-        rest += f" Besides, {told}: what is left may have been paid with them."
+        rest += f" In addition, {told}: they may compensate a part of the gap."
     text = _another(facts) + text
     trust = TRUST[verdict]
     belief = facts.belief.trusted(trust)
@@ -301,7 +300,7 @@ def _name(facts: Facts) -> Decision:
 
 
 def _widens(far: HowFar) -> bool:
-    """Whether the held-out gap grows, beyond chance and by more than a trifle."""
+    """Whether the held-out gap grows significantly."""
     return far.high < 0.0 and far.after > NO_GAP_RATIO * far.before
 
 

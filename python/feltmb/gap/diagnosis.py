@@ -94,7 +94,7 @@ ROUNDS = 4
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What may be tuned; the defaults are meant to be left alone."""
+    """Options of a diagnosis. The defaults are suitable for most cases."""
 
     alpha: float = 0.01
     """Family-wise rate of false alarms."""
@@ -157,8 +157,8 @@ def _ready(model: Model, records: Sequence[Record]) -> tuple[Model, tuple[Record
         if floor > c.sigma:
             notes.append(
                 f"{c.record}: noise of {c.channel} is {c.sigma:.2g} {c.unit}, less than the error "
-                f"of a simulation, which is as bad as white noise of {floor:.2g} {c.unit}: the "
-                "latter is taken"
+                f"of a simulation, which is equivalent to white noise of {floor:.2g} {c.unit}: the "
+                "latter is used"
             )
             c = replace(c, sigma=floor)
         channels.append(c)
@@ -303,7 +303,7 @@ def diagnose(
     budget: float | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Report:
-    """Where the gap between a model and measurements lies, what causes it, how far it shrinks.
+    """Diagnose the gap between a model and measurements: its place, its cause, how far it shrinks.
 
     Parameters
     ----------
@@ -459,8 +459,8 @@ def _diagnosed(
             not_tested.append(
                 NotTested(
                     name=e.name,
-                    why="leaves no trace of its own in these records that parameters, start "
-                    "states and sensor errors could not leave as well",
+                    why="parameters, start states and sensor errors can reproduce its whole "
+                    "signature in these records",
                 )
             )
     lap("which")
@@ -669,9 +669,8 @@ def _check_units(model: Model, tabulated: Outcome, metric: str) -> None:
     wrong = wrong_units(model, runs)
     if wrong:
         raise DataError(
-            f"DATA PROBLEM: the unit of {wrong}. Say the true unit: --unit CHANNEL=UNIT, unit in "
-            "the TOML beside the file, in Python units of ReadOptions; feltmb gap check shows "
-            "model and record"
+            f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit CHANNEL=UNIT, "
+            "unit in the TOML file, in Python units of ReadOptions; feltmb gap check shows model and record"
         )
 
 
@@ -799,28 +798,28 @@ def _with_factor(checks: DataChecks, factor: dict[str, float]) -> DataChecks:
         for c in checks.channels
     )
     warnings = tuple(
-        f"{name}: neighboring samples differ by {f:.3g} times the noise that is told (good to "
-        f"{GIVEN_SIGMA:.0%}); the larger noise is used"
+        f"{name}: neighboring samples differ by {f:.3g} times the given noise (assumed accurate "
+        f"to {GIVEN_SIGMA:.0%}); the larger noise is used"
         for name, f in factor.items()
     )
     return replace(checks, channels=channels, warnings=(*checks.warnings, *warnings))
 
 
 def _log_weights(segmented_records: Sequence[SegmentedRecord]) -> float:
-    """What the magnitude of the noise adds to a log likelihood."""
+    """Contribution of the magnitude of the noise to a log likelihood."""
     return sum(float(np.sum(np.log(s.weight[s.valid]))) for s in segmented_records)
 
 
 def _with_color(checks: DataChecks, color: dict[str, float]) -> DataChecks:
-    """The checks with what the fit of the model said of the noise."""
+    """The checks with the noise that the fit of the model found."""
     channels = tuple(
         replace(c, correlation_time=color[c.channel]) if c.channel in color else c
         for c in checks.channels
     )
     warnings = tuple(
-        f"{name}: what the model leaves is no larger than the noise of its sensor, but it is not "
-        f"white: it remembers itself for {time:.3g} s, and no force or effect "
-        "explains that as well. It is taken for noise; if that is so, give its correlation_time"
+        f"{name}: the residual of the model is no larger than the noise of its sensor, but it is "
+        f"correlated over {time:.3g} s, and no force or effect explains this as well. "
+        "It is treated as noise; if this is correct, specify its correlation_time"
         for name, time in color.items()
     )
     return replace(checks, channels=channels, warnings=(*checks.warnings, *warnings))
@@ -877,7 +876,7 @@ def fit_model(
     budget: float | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Fit:
-    """Fit the model alone to all records: parameters, intervals, what the data said.
+    """Fit the model without effects to all records: parameters with intervals.
 
     The notes of the fit hold the warnings of the data checks, and what of the records is not used.
     ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.
@@ -907,7 +906,7 @@ def fit_model(
     with watching(watch):
         fit = _fitted(model, records, segment, settings, resume, watch)
     if watch.why:
-        note = f"stopped ({watch.why}): the fit is the best so far, and not at its end"
+        note = f"stopped ({watch.why}): the fit is the best so far, but not converged"
         fit = replace(fit, notes=(note, *fit.notes))
     return fit
 

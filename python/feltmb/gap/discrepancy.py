@@ -150,7 +150,7 @@ def with_factor(
 def with_color(
     model: Model, segmented: SegmentedRecord, color: dict[str, float]
 ) -> SegmentedRecord:
-    """The segmented record with the noise of some of its sensors given a correlation time [s]."""
+    """Copy of the segmented record; the noise of some sensors has a correlation time [s]."""
     told = dict(zip(model.outputs, segmented.noise, strict=True))
     return _renoised(
         model, segmented, {n: replace(told[n], correlation_time=t) for n, t in color.items()}

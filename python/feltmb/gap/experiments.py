@@ -51,7 +51,7 @@ class _Attempt:
 
 
 def advise(search: Search, accepted: Accepted) -> tuple[Advice, ...]:
-    """The best of a few experiments for every rival of the accepted set."""
+    """The best of several experiments for every alternative to the accepted set."""
     best = accepted.best
     if best is None:
         return ()
@@ -74,8 +74,8 @@ def _advice(fit: Fit, a: Candidate, b: Candidate, size: float) -> Advice:
     now = _confusion(shared, a, b, size)
     if now < CLEAR_DIFFERENCE:
         text = (
-            f"by the noise of these records alone {a.name} could be told from {b.name}: what hides "
-            "the difference is another form of one of them, or something that neither is"
+            f"the noise of these records would not confuse {a.name} with {b.name}: another form of "
+            "one of them, or another cause, hides the difference"
         )
         return Advice(text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=now)
     trials = []
@@ -86,17 +86,17 @@ def _advice(fit: Fit, a: Candidate, b: Candidate, size: float) -> Advice:
     chosen = min(trials, key=lambda t: t.then, default=None)
     if chosen is None or chosen.then > SEPARATES * now:
         text = (
-            "nothing that was tried (the same runs again, harder, softer, faster, slower, "
-            f"low-noise sensors) separates {a.name} from {b.name}: another point or "
-            "quantity is needed"
+            "no tested variant (the same runs again, harder, softer, faster, slower, "
+            f"low-noise sensors) separates {a.name} from {b.name}: measure another point or "
+            "quantity"
         )
         return Advice(text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=now)
     text = (
-        f"{chosen.text}: the chance to take {a.name} for {b.name} falls from {now:.0%} to "
-        f"{chosen.then:.0%}"
+        f"{chosen.text}: the probability of confusing {a.name} with {b.name} falls from "
+        f"{now:.0%} to {chosen.then:.0%}"
     )
     if chosen.then > POOR_EXPERIMENT:
-        text += "; no experiment that was tried does better"
+        text += "; no tested experiment is better"
     return Advice(
         text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=chosen.then
     )

@@ -144,7 +144,7 @@ class Calibrated:
 
 @dataclass(frozen=True, kw_only=True)
 class Closest:
-    """The tested set that comes closest to the held-out records where nothing is proven."""
+    """The tested set that is closest to the held-out records if no effect is proven."""
 
     effects: tuple[str, ...]
     magnitudes: tuple[float, ...]
@@ -405,7 +405,7 @@ class HowFar:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """What to do next: a step, or an experiment that would separate what is still confused."""
+    """Next step, or an experiment that would separate confused effects."""
 
     text: str
     separates: tuple[str, str] = ("", "")

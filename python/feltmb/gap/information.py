@@ -222,7 +222,7 @@ def _information(
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """Priors and experiments together, and what may be true."""
+    """Combined information of priors and experiments, and the possible causes."""
 
     model: Model
     candidates: tuple[Candidate, ...]

@@ -131,7 +131,7 @@ class Limits:
             raise InvalidParameter("limits: " + "; ".join(faults))
 
     def check(self, model: Model) -> None:
-        """Whether the model has what is named here.
+        """Check that the model has the inputs, outputs and parameters that are named here.
 
         Raises
         ------
@@ -225,7 +225,7 @@ def _per(unit: str, power: int) -> str:
 
 @checked
 def read_limits(path: str | Path, model: Model) -> Limits:
-    """Read ``limits.toml``: what experiments with a model are allowed.
+    """Read ``limits.toml``: the limits of experiments with a model.
 
     Numbers are in SI, or texts with a unit (``"20 N"``, ``"2 kN/s"``, ``"0.02 mm"``; a share may be
     ``"2 %"``).

@@ -32,7 +32,7 @@ M = TypeVar("M", bound=Model)
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """What a test of a part by itself says of a parameter; it replaces the tolerance."""
+    """Result of a separate test of a part for one parameter; it replaces the tolerance."""
 
     parameter: str
     value: float
@@ -102,7 +102,7 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
 
 @checked
 def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
-    """The model whose parameters have the value and uncertainty that tests of parts gave.
+    """The model with the values and uncertainties of tests of parts.
 
     Several tests of one parameter count together.
 

@@ -30,7 +30,7 @@ MOST_PANELS = 24
 
 @dataclass(frozen=True, kw_only=True)
 class GapBeforeRow:
-    """One channel of one record beside the model as it is."""
+    """One channel of one record compared with the model as it is."""
 
     record: str
     channel: str
@@ -88,7 +88,7 @@ class GapBefore:
 def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     """Simulate the inputs of records with the tabulated parameters of a model and compare.
 
-    Nothing is fitted: one simulation a record.
+    Nothing is fitted: each record is simulated once.
 
     Raises
     ------
@@ -211,16 +211,16 @@ def _delay(time: Array, measured: Array, model: Array) -> float:
     return float((most - best - fine) * step)
 
 
-#: Factors that wrong units leave, and what they look like.
+#: Factors caused by wrong units, and their description.
 _UNITS = (
-    (1e3, "mm that are called m"),
-    (1e-3, "m that are called mm"),
-    (10.0, "mm that are called cm"),
-    (0.1, "cm that are called mm"),
-    (25.4, "mm that are called inches"),
-    (1.0 / 25.4, "inches that are called mm"),
-    (9.80665, "N that are called kgf"),
-    (1.0 / 9.80665, "kgf that are called N"),
+    (1e3, "mm labeled as m"),
+    (1e-3, "m labeled as mm"),
+    (10.0, "mm labeled as cm"),
+    (0.1, "cm labeled as mm"),
+    (25.4, "mm labeled as inches"),
+    (1.0 / 25.4, "inches labeled as mm"),
+    (9.80665, "N labeled as kgf"),
+    (1.0 / 9.80665, "kgf labeled as N"),
     (-1.0, "the other direction"),
 )
 
@@ -231,7 +231,7 @@ def _unit_of(row: GapBeforeRow) -> str:
 
 
 def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]) -> str:
-    """What is wrong with units, in one sentence; empty if nothing is.
+    """Faults of units as one sentence; empty if there are none.
 
     Only where every parameter is known to within a factor, and all records of a channel agree.
 

@@ -36,7 +36,7 @@ __all__ = [
 
 @dataclass(frozen=True, kw_only=True)
 class Planned:
-    """What planned records would say about one effect."""
+    """Information of planned records about one effect."""
 
     effect: str
     component: str
@@ -166,7 +166,7 @@ def plan(
     experiments: Sequence[Record] = (),
     segment: float | None = None,
 ) -> Plan:
-    """What planned records could tell, from the model alone.
+    """Compute which effects planned records could detect, from the model alone.
 
     Parameters
     ----------

@@ -118,7 +118,7 @@ class _Path:
     def profile(
         self, family: str, numbers: Mapping[str, float], *, tail: float | None = None
     ) -> Profile | None:
-        """What was gone; None: it takes longer than is allowed."""
+        """The completed profile; None if it takes longer than permitted."""
         longest = self.limits.duration
         if self.time > longest * (1.0 + 1e-9):
             return None

@@ -56,7 +56,7 @@ class Outcome:
 
     @cached_property
     def open_loop(self) -> tuple[Array, ...]:
-        """The same, simulated in one go from the first state."""
+        """The same for one simulation of the whole record from the first state."""
         return tuple(one_run(self.tight))
 
     def part(self, rows: slice) -> Outcome:
@@ -121,7 +121,7 @@ def evaluate(
 ) -> Outcome:
     """A fitted model on held-out segmented records.
 
-    ``like``: another model there, whose start states are tried where the own ones lead nowhere.
+    ``like``: another model whose start states are used if the own start states fail.
     """
     base = replace(
         model.problem,

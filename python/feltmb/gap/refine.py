@@ -79,7 +79,7 @@ def plausible(fit: Fit) -> bool:
 def worth_of(best: Fit | None) -> float:
     """Sum of squares from which another fit cannot be a rival of the best one.
 
-    Where that one does not explain the records, anything may be better.
+    If the best set does not explain the records, every set is tried.
     """
     return np.inf if best is None or not plausible(best) else best.cost + 2.0 * NEAR_BEST
 

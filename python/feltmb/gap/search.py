@@ -499,7 +499,7 @@ class _Hunt:
             self.failed[" + ".join(c.names)] = (
                 f"ends at {fit.cost:.6g}, above {inner.cost:.6g} of "
                 f"{' + '.join(t.name for t in inner.included) or 'the model alone'}, which it "
-                "holds: at magnitude zero it is not the model"
+                "contains: at magnitude zero it changes the model"
             )
 
     def _held_by(self, c: CandidateSet) -> list[Fit]:

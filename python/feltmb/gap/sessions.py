@@ -46,7 +46,7 @@ _KEYS = ("number", "kind", "name", "cost", "verdict", "named", "one_of", "statem
 
 @dataclass(frozen=True, kw_only=True)
 class SessionStep:
-    """One experiment and what the diagnosis said after it; number 0: before any."""
+    """One experiment and the diagnosis after it; number 0: before the first experiment."""
 
     number: int
     kind: str
@@ -323,9 +323,7 @@ def _measured_records(
     sensors: Mapping[str, Sensor] | None,
 ) -> list[Record]:
     if not is_file(answer):
-        raise DataError(
-            f"{answer}: is not there, expected the record that the command was to write"
-        )
+        raise DataError(f"{answer}: missing; expected the record that the command writes")
     try:
         found = read(answer)
     except FeltmbError as error:

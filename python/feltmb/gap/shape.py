@@ -136,7 +136,7 @@ def shape_number(shape: Any, place: int) -> float:
 
 
 def moved_shape(shape: Any, place: int, number: float) -> Any:
-    """The shape with another number in one place."""
+    """Copy of the shape with one changed number."""
     if not isinstance(shape, tuple):
         return number
     if hasattr(shape, "_make"):  # a named tuple keeps its names

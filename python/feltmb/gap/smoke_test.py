@@ -64,10 +64,12 @@ def _fault(model: Model, candidate: Candidate, record: Record, bare: Array) -> s
         jobs = _begin(model, candidate, record)
         seen = observe_jobs(model, record, jobs).outputs
         if _runs(bare) and not _runs(seen):
-            return f"at magnitude {jobs.magnitudes[0, 0]:.3g} the model gives no numbers with it"
+            return (
+                f"at magnitude {jobs.magnitudes[0, 0]:.3g} the outputs of the model are not finite"
+            )
         zero = observe_jobs(model, record, replace(jobs, magnitudes=0.0 * jobs.magnitudes)).outputs
         if not _alike(zero, bare):
-            return "at magnitude zero it is not the model: what it adds must vanish"
+            return "at magnitude zero it changes the model; its contribution must vanish"
     except InvalidParameter as error:
         return str(error).removeprefix(f"effect {e.name}: ")
     return ""
@@ -83,8 +85,8 @@ def _check_numbers(model: Model, record: Record, bare: Array) -> None:
     jobs = Jobs.at_point(theta, segments, starts, (), np.zeros(0))
     if not _runs(observe_jobs(model, record, jobs).outputs):
         raise InvalidParameter(
-            f"model {model.name}: gives no numbers at the beginning of record {record.name} with "
-            "its parameters at their priors: all outputs are NaN or infinite"
+            f"model {model.name}: at the beginning of record {record.name} all outputs are NaN or "
+            "infinite, with the parameters at their priors"
         )
 
 

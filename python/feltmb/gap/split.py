@@ -20,7 +20,7 @@ def split_records(
 
     Named ones; else those whose role says so; else, of three or more records, every third; else
     every record is cut into five blocks of which the second and fourth are held out. ``masked``:
-    instead of being cut, records keep their clock, and lose the outputs of the other blocks.
+    the records are not cut; they keep all times, and the outputs of the other blocks are removed.
     """
     if isinstance(hold_out, str):
         hold_out = [hold_out]

@@ -28,10 +28,10 @@ def next_steps(
     components: Sequence[ComponentRow],
     intervals: Sequence[Interval],
 ) -> tuple[Advice, ...]:
-    """Steps in the order of what they may save."""
+    """Steps in the order of their expected benefit."""
     texts = [
-        f"Check unit, sign and column of {row.channel}: a constant is nearer to its records than "
-        "the model is."
+        f"Check unit, sign and column of {row.channel}: a constant fits its records better "
+        "than the model."
         for row in as_it_is
         if row.worse_than_constant
     ]
@@ -43,13 +43,12 @@ def next_steps(
             "first."
         )
     texts += [
-        f"{i.name} sits at its limit {i.value:.4g}: widen the limit, or look for what pushes it "
-        "there."
+        f"{i.name} is at its limit {i.value:.4g}: widen the limit, or find the reason."
         for i in intervals
         if i.at_limit
     ]
     texts += [
-        f"Measure it by itself: {row.text[0].lower()}{row.text[1:]}."
+        f"Measure it separately: {row.text[0].lower()}{row.text[1:]}."
         for row in calibrated
         if row.sure
         and row.prior_deviations is not None
@@ -65,11 +64,11 @@ def next_steps(
             )
         if closest is not None:
             texts.append(
-                f"Give more held-out records that excite {' and '.join(closest.effects)}: it came "
+                f"Give more held-out records that excite {' and '.join(closest.effects)}: it is "
                 "closest."
             )
         texts.append(
-            "If what is left is small enough for you, say so: good_enough (--good-enough) adds a "
-            "practical floor to the noise."
+            "If the residual is small enough for you, set good_enough (--good-enough), which "
+            "is added to the noise."
         )
     return tuple(Advice(text=t) for t in texts)

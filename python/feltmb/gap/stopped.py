@@ -26,15 +26,15 @@ def cut_short(
 ) -> Decision:
     """The decision with what the stop leaves open.
 
-    A fit of the model that did not end proves nothing. A name stands only if nothing was waiting
-    to be tried in its place.
+    An unfinished fit of the model proves nothing. A named effect is kept only if no untested
+    effect could replace it.
     """
     begin = f"Stopped in the {watch.stopped_in} ({watch.why})"
     if watch.stopped_in == FIT and not found.model_fit.converged:
         ratio = found.model_fit.chi2 / found.model_fit.dof
         text = (
-            f"{begin}: the model is not fitted yet, so that nothing can be said of a gap. Best sum "
-            f"of squares so far {ratio:.3g} of its expectation."
+            f"{begin}: the fit of the model is not finished, so a gap cannot be assessed. The best "
+            f"sum of squares so far is {ratio:.3g} of its expectation."
         )
         return replace(
             decision, verdict=Verdict.TOO_WEAK, statement=text, named=(), one_of=(), confidence=0.0
@@ -46,7 +46,7 @@ def cut_short(
         every = (*decision.named, *(n for n in decision.one_of if n not in rivals), *rivals)
         text = (
             f"{begin}. Best so far: {', '.join(decision.named)}, which held-out records confirm; "
-            f"{', '.join(rivals)} had still to be tried."
+            f"{', '.join(rivals)} were not yet tested as alternatives."
         )
         return replace(
             decision, verdict=Verdict.ONE_OF, statement=text, named=(), one_of=tuple(every)

@@ -303,7 +303,7 @@ def _moved_to(outcome: Outcome, theta: Array, metric: str) -> Outcome:
 
 
 def fitted_starts(fit: Fit, tight: Fit | None, settings: FitSettings) -> dict[str, Array]:
-    """Start state of the records of a fit with which one run follows each of them.
+    """Start states with which a single run follows each record of a fit.
 
     ``tight``: the same fitted with the tightest gaps, whose start states are near.
     """

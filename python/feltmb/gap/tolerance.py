@@ -37,12 +37,12 @@ RELEASED = "the records refute the tolerance of {}: fitted as if nothing were kn
 
 
 def beyond_prior(fit: Fit) -> dict[str, float]:
-    """Parameters that had to go beyond their tolerance, and by how many of it.
+    """Parameters beyond their tolerance, and their deviation in standard deviations.
 
-    If a tolerance s is right, what a fit moves its parameter is a normal number of the variance
-    s^2 - sd^2, where sd is what the fit leaves open. (The value itself says too little: a prior
-    that is as sharp as the records holds its parameter back half of the way.) Parameters of
-    run-to-run variability are no numbers of the machine and are left out.
+    If a tolerance s is right, the change of its parameter by a fit is normal with the variance
+    s^2 - sd^2, where sd is the posterior standard deviation. The change relative to s alone would
+    be too small a measure: a prior as narrow as the information of the records holds the parameter
+    back by half. Parameters of run-to-run variability do not belong to the machine and are omitted.
     """
     out = {}
     for i, found in zip(fit.problem.free, fit.intervals(), strict=False):
@@ -56,7 +56,7 @@ def beyond_prior(fit: Fit) -> dict[str, float]:
 
 
 def besides_tolerances(fit: Fit, effects: Sequence[Effect]) -> list[Effect]:
-    """Effects that are not merely more of a parameter which lies within its tolerance.
+    """Effects except those that only increase a parameter within its tolerance.
 
     The score of such an effect is what its parameter is off, which ``TOLERATED`` judges.
     """
@@ -65,12 +65,12 @@ def besides_tolerances(fit: Fit, effects: Sequence[Effect]) -> list[Effect]:
 
 
 def prior_deviations_told(fit: Fit) -> str:
-    """Parameters that are not what they were said to be, in words; empty: there are none."""
+    """Text about parameters far from their priors; empty: there are none."""
     far = beyond_prior(fit)
     if not far:
         return ""
     told = ", ".join(f"{name} by {z:.2g}" for name, z in far.items())
-    return f"parameters lie beyond their priors, in their standard deviations: {told}"
+    return f"parameters are far from their priors (in prior standard deviations): {told}"
 
 
 def within_tolerance(found: Search, settings: FitSettings) -> Search:

@@ -208,7 +208,7 @@ def _explained(e: Array, columns: list[Array]) -> float:
 
 
 def event_ledger(fit: Fit, level: float = PLACE_LEVEL) -> tuple[EventRow, ...]:
-    """Events that the model knows, or else the steepest changes of each channel."""
+    """Events of the model, or the steepest changes of each channel if it has none."""
     problem = fit.problem
     rows = []
     for segmented, joined in zip(problem.segmented_records, _simulated(fit), strict=True):

@@ -43,7 +43,7 @@ Progress = Callable[[int, int, "WithheldCase"], None]
 @checked
 @dataclass(frozen=True, kw_only=True)
 class WithheldCase:
-    """One withheld effect and what the diagnosis said."""
+    """One withheld effect and its diagnosis."""
 
     number: int
     effect: str
@@ -168,7 +168,7 @@ def withhold(
     folder: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Withheld:
-    """Withhold effects of a library in turn and tell how often a diagnosis would be right.
+    """Withhold effects of a library in turn and count how often a diagnosis is correct.
 
     Parameters
     ----------
@@ -315,7 +315,7 @@ class _Machine:
                 if sensor.sigma is None and different.size < 2:
                     raise DataError(
                         f"record {record.name}: nothing was measured of {name}, and its sensor "
-                        "says no noise; expected sigma, or a measured record"
+                        "has no noise; expected sigma, or a measured record"
                     )
         told = [with_sigma(r, checks.noise(r.name)) for r in records]
         ready = model.ready(told)

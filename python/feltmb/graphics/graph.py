@@ -174,7 +174,7 @@ class LinearGraph:
     def circuits(self) -> Array:
         """Fundamental circuit matrix (chords, edges): one closed loop of displacements for a chord.
 
-        The columns of the chords hold the unit matrix.
+        The columns of the chords are the unit matrix.
         """
         tree, cotree = list(self.tree), list(self.cotree)
         matrix = np.zeros((len(cotree), len(self.edges)))

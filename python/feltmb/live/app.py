@@ -222,7 +222,7 @@ class Page:
 
 
 def greeting(bench: Bench) -> dict[str, Any]:
-    """What a page has to know of a mechanism."""
+    """Data of a mechanism for the page."""
     action = bench.action
     playable = action.config.finger is not None and action.config.motor is None
     playing = Playing() if playable else Playing(kind="free")

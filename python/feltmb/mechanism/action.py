@@ -175,7 +175,7 @@ class Action:
         return changed.with_laws(self._laws) if self._laws else changed
 
     def with_laws(self, laws: Mapping[str, Law]) -> Action:
-        """Copy whose contacts follow laws that no file can hold, such as a compiled function.
+        """Copy with contact laws that a file cannot contain, such as a compiled function.
 
         Parameters
         ----------

@@ -246,7 +246,7 @@ def _way(direction: tuple[float, float]) -> tuple[float, float]:
 
 
 class NamedEvent(Schema):
-    """A contact change or a travel of a tracking point that gets a name."""
+    """A named event: a contact change, or a travel of a tracking point."""
 
     contact: int | list[int] | None = None
     change: Literal["opens", "closes"] | None = None

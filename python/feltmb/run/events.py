@@ -14,7 +14,7 @@ __all__ = ["Change", "name_events"]
 
 @dataclass(frozen=True)
 class Change:
-    """A contact that opens or closes, or a tracking point that passes its travel."""
+    """A contact that opens or closes, or a tracking point that reaches the travel of its event."""
 
     time: float  #: [s]
     contact: int | None  #: contact number

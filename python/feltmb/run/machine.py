@@ -83,11 +83,11 @@ def _numbers(name: str, given: Any, count: int) -> list[float]:
 
 @checked
 class Machine:
-    """A mechanism that is advanced step by step, each step with an input of its own.
+    """A mechanism that advances step by step. Each step has its own input.
 
-    A step begins with the state only, not with the history of an integrator: the input may jump,
-    and the same state and input give the same end to the last bit, whatever was done before. A
-    machine belongs to one thread at a time. The interpreter's lock is released in a step.
+    A step depends on the state only, and not on the history of an integrator. The input may
+    therefore jump, and the same state and input give the same result to the last bit. Only one
+    thread at a time may use a machine. A step releases the lock of the interpreter.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class Machine:
         return self._stepper.outputs()
 
     def reset(self) -> None:
-        """Go to the rest pose, at time zero; felt forgets."""
+        """Set the rest pose and time zero, and reset the memory of felts."""
         self._stepper.state = self._stepper.rest
 
     def read(self, channel: str, unit: str | None = None) -> float:
@@ -194,7 +194,7 @@ class Machine:
         return value / conversion_factor(unit, self.units[channel])
 
     def state(self) -> MachineState:
-        """All that the steps to come depend on."""
+        """The state that determines all following steps."""
         time, y, memory, kind, *drive = self._stepper.state
         return MachineState(time, y, np.asarray(memory), kind, tuple(drive), self.action.hash)
 

@@ -19,9 +19,9 @@ __all__ = ["ALL_OPTIONS", "OPTIONS", "RunOptions", "check_options", "options_giv
 class RunOptions:
     """Options of a simulation.
 
-    ``feltmb.simulate(action, stroke, rtol=1e-8)`` is short for
-    ``feltmb.simulate(action, stroke, options=RunOptions(rtol=1e-8))``. Batches, sweeps and studies
-    take the same, and have the ledger off unless it is asked for.
+    ``feltmb.simulate(action, stroke, rtol=1e-8)`` is short for ``feltmb.simulate(action, stroke,
+    options=RunOptions(rtol=1e-8))``. Batches, sweeps and studies have the same options. Their
+    ledger is off by default.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class RunOptions:
         check_options({name: getattr(self, name) for name in ("max_wall", "max_step", "max_order")})
 
     def changed(self) -> dict[str, Any]:
-        """Values by name of what differs from the defaults."""
+        """Names and values of the options that differ from the defaults."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return {f.name: values[f.name] for f in fields(self) if values[f.name] != f.default}
 

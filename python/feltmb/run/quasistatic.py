@@ -511,7 +511,7 @@ def simulated_press(
     release: bool = False,
     rtol: float = 1e-6,
 ) -> SimulatedPress:
-    """Simulate a finger that goes down at a constant slow speed.
+    """Simulate a finger that presses at a constant slow speed.
 
     Parameters
     ----------

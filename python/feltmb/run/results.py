@@ -47,7 +47,7 @@ def let_off_words(summary: Mapping[str, float]) -> str:
 
 
 class Provenance(dict[str, Any]):
-    """Provenance whose costly entries are made when they are first read.
+    """Provenance whose expensive entries are computed at the first access.
 
     To write all parameters as TOML takes as long as several strokes; most runs of a sweep are
     never asked for it.

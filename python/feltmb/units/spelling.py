@@ -66,7 +66,7 @@ def spelled_unit(text: str) -> str | None:
 
 
 def split_column(heading: str) -> tuple[str, str]:
-    """Name and unit of a column as an instrument heads it; the unit as it stands, "" if none.
+    """Name and unit of a column from the header of an instrument; the unit as written, "" if none.
 
     ``force [N]``, ``Extension (mm)``, ``Time_s``, ``Force, N``, ``Load / kN``. What stands in
     square brackets is a unit, known or not; what stands elsewhere only if it is a known one.

@@ -196,7 +196,7 @@ def test_the_noise_of_a_motion_is_estimated_where_it_is_not_told():
     )
     ready = model.ready([record])
     assert ready.records[0].input_sigma["displacement"] == pytest.approx(1e-5, rel=0.2)
-    assert "nothing is said of the noise of displacement" in ready.notes[0]
+    assert "the noise of displacement is not specified" in ready.notes[0]
     told = replace(record, input_sigma={"displacement": 3e-6})
     assert model.ready([told]).records[0].input_sigma["displacement"] == 3e-6
 
@@ -218,7 +218,7 @@ def test_a_variant_of_a_mechanism_takes_its_library():
     ("settings", "message"),
     [
         ({"rtol": "0"}, "rtol = 0.0"),
-        ({"library": "mechanism", "until": "0.01"}, "does not say where a stroke turns"),
+        ({"library": "mechanism", "until": "0.01"}, "does not specify the reversal of a stroke"),
         ({"until": "soon"}, "got 'soon', expected seconds >= 0, or end"),
         ({"until": "-1"}, "got '-1'"),
         ({"until": "nan"}, "got 'nan'"),

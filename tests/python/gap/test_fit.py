@@ -267,7 +267,7 @@ def test_a_parameter_far_off_its_prior_is_told():
         replace(p, value=70.0, sd=1.0) if p.name == "k" else p for p in model.parameters
     )
     notes = fit_model(model, data).notes
-    assert any("beyond their priors" in note and "k by" in note for note in notes)
+    assert any("far from their priors" in note and "k by" in note for note in notes)
 
 
 def test_an_accelerometer_feels_effects_and_unknown_forces():

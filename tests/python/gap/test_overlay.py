@@ -78,9 +78,9 @@ def test_a_channel_that_starts_elsewhere_is_told_of():
     far = record(0.5e-3)
     same, notes = action().referred(far)
     assert same is far
-    assert "neither rest (0) nor where steinway45 has it at rest" in notes[0]
+    assert "neither zero nor the rest value of steinway45" in notes[0]
     told, notes = action().referred(record(0.5e-3, reference="absolute"))
-    assert any("its own start is taken for rest" in n for n in notes)
+    assert any("the first value of the record is used as rest value" in n for n in notes)
     assert abs(np.mean(told.outputs["hammer_tip.x"][:40])) < 1e-5
     offset = record(0.5e-3, reference="rest")
     same, notes = action().referred(offset)
@@ -142,7 +142,7 @@ def test_a_wrong_scale_and_a_late_clock_are_seen():
     scaled = gap.check(action(), record(scale=1e-3, sigma=1e-8))
     for row in scaled.rows:
         assert row.factor == pytest.approx(1e-3, rel=0.01)
-    assert any("m that are called mm?" in n for n in scaled.notes)
+    assert any("m labeled as mm?" in n for n in scaled.notes)
     late = gap.check(action(), record(late=8))  # samples of 0.5 ms
     for row in late.rows:
         assert row.delay == pytest.approx(4e-3, abs=3e-4)
@@ -205,7 +205,7 @@ def straight(factor, sd=0.1):
 def test_a_wrong_unit_ends_a_diagnosis_before_any_fit():
     """It was fitted for four minutes before, and told as parameters at their limits."""
     told = []
-    for factor, says in ((10.0, "mm that are called cm"), (0.1, "cm that are called mm")):
+    for factor, says in ((10.0, "mm labeled as cm"), (0.1, "cm labeled as mm")):
         with pytest.raises(DataError, match=rf"DATA PROBLEM: the unit of y: .*{says}.*--unit"):
             gap.diagnose(straight(factor)[0], [], straight(factor)[1], progress=told.append)
     assert {p.stage for p in told} == {"checks of the data"}

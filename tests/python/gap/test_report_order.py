@@ -170,7 +170,7 @@ def test_a_limit_and_a_useless_model_are_told(capsys):
     assert "further from the records than a constant is" in shown
     assert "At a limit of its range: slope" in shown
     assert report.as_it_is[0].worse_than_constant
-    assert any("sits at its limit" in a.text for a in report.next)
+    assert any("is at its limit" in a.text for a in report.next)
     assert "further from the records than a constant is" in page(report)
 
 
@@ -194,7 +194,7 @@ def test_an_unknown_says_what_comes_closest():
     assert 0.0 < closest.closed < 0.3
     assert closest.low <= closest.closed <= closest.high
     assert closest.why
-    assert f"Closest comes power 2 of {closest.magnitudes[0]:.3g} m" in report.statement
+    assert f"The closest is power 2 of {closest.magnitudes[0]:.3g} m" in report.statement
     assert f"it would close {closest.closed:.0%} of the held-out gap" in report.statement
     assert f"not proven: {closest.why}" in report.statement
     assert any("power 2" in a.text for a in report.next)
@@ -212,7 +212,7 @@ def test_good_enough_is_a_floor(floor, verdict):
         assert report.verdict not in (Verdict.NO_GAP, Verdict.CALIBRATED)
     else:
         assert report.verdict is verdict
-        assert "said to be good enough" in report.statement
+        assert "less than the specified good_enough" in report.statement
     assert report.as_it_is[0].noise == pytest.approx(math.hypot(NOISE, floor))
 
 

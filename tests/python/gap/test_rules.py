@@ -110,7 +110,7 @@ def test_a_data_problem_holds_nothing_of_the_machine():
     assert said.named == ("power 3",)
     assert set(said.one_of) == {"power 2", "square of the machine"}
     assert said.verdict is Verdict.NAMED_UNKNOWN_REST
-    assert "Besides, one of power 2 and square of the machine" in said.statement
+    assert "In addition, one of power 2 and square of the machine" in said.statement
 
 
 def test_what_mends_the_form_of_a_larger_effect_is_small_print():

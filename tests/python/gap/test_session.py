@@ -189,7 +189,7 @@ def test_faults_are_told(tmp_path):
     def silent(request, answer):
         del request, answer
 
-    with pytest.raises(DataError, match=r"record\.csv: is not there"):
+    with pytest.raises(DataError, match=r"record\.csv: missing; expected the record"):
         session(models.NOMINAL, models.EFFECTS, silent, read, tmp_path / "a", budget=1, **QUICK)
     with pytest.raises(InvalidParameter, match="holds another session"):
         session(

@@ -70,7 +70,7 @@ def test_a_wrong_unit_is_told_before_any_fit(tmp_path):
     outcome = diagnose(make(STORIES["unit"], tmp_path))
     assert outcome.missing(STORIES["unit"]) == []
     assert outcome.code == 2
-    assert "mm that are called cm" in " ".join(outcome.first)
+    assert "mm labeled as cm" in " ".join(outcome.first)
 
 
 @pytest.mark.slow

@@ -83,7 +83,7 @@ def test_finished_cases_are_kept_and_others_refused(tmp_path):
     first = withhold(model(), effects(), records(), **given)
     kept = (tmp_path / "case_1.json").read_bytes()
     (tmp_path / "case_0.json").write_text("{")  # damaged: done again
-    with pytest.warns(RuntimeWarning, match="case_0.json: the result is computed anew"):
+    with pytest.warns(RuntimeWarning, match="case_0.json: the result is computed again"):
         again = withhold(model(), effects(), records(), **given)
     assert (tmp_path / "case_1.json").read_bytes() == kept
     assert again.cases[1].outcome == first.cases[1].outcome

@@ -111,6 +111,28 @@ inline double twice(F f) {
         assert text not in code
 
 
+def test_a_structure_is_a_table_and_a_function_has_its_text():
+    text = """\
+/// Numbers of x_y.
+struct Numbers {
+  double mass = 0.0;                     ///< m [kg],
+                                         ///< > 0
+  std::function<double(double)> law{f};  ///< of a|b
+  /// Sum:
+  ///   s = a_1 + b
+  double sum(double a,
+             double b) const;
+};
+"""
+    shown = "\n".join(line for item in cpp.items(text) for line in cpp.rendered(item))
+    assert "### Numbers" in shown
+    assert r"Numbers of x\_y." in shown
+    assert r"| `mass` | `double` | `0.0` | m \[kg\], \> 0 |" in shown
+    assert r"| `law` | `std::function<double(double)>` | `f` | of a\\|b |" in shown
+    assert "```cpp\ndouble sum(double a,\n           double b) const;\n```" in shown
+    assert "```text\n  s = a_1 + b\n```" in shown
+
+
 def test_pages_are_written_once_and_old_ones_go(tmp_path, monkeypatch):
     monkeypatch.setattr(make_reference, "pages", lambda: {"a.md": "new\n", "b/c.md": "c\n"})
     (tmp_path / "old.md").write_text("x")

@@ -35,7 +35,7 @@ def test_every_damaged_byte_is_told(tmp_path):
             changed = bytearray(whole)
             changed[place] ^= 0x15
             (tmp_path / name).write_bytes(changed)
-            with pytest.warns(RuntimeWarning, match="computed anew"):
+            with pytest.warns(RuntimeWarning, match="computed again"):
                 assert kept(tmp_path) is None
         (tmp_path / name).write_bytes(whole)
     assert kept(tmp_path)[0] == DATA

@@ -165,7 +165,7 @@ def test_a_given_thickness_is_printed_as_an_assumption(tmp_path):
 
 def test_the_help_of_out_names_what_it_takes():
     text = " ".join(CliRunner().invoke(cli, ["stroke", "--help"]).output.split())
-    assert ".nc or .h5 (everything) or .csv" in text
+    assert ".nc or .h5 (all data) or .csv" in text
 
 
 def _text(table):

@@ -595,7 +595,7 @@ def test_a_member_that_was_edited_is_computed_anew(pendulum, tmp_path, damage):
         again = sweep_into(tmp_path, pendulum, summary_only=False)
     assert again.table.equals(first.table)
     damage(sorted(tmp_path.glob("*.json"))[0])
-    with pytest.warns(RuntimeWarning, match="computed anew"):
+    with pytest.warns(RuntimeWarning, match="computed again"):
         repeated = sweep_into(tmp_path, pendulum, summary_only=False)
     assert repeated.table.equals(first.table)
     assert sorted(whole) == sorted(p.name for p in tmp_path.glob("*.nc"))

@@ -208,7 +208,7 @@ def test_failures_are_remembered_and_damaged_files_computed_again(action, stroke
     assert len(files) == 2
     done = next(f for f in files if json.loads(f.read_text())["status"] == "done")
     done.write_text(done.read_text()[:40])
-    with pytest.warns(RuntimeWarning, match="computed anew"):
+    with pytest.warns(RuntimeWarning, match="computed again"):
         again = quiet(action, stroke, values, folder=tmp_path).table
     pd.testing.assert_frame_equal(first, again, check_exact=True)
     assert json.loads(done.read_text())["status"] == "done"

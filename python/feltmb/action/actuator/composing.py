@@ -107,8 +107,8 @@ def compose(action: Action | str, actuator: Actuator | str, *, pad: str | None =
 def stand_alone(actuator: Actuator | str) -> Action:
     """The actuator on its own stop as a mechanism, without an equivalent reaction.
 
-    The same physics as :func:`simulate_actuator` by another road: geometrically exact joints, arm
-    by shape functions, multistep integration. Gravity is across the arm at angle zero.
+    The same physics as :func:`simulate_actuator` with other methods: geometrically exact joints,
+    arm by shape functions, multistep integration. Gravity is across the arm at angle zero.
     """
     actuator = load_actuator(actuator) if isinstance(actuator, str) else actuator
     stop = actuator.config.stop

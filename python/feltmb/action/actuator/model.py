@@ -65,7 +65,7 @@ class Hub(Schema):
 
 
 class Section(Schema):
-    """A stretch of the arm with one cross section."""
+    """A section of the arm with constant cross section."""
 
     length: Annotated[float, SI("m"), Field(gt=0)]
     density: Annotated[float, SI("kg/m^3"), Field(gt=0)]

@@ -102,5 +102,5 @@ class Screws:
 
 
 def tidy(value: float) -> float:
-    """A number without the last digits, which are rounding."""
+    """A number without its last digits, which contain rounding errors."""
     return float(f"{value:.12g}")

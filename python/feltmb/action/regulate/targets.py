@@ -82,7 +82,7 @@ def _turn(node: object) -> float:
 
 @checked
 class Step(Schema):
-    """One thing that is measured, and the screw that sets it (none: it is only checked).
+    """One measured value and its screw; without a screw the value is only checked.
 
     ``speed`` and ``travel`` are of the finger in a slow press, ``friction`` of ``static_press``.
     """
@@ -179,7 +179,7 @@ class Targets(Schema):
 
     @checked
     def with_targets(self, targets: Mapping[str, str]) -> Targets:
-        """The same steps with other targets.
+        """Copy of the steps with other targets.
 
         Parameters
         ----------

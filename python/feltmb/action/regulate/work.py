@@ -67,7 +67,7 @@ class Regulation:
 
     @property
     def unmet(self) -> tuple[Row, ...]:
-        """Rows that do not hold."""
+        """Rows whose target is not met."""
         return tuple(row for row in self.table if not row.holds)
 
     def to_toml(self) -> str:

@@ -109,7 +109,7 @@ def _misread(name: str, error: ReadingError, **fields: Any) -> Effect:
 
 
 def saturation_input(name: str, *, levels: Sequence[float]) -> Effect:
-    """Of the input beyond +-level only the share 1 - magnitude arrives."""
+    """Beyond +-level the input is reduced to the fraction 1 - magnitude."""
     return _part_lost(
         name,
         "saturation of input",

@@ -14,7 +14,7 @@ __all__ = ["effects"]
 
 
 def effects(change: pd.Series, unit: str) -> Figure:
-    """Bars of what one percent more of each parameter does, the largest on top.
+    """Bars of the change caused by one percent more of each parameter, sorted by size.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ def mechanism(
     """Draw a mechanism in a pose: bodies, contact surfaces with numbers, joints, springs, string.
 
     Contact surfaces (dark red) are drawn where the simulation has them. The outlines of the bodies
-    only join what is known of them: joints, surfaces, center of mass, attachments.
+    only connect their known points: joints, surfaces, center of mass, attachments.
 
     Parameters
     ----------

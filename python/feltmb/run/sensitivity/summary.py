@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def summary_outputs(action: Action) -> list[str]:
-    """Outputs that the summary needs beside those asked for."""
+    """Outputs that the summary needs in addition to the requested ones."""
     point = action.config.reading.key_point
     return [f"{point}.y"] if point is not None else []
 

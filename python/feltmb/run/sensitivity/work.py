@@ -37,7 +37,7 @@ def gradient(
     tolerance: float = 3e-3,
     output_rate: float = 1000.0,
 ) -> Gradient:
-    """Derivatives of a stroke from the rest pose, which moves with the parameters.
+    """Compute the derivatives of a stroke that starts at the rest pose, including its change.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def segments(
     output_rate: float = 1000.0,
     jobs: int | None = None,
 ) -> list[Gradient]:
-    """Derivatives of many stretches of one stroke, each from its own full state, in one call.
+    """Compute the derivatives of several segments of one stroke, each from its own full state.
 
     This is what multiple shooting needs: with ``directions`` the columns after the parameters are
     derivatives by the start state of each segment.

@@ -34,7 +34,7 @@ MOTORS = ("torque", "motor_motion")
 @checked
 @dataclass(frozen=True)
 class Stroke:
-    """What drives a mechanism, through knots, positive pressing.
+    """Input of a mechanism, given by knots, positive in the direction of pressing.
 
     Constant before the first and after the last knot. ``linear`` is straight between knots;
     ``monotone`` is a cubic without overshoot (PCHIP), continuous in slope; ``spline`` is a cubic
@@ -316,7 +316,7 @@ def motion_stroke(
     duration: float | None = None,
     name: str = "motion",
 ) -> Stroke:
-    """Prescribed motion, positive down; the force that it takes is an output.
+    """Prescribed motion, positive downward. The required force is an output.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ class StudyResult(StudyOutcomes):
 
     @property
     def figures(self) -> dict[str, Figure]:
-        """Figures by name, as matplotlib ``Figure``; drawn when they are first asked for."""
+        """Figures by name, as matplotlib ``Figure``. They are drawn at the first access."""
         for name in self.study.spec.figures:
             if name not in self._cache:
                 self._cache[name] = draw(self, name)

@@ -73,7 +73,7 @@ class Axis:
     name
         Column of the table.
     values
-        What to go through.
+        Values of the axis.
     paths
         Dotted paths that take the value: of the mechanism, ``stroke.scale``, ``stroke.delay`` or
         ``options.NAME``.
@@ -171,7 +171,7 @@ def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
 
 @checked
 def grid_points(axes: Sequence[Axis], mode: Literal["grid", "list"]) -> Iterator[tuple[Any, ...]]:
-    """Combinations of the values of the axes, the last varying fastest; ``list``: in pairs."""
+    """Combinations of the values of the axes, the last axis fastest; ``list``: by equal index."""
     if mode == "grid":
         size = math.prod(len(axis.values) for axis in axes)
         if size > MOST_POINTS:
