@@ -670,7 +670,8 @@ def _check_units(model: Model, tabulated: Outcome, metric: str) -> None:
     if wrong:
         raise DataError(
             f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit CHANNEL=UNIT, "
-            "unit in the TOML file, in Python units of ReadOptions; feltmb gap check shows model and record"
+            "unit in the TOML file, in Python units of ReadOptions; feltmb gap check shows model "
+            "and record"
         )
 
 

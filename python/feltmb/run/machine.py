@@ -114,6 +114,15 @@ class Machine:
         max_wall: float | None = None,
         events: bool = True,
     ):
+        self._given = {
+            "hold": hold,
+            "rtol": rtol,
+            "method": method,
+            "max_order": max_order,
+            "max_step": max_step,
+            "max_wall": max_wall,
+            "events": events,
+        }
         check_options({"max_order": max_order, "max_step": max_step, "max_wall": max_wall})
         self.action = action if isinstance(action, Action) else load_action(action)
         self.hold = hold
@@ -147,6 +156,21 @@ class Machine:
 
     def __repr__(self) -> str:
         return f"<Machine {self.action.name!r} at {self.time:g} s>"
+
+    def __copy__(self) -> Machine:
+        """A machine of its own in the same state, ``copy.copy`` and ``copy.deepcopy`` alike."""
+        other = Machine(self.action, **self._given)  # type: ignore[arg-type]
+        other.restore(self.state())
+        return other
+
+    def __deepcopy__(self, memo: object) -> Machine:
+        return self.__copy__()
+
+    def __reduce__(self) -> Any:
+        raise InvalidParameter(
+            f"machine {self.action.name!r} cannot be pickled; pickle its state() and restore that "
+            "in a machine of the other process"
+        )
 
     def _of(self, kind: Kind) -> _core.Stepper:
         if kind not in self._steppers:

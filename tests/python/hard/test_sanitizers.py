@@ -13,16 +13,25 @@ ROOT = Path(__file__).resolve().parents[3]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["address", "thread"])
-def test_sanitizers_are_silent(kind, tmp_path):
+def test_sanitizers_are_silent(kind):
+    """In the folder of the script: what was compiled before is not compiled again."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     done = subprocess.run(
-        ["bash", str(ROOT / "tools" / "sanitize.sh"), kind, str(tmp_path / "build")],
+        ["bash", str(ROOT / "tools" / "sanitize.sh"), kind],
         capture_output=True,
         text=True,
         check=False,
         env={**os.environ, "PATH": path},
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-5000:]
+    assert done.stdout.splitlines()[-1].startswith(f"sanitize {kind}: ")
+
+
+def test_the_script_of_the_sanitizers_says_what_it_takes():
+    script = ["bash", str(ROOT / "tools" / "sanitize.sh"), "memory"]
+    done = subprocess.run(script, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "sanitize.sh: got memory, expected address or thread\n"
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """A mechanism step by step: the motion of one run, and to the last bit that of its state."""
 
+import copy
 import dataclasses
 import importlib.util
 import pickle
@@ -325,6 +326,22 @@ def test_odd_states(action, name, value, expected):
     with pytest.raises(feltmb.InvalidParameter, match="state: y: got"):
         machine.restore(dataclasses.replace(state, y=state.y[:, None]))
     assert machine.state() == state
+
+
+@pytest.mark.parametrize("way", [copy.copy, copy.deepcopy])
+def test_a_copy_goes_its_own_way(way, action):
+    """It shared the state of the first, or ended in a TypeError of Python."""
+    machine = feltmb.Machine(action, hold="linear", rtol=1e-5)
+    along(machine, 20, force=forte)
+    state = machine.state()
+    other = way(machine)
+    assert other.state() == state
+    end, _ = along(other, 10, force=forte)
+    assert machine.state() == state
+    again, _ = along(machine, 10, force=forte)
+    assert np.array_equal(end, again)
+    with pytest.raises(feltmb.InvalidParameter, match=r"cannot be pickled; pickle its state\(\)"):
+        pickle.dumps(machine)
 
 
 def test_a_step_that_fails_leaves_the_machine_where_it_was(action):
