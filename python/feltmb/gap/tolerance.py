@@ -117,7 +117,7 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
         assert found.best is not None
         start = found.best.fit
         freed = {t.effect.tolerance_parameter for t in start.included}
-    if not freed:
+    if not freed or not found.model_fit.explains:
         return None
     fit = without_tolerances(found.model_fit, freed, taken_over(start), settings)
     tight = tighten(fit, settings)
