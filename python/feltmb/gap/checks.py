@@ -106,7 +106,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
         raise DataError(f"records: the name {', '.join(doubled)} is used twice")
     problems: list[str] = []
     warnings: list[str] = []
-    problems += _copies(records)
+    warnings += without_copies(records)[1]
     repeats = _repeatability(records, warnings)
     channels = []
     estimated = False
@@ -152,18 +152,26 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
     )
 
 
-def _copies(records: Sequence[Record]) -> list[str]:
-    """Records whose outputs are those of another one to the last digit."""
-    problems = []
-    for i, record in enumerate(records):
-        for earlier in records[:i]:
-            if _same_numbers(earlier, record):
-                problems.append(
-                    f"{record.name}: holds the same numbers as {earlier.name}; a copy is no "
-                    "second measurement and proves nothing: leave one of them out"
-                )
-                break
-    return problems
+def without_copies(
+    records: Sequence[Record], hold_out: Sequence[str] = ()
+) -> tuple[tuple[Record, ...], tuple[str, ...]]:
+    """Records without those that hold the numbers of another one, and what is said of them.
+
+    A copy is no second measurement, and would prove what it was fitted to. Of a record that is
+    held out and its copy the first is kept.
+    """
+    kept: list[Record] = []
+    told = []
+    for record in sorted(records, key=lambda r: not (r.name in hold_out or r.role == "held_out")):
+        same = next((r.name for r in kept if _same_numbers(r, record)), None)
+        if same is None:
+            kept.append(record)
+        else:
+            told.append(
+                f"{record.name}: holds the same numbers as {same}; a copy is no second "
+                "measurement: it is left out"
+            )
+    return tuple(r for r in records if any(r is k for k in kept)), tuple(told)
 
 
 def _same_numbers(one: Record, other: Record) -> bool:

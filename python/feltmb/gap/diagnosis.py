@@ -22,7 +22,13 @@ from feltmb.fit.watch import FIT, PROOF, REPORT, SEARCH, Tell, Watch, current, w
 from feltmb.gap.acceptance import Accepted, accept, posterior, refutes, shapley
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import calibrate
-from feltmb.gap.checks import DataChecks, check_against, check_records, with_sigma
+from feltmb.gap.checks import (
+    DataChecks,
+    check_against,
+    check_records,
+    with_sigma,
+    without_copies,
+)
 from feltmb.gap.components import component_table
 from feltmb.gap.criteria import (
     CLOSE_ALARM,
@@ -362,7 +368,10 @@ def _diagnosed(
 
     watch.enter(watch.stage)
     model.forget()
+    named = [hold_out] if isinstance(hold_out, str) else hold_out or ()
+    records, copies = without_copies(records, named)
     model, records, whole = _ready(model, records)
+    whole = replace(whole, warnings=(*copies, *whole.warnings))
     fit_records, held_records = split_records(records, hold_out, masked=model.from_rest)
     checks = _inherit(check_records([*fit_records, *held_records], model.outputs), whole, records)
     if checks.problems:
@@ -922,7 +931,9 @@ def _fitted(
 ) -> Fit:
     watch.enter(watch.stage)
     model.forget()
+    records, copies = without_copies(records)
     model, records, checks = _ready(model, records)
+    checks = replace(checks, warnings=(*copies, *checks.warnings))
     try_effects(model, (), records[0])
     segmented_records = prepare(model, records, checks, segment)
     store = None if resume is None else Store(resume)

@@ -117,7 +117,7 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
         assert found.best is not None
         start = found.best.fit
         freed = {t.effect.tolerance_parameter for t in start.included}
-    if not freed:
+    if not freed or not found.model_fit.explains:
         return None
     fit = without_tolerances(found.model_fit, freed, taken_over(start), settings)
     tight = tighten(fit, settings)
@@ -128,6 +128,9 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
     for p, x in zip(known, fit.point.theta, strict=True):
         if p.name in freed:  # as if the departure were the magnitude of an effect
             level -= 0.5 + math.log(max(1.0, abs(x - p.value) / p.sd)) + math.log(len(known))
+    if start is not found.model_fit:  # the best set is the same explanation in other words
+        assert found.best is not None
+        level = max(level, found.best.evidence)
     others = [c for c in found.sets if not _moves(c.fit, freed)]
     # What is more of these parameters is no rival of them, what helps beside is.
     for c in found.sets:

@@ -34,6 +34,7 @@ LIBRARY = load_library(ACTION)
         ("felt_stiffness.03", "felt.03"),
         ("spring_rate.jack_spring", "spring.jack_spring"),
         ("shank_compliance", "bending.shank"),
+        ("string_impedance", "string_impedance"),
         ("felt_thickness.03", None),  # moves surfaces, no tolerance does
         ("felt_hysteresis.03", None),
         ("pivot_clearance.whippen", None),  # inserts parts
