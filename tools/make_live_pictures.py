@@ -31,6 +31,7 @@ VIEWS = {
     "regulation": (1000, 420, "light", "regulation", -1),
     "touch": (1000, 520, "light", "touch", -1),
     "measured": (1000, 900, "light", "measured", -1),
+    "plan": (1000, 560, "light", "measured", -1),
 }
 TURN = (
     "feltmbLive.change('t', n => { n.knobs['screw.let-off'] = -0.0008; }); feltmbLive.fillTurn(); 1"
@@ -96,7 +97,7 @@ def main() -> None:
             page.open("about:blank")
             page.open(live.address)
             until(page, "!!(window.feltmbLive && feltmbLive.viewer)")
-            if name != "measured":
+            if tab != "measured":
                 page.run("feltmbLive.keep(); 1")
                 page.run(TURN)
             page.run(f"feltmbLive.tab = '{tab}'; feltmbLive.fillTab(); feltmbLive.ask(true); 1")
@@ -105,8 +106,13 @@ def main() -> None:
             if tab in kinds:
                 for kind in [kinds[tab], *(["touch b"] if tab == "touch" else [])]:
                     until(page, f"!!(feltmbLive.last && feltmbLive.last['{kind}'])")
+            if name == "plan":
+                page.run("feltmbLive.plan(); 1")
+                until(page, "!!feltmbLive.last.plan")
             page.run("feltmbLive.viewer.seek(88); feltmbLive.say(''); 1")
-            if down < 0:
+            if name == "plan":
+                page.run("feltmbLive.planBox.parentElement.querySelector('h3').scrollIntoView(); 1")
+            elif down < 0:
                 page.run("document.getElementById('more').scrollIntoView(); 1")
             else:
                 page.run(f"window.scrollTo(0, {down}); 1")

@@ -11,7 +11,10 @@ cd "$(dirname "$0")/.."
 work=build/wheels
 tests=(tests/python/unit/test_machine.py tests/python/unit/test_fmu.py
   tests/python/unit/test_import.py tests/python/unit/test_simulate.py
-  tests/python/unit/test_cli_help.py)
+  tests/python/unit/test_cli_help.py tests/python/unit/test_config.py
+  tests/python/unit/test_stroke.py
+  # What depends on the version of Python most: asyncio and processes.
+  tests/python/live/test_server.py tests/python/gap/test_simulator.py)
 
 say() { printf '%s\n' "$*"; }
 

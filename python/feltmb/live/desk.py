@@ -142,6 +142,8 @@ class Desk:
         One at a time is left behind: what cannot be stopped must not fill the threads.
         """
         future = asyncio.get_running_loop().run_in_executor(self._pool, work)
+        # Nobody hears of its end when the page goes meanwhile, or when it is left behind.
+        future.add_done_callback(lambda f: f.cancelled() or f.exception())
         if not leave or (self._left is not None and not self._left.done()):
             return await future
         waking = asyncio.create_task(self._wake.wait())
@@ -152,7 +154,6 @@ class Desk:
         if future.done():
             return future.result()
         self._left = future
-        future.add_done_callback(lambda f: f.cancelled() or f.exception())
         raise Stopped
 
     @contextlib.contextmanager

@@ -272,8 +272,10 @@ class Measured:
                 budget=asked.budget,
                 stop=lambda: self._stop,
             )
-            belief = Belief.of_report({"which": plain(report.which)})
-            self._believed = (_state(asked, bench), belief)
+            # One that was stopped has not weighed all that it would have.
+            if not report.stopped:
+                belief = Belief.of_report({"which": plain(report.which)})
+                self._believed = (_state(asked, bench), belief)
             return told(report, bench)
 
         try:

@@ -1,6 +1,7 @@
 """The live server: who may use it, numbers equal to those of feltmb stroke, nothing piled up."""
 
 import asyncio
+import gc
 import os
 import resource
 import socket
@@ -156,7 +157,7 @@ def test_the_work_of_a_page_ends_even_when_something_is_asked_with_its_end(steps
     assert not left
 
 
-def test_pages_that_go_in_the_middle_of_things_do_not_linger(live, client):
+def test_pages_that_go_in_the_middle_of_things_do_not_linger(live, client, caplog):
     for k in range(20):
         page = client(live)
         page.__enter__()
@@ -169,6 +170,8 @@ def test_pages_that_go_in_the_middle_of_things_do_not_linger(live, client):
     while live.studio.pages and time.monotonic() < until:
         time.sleep(0.05)
     assert not live.studio.pages
+    gc.collect()
+    assert [r.getMessage() for r in caplog.records if r.name == "asyncio"] == []
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,8 @@ class Live {
     this.id = 0;
     this.got = {a: null, b: null};
     this.shown = [];
-    this.sent = new Map();  // when the change of a request was made
+    this.changes = [];  // when what no request tells yet was changed
+    this.sent = new Map();  // when what a request tells was changed
     this.times = [];  // from change to picture [ms], the newest last
     this.tab = "numbers";
     this.build();
@@ -127,6 +128,7 @@ class Live {
   connected(up) {
     this.say(up ? "" : "connection lost, trying again …", !up);
     this.flying = null;
+    this.sent.clear();
     if (up) { this.dirty = true; this.pump(); }
   }
 
@@ -179,7 +181,7 @@ class Live {
   ask(b = false) {
     this.dirty = true;
     if (b) this.dirtyB = true;
-    if (this.changedAt === undefined || this.changedAt === null) this.changedAt = performance.now();
+    this.changes.push(performance.now());
     this.pump();
   }
 
@@ -194,8 +196,8 @@ class Live {
     this.dirty = false;
     const asked = this.request("a");
     this.flying = {id: asked.id, at: now};
-    this.sent.set(asked.id, this.changedAt ?? now);
-    this.changedAt = null;
+    this.sent.set(asked.id, this.changes);
+    this.changes = [];
     this.line.send(asked);
     if (this.dirtyB) {
       this.dirtyB = false;
@@ -216,12 +218,11 @@ class Live {
     if (first) this.open();
     else this.viewer.replace(this.both(), {look: kind !== this.played});
     this.played = kind;
-    const since = m.slot === "a" && m.run.quality === "quick" ? this.sent.get(m.id) : undefined;
-    if (since !== undefined) {
-      for (const id of this.sent.keys()) if (id <= m.id) this.sent.delete(id);
+    const since = m.slot === "a" && m.run.quality === "quick" ? this.answered(m.id) : [];
+    if (since.length) {
       requestAnimationFrame(() => {
-        this.times.push(performance.now() - since);
-        if (this.times.length > 500) this.times.shift();
+        this.times.push(...since.map(t => performance.now() - t));
+        this.times.splice(0, this.times.length - 500);
         this.say(`change to picture ${this.times.at(-1).toFixed(0)} ms`);
       });
     }
@@ -231,10 +232,18 @@ class Live {
     this.pump();
   }
 
+  // When all was changed that a request and those before it told.
+  answered(last) {
+    const since = [];
+    for (const [id, times] of this.sent) if (id <= last) { since.push(...times); this.sent.delete(id); }
+    return since;
+  }
+
   both() { return [this.got.a, this.got.b].filter(r => r); }
 
   refused(m) {
     this.flying = null;
+    this.answered(m.id);
     this.fault = m.faults;
     const box = find("faults");
     box.hidden = false;
