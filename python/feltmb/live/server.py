@@ -70,6 +70,7 @@ class Live:
                 proxy_headers=False,
                 ws_max_size=MOST_MESSAGE,
                 ws_max_queue=8,
+                ws_per_message_deflate=False,  # nothing leaves this machine
                 limit_concurrency=64,
                 timeout_graceful_shutdown=2,
             )
