@@ -11,6 +11,7 @@ import numpy as np
 
 from feltmb.fit.model import VARIABILITY, Effect, Model, Parameter
 from feltmb.fit.problem import Point
+from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.criteria import RIVAL, TOLERATED
 from feltmb.gap.misfit import misfit
@@ -42,12 +43,12 @@ def beyond_prior(fit: Fit) -> dict[str, float]:
     If a tolerance s is right, what a fit moves its parameter is a normal number of the variance
     s^2 - sd^2, where sd is what the fit leaves open. (The value itself says too little: a prior
     that is as sharp as the records holds its parameter back half of the way.) Parameters of
-    run-to-run variability are no numbers of the machine and are left out.
+    run-to-run variability and of what inputs do between samples are no numbers of the machine.
     """
     out = {}
     for i, found in zip(fit.problem.free, fit.intervals(), strict=False):
         p = fit.problem.model.parameters[i]
-        if not 0.0 < p.sd < math.inf or p.component == VARIABILITY:
+        if not 0.0 < p.sd < math.inf or p.component == VARIABILITY or p.name.startswith(BETWEEN):
             continue
         far = (found.value - p.value) / p.sd
         if abs(far) > max(1.0, TOLERATED * math.sqrt(max(found.contraction, 0.0))):
