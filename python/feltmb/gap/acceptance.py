@@ -22,6 +22,7 @@ from feltmb.gap.criteria import (
     PAIRED_P,
     PAIRED_P_INFLATED,
     RIVAL,
+    SURE,
     WALD,
     WIDE_GAP,
 )
@@ -155,6 +156,14 @@ class _Attempt:
             fit = _part(self.search, c.fit, kept, self.settings)
             self.known[key] = CandidateSet(fit, full_evidence(fit, self.total))
         return self.known[key]
+
+    def part(self, c: CandidateSet, names: Sequence[str]) -> CandidateSet:
+        """The set with some of its effects alone."""
+        for name in set(c.names) - set(names):
+            smaller = self.without(c, name)
+            assert smaller is not None
+            c = smaller
+        return c
 
     def _outcome_without(self, c: CandidateSet, name: str) -> Outcome:
         bare = self.without(c, name)
@@ -319,6 +328,34 @@ class _Attempt:
         )
 
 
+def sure_part(
+    names: Sequence[str], sets: Sequence[CandidateSet], belief: Sequence[float]
+) -> tuple[str, ...]:
+    """The largest part of a set that is sure by itself; the set where all of it is, or nothing is.
+
+    An effect of which it is not sure that it is there must not take the others with it. Where it
+    is sure that something is there besides, but not what, the set stays as it is: that is told.
+    """
+
+    def held(part: set[str], *, strictly: bool = False) -> float:
+        pairs = zip(sets, belief, strict=True)
+        return sum(
+            w for c, w in pairs if part < set(c.names) or (part == set(c.names) and not strictly)
+        )
+
+    if held(set(names)) >= SURE:
+        return tuple(names)
+    for size in range(len(names) - 1, 0, -1):
+        found = [
+            part
+            for part in itertools.combinations(names, size)
+            if held(set(part)) >= SURE > held(set(part), strictly=True)
+        ]
+        if found:
+            return max(found, key=lambda part: held(set(part)))
+    return tuple(names)
+
+
 def accept(
     search: Search,
     held: HeldOut,
@@ -357,6 +394,14 @@ def accept(
             best, proof = attempt.standing(first, proof, bad)
             kept = () if best is None else best.names
             rejected = [(n, bad.get(n, without)) for n in first.names if n not in kept]
+        sure = None if best is None else sure_part(best.names, search.sets, posterior(search).sets)
+        part = None if best is None or not sure else attempt.part(best, sure)
+        if best is not None and part is not None and part.key != best.key:
+            found, wrong = attempt.faults(part)
+            if not wrong:
+                doubt = f"the sets that hold it have less than {SURE} of the belief"
+                rejected += [(n, doubt) for n in best.names if n not in part.names]
+                best, proof = part, found
     elif search.sets:
         attempt.outcome(search.sets[0].fit)  # how near it comes is told
     return Accepted(

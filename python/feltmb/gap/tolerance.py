@@ -11,6 +11,7 @@ import numpy as np
 
 from feltmb.fit.model import VARIABILITY, Effect, Model, Parameter
 from feltmb.fit.problem import Point
+from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.criteria import RIVAL, TOLERATED
 from feltmb.gap.misfit import misfit
@@ -42,12 +43,13 @@ def beyond_prior(fit: Fit) -> dict[str, float]:
     If a tolerance s is right, the change of its parameter by a fit is normal with the variance
     s^2 - sd^2, where sd is the posterior standard deviation. The change relative to s alone would
     be too small a measure: a prior as narrow as the information of the records holds the parameter
-    back by half. Parameters of run-to-run variability do not belong to the machine and are omitted.
+    back by half. Parameters of run-to-run variability and of inputs between samples do not belong
+    to the machine and are omitted.
     """
     out = {}
     for i, found in zip(fit.problem.free, fit.intervals(), strict=False):
         p = fit.problem.model.parameters[i]
-        if not 0.0 < p.sd < math.inf or p.component == VARIABILITY:
+        if not 0.0 < p.sd < math.inf or p.component == VARIABILITY or p.name.startswith(BETWEEN):
             continue
         far = (found.value - p.value) / p.sd
         if abs(far) > max(1.0, TOLERATED * math.sqrt(max(found.contraction, 0.0))):

@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from blind.bench import Bench
 from blind.key_hammer import KeyHammer
@@ -17,7 +18,7 @@ from feltmb.fit.problem import Problem, _by_input_noise
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
-from feltmb.gap.acceptance import _certainty
+from feltmb.gap.acceptance import _certainty, sure_part
 from feltmb.gap.decide import TRUST, decide
 from feltmb.gap.diagnosis import _explained
 from feltmb.gap.refine import refit
@@ -311,3 +312,18 @@ def test_a_set_found_beside_a_rest_is_asked_whether_there_is_one():
         if explains:
             assert found.best.names == ("power 3",)
             assert found.model_fit is first.model_fit
+
+
+@pytest.mark.parametrize(
+    ("belief", "sure"),
+    [
+        ({"a": 0.12, "a b": 0.8, "a c": 0.08}, ("a",)),  # that of b took a with it
+        ({"a b": 0.95, "a": 0.05}, ("a", "b")),
+        ({"a b": 0.5, "a c": 0.5}, ("a", "b")),  # something is there beside a: one of b and c
+        ({"a b": 0.5, "c d": 0.5}, ("a", "b")),  # nothing is sure
+        ({"a": 0.05, "b": 0.15, "a b": 0.8}, ("b",)),
+    ],
+)
+def test_an_effect_that_is_not_sure_takes_no_other_with_it(belief, sure):
+    sets = [SimpleNamespace(names=tuple(k.split())) for k in belief]
+    assert sure_part(("a", "b"), sets, list(belief.values())) == sure
