@@ -128,7 +128,7 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
         if unit != "1" and place[name] and not told:
             faults.append(
                 f"column {place[name]} has no unit in the header, expected such as [{unit}] "
-                f"(--unit {name}={unit} says it, in Python units of ReadOptions)"
+                f"(specify it: --unit {name}={unit}, in Python units of ReadOptions)"
             )
     if faults:
         raise DataError(fault_text(str(path), faults))

@@ -108,10 +108,10 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
 def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search | None:
     """The search, with the model fitted without tolerances that the records refute.
 
-    A prior that is wrong must not hold the number back that is told: 20 % of tolerance and records
-    that see a friction to 22 % would make 90 % of 200 %. Nor must an effect that is not there mend
-    what such a prior spoils. None: no parameter is beyond its tolerance, the model does not explain
-    the records even then, or other effects do as well.
+    A wrong prior must not bias the reported value: with a tolerance of 20 % and records that
+    determine a friction to 22 %, 200 % would become 90 %. An effect that does not exist must not
+    compensate this error either. None: no parameter is beyond its tolerance, the model does not
+    explain the records without it, or other effects explain them as well.
     """
     far = beyond_prior(found.model_fit)
     start, freed = found.model_fit, set(far)
@@ -169,8 +169,8 @@ def by_few_numbers(fit: Fit, most: int) -> bool:
 def without_several(fit: Fit, settings: FitSettings) -> Fit:
     """The fit of the model, without tolerances where several are refuted at once.
 
-    Then it is another machine, or another state of it. What the model lacks besides is asked from
-    there: a set of effects that mends several wrong numbers at once is not to be found.
+    The records are then of another machine, or of another state of it. Effects are searched from
+    this fit, because no set of effects can correct several wrong numbers at once.
     """
     far = beyond_prior(fit)
     torn = fit.gap_sd.size > 0 and fit.level > settings.levels[-1]  # its gaps explain, not it

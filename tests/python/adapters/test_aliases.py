@@ -243,8 +243,8 @@ def test_between_two_and_four_the_records_alone_are_told_beside():
 def test_another_cause_that_does_as_well_keeps_the_tolerance():
     """Then it is not known that it is this number which is off."""
     model, records = friction(2.0, quiet=True)
-    twin = Effect(name="twin", component="other", regressor=lambda r, _: r.inputs["u"])
-    report = diagnose(model, [steeper("friction"), twin], records, hold_out=["r2"])
+    other = Effect(name="alike", component="other", regressor=lambda r, _: r.inputs["u"])
+    report = diagnose(model, [steeper("friction"), other], records, hold_out=["r2"])
     assert report.verdict is not Verdict.CALIBRATED
 
 
@@ -264,8 +264,8 @@ def test_several_tolerances_refuted_at_once_are_another_machine():
             Parameter(name="bend", value=0.0, sd=0.1),
         ],
     )
-    twin = Effect(name="twin", component="other", regressor=lambda r, _: np.abs(r.inputs["u"]))
-    report = diagnose(model, [steeper("slope"), twin], two, hold_out=["r2"])
+    other = Effect(name="alike", component="other", regressor=lambda r, _: np.abs(r.inputs["u"]))
+    report = diagnose(model, [steeper("slope"), other], two, hold_out=["r2"])
     assert report.verdict is Verdict.CALIBRATED
     assert {r.name: round(r.value, 1) for r in report.calibrated} == {"slope": 2.0, "bend": -1.0}
     assert report.statement.startswith("The model as a whole is not the machine")

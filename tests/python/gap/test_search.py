@@ -116,7 +116,7 @@ def test_a_set_that_cannot_do_as_well_as_one_that_it_holds_is_taken_out_and_told
     assert found.sets == ()
     ((name, why),) = found.failed
     assert name == "cubic"
-    assert "the model alone, which it holds" in why
+    assert "the model alone, which it contains" in why
 
 
 def test_a_set_with_memory_is_fitted_again_from_one_without(tmp_path, monkeypatch):

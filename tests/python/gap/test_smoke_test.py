@@ -39,7 +39,10 @@ def model(rates=lambda t, x, u, p: (x.v, u.f - p.k * x.q)):
 def records():
     time = np.arange(60) * 5e-3
     f = np.sin(20.0 * time)
-    return [Record(name=n, time=time, inputs={"f": f}, outputs={"q": 1e-3 * f}) for n in "ab"]
+    return [
+        Record(name=n, time=time, inputs={"f": size * f}, outputs={"q": 1e-3 * size * f})
+        for n, size in (("a", 1.0), ("b", 2.0))
+    ]
 
 
 def never(told):

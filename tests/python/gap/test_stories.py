@@ -51,7 +51,7 @@ def test_a_sensor_that_is_wrong_is_to_blame_and_no_part(name, tmp_path):
 
 @pytest.mark.slow
 def test_another_action_is_told_as_that_with_the_numbers_that_are_off(tmp_path):
-    """The search did not end: no set of effects mends three wrong numbers at once."""
+    """The search did not end: no set of effects corrects three wrong numbers at once."""
     story = STORIES["other"]
     outcome = diagnose(make(story, tmp_path), "-o", str(tmp_path / "report"))
     assert outcome.missing(story) == []

@@ -84,7 +84,7 @@ def test_stopped_before_the_model_is_fitted_nothing_is_claimed():
     report = diagnose(m, m.effects, RECORDS, stop=lambda: m.simulations > 0)
     assert report.verdict == "TOO WEAK"
     assert report.statement.startswith(
-        "Stopped in the fit of the model (interrupted): the model is not fitted yet"
+        "Stopped in the fit of the model (interrupted): the fit of the model is not finished"
     )
     assert report.named == report.one_of == ()
     assert report.stopped == "fit of the model (interrupted)"
@@ -184,7 +184,7 @@ def test_the_first_interrupt_asks_and_the_second_ends(capsys):
 
     with pytest.raises(KeyboardInterrupt), interruptible() as stop:
         second(stop)
-    assert "ends with what is known so far" in capsys.readouterr().err
+    assert "ends with the results so far" in capsys.readouterr().err
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
@@ -214,7 +214,7 @@ def test_budget_of_the_command_line(tmp_path, capsys, monkeypatch):
     u = np.sin(3.0 * TIME)
     y = 1.05 * u + 0.03 * TIME + 1e-3 * np.random.default_rng(0).standard_normal(TIME.size)
     rows = "\n".join(f"{a:.6g},{b:.9g},{c:.9g}" for a, b, c in zip(TIME, u, y, strict=True))
-    (tmp_path / "r.csv").write_text(f"time,u,y\n{rows}\n")
+    (tmp_path / "r.csv").write_text(f"time [s],u [N],y [m]\n{rows}\n")
 
     def run(*words):
         with pytest.raises(SystemExit) as end:

@@ -274,15 +274,7 @@ def model_methods(model):
         "simulate_all": {"batches": [(record(), rows)]},
         "states": {"included": ()},
         "sensitivities": {
-            "record": record(),
-            "theta": theta,
-            "segments": np.array([[0, 199]]),
-            "starts": starts,
-            "included": (),
-            "magnitudes": None,
-            "by_theta": None,
-            "by_starts": True,
-            "candidates": (),
+            "request": gap.SensitivityRequest(record(), theta, np.array([[0, 199]]), starts)
         },
     }
 
