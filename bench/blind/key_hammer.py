@@ -401,7 +401,7 @@ class KeyHammer(Model):
         states += [m for own in memories for m in own if m not in states]
         full = np.zeros((len(segments), len(self._states)))
         full[:, places] = request.starts
-        rows = self._rows(record, theta[None, :], included, request.magnitudes[None, :])
+        rows = self._rows(record, theta[None, :], included, request.sizes[None, :])
         y, ends, dy, d_ends, _ = self._network(record).simulate(
             rows,
             [record.inputs["finger"]],

@@ -22,7 +22,7 @@ def sensitivities(
     model: DifferentiableMechanism, request: SensitivityRequest
 ) -> Sensitivity | None:
     """See :meth:`feltmb.fit.Model.sensitivities`; None where no pass can tell."""
-    sizes = zip(request.included, request.magnitudes, strict=True)
+    sizes = zip(request.included, request.sizes, strict=True)
     if not all(can_differentiate(t) or s for t, s in sizes):
         return None
     candidates = request.candidates
@@ -66,7 +66,7 @@ def _candidates(
         if candidate.effect.bounds[1] < step:
             step = -step
         all_candidates = (*request.included, candidate)
-        row = np.append(request.magnitudes, step)
+        row = np.append(request.sizes, step)
         if model.single:
             jobs = Jobs(
                 theta=np.tile(theta, (count, 1)),

@@ -68,7 +68,7 @@ def forward_sensitivities(
     record, segments, starts = request.record, request.segments, request.starts
     by_theta, by_starts = request.parameters_of(model), request.by_starts
     try:
-        base = model.version(record, request.theta, request.included, request.magnitudes)
+        base = model.version(record, request.theta, request.included, request.sizes)
         columns = _columns(model, request, base)
     except FeltmbError:
         return None
@@ -162,7 +162,7 @@ def _columns(
     model: DifferentiableMechanism, request: SensitivityRequest, base: Variant
 ) -> list[_Column]:
     """One-sided: curvature is below 1e-5 of a derivative, and one version a column is enough."""
-    theta, included, magnitudes = request.theta, request.included, request.magnitudes
+    theta, included, magnitudes = request.theta, request.included, request.sizes
 
     def column(
         name: str,

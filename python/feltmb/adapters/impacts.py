@@ -176,6 +176,7 @@ class ImpactModel(Model):
 
     def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
         # Differences, kept while the point moves little.
+        request.check(self)
         return self.reuse.ask(self, request, super().sensitivities)
 
     def numbers(

@@ -401,6 +401,7 @@ class MechanismModel(DifferentiableMechanism):
 
     def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
         # Exact derivatives; see feltmb.adapters.derivatives.
+        request.check(self)
         found = sensitivities(self, request)
         return super().sensitivities(request) if found is None else found
 

@@ -29,14 +29,14 @@ class Kept:
     value: Sensitivity
 
 
-def _key(request: SensitivityRequest) -> tuple[object, ...]:
+def _key(model: Model, request: SensitivityRequest) -> tuple[object, ...]:
     """What must be the same for kept derivatives to be an answer."""
     return (
         request.record.name,
         hash(tuple(v.tobytes() for v in request.record.inputs.values())),
         request.segments.tobytes(),
         tuple((t.name, t.shape) for t in request.included),
-        None if request.by_theta is None else tuple(request.by_theta),
+        request.parameters_of(model),
         request.by_starts,
         tuple((t.name, t.shape) for t in request.candidates),
     )
@@ -80,8 +80,8 @@ class Reuse:
         compute: Callable[[SensitivityRequest], Sensitivity],
     ) -> Sensitivity:
         """Derivatives at or near a point, values at it."""
-        theta, magnitudes, starts = request.theta, request.magnitudes, request.starts
-        key = _key(request)
+        theta, magnitudes, starts = request.theta, request.sizes, request.starts
+        key = _key(model, request)
         units = (
             np.array([p.size for p in model.parameters]),
             np.array([t.effect.scale for t in request.included]),

@@ -279,8 +279,9 @@ class StrokeModel(MechanismModel):
 
     def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
         # Exact derivatives of all columns, in one pass.
+        request.check(self)
         record, theta, segments = request.record, request.theta, request.segments
-        included, magnitudes = request.included, request.magnitudes
+        included, magnitudes = request.included, request.sizes
         candidates, wanted = request.candidates, request.parameters_of(self)
         own = theta[: self.mechanical]
         w, length = len(segments), int(np.max(segments[:, 1] - segments[:, 0])) + 1

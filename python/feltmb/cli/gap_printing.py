@@ -116,8 +116,10 @@ def _missing(report: Report) -> None:
     out.print(table)
     for p in report.profiles:
         say(f"- {p.text}")
+    if report.no_profile:
+        say(f"No profile: {report.no_profile}.")
     for n in report.refused:
-        say(f"Refused by held-out records: {n.name} ({n.why})")
+        say(f"In the best set, but not named: {n.name} ({n.why})")
     if report.not_tested:
         say("Not tested: " + ", ".join(n.name for n in report.not_tested))
 

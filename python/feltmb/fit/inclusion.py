@@ -211,7 +211,7 @@ class Including(Model):
                 request,
                 theta=request.theta[:count],
                 included=(*self._own, *request.included),
-                magnitudes=np.concatenate([request.theta[count:], request.magnitudes]),
+                magnitudes=np.concatenate([request.theta[count:], request.sizes]),
                 by_theta=base,
             )
         )

@@ -376,8 +376,8 @@ class SensitivityRequest:
     """States at the first samples, (W, nx), in the order of ``model.states(included)``."""
     included: tuple[Candidate, ...] = ()
     """Candidates that are part of the model; derivatives are taken by all of them."""
-    magnitudes: Array = field(default_factory=lambda: np.zeros(0))
-    """Their magnitudes [their units], (k,)."""
+    magnitudes: Array | None = None
+    """Their magnitudes [their units], (k,); default: zero."""
     _: KW_ONLY
     by_theta: Sequence[int] | None = None
     """Positions of the parameters by which derivatives are wanted; None: all."""
@@ -390,6 +390,11 @@ class SensitivityRequest:
     memory: Memory | None = None
     """What the machine remembers at the starts beside its states; see :class:`Jobs`."""
 
+    @property
+    def sizes(self) -> Array:
+        """Magnitudes of the included effects [their units], (k,)."""
+        return np.zeros(len(self.included)) if self.magnitudes is None else self.magnitudes
+
     def parameters_of(self, model: Model) -> tuple[int, ...]:
         """Positions of the parameters by which derivatives are wanted."""
         return tuple(range(len(model.parameters)) if self.by_theta is None else self.by_theta)
@@ -397,7 +402,7 @@ class SensitivityRequest:
     def jobs(self) -> Jobs:
         """The segments as jobs."""
         return Jobs.at_point(
-            self.theta, self.segments, self.starts, self.included, self.magnitudes, self.memory
+            self.theta, self.segments, self.starts, self.included, self.sizes, self.memory
         )
 
     def check(self, model: Model) -> None:
@@ -408,7 +413,7 @@ class SensitivityRequest:
             self.segments,
             self.starts,
             self.included,
-            self.magnitudes,
+            self.sizes,
             self.theta,
         )
         known = range(len(model.parameters))
@@ -690,7 +695,7 @@ def difference_sensitivities(model: Model, request: SensitivityRequest) -> Sensi
     segments, included, candidates = request.segments, request.included, request.candidates
     count = len(segments)
     theta = np.asarray(request.theta, dtype=np.float64)
-    magnitudes = np.asarray(request.magnitudes, dtype=np.float64)
+    magnitudes = np.asarray(request.sizes, dtype=np.float64)
     by_theta = request.parameters_of(model)
     states = model.states(included)
     nx, ny = len(states), len(model.outputs)
@@ -789,7 +794,7 @@ def _candidates(
     model: Model, request: SensitivityRequest, outputs: Array, ends: Array, *, hidden: bool
 ) -> tuple[Array, Array]:
     """Derivatives by the candidates at magnitude zero: two jobs a segment for each of them."""
-    some, magnitudes, starts = request.candidates, request.magnitudes, request.starts
+    some, magnitudes, starts = request.candidates, request.sizes, request.starts
     rows, weights = [], []
     for c, candidate in enumerate(some):
         low, high = candidate.effect.bounds

@@ -224,7 +224,7 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
     sensor effects, which is cheap. Only input effects need simulations of their own.
     """
     record, segments, starts = request.record, request.segments, request.starts
-    included, magnitudes, candidates = request.included, request.magnitudes, request.candidates
+    included, magnitudes, candidates = request.included, request.sizes, request.candidates
     count = len(segments)
     inner = [k for k, t in enumerate(included) if t in machine_candidates(included)]
     machine = machine_candidates(candidates)

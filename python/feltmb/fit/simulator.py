@@ -328,7 +328,7 @@ class SimulatorModel(Model):
         wanted, theta, segments = request.parameters_of(self), request.theta, request.segments
         included, candidates = request.included, request.candidates
         everything = (*included, *candidates)
-        at = np.concatenate([theta, request.magnitudes, np.zeros(len(candidates))])
+        at = np.concatenate([theta, request.sizes, np.zeros(len(candidates))])
         columns = [
             (i, self.parameters[i].name, self.parameters[i].size, *_limits(self.parameters[i]))
             for i in wanted

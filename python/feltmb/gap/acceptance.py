@@ -399,7 +399,7 @@ def accept(
         if best is not None and part is not None and part.key != best.key:
             found, wrong = attempt.faults(part)
             if not wrong:
-                doubt = f"the sets that hold it have less than {SURE} of the belief"
+                doubt = f"the sets with it have a probability below {SURE}"
                 rejected += [(n, doubt) for n in best.names if n not in part.names]
                 best, proof = part, found
     elif search.sets:

@@ -383,9 +383,9 @@ WIDE_GAP = _number(
     _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
 TOLERATED = _number(
-    "TOLERATED", 4.0, "prior sd",
-    "largest accepted deviation of a parameter; with fifty parameters, one exceeds it in one "
-    "of 300 machines",
+    "TOLERATED", 4.0, "sd",
+    "largest accepted change of a parameter by a fit, in standard deviations of the change that "
+    "its tolerance allows; with fifty parameters, one exceeds it in one of 300 machines",
     _STATISTICS, "adapters/test_aliases.py",
 )  # fmt: skip
 

@@ -147,7 +147,7 @@ def decide(facts: Facts) -> Decision:
             text += " None of them is closer to the held-out records than the model."
         refused = _refusals(accepted)
         if refused and (facts.closest is None or not facts.closest.why):
-            text += f" Held-out records refused {refused}."
+            text += f" Not confirmed: {refused}."
         out = _silent(facts, Verdict.UNKNOWN, _another(facts) + text + _place(facts))
         return replace(out, closest=facts.closest)
     return _name(facts)
@@ -175,7 +175,7 @@ def _calibrated(facts: Facts) -> Decision:
         "No single parameter, but all of them together: each within its tolerance, they close the "
         "gap that the tabulated numbers leave."
     )
-    text = f"{_another(facts)}{text} Nothing is missing: what is left is {what}."
+    text = f"{_another(facts, complete=True)}{text} Nothing is missing: what is left is {what}."
     return _silent(facts, Verdict.CALIBRATED, text + but)
 
 
@@ -195,15 +195,24 @@ def _moved(facts: Facts) -> str:
     return text
 
 
-def _another(facts: Facts) -> str:
-    """That it may be another machine, where several numbers are beyond their tolerances."""
+def _another(facts: Facts, *, complete: bool = False) -> str:
+    """That it may be another machine, where several numbers are beyond their tolerances.
+
+    ``complete``: no effect is missing beside these numbers.
+    """
     far = [r for r in facts.calibrated if r.beyond]
     if len(far) < 2:
         return ""
+    count = f"{len(far)} parameters are beyond their tolerances"
+    other = "another machine, or another state of it (parts, regulation)"
+    if complete:
+        return (
+            f"The model as a whole is not the machine that was measured: {count}. The records are "
+            f"of {other}, or these parameters compensate an effect that is not in the library. "
+        )
     return (
-        f"The model as a whole is not the machine that was measured: {len(far)} numbers lie beyond "
-        "their tolerances. It is another machine, or in another state (parts, regulation), or "
-        "these numbers pay for what the model lacks. "
+        f"{count}: the records may be of {other}, or these parameters compensate what the model "
+        "lacks. "
     )
 
 

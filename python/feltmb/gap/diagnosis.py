@@ -458,23 +458,8 @@ def _diagnosed(
                 sensed,
             )
             model = found.model_fit.problem.model
-    for name, why in found.failed:
-        not_tested.append(NotTested(name=name, why=why))
-    blind = [
-        t for t, ok in zip(found.scores.candidates, found.scores.testable, strict=True) if not ok
-    ]
-    for e in usable:
-        if all(t in blind for t in found.scores.candidates if t.effect is e):
-            not_tested.append(
-                NotTested(
-                    name=e.name,
-                    why="parameters, start states and sensor errors can reproduce its whole "
-                    "signature in these records",
-                )
-            )
     lap("which")
     skipped = left_out(found, usable) if found.skipped else ()
-    not_tested += skipped
     watch.enter(PROOF)
     scale = found.model_fit.problem.state_scale
     held = HeldOut(held_segmented_records, np.zeros(0) if scale is None else scale, sensed)
@@ -494,12 +479,27 @@ def _diagnosed(
 
     accepted = proven(found)
     more = more_of_tolerances(accepted.best, beyond_prior(found.model_fit))
-    if not more and rest_noise is None and not watch.stopping():
+    if not more and rest_noise is None and not watch.over():
         free = released(found, settings, estimated=checks.estimated)
         again = None if free is None else proven(free)
         if free is not None and again is not None and not refutes(accepted, again, held):
             found = first = free
             accepted = again
+    for name, why in found.failed:
+        not_tested.append(NotTested(name=name, why=why))
+    blind = [
+        t for t, ok in zip(found.scores.candidates, found.scores.testable, strict=True) if not ok
+    ]
+    for e in usable:
+        if all(t in blind for t in found.scores.candidates if t.effect is e):
+            not_tested.append(
+                NotTested(
+                    name=e.name,
+                    why="parameters, start states and sensor errors can reproduce its whole "
+                    "signature in these records",
+                )
+            )
+    not_tested += skipped
     fit = found.model_fit
     checks = replace(checks, warnings=(*checks.warnings, *refuted_tolerances(fit)))
     belief = posterior(found)
@@ -637,10 +637,15 @@ def _diagnosed(
     )
     plain_fit = tabulated.fit
     profiles: tuple[Profile, ...] = ()
-    if options.profile and accepted.best is not None and not watch.over():
-        profiles = tuple(
-            profile_of(accepted.best.fit, name, settings, progress) for name in decision.named
-        )
+    no_profile = ""
+    if options.profile:
+        if accepted.best is None or not decision.named:
+            no_profile = "no effect is named"
+        elif watch.over():
+            no_profile = watch.why
+        else:
+            best = accepted.best.fit
+            profiles = tuple(profile_of(best, n, settings, progress) for n in decision.named)
         lap("profile")
     return Report(
         verdict=decision.verdict,
@@ -663,6 +668,7 @@ def _diagnosed(
         fit=fit,
         checks=checks,
         profiles=profiles,
+        no_profile=no_profile,
         seconds=seconds,
         stopped=f"{watch.stopped_in} ({watch.why})" if watch.why else "",
     )

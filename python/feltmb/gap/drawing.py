@@ -184,7 +184,7 @@ def profile_curve(profile: Profile) -> str:
     at = np.linspace(values[0], values[-1], 101)
     label = "by the linear model of the fit"
     ax.plot(at, ((at - profile.magnitude) / profile.sd) ** 2, color=GRAY, lw=1.0, label=label)
-    ax.plot(values, profile.rises, "o-", color=BLUE, ms=3.5, lw=1.2, label="all else fitted again")
+    ax.plot(values, profile.rises, "o", color=BLUE, ms=4.0, label="all else fitted again")
     ax.axhline(1.96**2, color=RED, lw=0.8, ls="--", label="95 %")
     ax.legend(frameon=False, fontsize=NORMAL, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return _svg(figure, f"profile of {profile.effect}")

@@ -16,7 +16,6 @@ from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter, no_such
 from feltmb.fit import Candidate, Jobs, Model
 from feltmb.fit.observe import observe_jobs
-from feltmb.gap.criteria import TOLERATED
 
 __all__ = [
     "Advice",
@@ -120,13 +119,10 @@ class Calibrated:
     """What the records alone say, where its tolerance holds it back [unit]; else NaN."""
     alone_sd: float = math.nan
     """Standard deviation of that [unit]."""
+    beyond: bool = False
+    """Whether it is beyond its tolerance; see :func:`~feltmb.gap.tolerance.beyond_tolerance`."""
     text: str = ""
     """How far it moved, in a sentence."""
-
-    @property
-    def beyond(self) -> bool:
-        """Whether its value lies beyond its tolerance, as far as a tolerance goes."""
-        return self.prior_deviations is not None and abs(self.prior_deviations) > TOLERATED
 
     @property
     def notes(self) -> str:
@@ -319,6 +315,11 @@ class Which:
         raise no_such("ranked effect", name, (row.effect for row in self.effects))
 
 
+#: A sum of squares below that of the fit by more than this is reported: twice the log evidence
+#: within which two fits count as one.
+LOWER = 1.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class Profile:
     """How the least sum of squares rises beside the fitted magnitude of an effect."""
@@ -336,19 +337,32 @@ class Profile:
     low: float
     """95 % interval, where the rise is 3.84 [unit]; infinite: not reached within 3 ``sd``."""
     high: float
+    complete: bool = True
+    """False: it was stopped before all values were fitted."""
 
     @property
     def text(self) -> str:
         """The interval in a sentence."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         ends = [
-            f"{e:.4g}" if math.isfinite(e) else "not within 3 sd" for e in (self.low, self.high)
+            f"{end:.4g}{unit}" if math.isfinite(end) else f"beyond {edge:.4g}{unit}"
+            for end, edge in ((self.low, self.values[0]), (self.high, self.values[-1]))
         ]
-        return (
-            f"{self.effect}: {self.magnitude:.4g}{unit}, 95 % interval by profile {ends[0]} to "
-            f"{ends[1]}{unit} (by standard deviations {self.magnitude - 1.96 * self.sd:.4g} to "
+        text = (
+            f"{self.effect}: {self.magnitude:.4g}{unit}, 95 % interval by profile from {ends[0]} "
+            f"to {ends[1]} (by standard deviations from {self.magnitude - 1.96 * self.sd:.4g} to "
             f"{self.magnitude + 1.96 * self.sd:.4g}{unit})"
         )
+        if not self.complete:
+            text += "; it was stopped before its end"
+        lowest = min(self.rises)
+        if lowest < -LOWER:
+            at = self.values[self.rises.index(lowest)]
+            text += (
+                f"; the fit was not at its minimum: at {at:.4g}{unit} the sum of squares is lower "
+                f"by {-lowest:.2g}"
+            )
+        return text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -522,13 +536,16 @@ class Findings:
     """As it is, from the start states that suit it best."""
     not_tested: tuple[NotTested, ...]
     refused: tuple[NotTested, ...]
-    """Effects that the fit asked for and held-out records did not confirm."""
+    """Effects of the best set that are not named, and why: held-out records did not confirm them,
+    or their probability is too low."""
     fit: Any
     """The fit of the model (:class:`feltmb.fit.Fit`)."""
     checks: Any
     """What the data checks found (:class:`feltmb.gap.DataChecks`)."""
     profiles: tuple[Profile, ...] = ()
     """Of the magnitudes of named effects, where asked for (``Options(profile=True)``)."""
+    no_profile: str = ""
+    """Why there is none, though it was asked for."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Time per stage; left out of the files, whose bytes depend on the input alone."""
     stopped: str = ""

@@ -9,6 +9,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.fit.watch import current
 from feltmb.gap.findings import Profile
 
 __all__ = ["profile_of"]
@@ -51,10 +52,14 @@ def profile_of(
     values = [float(v) for v in np.unique(wanted) if np.isfinite(v) and v != at]
     problem = replace(fit.problem, held=(k,), store=None)
     found = [(at, 0.0)]
+    complete = True
     # Outwards, each from the fit beside it.
     for side in (sorted(v for v in values if v > at), sorted(v for v in values if v < at)[::-1]):
         point = fit.point
         for value in side:
+            if current().over():
+                complete = False
+                break
             if progress is not None:
                 progress(f"profile of {effect}", len(found) - 1, len(values))
             moved = point.magnitudes.copy()
@@ -74,6 +79,7 @@ def profile_of(
         rises=tuple(float(r) for r in rises),
         low=low,
         high=high,
+        complete=complete,
     )
 
 

@@ -1,4 +1,4 @@
-"""Plan, measure, diagnose, and again, until the cause is named or nothing more can be learned.
+"""Plan, measure, diagnose, and again, until the cause is named or no experiment helps.
 
 Folder of a session, a folder a step::
 
@@ -27,7 +27,7 @@ from feltmb.gap.criteria import LEAST_PROGRESS
 from feltmb.gap.designs import Design, design
 from feltmb.gap.diagnosis import Options, diagnose
 from feltmb.gap.findings import Verdict
-from feltmb.gap.information import Belief
+from feltmb.gap.information import MAGNITUDES, Belief
 from feltmb.gap.limits import Limits
 from feltmb.gap.measured import Measured, read_measured, with_measured
 from feltmb.gap.plan_files import request_file, write_design
@@ -165,8 +165,9 @@ def session(
                     folder=place / ".plan",
                     progress=progress,
                 )
-                if not plan.experiments or plan.reachable - plan.before < LEAST_PROGRESS:
-                    return ended(*_at_an_end(report, plan, budget - spent))
+                done = _complete(report) and not _more_to_show(plan, effects)
+                if done or not plan.experiments or plan.reachable - plan.before < LEAST_PROGRESS:
+                    return ended(*_at_an_end(report, plan, effects, budget - spent))
                 make_folder(here)
                 _ask(plan, here, units or {}, kinds)
             asked = _read_asked(here)
@@ -211,7 +212,33 @@ def session(
         number += 1
 
 
-def _at_an_end(report: Mapping[str, Any] | None, plan: Design, left: float) -> tuple[Outcome, str]:
+def _complete(report: Mapping[str, Any] | None) -> bool:
+    """Whether the model explains the records."""
+    return report is not None and report.get("verdict") in _COMPLETE
+
+
+def _hidden(plan: Design, effects: Sequence[Effect], *, planned: bool) -> list[str]:
+    """Effects that do not show at the least expected magnitude, now or after the plan."""
+    scale = {e.name: e.scale for e in effects}
+    return [
+        row.effect
+        for row in plan.effects
+        if (row.smallest if planned else row.smallest_before) > MAGNITUDES[0] * scale[row.effect]
+    ]
+
+
+def _more_to_show(plan: Design, effects: Sequence[Effect]) -> bool:
+    """Whether a plan would show an effect at its least expected magnitude that is hidden now.
+
+    Any experiment makes ever smaller magnitudes detectable: that alone is no reason for it.
+    """
+    now, then = (_hidden(plan, effects, planned=p) for p in (False, True))
+    return not set(now) <= set(then)
+
+
+def _at_an_end(
+    report: Mapping[str, Any] | None, plan: Design, effects: Sequence[Effect], left: float
+) -> tuple[Outcome, str]:
     """Why there is no further experiment."""
     open_ = [] if report is None else [*report.get("one_of", ()), *report.get("named", ())]
     if open_:
@@ -221,14 +248,14 @@ def _at_an_end(report: Mapping[str, Any] | None, plan: Design, left: float) -> t
             f"the probability of the correct name would change from {plan.before:.0%} to "
             f"{plan.reachable:.0%} with all tested experiments.",
         )
-    found = {} if report is None else report
-    if found.get("verdict") in _COMPLETE:
-        return (
-            "nothing is missing",
-            f"{found['statement']} Of what the library holds, {plan.before:.0%} would be named if "
-            f"it were there, {plan.reachable:.0%} with all experiments that were tried "
-            f"({left:g} are left).",
+    if report is not None and _complete(report):
+        hidden = _hidden(plan, effects, planned=False)
+        text = (
+            f"The records would show each effect at {MAGNITUDES[0]:g} times its expected magnitude"
         )
+        if hidden:
+            text += f", but {', '.join(hidden)}, which no experiment within the limits shows"
+        return "nothing is missing", f"{report['statement']} {text}. {left:g} experiments are left."
     return (
         "nothing more to learn",
         "No experiment within the limits is expected to detect a cause that these records do not "

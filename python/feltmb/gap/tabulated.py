@@ -19,6 +19,7 @@ from feltmb.gap.criteria import FAR_FROM_PRIOR, MOVED
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated
 from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
+from feltmb.gap.tolerance import beyond_tolerance
 
 __all__ = [
     "as_it_is",
@@ -182,6 +183,7 @@ def _deviations(interval: Interval) -> float:
 
 def _row(p: Parameter, interval: Interval, share: float, *, sure: bool) -> Calibrated:
     alone, alone_sd = _alone(p, interval)
+    far = (interval.value - interval.prior) / p.sd if np.isfinite(p.sd) else None
     row = Calibrated(
         name=p.name,
         component=p.component,
@@ -193,12 +195,13 @@ def _row(p: Parameter, interval: Interval, share: float, *, sure: bool) -> Calib
         low=interval.low,
         high=interval.high,
         deviations=_deviations(interval),
-        prior_deviations=(interval.value - interval.prior) / p.sd if np.isfinite(p.sd) else None,
+        prior_deviations=far,
         at_limit=interval.at_limit,
         share=share,
         sure=sure,
         alone=alone,
         alone_sd=alone_sd,
+        beyond=far is not None and beyond_tolerance(far, interval.contraction),
     )
     return replace(row, text=_text(p, row))
 

@@ -22,6 +22,7 @@ from feltmb.gap.search import Search
 __all__ = [
     "besides_tolerances",
     "beyond_prior",
+    "beyond_tolerance",
     "by_few_numbers",
     "more_of_tolerances",
     "prior_deviations_told",
@@ -34,25 +35,41 @@ __all__ = [
 #: Note of a model whose parameters were held within their tolerance.
 HELD = "parameters held within their tolerance"
 #: Note of a model with parameters whose tolerance the records refute.
-RELEASED = "the records refute the tolerance of {}: fitted as if nothing were known of it"
+RELEASED = "the records refute the tolerance of {}: the fit does not use it"
+
+
+def beyond_tolerance(deviation: float, contraction: float) -> bool:
+    """Whether a parameter is beyond its tolerance.
+
+    If a tolerance s is right, the change of its parameter by a fit is normal with the variance
+    s^2 - sd^2 = s^2 contraction, where sd is the posterior standard deviation. The change relative
+    to s alone would be too small a measure: a prior as narrow as the information of the records
+    holds the parameter back by half. A change within s is never beyond it.
+
+    Parameters
+    ----------
+    deviation
+        Change by the fit, in standard deviations s of the prior.
+    contraction
+        ``1 - (sd / s)^2``
+    """
+    return abs(deviation) > max(1.0, TOLERATED * math.sqrt(max(contraction, 0.0)))
 
 
 def beyond_prior(fit: Fit) -> dict[str, float]:
-    """Parameters beyond their tolerance, and their deviation in standard deviations.
+    """Parameters beyond their tolerance, and their deviation in prior standard deviations.
 
-    If a tolerance s is right, the change of its parameter by a fit is normal with the variance
-    s^2 - sd^2, where sd is the posterior standard deviation. The change relative to s alone would
-    be too small a measure: a prior as narrow as the information of the records holds the parameter
-    back by half. Parameters of run-to-run variability and of inputs between samples do not belong
-    to the machine and are omitted.
+    Parameters of run-to-run variability and of inputs between samples do not belong to the machine
+    and are omitted.
     """
     out = {}
-    for i, found in zip(fit.problem.free, fit.intervals(), strict=False):
+    free = fit.problem.free
+    for i, found in zip(free, fit.intervals()[: len(free)], strict=True):
         p = fit.problem.model.parameters[i]
         if not 0.0 < p.sd < math.inf or p.component == VARIABILITY or p.name.startswith(BETWEEN):
             continue
         far = (found.value - p.value) / p.sd
-        if abs(far) > max(1.0, TOLERATED * math.sqrt(max(found.contraction, 0.0))):
+        if beyond_tolerance(far, found.contraction):
             out[p.name] = far
     return out
 
@@ -173,7 +190,8 @@ def without_several(fit: Fit, settings: FitSettings) -> Fit:
     this fit, because no set of effects can correct several wrong numbers at once.
     """
     far = beyond_prior(fit)
-    torn = fit.gap_sd.size > 0 and fit.level > settings.levels[-1]  # its gaps explain, not it
+    # With continuity defects, these may explain the records in place of the model.
+    torn = fit.gap_sd.size > 0 and fit.level > settings.levels[-1]
     if len(far) < 2 or torn or not fit.explains:
         return fit
     freed = without_tolerances(fit, far, fit.point, settings)
@@ -201,7 +219,8 @@ def refuted_tolerances(fit: Fit) -> list[str]:
 
 def more_of_tolerances(best: CandidateSet | None, far: Collection[str]) -> bool:
     """Whether a set holds nothing but more of parameters that are beyond their tolerance."""
-    return best is not None and all(t.effect.tolerance_parameter in far for t in best.fit.included)
+    included = () if best is None else best.fit.included
+    return bool(included) and all(t.effect.tolerance_parameter in far for t in included)
 
 
 def _moves(fit: Fit, names: Collection[str]) -> bool:

@@ -1,4 +1,4 @@
-"""Blind cases, the first eight in every run: the engine as a whole, on truths that it is not shown."""
+"""Blind cases: the whole engine on sealed truths; eight in every run, twenty in the slow tests."""
 
 import pytest
 

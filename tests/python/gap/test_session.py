@@ -145,7 +145,7 @@ def test_a_machine_that_is_its_model_ends_with_nothing_missing(tmp_path):
     assert found.outcome == "nothing is missing"
     assert found.steps[-1].verdict in ("NO GAP", "NO STRUCTURAL GAP, CALIBRATED")
     assert len(found.steps) < 6
-    assert "would be named if it were there" in found.statement
+    assert "would show each effect at 0.5 times its expected magnitude" in found.statement
 
 
 @pytest.mark.slow
