@@ -36,6 +36,8 @@ def _in_unit(value: float, unit: str) -> str:
 
 
 def _as_it_is(report: Report) -> None:
+    from feltmb.gap.findings import EXPLAINED
+
     _head("1 The gap as it is: tabulated numbers, before any fit, all records")
     table = new_table(
         "", "channel", "gap", "noise", "gap / noise", "gap / motion", right=(1, 2, 3, 4), whole=(0,)
@@ -54,10 +56,10 @@ def _as_it_is(report: Report) -> None:
         if row.failed:
             say(f"{row.channel}: the simulation ends early in {', '.join(row.failed)}")
         elif row.worse_than_constant:
-            say(
-                f"{row.channel}: the model is further from the records than a constant is. "
-                "Look at units, signs and columns before anything else."
-            )
+            text = f"{row.channel}: the model is further from the records than a constant is."
+            if report.verdict not in EXPLAINED:
+                text += " Look at units, signs and columns before anything else."
+            say(text)
 
 
 def _calibration(report: Report) -> None:
@@ -71,6 +73,8 @@ def _calibration(report: Report) -> None:
         )
     if not report.calibrated:
         say("No parameter moved by more than two standard deviations of its estimate.")
+    elif report.named:
+        say("Parameters in the fit with the named effects:")
     for row in report.calibrated[:MOST_MOVED]:
         say(f"- {row.text}{row.notes}")
     if len(report.calibrated) > MOST_MOVED:

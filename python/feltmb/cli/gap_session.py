@@ -109,6 +109,7 @@ def command(
     limits = limits_of(model, adapter, limits_file)
     records = adapter.read(data) if data else ()
     telling, line = Telling(), ProgressLine()
+    warned: set[str] = set()
 
     def told(step: SessionStep) -> None:
         telling.close()
@@ -119,6 +120,10 @@ def command(
                 say(f"   expected probability of the correct name after it: {step.expected:.0%}")
             if step.verdict:
                 say(f"   {step.verdict}: {step.statement}")
+            for text in step.warnings:
+                if text not in warned:  # a warning of an earlier step is still true
+                    warned.add(text)
+                    say(f"   Warning: {text}")
 
     found = session(
         adapter.model,

@@ -59,6 +59,8 @@ class Verdict(StrEnum):
     """Sensors, inputs or clocks explain it at least as well as the machine does."""
 
 
+#: Verdicts by which model and named effects explain the records.
+EXPLAINED = frozenset({Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.NAMED})
 #: Verdicts that ask for no cause outside the model.
 QUIET = frozenset({Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.TOO_WEAK})
 

@@ -12,7 +12,7 @@ from feltmb._core import __version__
 from feltmb.fit.solve import Fit
 from feltmb.gap.digits import digits
 from feltmb.gap.drawing import bars, force_traces, ledger_map, profile_curve, waterfall
-from feltmb.gap.findings import Findings, Verdict
+from feltmb.gap.findings import EXPLAINED, Findings, Verdict
 
 __all__ = ["page", "together"]
 
@@ -79,6 +79,7 @@ def page(report: Findings, viewers: str = "") -> str:
         "report": report,
         "mark": MARK[report.verdict],
         "model": report.model.original.name,
+        "explained": report.verdict in EXPLAINED,
         "viewers": Markup(viewers),
         "map": Markup(ledger_map(where.ledger, dict(where.onset))),
         "remains": Markup(ledger_map(where.remains, {}, "map of what remains")),

@@ -59,7 +59,9 @@ class SessionStep:
     one_of: tuple[str, ...]
     statement: str
     expected: float
-    """Belief in the right name that the plan expected after it [1]."""
+    """Probability of the correct name that the plan expected after it [1]."""
+    warnings: tuple[str, ...] = ()
+    """Of the diagnosis: noise, copies of records, tolerances."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,6 +200,7 @@ def session(
                 one_of=() if found is None else tuple(found.one_of),
                 statement="" if found is None else found.statement,
                 expected=float(asked["expected"]),
+                warnings=() if found is None else tuple(found.checks.warnings),
             )
             make_folder(here)
             write_text(here / "step.json", json.dumps(asdict(step), indent=1) + "\n", force=True)
@@ -306,7 +309,7 @@ def _finished_step(here: Path) -> SessionStep | None:
         raise DataError(f"{path}: is damaged; remove it, and the step is diagnosed again")
     values = {k: raw[k] for k in _KEYS}
     values["named"], values["one_of"] = tuple(raw["named"]), tuple(raw["one_of"])
-    return SessionStep(**values)
+    return SessionStep(**values, warnings=tuple(raw.get("warnings", ())))
 
 
 def _asked(here: Path) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from feltmb.fit.solve import Interval
 from feltmb.gap.criteria import FAR_FROM_PRIOR
 from feltmb.gap.findings import (
+    EXPLAINED,
     Advice,
     AsItIs,
     Calibrated,
@@ -33,7 +34,7 @@ def next_steps(
         f"Check unit, sign and column of {row.channel}: a constant fits its records better "
         "than the model."
         for row in as_it_is
-        if row.worse_than_constant
+        if row.worse_than_constant and verdict not in EXPLAINED
     ]
     far = [row.part for row in calibrated if row.beyond]
     if len(far) > 1:

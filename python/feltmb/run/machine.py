@@ -228,8 +228,8 @@ class Machine:
         Parameters
         ----------
         same_parts
-            Take the state of a mechanism with the same parts and other numbers too. Forces begin
-            with a jump then, as its places and speeds are those of the other.
+            Take the state of another mechanism too. It must have the same parts in the same order;
+            only the numbers of states and memories are checked. Forces begin with a jump then.
 
         Raises
         ------

@@ -148,6 +148,23 @@ def test_a_machine_that_is_its_model_ends_with_nothing_missing(tmp_path):
     assert "would show each effect at 0.5 times its expected magnitude" in found.statement
 
 
+def test_a_record_that_comes_again_is_reported_in_its_step(tmp_path):
+    machine = Machine(dry=0.0)
+    kept = []
+
+    def again(request, answer):
+        """A rig that always returns its first record."""
+        if not kept:
+            machine(request, answer)
+            kept.extend(p.read_bytes() for p in (answer, answer.with_suffix(".toml")))
+        answer.write_bytes(kept[0])
+        answer.with_suffix(".toml").write_bytes(kept[1])
+
+    wide = [models.DRY, models.CUBIC]
+    found = session(models.NOMINAL, wide, again, read, tmp_path, budget=2, **QUICK)
+    assert any("experiment_2" in w and "same" in w for w in found.steps[-1].warnings)
+
+
 @pytest.mark.slow
 def test_equal_effects_are_inseparable(tmp_path):
     same = replace(models.DRY, name="dry too")
