@@ -40,6 +40,8 @@ __all__ = ["Exposed", "SimulatorModel"]
 #: Steps at which a parameter is tried before one is chosen, and spacing of the values from which
 #: the noise of the function is read, as shares of the scales; number of spacings.
 TRIAL, SPACING, SPACINGS = 0.1, 1e-3, 6
+#: Share of the noise of a sensor below which the numerical noise has no effect on a result.
+NO_MATTER = 1e-3
 #: Seconds of a run from which processes are worth their overhead.
 WORTH_A_PROCESS = 5e-3
 
@@ -262,12 +264,16 @@ class SimulatorModel(Model):
                 dead.append(name)
         forward = sum(1 for s in steps.values() if not s.central)
         shares = [s.size / size for s, (_, size, *_) in zip(steps.values(), rows, strict=True)]
-        notes = [
-            f"its numerical noise is {noise:.1g} of the spread of its outputs; derivatives by "
-            f"differences over {min(shares):.1g} to {max(shares):.1g} of the scales, forward for "
-            f"{forward} of {len(steps)} parameters, central for the others"
-        ]
         sigma = [record.sensors[n].sigma if n in record.sensors else None for n in self.outputs]
+        notes = []
+        if any(not s or noise * u > NO_MATTER * s for s, u in zip(sigma, unit, strict=True)):
+            kinds = ((forward, "forward"), (len(steps) - forward, "central"))
+            how = ", ".join(f"{kind} for {count}" for count, kind in kinds if count)
+            notes.append(
+                f"its numerical noise is {noise:.1g} of the spread of its outputs; derivatives by "
+                f"differences over {min(shares):.1g} to {max(shares):.1g} of the scales, {how} of "
+                f"{len(steps)} parameters"
+            )
         noisy = [
             n
             for n, s, u in zip(self.outputs, sigma, unit, strict=True)

@@ -533,7 +533,9 @@ def _words(profile: Profile, input_name: str, unit: str) -> str:
     parts = []
     for name, value in profile.numbers.items():
         if name in ("rise", "hold"):
-            parts.append(f"{name} {1e3 * value:.3g} ms")
+            parts.append(
+                f"{name} {value:.3g} s" if value >= 1.0 else f"{name} {1e3 * value:.3g} ms"
+            )
         elif name in ("from", "to"):
             parts.append(f"{name} {value:.3g} Hz")
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import logging
 import math
 import re
 import time
@@ -32,6 +33,8 @@ from feltmb.live.states import Turned
 from feltmb.style import reader_unit
 
 __all__ = ["Measured", "Shelf"]
+
+_LOG = logging.getLogger(__name__)
 
 #: Uploaded files that are kept; the oldest gives way.
 MOST_FILES = 12
@@ -196,9 +199,17 @@ class Measured:
             bench = self._bench()
             try:
                 found = await loop.run_in_executor(self._pool, self._overlay, asked, bench)
-            except FeltmbError as error:
-                found = {"fault": self._named(str(error))}
+            except Exception as error:  # else the page gets no answer any more
+                found = self._fault(error)
             self._tell("measured", {"on": "measured", "id": asked.id, **found})
+
+    def _fault(self, error: Exception) -> dict[str, Any]:
+        """What the page shows of an error; one of the program itself goes to the log."""
+        if isinstance(error, FeltmbError):
+            return {"fault": self._named(str(error))}
+        _LOG.error("feltmb live: unexpected error", exc_info=error)
+        text = self._named(f"{type(error).__name__}: {error}")[:300]
+        return {"fault": f"unexpected error, {text}; the terminal of feltmb live shows more"}
 
     def _named(self, text: str) -> str:
         """A message without the folder that the files lie in."""
@@ -281,8 +292,8 @@ class Measured:
         try:
             # A thread of its own: the pool stays free for what is turned meanwhile.
             found = await asyncio.to_thread(work)
-        except FeltmbError as error:
-            found = {"fault": self._named(str(error))}
+        except Exception as error:  # else the page waits forever
+            found = self._fault(error)
         self._tell("diagnosis", {"on": "diagnosis", **found})
 
     async def _plan(self, asked: _Asked) -> None:
@@ -308,8 +319,8 @@ class Measured:
             found = await asyncio.to_thread(work)
         except Abandoned:
             found = {"rows": [], "stopped": True}
-        except FeltmbError as error:
-            found = {"fault": self._named(str(error))}
+        except Exception as error:  # else the page waits forever
+            found = self._fault(error)
         self._tell("plan", {"on": "plan", **found})
 
 

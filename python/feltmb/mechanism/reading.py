@@ -30,6 +30,12 @@ def resolve(name_or_path: str | Path) -> Path:
     if text in packaged_actions():
         return params.folder() / f"{text}.toml"
     path = Path(text)
+    if path.suffix == ".py":
+        raise InvalidParameter(
+            f"mechanism {shortened(repr(text))} is a Python file, expected a TOML file or a "
+            "packaged name; a Python model is no mechanism: it cannot be exported or played, "
+            "feltmb gap takes it"
+        )
     if is_file(path):
         return path
     if path.suffix == ".toml" or len(path.parts) != 1:

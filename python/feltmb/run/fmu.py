@@ -211,11 +211,13 @@ def _parameters(
     """The numbers of a mechanism that act under an input and match one of the patterns."""
     patterns = [wanted] if isinstance(wanted, str) else list(wanted)
     used = [False] * len(patterns)
+    idle = [False] * len(patterns)
     found = []
     for i, row in enumerate(_core.description_numbers(description)):
-        if row["path"].startswith("finger.pad.") and drive != "motion":
-            continue
         matches = [fnmatch.fnmatchcase(row["path"], pattern) for pattern in patterns]
+        if row["path"].startswith("finger.pad.") and drive != "motion":
+            idle = [a or b for a, b in zip(idle, matches, strict=True)]
+            continue
         used = [a or b for a, b in zip(used, matches, strict=True)]
         if not any(matches):
             continue
@@ -235,7 +237,13 @@ def _parameters(
                 high,
             )
         )
-    for pattern, hit in zip(patterns, used, strict=True):
+    for pattern, hit, at_rest in zip(patterns, used, idle, strict=True):
+        if not hit and at_rest:
+            raise InvalidParameter(
+                f"parameters: {pattern!r} matches numbers of the finger's pad only, and these have "
+                f"no effect under the input {drive}; hint: --input motion (in Python "
+                'drive="motion")'
+            )
         if not hit:
             raise InvalidParameter(f"parameters: {pattern!r} matches no number of {action.name!r}")
     return found

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import difflib
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -157,14 +158,24 @@ class Machine:
     def __repr__(self) -> str:
         return f"<Machine {self.action.name!r} at {self.time:g} s>"
 
-    def __copy__(self) -> Machine:
-        """A machine of its own in the same state, ``copy.copy`` and ``copy.deepcopy`` alike."""
-        other = Machine(self.action, **self._given)  # type: ignore[arg-type]
-        other.restore(self.state())
+    def __copy__(self) -> Self:
+        """A machine of its own in the same state, as ``copy.deepcopy`` gives it too."""
+        other, own = self._in_this_state()
+        other.__dict__.update(own)
         return other
 
-    def __deepcopy__(self, memo: object) -> Machine:
-        return self.__copy__()
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        other, own = self._in_this_state()
+        memo[id(self)] = other
+        other.__dict__.update(copy.deepcopy(own, memo))
+        return other
+
+    def _in_this_state(self) -> tuple[Self, dict[str, Any]]:
+        """A machine of the same class and state, and the attributes that a subclass added."""
+        other = object.__new__(type(self))
+        Machine.__init__(other, self.action, **self._given)  # type: ignore[arg-type]
+        Machine.restore(other, self.state())
+        return other, {k: v for k, v in self.__dict__.items() if k not in other.__dict__}
 
     def __reduce__(self) -> Any:
         raise InvalidParameter(
@@ -318,6 +329,14 @@ class Machine:
         if speed is not None and kind not in PRESCRIBED:
             raise InvalidParameter(
                 f"advance: speed is given with {kind}; it belongs to {' or '.join(PRESCRIBED)}"
+            )
+        if not 0.0 < dt < math.inf:
+            raise InvalidParameter(f"advance: dt = {dt:.6g} s, expected finite, > 0")
+        resolution = math.ulp(max(self.time, 1.0))
+        if dt < resolution:
+            raise InvalidParameter(
+                f"advance: dt = {dt:.6g} s is below the resolution of the time t = "
+                f"{self.time:.9g} s, expected at least {resolution:.2g} s"
             )
         unit = UNITS[kind]
         if abs(value) > LARGEST[unit]:

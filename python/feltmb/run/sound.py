@@ -38,7 +38,8 @@ def sampled(time: Array, signal: Array, rate: int = RATE, slowness: float = 1.0)
             f"wav: slowness {slowness:g} at rate {rate} gives {length:.3g} samples, "
             "must be at most 1e9"
         )
-    grid = np.linspace(time[0], time[-1], max(2, int(length)))
+    # The spacing is that of the rate, whatever the length: samples of two runs are of one time.
+    grid = time[0] + np.arange(max(2, int(length))) / (rate * slowness)
     return np.asarray(np.interp(grid, time, signal))
 
 

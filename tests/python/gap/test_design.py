@@ -25,8 +25,9 @@ from feltmb.gap import (
     read_measured,
     with_measured,
 )
+from feltmb.gap.designs import _words
 from feltmb.gap.information import Knowledge, information
-from feltmb.gap.profiles import FAMILIES
+from feltmb.gap.profiles import FAMILIES, Profile
 from feltmb.gap.score import all_candidates
 
 SENSORS = {"y": Sensor(name="y", sigma=1.0)}
@@ -394,3 +395,9 @@ def test_bad_requests_are_refused():
 
 def test_names_of_families_can_stand_in_a_list_with_commas():
     assert not any("," in name for name in FAMILIES)
+
+
+def test_the_name_of_a_profile_has_seconds_from_one_second_upward():
+    numbers = {"level": 3.0, "rise": 56.5, "hold": 0.02}
+    profile = Profile(family="press", numbers=numbers, start=0.0, moves=(), end=80.0)
+    assert _words(profile, "u", "N") == "press of u: 3 N, rise 56.5 s, hold 20 ms"

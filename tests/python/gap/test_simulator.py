@@ -364,3 +364,15 @@ def test_exposed_numbers_that_were_not_passed_are_told():
         one, one.effects, [record("a"), record("b", level=2.0, seed=1, role="held_out")]
     )
     assert not any("exposes" in w for w in with_effects.checks.warnings)
+
+
+def test_the_noise_of_a_function_is_told_where_it_matters():
+    """One of the last digits has no effect on a result."""
+    assert not any("numerical noise" in n for n in model().ready([record()]).notes)
+
+    def rounded(time, inputs, parameters):
+        return {"y": np.round(decay(time, inputs, parameters)["y"], 4)}
+
+    (note,) = [n for n in model(rounded).ready([record()]).notes if "spread of its outputs" in n]
+    assert "of 3 parameters" in note
+    assert "others" not in note

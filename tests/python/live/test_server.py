@@ -7,7 +7,9 @@ import resource
 import socket
 import time
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import httpx
 import numpy as np
@@ -18,6 +20,8 @@ import feltmb
 from feltmb import Action
 from feltmb.action.touch import static_touch
 from feltmb.live.desk import Desk
+from feltmb.live.knobs import Bench
+from feltmb.live.measured import Measured, Shelf
 from feltmb.live.pictures import outputs_of
 from feltmb.live.proposals import STROKES
 from feltmb.live.states import Playing
@@ -490,3 +494,30 @@ def test_a_plan_proposes_strokes_that_the_page_plays(live, client):
     stroke = Playing(**playing).stroke()
     run = feltmb.simulate("steinway45", stroke)
     assert got["summary"] == pytest.approx(run.summary, rel=1e-12)
+
+
+@pytest.mark.parametrize("work", ["plan", "diagnose"])
+def test_an_unexpected_error_reaches_the_page_and_the_log(work, monkeypatch, caplog):
+    """The page waited for an answer that never came."""
+
+    def fails(*_):
+        raise KeyError("surprise")
+
+    monkeypatch.setattr("feltmb.live.measured.mechanism_model", fails)
+    messages = []
+
+    async def page():
+        measured = Measured(
+            lambda: Bench(feltmb.load_action("steinway45")),
+            Shelf(Path()),
+            ThreadPoolExecutor(1),
+            lambda kind, message: messages.append((kind, message)),
+        )
+        getattr(measured, work)({})
+        await measured._running
+
+    asyncio.run(page())
+    ((kind, message),) = messages
+    assert kind == {"plan": "plan", "diagnose": "diagnosis"}[work]
+    assert "KeyError: 'surprise'" in message["fault"]
+    assert caplog.records[0].exc_info[0] is KeyError

@@ -336,6 +336,11 @@ def test_the_command(tmp_path, monkeypatch):
         ({"path": "a.zip"}, "cannot write .zip, expected .fmu"),
         ({"drive": "torque"}, "the input of the unit is a torque, but mechanism .* no motor"),
         ({"parameters": "contacts.99.*"}, r"parameters: 'contacts.99.\*' matches no number"),
+        (
+            {"parameters": ["finger.pad.*"], "drive": "force"},
+            r"no effect under .* force.*--input motion",
+        ),
+        ({"action": "cool.py"}, "Python file.*cannot be exported"),
         ({"rtol": 1.0}, r"rtol = 1, must be in"),
         ({"version": "1.0"}, "version"),
     ],

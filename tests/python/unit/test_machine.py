@@ -263,8 +263,8 @@ def test_channels_have_units(action):
         ({"force": float("nan")}, "force: got nan, expected a finite number"),
         ({"force": 1.0, "speed": 0.1}, "speed is given with force"),
         ({"torque": 1.0}, r"torque = 1 N m, but mechanism .* describes no motor"),
-        ({"dt": 0.0, "force": 1.0}, "duration = 0 s, must be > 0"),
-        ({"dt": -1.0, "force": 1.0}, "duration = -1 s, must be > 0"),
+        ({"dt": 0.0, "force": 1.0}, "dt = 0 s, expected finite, > 0"),
+        ({"dt": -1.0, "force": 1.0}, "dt = -1 s, expected finite, > 0"),
     ],
 )
 def test_bad_steps(action, arguments, message):
@@ -397,3 +397,32 @@ def test_a_controller_holds_the_key_at_half_dip(root):
     assert np.max(np.abs(held - 0.5 * example.DIP)) < 3e-5
     assert np.all((course[:, 2] >= 0.0) & (course[:, 2] <= 20.0))
     assert re.search(r"def force\(self", path.read_text())
+
+
+class Counted(feltmb.Machine):
+    """A machine that remembers how often it was asked."""
+
+    def __init__(self, action, record):
+        super().__init__(action, max_step=1e-3)
+        self.record = record
+
+
+@pytest.mark.parametrize("way", [copy.copy, copy.deepcopy])
+def test_a_copy_of_a_subclass_is_of_the_subclass(way, action):
+    machine = Counted(action, [1])
+    machine.advance(STEP, force=8.0)
+    other = way(machine)
+    assert type(other) is Counted
+    assert other.state() == machine.state()
+    assert other.record == [1]
+    assert (other.record is machine.record) == (way is copy.copy)
+
+
+def test_a_step_that_the_clock_does_not_resolve_is_refused(action):
+    machine = feltmb.Machine(action)
+    for dt in (1e-300, 5e-324):
+        with pytest.raises(feltmb.InvalidParameter, match=r"dt = .* below the resolution"):
+            machine.advance(dt, force=1.0)
+    assert machine.time == 0.0
+    machine.advance(1e-12, force=1.0)
+    assert machine.time == 1e-12

@@ -5,6 +5,7 @@ import pytest
 
 import feltmb
 from feltmb.files import write_file
+from feltmb.run.sound import difference, sampled
 
 
 @pytest.fixture(scope="module")
@@ -267,3 +268,14 @@ def test_runs_are_saved_side_by_side(run, tmp_path):
         paths = list(pool.map(run.save, [tmp_path / f"{i}.nc" for i in range(8)]))
     for path in paths:
         same(feltmb.load_run(path), run)
+
+
+def test_samples_of_sounds_of_unequal_length_are_of_one_time():
+    time = np.linspace(0.0, 1.0, 4001)
+    signal = np.sin(40.0 * time)
+    whole = sampled(time, signal, 1000)
+    part = sampled(time[:2222], signal[:2222], 1000)
+    assert whole.size == 1000
+    assert np.max(np.abs(difference(whole, part)[: part.size])) < 1e-12
+    slow = sampled(time, signal, 1000, 4.0)
+    assert slow[: 4 * 900 : 4] == pytest.approx(whole[:900], abs=1e-12)
