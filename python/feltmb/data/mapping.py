@@ -121,7 +121,12 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
     mode: InputMode = next(iter([*fitting, *signals.modes]), "force")
     driven = (*signals.inputs, *signals.modes.get(mode, ()))
     for name in (*driven, *seen):
-        unit = signals.units.get(name, "1")
+        if place[name] and not columns.find(place[name]):
+            faults.append(
+                f"no column {shortened(repr(place[name]))} for {name}; there are {columns}"
+            )
+            continue
+        unit = signals.units.get(name) or "1"
         scaled = {name, ""} & {*options.units, *options.scales}
         told = columns.units.get(columns.find(place[name])) or name in scaled
         told = told or (name not in driven and "" in scaled)
@@ -145,7 +150,7 @@ def _other(column: str, name: str) -> str:
 
 def _by_quantity(columns: Columns, signals: Signals, name: str) -> str:
     """The only column that is called as instruments call such an input and measures it."""
-    si = signals.units.get(name, "1")
+    si = signals.units.get(name) or "1"
     found = [
         c
         for c in columns.values

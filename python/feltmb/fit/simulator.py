@@ -136,7 +136,7 @@ class SimulatorModel(Model):
         self.inputs = tuple(inputs)
         self.outputs = tuple(outputs)
         named = [g for g in (inputs, outputs) if isinstance(g, Mapping)]
-        self.units = {k: v for g in named for k, v in g.items()}
+        self.units = {k: v for g in named for k, v in g.items() if v}  # "": not known
         self.segment = segment
         self.chaotic = chaotic
         known = dict(exposed or {})

@@ -103,7 +103,10 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
     names = [r.name for r in records]
     doubled = sorted({n for n in names if names.count(n) > 1})
     if doubled:
-        raise DataError(f"records: the name {', '.join(doubled)} is used twice")
+        raise DataError(
+            f"records: the name {', '.join(doubled)} is used twice (a file given twice, or "
+            "two files of one name)"
+        )
     problems: list[str] = []
     warnings: list[str] = []
     warnings += without_copies(records)[1]
@@ -160,26 +163,28 @@ def without_copies(
     A copy is no second measurement, and would prove what it was fitted to. Of a record that is
     held out and its copy the first is kept.
     """
-    kept: list[Record] = []
+    kept: dict[int, Record] = {}  # by place, as one record may be given twice
     told = []
-    for record in sorted(records, key=lambda r: not (r.name in hold_out or r.role == "held_out")):
-        same = next((r.name for r in kept if _same_numbers(r, record)), None)
+    held = [r.name in hold_out or r.role == "held_out" for r in records]
+    for i in sorted(range(len(records)), key=lambda i: not held[i]):
+        record = records[i]
+        same = next((r.name for r in kept.values() if _same_numbers(r, record)), None)
         if same is None:
-            kept.append(record)
+            kept[i] = record
         else:
-            told.append(
-                f"{record.name}: holds the same numbers as {same}; a copy is no second "
-                "measurement: it is left out"
-            )
-    return tuple(r for r in records if any(r is k for k in kept)), tuple(told)
+            what = "given twice" if same == record.name else f"holds the same numbers as {same}"
+            told.append(f"{record.name}: {what}; a copy is no second measurement: it is left out")
+    return tuple(kept[i] for i in sorted(kept)), tuple(told)
 
 
 def _same_numbers(one: Record, other: Record) -> bool:
-    """Whether outputs that move, of some length, are the same."""
-    if one.outputs.keys() != other.outputs.keys() or one.samples < LEAST_COPY:
+    """Whether inputs and outputs, of some length, of which an output moves, are the same."""
+    same = one.outputs.keys() == other.outputs.keys() and one.inputs.keys() == other.inputs.keys()
+    if not same or one.samples < LEAST_COPY:
         return False
     pairs = [(y, other.outputs[n]) for n, y in one.outputs.items()]
     moves = any(np.unique(y[np.isfinite(y)]).size > 2 for y, _ in pairs)
+    pairs += [(u, other.inputs[n]) for n, u in one.inputs.items()]
     return moves and all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
@@ -228,7 +233,7 @@ def faults_against(model: Model, records: Sequence[Record]) -> list[str]:
             )
         given = {k: s.unit for k, s in record.sensors.items()} | dict(record.input_units)
         for name, unit in given.items():
-            wanted = model.units.get(name, "1")
+            wanted = model.units.get(name) or "1"
             if "1" not in (unit, wanted) and not _same(unit, wanted):
                 problems.append(
                     f"{record.name}: {name} is in {unit}, in the model {model.name} in {wanted}"

@@ -372,7 +372,9 @@ def _diagnosed(
     records, copies = without_copies(records, named)
     model, records, whole = _ready(model, records)
     whole = replace(whole, warnings=(*copies, *whole.warnings))
-    fit_records, held_records = split_records(records, hold_out, masked=model.from_rest)
+    fit_records, held_records = split_records(
+        records, hold_out, masked=model.from_rest, left_out=copies
+    )
     checks = _inherit(check_records([*fit_records, *held_records], model.outputs), whole, records)
     if checks.problems:
         raise DataError("records: " + "; ".join(checks.problems))

@@ -269,7 +269,7 @@ def read_limits(path: str | Path, model: Model) -> Limits:
     for name, i in file.inputs.items():
         if ("inputs", name) in strange:
             continue
-        unit = i.unit or model.units.get(name, "1")
+        unit = i.unit or model.units.get(name) or "1"
         where = f"inputs.{name}"
         inputs[name] = made(
             f"{where}: ",
@@ -295,7 +295,7 @@ def read_limits(path: str | Path, model: Model) -> Limits:
         if ("parts", p.parameter) not in strange
     ]
     sensors = {
-        name: number(f"sensors.{name}.sigma", s.sigma, model.units.get(name, "1"))
+        name: number(f"sensors.{name}.sigma", s.sigma, model.units.get(name) or "1")
         for name, s in file.sensors.items()
         if ("sensors", name) not in strange
     }

@@ -17,12 +17,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
+from pydantic import ValidationError
+
 from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import read_toml, write_text
 from feltmb.fit.model import Model
 from feltmb.gap.limits import in_unit
-from feltmb.units.quantity import Schema, fault_text, validated
+from feltmb.units.quantity import Schema, fault_lines, fault_text
 
 __all__ = ["Measured", "measured_toml", "read_measured", "with_measured"]
 
@@ -71,28 +73,43 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
     Raises
     ------
     DataError
-        All faults of the file at once.
+        All faults of the file at once, first the names that the model does not have.
     """
     path = Path(path)
-    file = validated(_MeasuredFile, read_toml(path), path.name, DataError)
+    raw = read_toml(path)
+    table = raw.get("measured")
+    entries = table if isinstance(table, dict) else {}
     units = {p.name: p.unit for p in model.parameters}
-    out, faults = [], []
-    for name, entry in file.measured.items():
-        if name not in units:
-            faults.append(
-                f"measured.{name}: no parameter of {model.name}; there are {', '.join(units)}"
-            )
+    faults = [
+        f"measured.{name}: no parameter of {model.name}; there are {', '.join(units)}"
+        for name in entries
+        if name not in units
+    ]
+    # Numbers before the schema: a fault of one entry hides none of another.
+    numbers: dict[str, dict[str, float]] = {}
+    for name, entry in entries.items():
+        if name not in units or not isinstance(entry, dict):
             continue
-        numbers = {}
-        for key, given in (("value", entry.value), ("sd", entry.sd)):
+        numbers[name] = {}
+        for key in ("value", "sd"):
+            given = entry.get(key)
+            if isinstance(given, bool) or not isinstance(given, (int, float, str)):
+                continue  # for the schema to say
             try:
-                numbers[key] = in_unit(given, units[name])
-            except (ValueError, InvalidParameter) as error:
+                numbers[name][key] = in_unit(given, units[name])
+            except ValueError as error:
                 faults.append(f"measured.{name}.{key}: {error}")
-        if len(numbers) < 2:
+    try:
+        file = _MeasuredFile.model_validate(raw)
+    except ValidationError as error:
+        faults += fault_lines(error, _MeasuredFile)
+        raise DataError(fault_text(path.name, faults)) from None
+    out = []
+    for name, values in numbers.items():
+        if len(values) < 2:
             continue
         try:
-            out.append(Measured(parameter=name, how=entry.how, **numbers))
+            out.append(Measured(parameter=name, how=file.measured[name].how, **values))
         except InvalidParameter as error:
             faults.append(f"measured.{name}: {error}")
     if faults:

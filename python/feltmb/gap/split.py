@@ -14,22 +14,28 @@ __all__ = ["split_records"]
 
 
 def split_records(
-    records: Sequence[Record], hold_out: Sequence[str] | str | None, *, masked: bool = False
+    records: Sequence[Record],
+    hold_out: Sequence[str] | str | None,
+    *,
+    masked: bool = False,
+    left_out: Sequence[str] = (),
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
     """Records to fit and records to hold out.
 
     Named ones; else those whose role says so; else, of three or more records, every third; else
     every record is cut into five blocks of which the second and fourth are held out. ``masked``:
     the records are not cut; they keep all times, and the outputs of the other blocks are removed.
+    ``left_out``: why records were left out before, for messages.
     """
     if isinstance(hold_out, str):
         hold_out = [hold_out]
     names = [r.name for r in records]
+    why = "".join(f"; {note}" for note in left_out)
     if hold_out is not None:
         unknown = [h for h in hold_out if h not in names]
         if unknown:
             raise InvalidParameter(
-                f"hold_out: no record {', '.join(unknown)}; there are {', '.join(names)}"
+                f"hold_out: no record {', '.join(unknown)}; there are {', '.join(names)}{why}"
             )
         held = [r for r in records if r.name in hold_out]
         kept = [r for r in records if r.name not in hold_out]
@@ -42,7 +48,7 @@ def split_records(
     if held and kept:
         return _with_values(kept, held)
     if not kept:
-        raise InvalidParameter("hold_out: every record is held out, none is left to fit")
+        raise InvalidParameter(f"hold_out: every record is held out, none is left to fit{why}")
     fit_parts: list[Record] = []
     held_parts: list[Record] = []
     for r in kept:

@@ -124,7 +124,12 @@ def conversion_factor(unit: str, si_unit: str) -> float:
         raise InvalidParameter(
             f"unit {unit!r}: {error}; expected a unit of {si_unit} ({dimension_text(si_unit)})"
         ) from None
-    target, wanted = _parse(si_unit)
+    try:
+        target, wanted = _parse(si_unit)
+    except ValueError:  # not of mechanics: nothing but itself is known to measure it
+        raise InvalidParameter(
+            f"unit {unit!r} does not measure this quantity; expected {si_unit}"
+        ) from None
     if any(abs(a - b) > 1e-12 for a, b in zip(dims, wanted, strict=True)):
         raise InvalidParameter(
             f"unit {unit!r} does not measure this quantity; expected a unit of {si_unit} "

@@ -175,6 +175,8 @@ def _number(value: object) -> float:
 def _factor(unit: object, si_unit: str) -> float:
     if not isinstance(unit, str):
         raise ValueError(f"got unit {shown(unit)}, expected a text such as {si_unit!r}")
+    if unit == si_unit:  # also one that is not of mechanics, such as that of a model's own power
+        return 1.0
     try:
         return conversion_factor(unit, si_unit)
     except InvalidParameter as error:

@@ -18,9 +18,10 @@ from feltmb.data import (
     read_records,
     write_record,
 )
-from feltmb.errors import DataError
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import SimulatorModel, check_records
 from feltmb.gap.checks import without_copies
+from feltmb.gap.split import split_records
 
 sys.path.insert(0, str(Path(__file__).parent))
 import models
@@ -385,6 +386,22 @@ def test_a_copy_of_a_record_counts_once():
     assert [r.name for r in without_copies(three)[0]] == ["a", "b"]
     assert [r.name for r in without_copies(three, ["c"])[0]] == ["b", "c"]
     assert check_records(three[:2]).warnings == ()
+
+
+def test_other_inputs_are_no_copy_and_one_record_may_be_given_twice():
+    one = moving("a", 1)
+    other = replace(moving("b", 1), inputs={n: 2.0 + u for n, u in one.inputs.items()})
+    assert one.inputs
+    assert len(without_copies([one, other])[0]) == 2
+    kept, (told,) = without_copies([one, one])
+    assert len(kept) == 1
+    assert told.startswith("a: given twice; ")
+
+
+def test_where_copies_leave_nothing_to_fit_the_error_says_so():
+    records, copies = without_copies([moving("a", 1), moving("b", 1)], ["b"])
+    with pytest.raises(InvalidParameter, match=r"none is left to fit; a: holds the same .* as b"):
+        split_records(records, ["b"], left_out=copies)
 
 
 def test_what_never_moves_or_is_short_is_no_copy():

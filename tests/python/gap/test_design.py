@@ -401,3 +401,48 @@ def test_the_name_of_a_profile_has_seconds_from_one_second_upward():
     numbers = {"level": 3.0, "rise": 56.5, "hold": 0.02}
     profile = Profile(family="press", numbers=numbers, start=0.0, moves=(), end=80.0)
     assert _words(profile, "u", "N") == "press of u: 3 N, rise 56.5 s, hold 20 ms"
+
+
+def heated():
+    """A model whose quantities are none of mechanics."""
+    model = line(sd=1.0)
+    model.parameters = (Parameter(name="C", value=100.0, sd=10.0, unit="J/K"),)
+    model.units = {"u": "W", "y": "K"}
+    return model
+
+
+def test_limits_and_tests_have_units_outside_mechanics(tmp_path):
+    path = tmp_path / "limits.toml"
+    text = """schema = 1
+duration = "10 s"
+[inputs.u]
+most = "200 W"
+rate = "5 W/s"
+[sensors.y]
+sigma = "0.1 K"
+[[parts]]
+parameter = "C"
+sd = "2 J/K"
+"""
+    path.write_text(text)
+    found = read_limits(path, heated())
+    assert (found.inputs["u"].most, found.inputs["u"].rate) == (200.0, 5.0)
+    assert found.sensors == {"y": 0.1}
+    assert found.parts[0].sd == 2.0
+    path.write_text(text.replace("200 W", "200 N").replace("0.1 K", "0.1 kK"))
+    with pytest.raises(DataError) as error:
+        read_limits(path, heated())
+    assert "inputs.u.most: unit 'N' does not measure this quantity; expected W" in str(error.value)
+    assert "sensors.y.sigma: unit 'kK': unknown unit" in str(error.value)
+    path.write_text('[measured.C]\nvalue = "104 J/K"\nsd = "1 J/K"\n')
+    assert read_measured(path, heated())[0].value == 104.0
+
+
+def test_all_faults_of_tests_of_parts_are_told_at_once(tmp_path):
+    path = tmp_path / "measured.toml"
+    path.write_text('[measured.CC]\nvalue = 1\nsd = 0.1\n[measured.C]\nvalue = "x"\n')
+    with pytest.raises(DataError, match="3 faults") as error:
+        read_measured(path, heated())
+    _, *faults = str(error.value).splitlines()
+    starts = ("measured.CC: no parameter", "measured.C.value: got 'x'", "measured.C.sd: is missing")
+    assert [f.strip().startswith(s) for f, s in zip(faults, starts, strict=True)] == [True] * 3

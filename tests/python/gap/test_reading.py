@@ -345,3 +345,17 @@ def test_options_of_the_command_line():
     ):
         with pytest.raises(InvalidParameter):
             options(**wrong)
+
+
+def test_a_column_that_is_told_and_missing_is_said_to_be_missing(tmp_path):
+    path = put(tmp_path, "time [s],force [N],T [m]\n0,1,2\n1,2,3\n")
+    told = ReadOptions(columns={"T": "Tx"})
+    with pytest.raises(DataError, match="no column 'Tx' for T; there are time, force, T") as error:
+        read_record(path, outputs=["T"], modes=MODES, units={"T": "m", "force": "N"}, options=told)
+    assert "unit" not in str(error.value)
+
+
+def test_an_empty_unit_of_a_model_is_none_that_is_known(tmp_path):
+    path = put(tmp_path, "time [s],T\n0,2\n1,3\n")
+    record = read_record(path, outputs=["T"], units={"T": ""})
+    assert record.outputs["T"].tolist() == [2.0, 3.0]
