@@ -230,4 +230,4 @@ def test_budget_of_the_command_line(tmp_path, capsys, monkeypatch):
     assert "feltmb: proof on held-out records" in said.err
     said = run("fit", "m.py", "r.csv", "--budget", "1us")
     assert "note: stopped" in said.out
-    assert "wave" not in sys.modules
+    assert "m" not in sys.modules  # the module of the user's file
