@@ -5,7 +5,6 @@
 #include "feltmb/model/mechanism_system.hpp"
 
 namespace feltmb {
-namespace {}  // namespace
 
 void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
   using Row = Eigen::RowVectorXd;

@@ -4,7 +4,6 @@
 #include "feltmb/planar/dynamics.hpp"
 
 namespace feltmb {
-namespace {}  // namespace
 
 void Dynamics::complete_links() {
   move_lumps();

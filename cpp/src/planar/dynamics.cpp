@@ -7,7 +7,6 @@
 #include "feltmb/core/index.hpp"
 
 namespace feltmb {
-namespace {}  // namespace
 
 Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
     : m_(std::move(mechanism)), n_(m_->size()) {

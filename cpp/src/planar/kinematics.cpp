@@ -5,7 +5,6 @@
 #include "feltmb/planar/dynamics.hpp"
 
 namespace feltmb {
-namespace {}  // namespace
 
 double Dynamics::turn(std::size_t i) const {
   const Link& link = m_->links[i];

@@ -30,7 +30,6 @@ InputKind input_kind(const std::string& name) {
   }
   throw InvalidParameter("input \"" + name + "\" is unknown; known are " + known);
 }
-namespace {}  // namespace
 
 /// Finds the reaction and corrects the accelerations; see Prescription.
 void Dynamics::prescribe(const Drive& drive) {
