@@ -289,12 +289,7 @@ class Measured:
                 self._believed = (_state(asked, bench), belief)
             return told(report, bench)
 
-        try:
-            # A thread of its own: the pool stays free for what is turned meanwhile.
-            found = await asyncio.to_thread(work)
-        except Exception as error:  # else the page waits forever
-            found = self._fault(error)
-        self._tell("diagnosis", {"on": "diagnosis", **found})
+        await self._answer("diagnosis", work)
 
     async def _plan(self, asked: _Asked) -> None:
         loop = asyncio.get_running_loop()
@@ -315,13 +310,18 @@ class Measured:
             found = propose(model, effects, records, belief=belief, progress=progress)
             return {**found, "source": source}
 
+        await self._answer("plan", work)
+
+    async def _answer(self, on: str, work: Callable[[], dict[str, Any]]) -> None:
+        """Tell the page what a long work found, or why it found nothing."""
         try:
+            # A thread of its own: the pool stays free for what is turned meanwhile.
             found = await asyncio.to_thread(work)
         except Abandoned:
             found = {"rows": [], "stopped": True}
         except Exception as error:  # else the page waits forever
             found = self._fault(error)
-        self._tell("plan", {"on": "plan", **found})
+        self._tell(on, {"on": on, **found})
 
 
 def _read(given: Mapping[str, Any]) -> _Asked:
