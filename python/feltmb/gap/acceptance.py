@@ -81,6 +81,8 @@ def posterior(search: Search, *, none: float = NO_EFFECT, other: float = NOT_LIS
 class Accepted:
     """What stood the held-out proof."""
 
+    belief: Posterior
+    """Of the search, before the proof."""
     best: CandidateSet | None
     """The set of effects that is kept; None: nothing."""
     before: Outcome
@@ -90,7 +92,7 @@ class Accepted:
     rivals: tuple[CandidateSet, ...]
     """Other sets that these records cannot tell from it."""
     rejected: tuple[tuple[str, str], ...]
-    """Effects that the fit wanted and held-out records refused, with the reason."""
+    """Effects of the best set that are not named, with the reason."""
     outcomes: dict[tuple[str, ...], Outcome] = field(default_factory=dict)
     tightest: Fit | None = None
     """The set fitted with the tightest gaps; None where it has them already."""
@@ -360,7 +362,6 @@ def accept(
     search: Search,
     held: HeldOut,
     settings: FitSettings,
-    inflation: float,
     *,
     segmented_level: float,
     least_share: float,
@@ -373,11 +374,12 @@ def accept(
     ``discrepancy``: a rest was admitted as noise. Then there is no law that could be right to the
     last digit, and small print is told by the share of the remaining gap that it closes as well.
     """
+    belief = posterior(search)
     attempt = _Attempt(
         search,
         held,
         settings,
-        inflation,
+        belief.inflation,
         segmented_level=segmented_level,
         least_share=least_share,
         discrepancy=discrepancy,
@@ -394,7 +396,7 @@ def accept(
             best, proof = attempt.standing(first, proof, bad)
             kept = () if best is None else best.names
             rejected = [(n, bad.get(n, without)) for n in first.names if n not in kept]
-        sure = None if best is None else sure_part(best.names, search.sets, posterior(search).sets)
+        sure = None if best is None else sure_part(best.names, search.sets, belief.sets)
         part = None if best is None or not sure else attempt.part(best, sure)
         if best is not None and part is not None and part.key != best.key:
             found, wrong = attempt.faults(part)
@@ -405,6 +407,7 @@ def accept(
     elif search.sets:
         attempt.outcome(search.sets[0].fit)  # how near it comes is told
     return Accepted(
+        belief,
         best,
         attempt.before,
         attempt.before if best is None else attempt.outcome(best.fit),

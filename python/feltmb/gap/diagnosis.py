@@ -19,7 +19,7 @@ from feltmb.fit.problem import Point, Problem
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem, polish
 from feltmb.fit.watch import FIT, PROOF, REPORT, SEARCH, Tell, Watch, current, watching
-from feltmb.gap.acceptance import Accepted, accept, posterior, refutes, shapley
+from feltmb.gap.acceptance import Accepted, accept, refutes, shapley
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.checks import (
@@ -147,14 +147,19 @@ class Options:
             raise InvalidParameter("options: " + "; ".join(faults))
 
 
-def _ready(model: Model, records: Sequence[Record]) -> tuple[Model, tuple[Record, ...], DataChecks]:
-    """The model and the part of the records that it can use, and what the data checks say of them.
+def _ready(
+    model: Model, records: Sequence[Record], hold_out: Sequence[str] = ()
+) -> tuple[Model, tuple[Record, ...], DataChecks, tuple[str, ...]]:
+    """The model and the part of the records that it can use, what the data checks say, and copies.
+
+    ``hold_out``: names of records that are kept where they have a copy.
 
     Raises
     ------
     DataError
         All that makes the records unusable, in one message.
     """
+    records, copies = without_copies(records, hold_out)
     checks = check_against(model, records)
     ready = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
     channels, notes = [], list(ready.notes)
@@ -168,8 +173,9 @@ def _ready(model: Model, records: Sequence[Record]) -> tuple[Model, tuple[Record
             )
             c = replace(c, sigma=floor)
         channels.append(c)
-    checks = replace(checks, channels=tuple(channels), warnings=(*checks.warnings, *notes))
-    return ready.model, ready.records, checks
+    warnings = (*copies, *checks.warnings, *notes)
+    checks = replace(checks, channels=tuple(channels), warnings=warnings)
+    return ready.model, ready.records, checks, copies
 
 
 def prepare(
@@ -369,9 +375,7 @@ def _diagnosed(
     watch.enter(watch.stage)
     model.forget()
     named = [hold_out] if isinstance(hold_out, str) else hold_out or ()
-    records, copies = without_copies(records, named)
-    model, records, whole = _ready(model, records)
-    whole = replace(whole, warnings=(*copies, *whole.warnings))
+    model, records, whole, copies = _ready(model, records, named)
     fit_records, held_records = split_records(
         records, hold_out, masked=model.from_rest, left_out=copies
     )
@@ -471,7 +475,6 @@ def _diagnosed(
             search,
             held,
             settings,
-            posterior(search).inflation,
             segmented_level=options.segmented_level,
             least_share=options.least_share,
             discrepancy=rest_noise is not None,
@@ -504,7 +507,6 @@ def _diagnosed(
     not_tested += skipped
     fit = found.model_fit
     checks = replace(checks, warnings=(*checks.warnings, *refuted_tolerances(fit)))
-    belief = posterior(found)
     lap("how far")
     watch.say("where the gap lies")
     # With the noise of the sensors: an unexplained residual that is taken for noise hides where it
@@ -590,7 +592,7 @@ def _diagnosed(
         checks=checks,
         search=found,
         accepted=accepted,
-        belief=belief,
+        belief=accepted.belief,
         p=null.p(alarm),
         alpha=options.alpha,
         how_far=how_far,
@@ -939,9 +941,7 @@ def _fitted(
 ) -> Fit:
     watch.enter(watch.stage)
     model.forget()
-    records, copies = without_copies(records)
-    model, records, checks = _ready(model, records)
-    checks = replace(checks, warnings=(*copies, *checks.warnings))
+    model, records, checks, _ = _ready(model, records)
     try_effects(model, (), records[0])
     segmented_records = prepare(model, records, checks, segment)
     store = None if resume is None else Store(resume)

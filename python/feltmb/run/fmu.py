@@ -237,8 +237,8 @@ def _parameters(
                 high,
             )
         )
-    for pattern, hit, at_rest in zip(patterns, used, idle, strict=True):
-        if not hit and at_rest:
+    for pattern, hit, without_effect in zip(patterns, used, idle, strict=True):
+        if not hit and without_effect:
             raise InvalidParameter(
                 f"parameters: {pattern!r} matches numbers of the finger's pad only, and these have "
                 f"no effect under the input {drive}; hint: --input motion (in Python "
