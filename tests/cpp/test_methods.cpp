@@ -15,6 +15,7 @@
 #include "feltmb/core/error.hpp"
 #include "feltmb/model/linear_machine.hpp"
 #include "feltmb/model/simulation.hpp"
+#include "struck_string.hpp"
 
 namespace {
 std::atomic<long> allocations{0};
@@ -62,26 +63,9 @@ MechanismDescription hammer_on_string(int modes, double damping, bool turning) {
     hammer.axis = {1.0, 0.0};
   }
   d.bodies.push_back(hammer);
-  SurfaceDescription line;
-  line.name = "string";
-  line.body = "ground";
-  line.kind = SurfaceKind::kLine;
-  line.normal = {-1.0, 0.0};
-  d.surfaces = {line, nose};
-  ContactDescription contact;
-  contact.number = 6;
-  contact.surface_a = "string";
-  contact.surface_b = "nose";
-  contact.law = ExponentialPair{
+  const ExponentialPair law{
       {2.35e4, 1.74e3, -2.41e4}, {2.0e3, 4.52e3, -0.82e3}, 10.0, ExponentialPair::Form::kPrinted};
-  d.contacts.push_back(contact);
-  StringDescription string;
-  string.surface = "string";
-  string.parameters = {0.99e-3, 654.0, 0.6315, 5.98e-3, 2e11, damping, modes};
-  string.moving_strike_point = turning;
-  string.anchor = 0.6315 / 8.0;
-  string.strike_position = 0.6315 / 8.0;
-  d.strings.push_back(string);
+  test::add_struck_string(d, nose, law, damping, modes, turning);
   return d;
 }
 

@@ -16,6 +16,7 @@
 #include "feltmb/fiber/orientation.hpp"
 #include "feltmb/model/stepper.hpp"
 #include "feltmb/sensitivity/sensitivity.hpp"
+#include "struck_string.hpp"
 
 namespace {
 
@@ -64,24 +65,7 @@ std::shared_ptr<const Mechanism> hammer(double mass) {
   nose.name = "nose";
   nose.body = "hammer";
   nose.point = {0.0, kReach};
-  SurfaceDescription line;
-  line.name = "string";
-  line.body = "ground";
-  line.kind = SurfaceKind::kLine;
-  line.normal = {-1.0, 0.0};
-  d.surfaces = {line, nose};
-  ContactDescription contact;
-  contact.number = 6;
-  contact.surface_a = "string";
-  contact.surface_b = "nose";
-  contact.law = FeltMemory{felt_table(0.132), 0.3};
-  d.contacts.push_back(contact);
-  StringDescription string;
-  string.surface = "string";
-  string.parameters = {0.99e-3, 654.0, 0.6315, 5.98e-3, 2e11, 0.01, 20};
-  string.moving_strike_point = true;
-  string.anchor = string.strike_position = 0.6315 / 8.0;
-  d.strings.push_back(string);
+  test::add_struck_string(d, nose, FeltMemory{felt_table(0.132), 0.3}, 0.01, 20, true);
   return assemble(d);
 }
 
