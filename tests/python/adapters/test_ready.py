@@ -257,12 +257,12 @@ def test_noise_below_the_error_of_a_simulation_is_raised_to_it_and_told(forte):
     """A fit to a run without noise did not end."""
     model, _ = resolve("steinway45", FEW)
     bare = {n: replace(s, sigma=1e-10) for n, s in forte.sensors.items()}
-    ready, (record,), checks = ready_with_checks(model, [replace(forte, sensors=bare)])
+    ready, (record,), checks, _ = ready_with_checks(model, [replace(forte, sensors=bare)])
     for c in checks.channels:
         assert 1e-9 < c.sigma < 2e-5
         assert record.sensors[c.channel].sigma == pytest.approx(c.sigma)
     assert any("less than the error of a simulation" in w for w in checks.warnings)
-    _, _, plain = ready_with_checks(model, [forte])
+    _, _, plain, _ = ready_with_checks(model, [forte])
     assert [c.sigma for c in plain.channels] == [2e-5, 2e-5]
     assert ready.outputs == model.outputs
 
