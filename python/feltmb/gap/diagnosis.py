@@ -423,7 +423,7 @@ def _diagnosed(
         )
         first = _investigate(model, segmented_records, usable, options, settings, store, progress)
         model = first.model_fit.problem.model
-    factor = {} if watch.stopping() else _rescaled(first, checks)
+    factor = {} if watch.stopping() else _rescaled(first, segmented_records, checks)
     if factor:
         checks = _with_factor(checks, factor)
         segmented_records = tuple(with_factor(model, s, factor) for s in segmented_records)
@@ -571,7 +571,7 @@ def _diagnosed(
         where = replace(
             where,
             onset={**where.onset, **first_act(accepted.best.fit)},
-            remains=ledger(_with_sensor_noise(rest or accepted.best.fit, plain))[0],
+            remains=ledger(_with_other_noise(rest or accepted.best.fit, plain))[0],
         )
     beyond = None
     if accepted.best is None and not bare_misfit.left and not watch.over():
@@ -742,8 +742,8 @@ def _floored(checks: DataChecks, floors: Mapping[str, float], model: Model) -> D
     return replace(checks, channels=tuple(channels))
 
 
-def _with_sensor_noise(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> Fit:
-    """A fit as it stands against the noise of the sensors, where more was admitted."""
+def _with_other_noise(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> Fit:
+    """The same fit, judged by segmented records with another noise."""
     if fit.problem.segmented_records is sensed:
         return fit
     problem = replace(fit.problem, segmented_records=sensed)
@@ -802,13 +802,26 @@ def _recolored(
     return color if gain > COLOR_GAIN else None
 
 
-def _rescaled(first: Search, checks: DataChecks) -> dict[str, float]:
-    """Factors of the noise with which what is left is noise; see :func:`noise_factors`."""
+def _rescaled(
+    first: Search, segmented_records: tuple[SegmentedRecord, ...], checks: DataChecks
+) -> dict[str, float]:
+    """Factors of the noise if the residual is only noise with them; see :func:`noise_factors`.
+
+    A residual that exceeds this larger noise as well is not due to the given sigma. It is admitted
+    as a discrepancy then, whose noise does not depend on the given sigma.
+    """
     best = first.best
     fit, tight = (first.model_fit, first.tight_fit) if best is None else (best.fit, None)
     if not misfit(fit, tight, estimated=checks.estimated).left:
         return {}
-    return noise_factors(first)
+    factor = noise_factors(first)
+    if not factor:
+        return {}
+    model = fit.problem.model
+    noisier = tuple(with_factor(model, s, factor) for s in segmented_records)
+    fit = _with_other_noise(fit, noisier)
+    tight = None if tight is None else _with_other_noise(tight, noisier)
+    return {} if misfit(fit, tight, estimated=checks.estimated).left else factor
 
 
 def _with_factor(checks: DataChecks, factor: dict[str, float]) -> DataChecks:
