@@ -10,9 +10,9 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Linear, predict
-from feltmb.fit.model import Effect, Model
+from feltmb.fit.model import Candidate, Effect, Model
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.fit.solve import Fit, FitSettings, finish, polish
 from feltmb.gap.score import Scores, all_candidates, family_threshold, score_fit
 
 __all__ = ["Null", "calibrate"]
@@ -54,8 +54,11 @@ def calibrate(
     with priors that are drawn about the fitted parameters, and screened: as far as the priors say,
     and no farther, is the truth of a model without the effect from what was tabulated. (With the
     priors where they were, each replicate would repeat the strain that a true cause puts on them.)
-    The mean of its largest T over that of the asymptotic law stretches the law
-    (Bartlett's idea): a mean needs far fewer replicates than a tail.
+    The law is scaled by the mean of its largest T relative to the asymptotic law (Bartlett's idea:
+    a mean needs far fewer replicates than a tail). The mean comes from differences: each replicate
+    is scored twice, after its fit and by the linear model at the fitted parameters, which the
+    asymptotic law describes. The difference is zero where the model is linear, so that chance in
+    few replicates does not scale the law.
     """
     threshold, maxima = family_threshold(scores, alpha, seed=seed)
     if replicates < 1 or not np.any(scores.testable):
@@ -63,7 +66,7 @@ def calibrate(
     generator = np.random.default_rng(seed + 1)
     included = all_candidates(effects)
     settings = FitSettings(iterations=6)
-    largest = []
+    excess = []
     clean = [
         predict(fit.problem.model, s, fit.point.theta, fit.included, fit.point.magnitudes, p)[0]
         for s, p in zip(fit.problem.segmented_records, fit.point.places, strict=True)
@@ -83,14 +86,16 @@ def calibrate(
             segmented_records=segmented_records,
             store=None,
         )
-        again = polish(problem, replace(fit.point, memo={}), fit.level, settings)
-        singles = score_fit(again, included).singles()
-        largest.append(float(np.max(singles)) if singles.size else 0.0)
-    middle = float(np.mean(maxima))
-    # Half a standard error is taken off, so that chance in few replicates does not stretch the law.
-    error = float(np.std(maxima)) / np.sqrt(replicates)
-    stretch = max(1.0, (float(np.mean(largest)) - 0.5 * error) / max(middle, 1e-12))
+        point = replace(fit.point, memo={})
+        linear_fit = finish(problem, point, fit.level, fit.gap_sd)
+        refitted = polish(problem, point, fit.level, settings)
+        excess.append(_largest(refitted, included) - _largest(linear_fit, included))
+    stretch = max(1.0, 1.0 + float(np.mean(excess)) / max(float(np.mean(maxima)), 1e-12))
     return Null(threshold * stretch, maxima, stretch, replicates)
+
+
+def _largest(fit: Fit, candidates: tuple[Candidate, ...]) -> float:
+    return float(np.max(score_fit(fit, candidates).singles(), initial=0.0))
 
 
 def _with_priors_about(fit: Fit, generator: np.random.Generator) -> Model:
