@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -22,7 +23,6 @@ from feltmb.gap.criteria import (
     MOST_MISSING,
     QUIET_BLOCKS,
     SAME_CLOCK,
-    STANDS_STILL,
     UNEVEN_STEP,
     WHOLE_STEPS,
 )
@@ -32,6 +32,8 @@ __all__ = ["ChannelCheck", "DataChecks", "check_records"]
 
 #: Samples from which equal numbers are a copy; readings of a few digits may repeat.
 LEAST_COPY = 8
+#: Differences of values below this share of their spread are errors of arithmetic.
+LEAST_STEP = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,6 +139,13 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
                 warnings.append(
                     f"{where}: {check.clipped:.0%} of the values sit at the end of the range; "
                     "is the sensor saturated?"
+                )
+            sensor, error = record.sensors[name], check.quantum / math.sqrt(12.0)
+            if sensor.quantum == 0.0 and sensor.sigma is not None and error > sensor.sigma:
+                warnings.append(
+                    f"{where}: all values are multiples of {check.quantum:.3g} {check.unit}; their "
+                    f"rounding error of {error:.3g} {check.unit} exceeds the given noise of "
+                    f"{sensor.sigma:.3g} {check.unit}, and is used instead"
                 )
             channels.append(check)
         if outputs is not None and not set(outputs) & set(record.outputs):
@@ -359,15 +368,8 @@ def _channel(
     good = values[np.isfinite(values)]
     n = good.size
     spread = float(np.std(good)) if n else 0.0
-    steps = np.abs(np.diff(good)) if n > 1 else np.zeros(1)
-    moved = steps[steps > 0.0]
-    quantum = sensor.quantum
-    if quantum == 0.0 and moved.size > 8 and np.mean(steps == 0.0) > STANDS_STILL:
-        smallest = float(np.min(moved))
-        ratio = moved / smallest
-        off, most = WHOLE_STEPS
-        if np.mean(np.abs(ratio - np.round(ratio)) < off) > most:
-            quantum = smallest
+    grid = 0.0 if sensor.quantum else _grid(good, spread)
+    quantum = sensor.quantum or grid
     clipped = 0.0
     if n > 50 and spread > 0.0:
         for extreme in (good.max(), good.min()):
@@ -387,7 +389,8 @@ def _channel(
             predicted = _predicted(values, record.inputs)
             if predicted is not None and predicted < sigma:
                 sigma, method = predicted, "prediction"
-    noise = noise_of(sensor, sigma, quantum)
+    # A sigma may contain the rounding error of a grid that was not given, but is at least that.
+    noise = noise_of(sensor, max(sigma, grid / math.sqrt(12.0)), sensor.quantum)
     return ChannelCheck(
         record=record.name,
         channel=name,
@@ -404,6 +407,18 @@ def _channel(
         drift=drift,
         white=noise.white,
     )
+
+
+def _grid(values: Array, spread: float) -> float:
+    """Step of the grid on which all values lie; 0: there is none, or too few values differ."""
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > LEAST_STEP * spread]
+    if steps.size < 8:
+        return 0.0
+    step = float(np.min(steps))
+    ratio = steps / step
+    off, most = WHOLE_STEPS
+    return step if np.mean(np.abs(ratio - np.round(ratio)) < off) > most else 0.0
 
 
 def _predicted(values: Array, inputs: Mapping[str, Array], reach: int = 4) -> float | None:

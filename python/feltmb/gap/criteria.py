@@ -214,14 +214,10 @@ SAME_CLOCK = _number(
     "largest relative difference between the steps of repeats that are compared",
     _JUDGED, "gap/test_data.py",
 )  # fmt: skip
-STANDS_STILL = _number(
-    "STANDS_STILL", 0.1, "share of the steps",
-    "share of zero steps above which a digitizer is searched for", _JUDGED, "gap/test_data.py",
-)  # fmt: skip
 WHOLE_STEPS = _pair(
     "WHOLE_STEPS", (0.02, 0.95), "step, share",
-    "distance from a multiple of the smallest step, and share of the steps within this "
-    "distance, that identify a digitizer",
+    "distance from a multiple of the smallest step between different values, and share of the "
+    "steps within this distance, that identify a digitizer",
     _JUDGED, "gap/test_data.py",
 )  # fmt: skip
 FINE_DIGITS = _number(

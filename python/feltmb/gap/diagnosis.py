@@ -15,7 +15,7 @@ from feltmb.data import Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import Store
 from feltmb.fit.model import Effect, Model
-from feltmb.fit.problem import Point, Problem
+from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem, polish
 from feltmb.fit.watch import FIT, PROOF, REPORT, SEARCH, Tell, Watch, current, watching
@@ -65,7 +65,7 @@ from feltmb.gap.refine import (
 )
 from feltmb.gap.report import Report
 from feltmb.gap.score import all_candidates, family_threshold, score_fit
-from feltmb.gap.search import Search, in_refined_steps, search
+from feltmb.gap.search import Search, in_refined_steps, search, with_larger_noise
 from feltmb.gap.smoke_test import try_effects
 from feltmb.gap.split import split_records
 from feltmb.gap.steps import next_steps
@@ -208,27 +208,26 @@ def _investigate(
     settings: FitSettings,
     store: Store | None,
     progress: Progress | None,
-    near: Point | None = None,
+    known: Search | None = None,
 ) -> Search:
     """Fit the model and search the effects with the noise of the segmented records.
 
-    ``near``: where the model was fitted with less noise. From there it is soon fitted again; it
-    begins at its priors only if that does not explain the records.
+    ``known``: a search with far less noise. The model is fitted from its fit, and from its priors
+    only if that does not explain the records. The search begins with its best set of each size.
     """
     problem, label = Problem(model, segmented_records, store=store), "the model alone"
     watch = current()
     watch.misfit = None  # other noise, another scale
     watch.enter(FIT)
-    fit: Fit | None = None
-    led: list[Fit] = []
-    if near is None:
+    if known is None:
         led = lead(problem, effects, settings, most=options.max_effects, progress=progress)
         fit = _alone(led, problem, settings, progress, label)
     else:
-        point = replace(near, memo={})
+        led = _best_of_each_size(known, problem)
+        point = replace(known.model_fit.point, memo={})
         brief = replace(settings, restarts=0)
         fit = fit_problem(problem, brief, point=point, progress=progress, label=label)
-    if fit is None or not (led or fit.explains):
+    if fit is None or not (fit.explains or known is None):
         way = settings if fit is None else replace(settings, restarts=0)
         other = fit_problem(problem, way, progress=progress, label=label)
         fit = other if fit is None or other.log_evidence > fit.log_evidence else fit
@@ -248,6 +247,22 @@ def _investigate(
     if watch.stopping():
         return found
     return within_tolerance(in_refined_steps(found, settings, progress=progress), settings)
+
+
+def _best_of_each_size(known: Search, problem: Problem) -> list[Fit]:
+    """The best set of each size of a search that beats the model, as starts in another problem."""
+    best: dict[int, Fit] = {}
+    for c in known.sets:
+        if c.evidence > known.model_evidence:
+            best.setdefault(len(c.names), c.fit)
+    return [
+        replace(
+            fit,
+            problem=problem.with_candidates(fit.included),
+            point=replace(fit.point, memo={}),
+        )
+        for fit in best.values()
+    ]
 
 
 def _alone(
@@ -430,10 +445,8 @@ def _diagnosed(
         sensed = held_segmented_records = tuple(
             with_factor(model, s, factor) for s in held_segmented_records
         )
-        near = first.model_fit.point
-        first = _investigate(
-            model, segmented_records, usable, options, settings, store, progress, near
-        )
+        first = with_larger_noise(first, segmented_records, settings, progress=progress)
+        first = within_tolerance(in_refined_steps(first, settings, progress=progress), settings)
         model = first.model_fit.problem.model
     found, rest_noise = first, None
     plain = segmented_records
@@ -447,9 +460,8 @@ def _diagnosed(
         rest_noise = new
         segmented_records = tuple(with_noise(model, s, new) for s in plain)
         held_segmented_records = tuple(with_noise(model, s, new) for s in sensed)
-        near = found.model_fit.point
         found = _investigate(
-            model, segmented_records, usable, options, settings, store, progress, near
+            model, segmented_records, usable, options, settings, store, progress, found
         )
         if watch.stopping():  # the search before is whole
             found, rest_noise, segmented_records, held_segmented_records = before

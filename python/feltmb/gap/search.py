@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from feltmb.data import Array
 from feltmb.fit.model import Batch, Candidate, Effect, Jobs, Model
 from feltmb.fit.observe import machine_candidates
+from feltmb.fit.problem import Problem
+from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, finish, polish
 from feltmb.fit.watch import current
 from feltmb.gap.criteria import (
@@ -36,7 +38,7 @@ from feltmb.gap.refine import (
 from feltmb.gap.score import Scores, all_candidates, score_fit, screen_sets
 from feltmb.gap.shape import between, movable, off_grid
 
-__all__ = ["Search", "in_refined_steps", "search"]
+__all__ = ["Search", "in_refined_steps", "search", "with_larger_noise"]
 
 Progress = Callable[[str, int, int], None]
 
@@ -138,42 +140,82 @@ def in_refined_steps(
         if model is coarse:
             break
         # Refined steps move shapes, which may ask for refined steps again.
-        found = _again(found, model, settings, progress)
+        found = _again(found, _with_model(model), settings, "refined steps", progress)
     return found
 
 
-def _again(found: Search, model: Model, settings: FitSettings, progress: Progress | None) -> Search:
-    """The search with its best sets fitted again with another model."""
+def with_larger_noise(
+    found: Search,
+    segmented_records: tuple[SegmentedRecord, ...],
+    settings: FitSettings,
+    *,
+    progress: Progress | None = None,
+) -> Search:
+    """The search with its best sets fitted again to records with somewhat larger noise.
 
-    def moved(fit: Fit) -> Fit:
-        return replace(fit, problem=replace(fit.problem, model=model))
+    The larger noise leaves nothing to explain. So no other set can be needed, but a smaller one may
+    be enough.
+    """
+
+    def other(problem: Problem) -> Problem:
+        return replace(problem, segmented_records=segmented_records)
+
+    return _again(found, other, settings, "larger noise", progress, rescore=True)
+
+
+def _with_model(model: Model) -> Callable[[Problem], Problem]:
+    return lambda problem: replace(problem, model=model)
+
+
+def _again(
+    found: Search,
+    other: Callable[[Problem], Problem],
+    settings: FitSettings,
+    what: str,
+    progress: Progress | None,
+    *,
+    rescore: bool = False,
+) -> Search:
+    """The search with its best sets fitted again to another problem."""
+    effects = list({t.effect.name: t.effect for t in found.scores.candidates}.values())
+    total = sum(e.weight for e in effects)
+
+    def moved(c: CandidateSet) -> CandidateSet:
+        problem = other(c.fit.problem)
+        if not rescore:
+            return CandidateSet(replace(c.fit, problem=problem), c.evidence)
+        fit = finish(problem, replace(c.fit.point, memo={}), c.fit.level, c.fit.gap_sd)
+        return CandidateSet(fit, full_evidence(fit, total))
 
     def again(fit: Fit) -> Fit:
-        problem = replace(fit.problem, model=model)
+        problem = other(fit.problem)
         new = polish(problem, replace(fit.point, memo={}), fit.level, settings)
         return replace(new, levels=fit.levels, notes=fit.notes)
 
-    effects = list({t.effect.name: t.effect for t in found.scores.candidates}.values())
     tight = None if found.tight_fit is None else again(found.tight_fit)
     hunt = _Hunt(again(found.model_fit), tight, effects, settings, 0, 0, progress)
     hunt.scores, hunt.tight = found.scores, found.tight
+    if rescore:
+        hunt.scores = score_fit(hunt.model_fit, hunt.candidates)
+        hunt.tight = None if tight is None else score_fit(tight, hunt.candidates)
     hunt.start = full_evidence(hunt.model_fit, hunt.total)
     hunt.failed.update(found.failed)
     hunt.skipped.update(dict.fromkeys(found.skipped))
     # Larger sets may only explain what coarse steps did wrong: they have to come from the best one.
-    best = found.sets[0]
     for c in found.sets:
+        best = found.sets[0]
         if len(c.names) <= len(best.names) and c.evidence > best.evidence - NEAR_BEST:
-            hunt._tell("refined steps: " + " + ".join(c.names))
+            hunt._tell(f"{what}: " + " + ".join(c.names))
             fit = again(c.fit)
             hunt.done[c.key] = CandidateSet(fit, full_evidence(fit, hunt.total))
         elif len(c.names) == 1:
-            hunt.done[c.key] = CandidateSet(moved(c.fit), c.evidence)
-    hunt._shrink()
-    hunt._shape(hunt._best())
-    hunt._vary(hunt._best())
-    hunt._finish()
-    hunt._nest()
+            hunt.done[c.key] = moved(c)
+    if hunt.done:
+        hunt._shrink()
+        hunt._shape(hunt._best())
+        hunt._vary(hunt._best())
+        hunt._finish()
+        hunt._nest()
     return hunt.found()
 
 

@@ -296,3 +296,25 @@ def test_a_smooth_rest_in_white_noise_is_not_taken_for_its_color():
     report = diagnose(LINE, [CUBIC], runs(swaying))
     assert report.verdict is Verdict.UNKNOWN
     assert not report.checks.warnings
+
+
+@pytest.mark.parametrize(("sigma", "found"), [(0.05, 12.0**-0.5), (0.4, 0.4), (None, None)])
+def test_a_grid_of_values_bounds_the_noise_from_below(sigma, found):
+    """The grid was seen only where a tenth of the samples stood still."""
+    rng = np.random.default_rng(4)
+    t = np.arange(600)
+    exact = 100.0 * np.sin(0.1 * t) + 0.05 * rng.standard_normal(t.size)
+    record = Record(
+        name="r",
+        time=1e-3 * t,
+        inputs={"f": 0.0 * t},
+        outputs={"q": 0.3 * np.round(exact)},
+        sensors={"q": Sensor(name="q", sigma=None if sigma is None else 0.3 * sigma)},
+    )
+    checks = check_records([record])
+    assert checks.channels[0].quantum == pytest.approx(0.3, rel=1e-9)
+    if found is not None:
+        assert checks.channels[0].sigma == pytest.approx(0.3 * found, rel=1e-9)
+    assert any("rounding error" in w for w in checks.warnings) is (sigma == 0.05)
+    free = replace(record, outputs={"q": 0.3 * exact})
+    assert check_records([free]).channels[0].quantum == 0.0
