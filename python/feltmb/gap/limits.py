@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
 from feltmb.arguments import checked
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import read_toml
+from feltmb.errors import InvalidParameter
 from feltmb.fit.model import Model
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar
+from feltmb.gap.tables import TableReader
+from feltmb.units.quantity import SI, Schema
 
 __all__ = ["InputLimits", "Limits", "PartTest", "read_limits"]
-
-T = TypeVar("T")
 
 
 @checked
@@ -186,20 +185,24 @@ class _Sensor(Schema):
     sigma: float | str
 
 
-class _LimitsFile(Schema):
-    schema_version: Annotated[Literal[1], Field(alias="schema")]
-    about: str = ""
+class _Times(Schema):
     duration: Annotated[float, SI("s"), Field(gt=0)]
     sample_rate: Annotated[float, SI("Hz"), Field(gt=0)] = 2000.0
     rest: Annotated[float, SI("s"), Field(ge=0)] = 0.0
     lead: Annotated[float, SI("s"), Field(ge=0)] = 0.01
+
+
+class _LimitsFile(_Times):
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    about: str = ""
     inputs: dict[str, _Input]
     sensors: dict[str, _Sensor] = Field(default_factory=dict)
     parts: list[_Part] = Field(default_factory=list)
 
 
-#: Stands for inputs that have faults of their own, while the rest is checked.
+#: Stand for inputs and times that have faults of their own, while the rest is checked.
 _ANY = {"": InputLimits(most=1.0)}
+_ANY_TIMES = {"duration": 1.0, "sample_rate": 1000.0, "rest": 0.0, "lead": 0.0}
 
 
 def _names_in(raw: Mapping[str, Any]) -> tuple[list[str], list[str], list[str]]:
@@ -214,8 +217,8 @@ def _names_in(raw: Mapping[str, Any]) -> tuple[list[str], list[str], list[str]]:
     return list(tables[0]), list(tables[1]), parts
 
 
-#: Rates of an input whose unit is not told.
-_BARE = ("1/s", "1/s^2")
+def _hint(unit: str) -> str:
+    return '; hint: the table says its unit, unit = "N"' if unit == "1" else ""
 
 
 def _per(unit: str, power: int) -> str:
@@ -233,96 +236,67 @@ def read_limits(path: str | Path, model: Model) -> Limits:
     Raises
     ------
     DataError
-        All faults of the file at once, first the names that the model does not have. The numbers of
-        such an entry are not looked at: their unit is not known.
+        All faults of the file at once: names that the model does not have, keys and kinds, numbers.
+        The numbers of an entry whose name is unknown are not looked at: their unit is not known.
     """
-    path = Path(path)
-    raw = read_toml(path)
-    strange = _strangers(model, *_names_in(raw))
-    faults = list(strange.values())
-    try:
-        file = _LimitsFile.model_validate(raw)
-    except ValidationError as error:
-        faults += fault_lines(error, _LimitsFile)
-        raise DataError(fault_text(path.name, faults)) from None
-
-    def number(where: str, value: float | str | None, unit: str, missing: float = 0.0) -> float:
-        if value is None:
-            return missing
-        try:
-            return in_unit(value, unit)
-        except (ValueError, InvalidParameter) as error:
-            hint = '; hint: the table says its unit, unit = "N"' if unit in ("1", *_BARE) else ""
-            faults.append(f"{where}: {error}{hint}")
-            return math.nan
-
-    def made(where: str, kind: Callable[..., T], **values: Any) -> T | None:
-        if any(isinstance(v, float) and math.isnan(v) for v in values.values()):
-            return None  # told already
-        try:
-            return kind(**values)
-        except InvalidParameter as error:
-            faults.append(f"{where}{error}")
-            return None
+    read = TableReader(path, _LimitsFile)
+    strange = _strangers(model, *_names_in(read.raw))
+    read.check(strange.values())
 
     inputs: dict[str, InputLimits | None] = {}
-    for name, i in file.inputs.items():
+    for name, where, entry in read.entries("inputs"):
         if ("inputs", name) in strange:
             continue
-        unit = i.unit or model.units.get(name) or "1"
-        where = f"inputs.{name}"
-        inputs[name] = made(
+        told = entry.get("unit")
+        unit = (told if isinstance(told, str) else "") or model.units.get(name) or "1"
+
+        number = partial(read.number, where, entry)
+        change, bend = _per(unit, 1), _per(unit, 2)
+        inputs[name] = read.made(
+            ("inputs", name),
             f"{where}: ",
             InputLimits,
-            least=number(f"{where}.least", i.least, unit),
-            most=number(f"{where}.most", i.most, unit),
-            rate=number(f"{where}.rate", i.rate, _per(unit, 1), math.inf),
-            acceleration=number(f"{where}.acceleration", i.acceleration, _per(unit, 2), math.inf),
-            sigma=number(f"{where}.sigma", i.sigma, unit),
+            least=number("least", unit, 0.0, _hint(unit)),
+            most=number("most", unit, hint=_hint(unit)),
+            rate=number("rate", change, math.inf, _hint(unit)),
+            acceleration=number("acceleration", bend, math.inf, _hint(unit)),
+            sigma=number("sigma", unit, 0.0, _hint(unit)),
             unit=unit,
         )
     own = {p.name: p.unit for p in model.parameters}
-    parts = [
-        made(
-            f"parts[{k}]: ",
-            PartTest,
-            parameter=p.parameter,
-            sd=number(f"parts[{k}].sd", p.sd, own[p.parameter]),
-            cost=p.cost,
-            how=p.how,
-        )
-        for k, p in enumerate(file.parts)
-        if ("parts", p.parameter) not in strange
-    ]
+    parts = []
+    for k, where, entry in read.entries("parts"):
+        name = entry.get("parameter")
+        if isinstance(name, str) and name in own:
+            sd = read.number(where, entry, "sd", own[name])
+            rest = {key: entry[key] for key in ("cost", "how") if key in entry}
+            parts.append(
+                read.made(("parts", k), f"{where}: ", PartTest, parameter=name, sd=sd, **rest)
+            )
     sensors = {
-        name: number(f"sensors.{name}.sigma", s.sigma, model.units.get(name) or "1")
-        for name, s in file.sensors.items()
+        name: read.number(where, entry, "sigma", model.units.get(name) or "1")
+        for name, where, entry in read.entries("sensors")
         if ("sensors", name) not in strange
     }
-    found = made(
+    given = read.raw.get("inputs")
+    found = read.made(
+        (),
         "",
         Limits,
-        inputs={name: i for name, i in inputs.items() if i is not None} or _ANY,
-        duration=file.duration,
-        sample_rate=file.sample_rate,
-        rest=file.rest,
-        lead=file.lead,
+        inputs={n: i for n, i in inputs.items() if i} or ({} if given == {} else _ANY),
         parts=tuple(p for p in parts if p is not None),
         sensors={name: sigma for name, sigma in sensors.items() if not math.isnan(sigma)},
+        **_times_in(read.raw),
     )
-    if faults or found is None:
-        raise DataError(fault_text(path.name, faults))
+    read.finish()
+    assert found is not None
     return found
 
 
-def in_unit(value: float | str, unit: str) -> float:
-    """A number, or a text with a unit, in an SI unit; shares may be in percent.
-
-    Raises
-    ------
-    ValueError
-        It is none.
-    """
-    if isinstance(value, str) and value.strip().endswith("%") and unit == "1":
-        return 0.01 * parse_scalar(value.strip().removesuffix("%").strip(), "1")
-    return parse_scalar(value, unit)
+def _times_in(raw: Mapping[str, Any]) -> dict[str, float]:
+    """Times that a file says, or any where they have faults of their own."""
+    try:
+        told = {name: raw[name] for name in _Times.model_fields if name in raw}
+        return _Times.model_validate(told).model_dump()
+    except ValidationError:
+        return _ANY_TIMES
