@@ -1,4 +1,4 @@
-"""What experiments are allowed: limits of inputs, and tests of single parts (``limits.toml``)."""
+"""What experiments are allowed: limits of inputs, tests of parts, sensors (``limits.toml``)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from feltmb.fit.model import Model
 from feltmb.gap.tables import TableReader
 from feltmb.units.quantity import SI, Schema
 
-__all__ = ["InputLimits", "Limits", "PartTest", "read_limits"]
+__all__ = ["FurtherSensor", "InputLimits", "Limits", "PartTest", "read_limits", "read_sensors"]
 
 
 @checked
@@ -89,6 +89,33 @@ class PartTest:
 
 @checked
 @dataclass(frozen=True, kw_only=True)
+class FurtherSensor:
+    """A sensor that could be had: of an output that is not measured yet, or a less noisy one.
+
+    All experiments after it are measured with it.
+    """
+
+    output: str
+    """Output of the model that it measures."""
+    sigma: float | None = None
+    """Its noise [unit of the output]. None: a third of the present noise of an output that is
+    measured already; of another output that of the noisiest sensor of the same unit."""
+    cost: float = 1.0
+    """Once, in experiments."""
+    how: str = ""
+
+    def __post_init__(self) -> None:
+        faults = []
+        if self.sigma is not None and not 0.0 < self.sigma < math.inf:
+            faults.append(f"sigma = {self.sigma!r}, expected finite, > 0")
+        if not 0.0 < self.cost < math.inf:
+            faults.append(f"cost = {self.cost!r}, expected finite, > 0")
+        if faults:
+            raise InvalidParameter(f"further sensor of {self.output}: " + "; ".join(faults))
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
 class Limits:
     """What experiments are allowed."""
 
@@ -104,7 +131,9 @@ class Limits:
     """Time before anything moves [s]."""
     parts: tuple[PartTest, ...] = ()
     sensors: Mapping[str, float] = field(default_factory=dict)
-    """Noise by output that can be measured [its unit]; empty: those of the records."""
+    """Noise by output that is measured [its unit]; empty: those of the records."""
+    further: tuple[FurtherSensor, ...] = ()
+    """Sensors that could be had in addition, each at its cost."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -137,13 +166,23 @@ class Limits:
         InvalidParameter
             Inputs, outputs or parameters that it does not have, all at once.
         """
-        faults = _strangers(model, self.inputs, self.sensors, [t.parameter for t in self.parts])
+        faults = _strangers(
+            model,
+            self.inputs,
+            self.sensors,
+            [t.parameter for t in self.parts],
+            [s.output for s in self.further],
+        )
         if faults:
             raise InvalidParameter("limits: " + "; ".join(faults.values()))
 
 
 def _strangers(
-    model: Model, inputs: Iterable[str], sensors: Iterable[str], parts: Iterable[str]
+    model: Model,
+    inputs: Iterable[str],
+    sensors: Iterable[str],
+    parts: Iterable[str],
+    further: Iterable[str],
 ) -> dict[tuple[str, str], str]:
     """What the model does not have, by table and name."""
     known = [p.name for p in model.parameters]
@@ -152,10 +191,14 @@ def _strangers(
         for t in parts
         if t not in known
     }
-    for s in sensors:
-        if s not in model.outputs:
-            there = ", ".join(model.outputs)
-            faults["sensors", s] = f"sensor {s}: no output of {model.name}; there are {there}"
+    outputs = ", ".join(model.outputs)
+    for table, what, names in (
+        ("sensors", "sensor", sensors),
+        ("further_sensors", "further sensor", further),
+    ):
+        for s in names:
+            if s not in model.outputs:
+                faults[table, s] = f"{what} {s}: no output of {model.name}; there are {outputs}"
     own = list(getattr(model, "inputs", ()))
     own += [i for names in model.input_modes.values() for i in names]
     for i in inputs:
@@ -185,6 +228,17 @@ class _Sensor(Schema):
     sigma: float | str
 
 
+class _SensorsFile(Schema):
+    sensors: dict[str, _Sensor]
+
+
+class _Further(Schema):
+    output: str
+    sigma: float | str | None = None
+    cost: Annotated[float, Field(gt=0)] = 1.0
+    how: str = ""
+
+
 class _Times(Schema):
     duration: Annotated[float, SI("s"), Field(gt=0)]
     sample_rate: Annotated[float, SI("Hz"), Field(gt=0)] = 2000.0
@@ -198,6 +252,7 @@ class _LimitsFile(_Times):
     inputs: dict[str, _Input]
     sensors: dict[str, _Sensor] = Field(default_factory=dict)
     parts: list[_Part] = Field(default_factory=list)
+    further_sensors: list[_Further] = Field(default_factory=list)
 
 
 #: Stand for inputs and times that have faults of their own, while the rest is checked.
@@ -205,16 +260,20 @@ _ANY = {"": InputLimits(most=1.0)}
 _ANY_TIMES = {"duration": 1.0, "sample_rate": 1000.0, "rest": 0.0, "lead": 0.0}
 
 
-def _names_in(raw: Mapping[str, Any]) -> tuple[list[str], list[str], list[str]]:
-    """Inputs, sensors and parameters of parts that a file names, whatever else is wrong with it."""
+def _names_in(raw: Mapping[str, Any]) -> tuple[list[str], list[str], list[str], list[str]]:
+    """Inputs, sensors, parts and further sensors that a file names, whatever else is wrong."""
     tables = [t if isinstance(t, dict) else {} for t in (raw.get("inputs"), raw.get("sensors"))]
-    rows = raw.get("parts")
-    parts = [
-        row["parameter"]
-        for row in (rows if isinstance(rows, list) else [])
-        if isinstance(row, dict) and isinstance(row.get("parameter"), str)
-    ]
-    return list(tables[0]), list(tables[1]), parts
+
+    def named(table: str, key: str) -> list[str]:
+        rows = raw.get(table)
+        return [
+            row[key]
+            for row in (rows if isinstance(rows, list) else [])
+            if isinstance(row, dict) and isinstance(row.get(key), str)
+        ]
+
+    parts, further = named("parts", "parameter"), named("further_sensors", "output")
+    return list(tables[0]), list(tables[1]), parts, further
 
 
 def _hint(unit: str) -> str:
@@ -265,14 +324,22 @@ def read_limits(path: str | Path, model: Model) -> Limits:
         )
     own = {p.name: p.unit for p in model.parameters}
     parts = []
-    for k, where, entry in read.entries("parts"):
+    for at, where, entry in read.entries("parts"):
         name = entry.get("parameter")
         if isinstance(name, str) and name in own:
-            sd = read.number(where, entry, "sd", own[name])
-            rest = {key: entry[key] for key in ("cost", "how") if key in entry}
-            parts.append(
-                read.made(("parts", k), f"{where}: ", PartTest, parameter=name, sd=sd, **rest)
-            )
+            known: dict[str, Any] = {k: entry[k] for k in ("cost", "how") if k in entry}
+            known["sd"] = read.number(where, entry, "sd", own[name])
+            parts.append(read.made(("parts", at), f"{where}: ", PartTest, parameter=name, **known))
+    further = []
+    for at, where, entry in read.entries("further_sensors"):
+        name = entry.get("output")
+        if isinstance(name, str) and name in model.outputs:
+            known = {k: entry[k] for k in ("cost", "how") if k in entry}
+            if "sigma" in entry:
+                unit = model.units.get(name) or "1"
+                known["sigma"] = read.number(where, entry, "sigma", unit)
+            place = ("further_sensors", at)
+            further.append(read.made(place, f"{where}: ", FurtherSensor, output=name, **known))
     sensors = {
         name: read.number(where, entry, "sigma", model.units.get(name) or "1")
         for name, where, entry in read.entries("sensors")
@@ -286,11 +353,36 @@ def read_limits(path: str | Path, model: Model) -> Limits:
         inputs={n: i for n, i in inputs.items() if i} or ({} if given == {} else _ANY),
         parts=tuple(p for p in parts if p is not None),
         sensors={name: sigma for name, sigma in sensors.items() if not math.isnan(sigma)},
+        further=tuple(s for s in further if s is not None),
         **_times_in(read.raw),
     )
     read.finish()
     assert found is not None
     return found
+
+
+@checked
+def read_sensors(path: str | Path, model: Model) -> dict[str, float]:
+    """Read ``[sensors.OUTPUT]`` tables with ``sigma``: noise by output [its unit].
+
+    Raises
+    ------
+    DataError
+        All faults of the file at once.
+    """
+    read = TableReader(path, _SensorsFile)
+    table = read.raw.get("sensors")
+    strange = _strangers(model, (), table if isinstance(table, dict) else (), (), ())
+    read.check(strange.values())
+    out = {}
+    for name, where, entry in read.entries("sensors"):
+        if ("sensors", name) not in strange:
+            sigma = read.number(where, entry, "sigma", model.units.get(name) or "1")
+            if sigma <= 0.0:
+                read.faults.append(f"{where}.sigma: got {sigma:g}, expected > 0")
+            out[name] = sigma
+    read.finish()
+    return out
 
 
 def _times_in(raw: Mapping[str, Any]) -> dict[str, float]:
