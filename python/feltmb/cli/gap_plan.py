@@ -323,13 +323,20 @@ def print_design(found: Design) -> None:
         "confused with", "chance",
         right=(1, 2, 3, 4, 6), whole=(0,),
     )  # fmt: skip
-    for v in found.effects[:MOST_EFFECTS]:
+    shown = [v for v in found.effects if not v.hidden]
+    for v in shown[:MOST_EFFECTS]:
         size = f"{v.smallest:.3g} {'' if v.unit == '1' else v.unit}".strip()
         rival = (v.rival, f"{v.confusion:.0%}") if v.confusion >= 0.01 else ("", "")
         table.add_row(v.effect, f"{v.belief:.0%}", size, f"{v.right:.0%}", f"{v.pair:.0%}", *rival)
-    console().print(table)
-    if len(found.effects) > MOST_EFFECTS:
-        say(f"and {len(found.effects) - MOST_EFFECTS} more effects (plan.json, --json)")
+    if shown:
+        console().print(table)
+    if len(shown) > MOST_EFFECTS:
+        say(f"and {len(shown) - MOST_EFFECTS} more effects (plan.json, --json)")
+    hidden = [v for v in found.effects if v.hidden]
+    for v in hidden[:MOST_EFFECTS]:
+        say(f"{v.effect} cannot be detected: {v.hidden}")
+    if len(hidden) > MOST_EFFECTS:
+        say(f"and {len(hidden) - MOST_EFFECTS} more that cannot be detected (plan.json, --json)")
     if found.sensors:
         table = new_table(
             "further sensors", "sensor", "cost", what, "gain per cost", "planned",
@@ -380,11 +387,13 @@ def _compare(
         right=(1, 2, 4),
         whole=(0,),
     )
-    for r in found.effects:
+    seen = [r for r in found.effects if r.effect not in found.unseen]
+    for r in seen:
         size = f"{r.smallest:.3g} {'' if r.unit == '1' else r.unit}".strip()
         rival = (r.rival, f"{r.confusion:.0%}") if r.rival and r.confusion >= 0.01 else ("", "")
         table.add_row(r.effect, size, f"{r.surviving:.0%}", *rival)
-    console().print(table)
+    if seen:
+        console().print(table)
     for group in found.classes:
         say("cannot be separated: " + ", ".join(group))
     if found.unseen:

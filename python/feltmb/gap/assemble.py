@@ -15,6 +15,7 @@ from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted, Posterior
 from feltmb.gap.advise import confused_groups, confusion
 from feltmb.gap.calibrate import Null
+from feltmb.gap.criteria import DETECTABLE
 from feltmb.gap.findings import (
     Closest,
     GapRow,
@@ -145,7 +146,7 @@ def ranked(
                 p=null.p(float(single[i])),
                 posterior=float(min(weights[name], 1.0)),
                 noncentrality=float(strength[i]),
-                smallest=float(3.7 * scale / strength[i]) if strength[i] > 0.0 else float("inf"),
+                smallest=float(DETECTABLE * scale / strength[i]) if strength[i] > 0.0 else math.inf,
                 confusable=confused,
                 named=name in named,
                 remedy=candidate.effect.remedy,

@@ -111,6 +111,8 @@ class Visible:
     """Effect that it would most often be confused with after the plan; "": none."""
     confusion: float
     """Probability of this confusion at its scale [1]."""
+    hidden: str = ""
+    """Why the plan shows it at no magnitude, as text; "": it does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,9 +136,12 @@ class HelpfulPart:
         """In words."""
         own = f"{self.known_to:.1%}" if self.unit == "1" else f"{self.known_to:.2g} {self.unit}"
         unit = "" if self.effect_unit == "1" else f" {self.effect_unit}"
+        now = f"{self.smallest_before:.2g}{unit}"
+        if math.isinf(self.smallest_before):
+            now = "at no magnitude"
         return (
             f"{self.parameter} known to {own}: {self.effect} is detectable from "
-            f"{self.smallest:.2g}{unit} (now {self.smallest_before:.2g}{unit})"
+            f"{self.smallest:.2g}{unit} (now {now})"
         )
 
 
@@ -743,7 +748,7 @@ def _result(
     return Design(
         aim=aim,
         experiments=tuple(experiments),
-        effects=_visible(start, knowledge),
+        effects=_visible(start, knowledge, everything),
         parts=_parts(knowledge),
         sensors=equipped.sensors,
         before=value(start),
@@ -795,7 +800,26 @@ def _reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, .
     return tuple(out)
 
 
-def _visible(before: Knowledge, after: Knowledge) -> tuple[Visible, ...]:
+def _hidden(all_: Knowledge, at: int) -> str:
+    """Why no experiment of a plan shows a candidate; all tested experiments are in ``all_``."""
+    smallest = float(all_.smallest()[at])
+    candidate = all_.candidates[at]
+    if math.isfinite(smallest):
+        unit = "" if candidate.effect.unit == "1" else f" {candidate.effect.unit}"
+        return (
+            "no experiment of the plan shows it; all tested experiments together show it from "
+            f"{smallest:.2g}{unit}"
+        )
+    alike = all_.imitators(at)
+    if not alike:
+        return "no measured output changes with it in any tested experiment"
+    return (
+        f"a change of {' and '.join(alike)} looks the same in all tested experiments; measure "
+        f"{'this parameter' if len(alike) == 1 else 'these parameters'} separately"
+    )
+
+
+def _visible(before: Knowledge, after: Knowledge, everything: Knowledge) -> tuple[Visible, ...]:
     weights = before.belief.over(before.candidates)
     first, last = before.smallest(), after.smallest()
     right, pair = after.beliefs(), after.beliefs(2)
@@ -819,6 +843,7 @@ def _visible(before: Knowledge, after: Knowledge) -> tuple[Visible, ...]:
             pair=float(pair[i]),
             rival=names[rival] if row[rival] > 0.0 else "",
             confusion=float(row[rival]),
+            hidden="" if math.isfinite(last[i]) else _hidden(everything, i),
         )
     return tuple(sorted(rows.values(), key=lambda r: (-r.belief, -r.right, r.effect)))
 

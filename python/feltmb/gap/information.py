@@ -427,6 +427,18 @@ class Knowledge:
         with np.errstate(divide="ignore"):
             return np.asarray(np.where(strength > 0.0, DETECTABLE * scale / strength, np.inf))
 
+    def imitators(self, candidate: int, most: int = 3) -> list[str]:
+        """Parameters whose change looks like a candidate, the largest share first."""
+        pp, pe, _ = self._split
+        change = solve_scaled(pp, pe[:, candidate])
+        share = np.abs(change) * np.sqrt(np.maximum(np.diag(pp), 0.0))
+        order = np.argsort(-share, kind="stable")[:most]
+        return [
+            self.model.parameters[i].name
+            for i in order
+            if share[i] > 0.1 * np.max(share, initial=0.0)
+        ]
+
     def helpful_part(self, candidate: int) -> tuple[int, float, float] | None:
         """Parameter whose own measurement would show a candidate best.
 
