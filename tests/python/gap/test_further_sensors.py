@@ -122,21 +122,21 @@ def test_a_sensor_is_bought_only_where_the_same_budget_ends_better():
 
 def test_twins_of_one_sensor_are_separated_by_another():
     """No stroke of the present sensor tells them apart; the plan says which sensor does."""
-    twin = both(1.0, 1.0, 2, "twin")
-    alone = design(MODEL, [SQUARE, twin], limits=LIMITS, budget=3, **GIVEN)
-    assert alone.inseparable == (("square", "twin"),)
+    lookalike = both(1.0, 1.0, 2, "lookalike")
+    alone = design(MODEL, [SQUARE, lookalike], limits=LIMITS, budget=3, **GIVEN)
+    assert alone.inseparable == (("square", "lookalike"),)
     camera = FurtherSensor(output="z", sigma=0.05, cost=1.0, how="camera")
     found = design(
-        MODEL, [SQUARE, twin], limits=replace(LIMITS, further=(camera,)), budget=3, **GIVEN
+        MODEL, [SQUARE, lookalike], limits=replace(LIMITS, further=(camera,)), budget=3, **GIVEN
     )
     assert found.experiments[0].name == "camera: z, noise 50 mm"
     (reason,) = found.sensors[0].reasons
-    assert reason == "separates square from twin: probability of confusion 31% -> 0%"
+    assert reason == "separates square from lookalike: probability of confusion 31% -> 0%"
     assert found.inseparable == ()
     assert found.after > 0.95 > alone.after
     # Also where the budget does not pay for it.
     poor = design(
-        MODEL, [SQUARE, twin], limits=replace(LIMITS, further=(camera,)), budget=1, **GIVEN
+        MODEL, [SQUARE, lookalike], limits=replace(LIMITS, further=(camera,)), budget=1, **GIVEN
     )
     assert [e.kind for e in poor.experiments] == ["stroke"]
     assert poor.inseparable == ()
@@ -293,20 +293,22 @@ class Lever:
 
 def test_a_session_gets_a_sensor_and_measures_with_it(tmp_path):
     lever = Lever()
-    twin = both(1.0, 1.0, 2, "twin")
+    lookalike = both(1.0, 1.0, 2, "lookalike")
     camera = FurtherSensor(output="z", sigma=0.05, how="camera")
     given = {
         "limits": replace(LIMITS, further=(camera,)), "sensors": SENSORS, "budget": 2,
         "options": Options(bootstrap=0, restarts=0, advice=False), "candidates": 1,
         "refinements": 0, "units": MODEL.units,
     }  # fmt: skip
-    found = session(MODEL, [SQUARE, twin], lever, lambda p: [read_record(p)], tmp_path, **given)
+    found = session(
+        MODEL, [SQUARE, lookalike], lever, lambda p: [read_record(p)], tmp_path, **given
+    )
     assert [s.kind for s in found.steps[:2]] == ["sensor", "stroke"]
     assert lever.asked[:2] == ["request.toml", "request.csv"]
     assert found.steps[-1].named == ("square",)
     # Nothing is asked again, and a sensor that is there is not on offer.
     again = session(
-        MODEL, [SQUARE, twin], pytest.fail, lambda p: [read_record(p)], tmp_path, **given
+        MODEL, [SQUARE, lookalike], pytest.fail, lambda p: [read_record(p)], tmp_path, **given
     )
     assert again.steps == found.steps
     assert json.loads((tmp_path / "2" / "plan.json").read_text())["sensors"] == []
@@ -319,14 +321,14 @@ def test_an_answer_about_another_sensor_is_refused(tmp_path):
     def other(_, answer):
         answer.write_text("[sensors.y]\nsigma = 0.01\n")
 
-    twin = both(1.0, 1.0, 2, "twin")
+    lookalike = both(1.0, 1.0, 2, "lookalike")
     box = replace(LIMITS, further=(FurtherSensor(output="z", sigma=0.05),))
     for k, (run, told) in enumerate(
         ((heavy, r"sensors\.y\.sigma: unit 'kg'"), (other, "got y, expected the sensor of z"))
     ):
         with pytest.raises(DataError, match=told):
             session(
-                MODEL, [SQUARE, twin], run, lambda p: [read_record(p)], tmp_path / str(k),
+                MODEL, [SQUARE, lookalike], run, lambda p: [read_record(p)], tmp_path / str(k),
                 limits=box, sensors=SENSORS, budget=4, candidates=1, refinements=0,
             )  # fmt: skip
 
@@ -347,7 +349,7 @@ model.units = {"u": "N", "y": "m", "z": "m"}
 effects = tuple(
     Effect(name=name, component="c", unit="m",
            regressor=lambda r, s, a=a: np.outer(r.inputs["u"] ** 2, [1.0, a]))
-    for name, a in (("square", -2.0), ("twin", 1.0))
+    for name, a in (("square", -2.0), ("lookalike", 1.0))
 )
 """
 

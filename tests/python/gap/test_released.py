@@ -178,8 +178,8 @@ def test_a_refuted_tolerance_does_not_bias_what_is_reported():
     """The posterior without the prior: the mean of the block, SIGMA / sqrt(N)."""
     mean = 8.0 * NARROW
     fit = fitted([mean, NARROW], NARROW)
-    twin, other = more_of("p0", "p0"), more_of("p1")
-    found = released(searched(fit, [twin, other]), SETTINGS, estimated=False)
+    lookalike, other = more_of("p0", "p0"), more_of("p1")
+    found = released(searched(fit, [lookalike, other]), SETTINGS, estimated=False)
     assert fit.point.theta[0] == pytest.approx(0.5 * mean)
     assert found.model_fit.point.theta == pytest.approx([mean, 0.5 * NARROW])
     assert found.model_fit.intervals()[0].sd == pytest.approx(NARROW)
