@@ -108,13 +108,15 @@ def published_table(runs: list[Run]) -> Any:
     """Table of simulated beside published numbers."""
     from feltmb.cli.stroke import SUMMARY_ROWS
     from feltmb.run.published import compare_with_published
+    from feltmb.run.reading import strike_words
 
     table = new_table(
         "beside the thesis", "stroke", "", "here", "thesis", "unit", "differs", right=(2, 3, 5)
     )
     for run in runs:
+        strike = strike_words(run)
         for row in compare_with_published(run):
-            text, _ = SUMMARY_ROWS.get(row.key, (row.key, row.unit))
+            text = SUMMARY_ROWS.get(row.key, (row.key, row.unit))[0] or strike[row.key]
             published, unit = pretty(row.published, row.unit)
             if row.simulated is None:
                 table.add_row(row.stroke, text, "did not happen", published, unit, "-")

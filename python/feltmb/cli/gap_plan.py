@@ -58,8 +58,9 @@ limits_option = click.option(
     "limits_file",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="TOML file with the limits of the inputs and the possible tests of parts. Default: the "
-    "limits of the model; for a mechanism with a finger 0 to 25 N, 2 kN/s, 0.6 s.",
+    help="TOML file with the limits of the inputs, the possible tests of parts and further "
+    "sensors. Default: the limits of the model; for a mechanism with a finger 0 to 25 N, 2 kN/s, "
+    "0.6 s.",
 )
 
 
@@ -92,7 +93,7 @@ class Telling:
     "--budget",
     type=Number(0, 1000, min_open=True),
     help="Design experiments with this number of strokes (the limits give the cost of a test of a "
-    "part). Without it the planned runs of the model are compared.",
+    "part and of a sensor). Without it the planned runs of the model are compared.",
 )
 @limits_option
 @click.option(
@@ -165,9 +166,9 @@ def command(
 ) -> None:
     """Plan experiments that identify the effects of MODEL.
 
-    With --budget the command designs experiments: smooth profiles of the inputs within limits, and
-    tests of single parts. The most informative experiments come first. DATA are measured files. The
-    plan uses these files, or a --report, as its starting point.
+    With --budget the command designs experiments: smooth profiles of the inputs within limits,
+    tests of single parts, and further sensors. The most informative experiments come first. DATA
+    are measured files. The plan uses these files, or a --report, as its starting point.
 
     Without --budget the command compares planned runs before any measurement. DATA are files with
     planned inputs. Without DATA the first planned run of the model is used (for a mechanism: the
@@ -322,13 +323,31 @@ def print_design(found: Design) -> None:
         "confused with", "chance",
         right=(1, 2, 3, 4, 6), whole=(0,),
     )  # fmt: skip
-    for v in found.effects[:MOST_EFFECTS]:
+    shown = [v for v in found.effects if not v.hidden]
+    for v in shown[:MOST_EFFECTS]:
         size = f"{v.smallest:.3g} {'' if v.unit == '1' else v.unit}".strip()
         rival = (v.rival, f"{v.confusion:.0%}") if v.confusion >= 0.01 else ("", "")
         table.add_row(v.effect, f"{v.belief:.0%}", size, f"{v.right:.0%}", f"{v.pair:.0%}", *rival)
-    console().print(table)
-    if len(found.effects) > MOST_EFFECTS:
-        say(f"and {len(found.effects) - MOST_EFFECTS} more effects (plan.json, --json)")
+    if shown:
+        console().print(table)
+    if len(shown) > MOST_EFFECTS:
+        say(f"and {len(shown) - MOST_EFFECTS} more effects (plan.json, --json)")
+    hidden = [v for v in found.effects if v.hidden]
+    for v in hidden[:MOST_EFFECTS]:
+        say(f"{v.effect} cannot be detected: {v.hidden}")
+    if len(hidden) > MOST_EFFECTS:
+        say(f"and {len(hidden) - MOST_EFFECTS} more that cannot be detected (plan.json, --json)")
+    if found.sensors:
+        table = new_table(
+            "further sensors", "sensor", "cost", what, "gain per cost", "planned",
+            right=(1, 2, 3), whole=(1, 2, 3, 4),
+        )  # fmt: skip
+        for s in found.sensors:
+            text = "\n".join([s.name, *(f"  {r}" for r in s.reasons)])
+            then = f"{value(s.before)} -> {value(s.after)}"
+            gain = f"{s.gain_per_cost:+.1%}" if names else f"{s.gain_per_cost:+.3g}"
+            table.add_row(text, f"{s.sensor.cost:g}", then, gain, "yes" if s.planned else "no")
+        console().print(table)
     for p in found.parts[:MOST_PARTS]:
         say(f"measure a part separately: {p.text}")
     for group in found.inseparable:
@@ -368,11 +387,13 @@ def _compare(
         right=(1, 2, 4),
         whole=(0,),
     )
-    for r in found.effects:
+    seen = [r for r in found.effects if r.effect not in found.unseen]
+    for r in seen:
         size = f"{r.smallest:.3g} {'' if r.unit == '1' else r.unit}".strip()
         rival = (r.rival, f"{r.confusion:.0%}") if r.rival and r.confusion >= 0.01 else ("", "")
         table.add_row(r.effect, size, f"{r.surviving:.0%}", *rival)
-    console().print(table)
+    if seen:
+        console().print(table)
     for group in found.classes:
         say("cannot be separated: " + ", ".join(group))
     if found.unseen:

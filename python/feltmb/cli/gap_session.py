@@ -56,7 +56,7 @@ LAST_WORDS = 400
     type=Number(0, 1000, min_open=True),
     default=6.0,
     show_default=True,
-    help="Number of strokes; the limits give the cost of a test of a part.",
+    help="Number of strokes; the limits give the cost of a test of a part and of a sensor.",
 )
 @limits_option
 @measured_option
@@ -94,7 +94,10 @@ def command(
     COMMAND applies these inputs and writes the measurement to RECORD, a CSV file with time, inputs
     and outputs. A TOML file of the same name may describe the sensors. If the limits contain tests
     of parts, REQUEST may be a TOML file with [part] (parameter, sd, how). RECORD is then a TOML
-    file with [measured.PARAMETER] (value, sd). The exit code must be 0. DATA are earlier records.
+    file with [measured.PARAMETER] (value, sd). If they contain further sensors, REQUEST may be a
+    TOML file with [sensor] (output, sigma, how). RECORD is then a TOML file with [sensors.OUTPUT]
+    (sigma), and all later records have this output. The exit code must be 0. DATA are earlier
+    records.
 
     The session ends when the cause is named, when no experiment within the limits separates the
     remaining causes, when nothing is missing, when nothing more can be learned, or when the budget

@@ -376,18 +376,18 @@ def _draw(run: Run, target: Path | None, stem: str, *, plot: bool, wav: bool, fo
         say_written(run.write_wav(folder / f"{stem}.wav", force=force))
 
 
-#: summary key -> (text, unit)
+#: summary key -> (text, unit); no text: what strikes what is told by the mechanism.
 SUMMARY_ROWS = {
     "key_start_time": ("key starts", "s"),
     "damper_start_time": ("damper starts", "s"),
     "jack_toe_time": ("jack toe meets the button", "s"),
     "free_flight_time": ("thrown off (free flight)", "s"),
     "let_off_time": ("let-off", "s"),
-    "let_off_gap": ("hammer - string distance at let-off", "m"),
-    "impact_time": ("hammer meets the string", "s"),
+    "let_off_gap": ("", "m"),
+    "impact_time": ("", "s"),
     "impact_speed": ("impact speed (of the contact)", "m/s"),
-    "max_string_force": ("largest string force", "N"),
-    "string_contact_duration": ("string contact lasts", "s"),
+    "max_string_force": ("", "N"),
+    "string_contact_duration": ("", "s"),
     "rebound_speed": ("rebound speed (of the contact)", "m/s"),
     "key_landing_time": ("key lands", "s"),
     "key_travel": ("key travel", "m"),
@@ -398,11 +398,11 @@ SUMMARY_ROWS = {
 
 def summary_table(run: Run, title: str) -> Any:
     """Table of the summary of a run, with its work counts below."""
-    from feltmb.run.reading import reading_of, row_unit
+    from feltmb.run.reading import reading_of, row_unit, strike_words
     from feltmb.run.results import let_off_words
 
     table = new_table(f"{title}: {run.provenance['action']}", "", "value", "unit", right=(1,))
-    words = let_off_words(run.summary)
+    words, strike = let_off_words(run.summary), strike_words(run)
     # Events in the order of their times; what follows an event in the list stays with it.
     groups: list[tuple[float, list[tuple[str, str, str]]]] = [(-math.inf, [])]
     for key, (text, unit) in SUMMARY_ROWS.items():
@@ -410,7 +410,7 @@ def summary_table(run: Run, title: str) -> Any:
             groups[-1][1].append((words, "none", ""))
         if key not in run.summary:
             continue
-        value = run.summary[key]
+        value, text = run.summary[key], text or strike[key]
         if key.endswith("_time"):
             named = words if words and key == "free_flight_time" else text
             groups.append((value, [(named, f"{value:.5f}", "s")]))

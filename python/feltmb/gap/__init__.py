@@ -48,7 +48,7 @@ from feltmb.gap.findings import (
     Which,
 )
 from feltmb.gap.information import Belief
-from feltmb.gap.limits import InputLimits, Limits, PartTest, read_limits
+from feltmb.gap.limits import FurtherSensor, InputLimits, Limits, PartTest, read_limits
 from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured
 from feltmb.gap.overlay import GapBefore, GapBeforeRow, check
 from feltmb.gap.plan_files import write_design
@@ -75,6 +75,7 @@ __all__ = [
     "EventRow",
     "Exposed",
     "FunctionModel",
+    "FurtherSensor",
     "GapBefore",
     "GapBeforeRow",
     "GapRow",

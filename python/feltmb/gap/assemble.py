@@ -15,6 +15,7 @@ from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted, Posterior
 from feltmb.gap.advise import confused_groups, confusion
 from feltmb.gap.calibrate import Null
+from feltmb.gap.criteria import DETECTABLE
 from feltmb.gap.findings import (
     Closest,
     GapRow,
@@ -26,9 +27,8 @@ from feltmb.gap.findings import (
     Which,
 )
 from feltmb.gap.proof import Outcome
-from feltmb.gap.refine import CandidateSet
 from feltmb.gap.search import Search
-from feltmb.gap.spread import Spread, spread
+from feltmb.gap.sizes import Sizes, where_refitted
 
 __all__ = ["closest_set", "how_far_rows", "ranked", "with_effects"]
 
@@ -88,6 +88,7 @@ def ranked(
     null: Null,
     named: Sequence[str],
     one_of: Sequence[str],
+    sizes: Sizes,
 ) -> Which:
     """Effects and sets in the order of belief."""
     reference = search.tight if search.tight is not None else search.scores
@@ -100,28 +101,25 @@ def ranked(
             weights[n] += weight
     classes = _classes(search)
     member = {n: c for c in classes for n in c}
-    spreads: dict[tuple[str, ...], Spread] = {}
     rows = []
     for name in names:
         own = [i for i, t in enumerate(reference.candidates) if t.name == name]
         i = max(own, key=lambda j: (single[j], strength[j]))
         candidate = reference.candidates[i]
         scale = candidate.effect.scale
-        refitted = _where_refitted(search, accepted, name)
+        refitted = where_refitted(search, accepted, name)
         size = magnitudes[i] * scale
         sd = scale / strength[i] if strength[i] > 0.0 else np.inf
         shape = candidate.shape
-        wide: dict[int, float] = {}
+        wide: Mapping[int, float] = {}
         if refitted is not None:
             k = refitted.names.index(name)
             shape = refitted.fit.included[k].shape
             size = float(refitted.fit.point.magnitudes[k])
             if name in named or name in one_of:
-                if refitted.key not in spreads:
-                    spreads[refitted.key] = spread(refitted.fit)
-                found = spreads[refitted.key]
-                sd = float(found.magnitudes[k])
-                wide = {i: v for (j, i), v in found.shapes.items() if j == k}
+                found = sizes.of(name)
+                assert found is not None
+                sd, wide = found.sd, found.shape_sd
             else:
                 at = len(refitted.fit.problem.free) + k
                 sd = float(np.sqrt(max(refitted.fit.covariance[at, at], 0.0)))
@@ -145,7 +143,7 @@ def ranked(
                 p=null.p(float(single[i])),
                 posterior=float(min(weights[name], 1.0)),
                 noncentrality=float(strength[i]),
-                smallest=float(3.7 * scale / strength[i]) if strength[i] > 0.0 else float("inf"),
+                smallest=float(DETECTABLE * scale / strength[i]) if strength[i] > 0.0 else math.inf,
                 confusable=confused,
                 named=name in named,
                 remedy=candidate.effect.remedy,
@@ -183,13 +181,6 @@ def _numbers(effect: Effect, shape: Any, wide: Mapping[int, float]) -> tuple[Sha
         low, high = sorted((value / factor, value * factor))
         out.append(ShapeNumber(name=name, value=float(value), low=float(low), high=float(high)))
     return tuple(out)
-
-
-def _where_refitted(search: Search, accepted: Accepted, name: str) -> CandidateSet | None:
-    """The accepted set if the effect is in it, else the best set that holds it."""
-    if accepted.best is not None and name in accepted.best.names:
-        return accepted.best
-    return next((c for c in search.sets if name in c.names), None)
 
 
 def _classes(search: Search) -> tuple[tuple[str, ...], ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from feltmb.fit.solve import SAME, Fit
@@ -27,6 +28,7 @@ from feltmb.gap.criteria import (
 from feltmb.gap.findings import Calibrated, Closest, HowFar, Verdict, Where
 from feltmb.gap.misfit import Misfit, misfit
 from feltmb.gap.search import Search
+from feltmb.gap.sizes import Sizes
 from feltmb.gap.tabulated import of_the_machine
 from feltmb.gap.tolerance import prior_deviations_told
 
@@ -67,6 +69,8 @@ class Facts:
     """The search with the noise of the sensors alone."""
     misfit: Misfit
     """What the model leaves in that search."""
+    sizes: Sizes
+    """Magnitudes of the fitted effects."""
     leftover: float
     """Largest score of the other effects after the accepted ones, over its family-wise bar."""
     unexplained: bool
@@ -286,22 +290,26 @@ def _name(facts: Facts) -> Decision:
         rest = f" What is left is {_variability(facts)}; nothing {what} explains it."
     else:
         rest = " What is left is noise."
+    told, others = _list(map(facts.sizes.text, sure)), _list(map(facts.sizes.text, unsure))
     if not sure:
         verdict = Verdict.ONE_OF
-        text = f"One of {_list(unsure)}; these records cannot tell which. {closed}"
+        text = f"One of {others}; these records cannot tell which. {closed}"
     elif all(n in data for n in (*sure, *unsure)) and not left:
         # With an unexplained residual it is not said that the machine is as modeled.
         verdict = Verdict.DATA_PROBLEM
-        text = f"The records, not the machine: {_list(sure)}. {closed}"
+        text = f"The records, not the machine: {told}. {closed}"
     else:
         verdict = Verdict.NAMED_UNKNOWN_REST if left or unsure else Verdict.NAMED
         where = "records show" if all(n in data for n in sure) else "model lacks"
-        text = f"The {where}: {_list(sure)}. {closed}"
+        text = f"The {where}: {told}. {closed}"
     if sure and unsure:
-        text += f" In addition, one of {_list(unsure)}, which these records cannot tell apart."
+        text += f" In addition, one of {others}, which these records cannot tell apart."
         rest = rest if left else " What is left with it is noise."
-    if left and (told := prior_deviations_told(best.fit)):
-        rest += f" In addition, {told}: they may compensate a part of the gap."
+    if left and (far_off := prior_deviations_told(best.fit)):
+        rest += f" In addition, {far_off}: they may compensate a part of the gap."
+    for name in sure:
+        if words := facts.sizes.mechanism(name):
+            rest += f" {name}: {words}"
     text = _another(facts) + text
     trust = TRUST[verdict]
     belief = facts.belief.trusted(trust)
@@ -388,6 +396,6 @@ def _place(facts: Facts) -> str:
     return f" An unknown force at {strong[0].component} would explain most of it."
 
 
-def _list(names: object) -> str:
-    items = [str(n) for n in names]  # type: ignore[attr-defined]
-    return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1]
+def _list(names: Iterable[str]) -> str:
+    items = list(names)
+    return ", ".join(items[:-1]) + " and " + items[-1] if len(items) > 1 else "".join(items)

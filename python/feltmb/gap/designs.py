@@ -1,11 +1,13 @@
-"""Which experiment next: profiles of the inputs and tests of parts, by what they tell and cost.
+"""Which experiment next: profiles of inputs, tests of parts, sensors, by what they tell and cost.
 
 1. Profiles of each family are drawn within the limits (Sobol points) and simulated.
 2. Those whose motion differs most, in noise, are kept (farthest point first): what moves alike
    tells alike, and a simulation costs a fiftieth of a full linearization.
 3. What each of these tells is worked out (:mod:`feltmb.gap.information`).
 4. The best by gain and cost is taken, and the next beside it, until the budget is spent.
-5. The first of them is improved by a compass search of its numbers.
+5. A further sensor is taken where a plan of the same budget, which pays for it and measures all of
+   its experiments with it, ends better.
+6. The first experiment is improved by a compass search of its numbers.
 """
 
 from __future__ import annotations
@@ -27,13 +29,30 @@ from feltmb.fit.calling import calling
 from feltmb.fit.model import VARIABILITY, Effect, Model
 from feltmb.gap.checks import with_sigma
 from feltmb.gap.criteria import LEAST_PLAN_GAIN, SHOWS, WORTH_TELLING
-from feltmb.gap.information import Belief, Information, Knowledge, information, record_of
-from feltmb.gap.limits import Limits, PartTest
+from feltmb.gap.further_sensors import Sensors, offered
+from feltmb.gap.information import (
+    Belief,
+    Information,
+    Knowledge,
+    information,
+    informations,
+    record_of,
+)
+from feltmb.gap.limits import FurtherSensor, Limits, PartTest
 from feltmb.gap.planning import _noise
 from feltmb.gap.profiles import FAMILIES, Profile
 from feltmb.gap.score import all_candidates
 
-__all__ = ["Design", "DesignedExperiment", "HelpfulPart", "Visible", "design", "draw_experiment"]
+__all__ = [
+    "Design",
+    "DesignedExperiment",
+    "HelpfulPart",
+    "HelpfulSensor",
+    "Visible",
+    "design",
+    "draw_experiment",
+    "sensors_now",
+]
 
 Aim = Literal["names", "sizes"]
 Tell = Callable[[str, int, int], None]
@@ -50,10 +69,10 @@ ROOM = 20
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DesignedExperiment:
-    """One experiment of a plan."""
+    """One experiment of a plan, or a sensor for those after it."""
 
     name: str
-    kind: Literal["stroke", "part"]
+    kind: Literal["stroke", "part", "sensor"]
     cost: float
     """In experiments."""
     input: str = ""
@@ -62,9 +81,12 @@ class DesignedExperiment:
     record: Record | None = None
     """With the outputs that the model expects."""
     part: PartTest | None = None
+    sensor: FurtherSensor | None = None
     before: float
-    """Expected probability of the correct name before it [1], or information [log evidence]."""
+    """Expected probability of the correct name before it [1], or information [log evidence]. Of a
+    sensor: at the end of a plan of the same budget without it."""
     after: float
+    """The same after it. Of a sensor: at the end of a plan of the same budget with it."""
     reasons: tuple[str, ...] = ()
     """Reasons for the experiment, as text."""
 
@@ -89,6 +111,8 @@ class Visible:
     """Effect that it would most often be confused with after the plan; "": none."""
     confusion: float
     """Probability of this confusion at its scale [1]."""
+    hidden: str = ""
+    """Why the plan shows it at no magnitude, as text; "": it does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,10 +136,46 @@ class HelpfulPart:
         """In words."""
         own = f"{self.known_to:.1%}" if self.unit == "1" else f"{self.known_to:.2g} {self.unit}"
         unit = "" if self.effect_unit == "1" else f" {self.effect_unit}"
+        now = f"{self.smallest_before:.2g}{unit}"
+        if math.isinf(self.smallest_before):
+            now = "at no magnitude"
         return (
             f"{self.parameter} known to {own}: {self.effect} is detectable from "
-            f"{self.smallest:.2g}{unit} (now {self.smallest_before:.2g}{unit})"
+            f"{self.smallest:.2g}{unit} (now {now})"
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class HelpfulSensor:
+    """What a further sensor would tell in all experiments that are made with it."""
+
+    name: str
+    """The output, what it is, and its noise, as text."""
+    sensor: FurtherSensor
+    """With its noise."""
+    unit: str
+    """Of the output."""
+    before: float
+    """Expected probability of the correct name after a plan without it [1], or information [log
+    evidence]."""
+    after: float
+    """After a plan of as many strokes and tests that are all made with it."""
+    after_paid: float
+    """After a plan that pays for it from the same budget."""
+    planned: bool
+    """Whether the plan has it."""
+    reasons: tuple[str, ...]
+    """What it separates, as text."""
+
+    @property
+    def gain(self) -> float:
+        """Expected gain of all further experiments by it."""
+        return self.after - self.before
+
+    @property
+    def gain_per_cost(self) -> float:
+        """The same for the cost of one stroke."""
+        return self.gain / self.sensor.cost
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,12 +188,15 @@ class Design:
     effects: tuple[Visible, ...]
     parts: tuple[HelpfulPart, ...]
     """Parameters that stand most in the way of an effect, after the plan."""
+    sensors: tuple[HelpfulSensor, ...]
+    """Further sensors of the limits, the largest gain for its cost first."""
     before: float
     """Expected probability of the correct name now [1], or information [log evidence]."""
     after: float
     """After the plan."""
     reachable: float
-    """With every experiment that was worked out, each once: more than this nothing here brings."""
+    """With every experiment that was worked out, each once and with all further sensors: more than
+    this nothing here brings."""
     inseparable: tuple[tuple[str, ...], ...]
     """Effects that all of them together could not tell apart (confusion above one in ten)."""
     worked_out: int
@@ -151,6 +214,8 @@ class _Option:
     name: str
     cost: float
     information: Information
+    carrying: tuple[Information, ...] = ()
+    """With each sensor on offer in addition; the last: with all of them."""
     input: str = ""
     family: str = ""
     knobs: tuple[float, ...] = ()
@@ -184,12 +249,13 @@ def design(
     records
         Records that were measured before; empty: none.
     limits
-        Limits of the inputs, and possible tests of parts.
+        Limits of the inputs, possible tests of parts, and further sensors that could be had.
     sensors
-        Sensors of the outputs that will be measured. Default: those of ``limits``, else of the
-        records, else all outputs, each with a noise of a thousandth of its spread.
+        Sensors of the outputs that are measured in any case. Default: those of ``limits``, else of
+        the records, else all outputs, each with a noise of a thousandth of its spread.
     budget
-        Cost of all experiments: a stroke costs 1, the cost of a test of a part is in ``limits``.
+        Cost of all experiments: a stroke costs 1, the costs of tests of parts and of further
+        sensors are in ``limits``.
     aim
         ``names``: identify effects; ``sizes``: estimate their magnitudes.
     belief
@@ -226,8 +292,10 @@ def design(
         raise InvalidParameter(f"plan: model {model.name} can simulate none of the effects")
     every = all_candidates(tested)
     store = None if folder is None else Store(Path(folder))
-    work = _Work(model, limits, _sensors(model, limits, records, sensors), store, seed, progress)
+    measured_now = sensors_now(model, limits, records, sensors)
+    work = _Work(model, limits, measured_now, store, seed, progress)
     work.every = every
+    work.sensors = Sensors(measured_now, offered(limits.further, measured_now, model))
     with calling(f"model {model.name}: its simulation"):
         known = []
         for i, r in enumerate(records):
@@ -257,6 +325,8 @@ def design(
                 f"{model.name}; hint: lower inputs.most or lengthen the duration"
             )
         value = _worth(aim)
+        equipped = _equip(work, knowledge, options, budget, value)
+        options, budget = equipped.options, equipped.budget
         picked = _greedy(knowledge, options, budget, value)
         if picked and refinements and picked[0].part is None:
             first = picked[0]
@@ -268,7 +338,7 @@ def design(
                     budget - better.cost,
                     value,
                 )]  # fmt: skip
-    return _result(knowledge, picked, options, aim, work)
+    return _result(knowledge, picked, equipped, aim, work)
 
 
 def _worth(aim: Aim) -> Callable[[Knowledge], float]:
@@ -282,10 +352,10 @@ def _families(names: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(names)) or list(FAMILIES)
 
 
-def _sensors(
+def sensors_now(
     model: Model, limits: Limits, records: Sequence[Record], given: Mapping[str, Sensor] | None
 ) -> dict[str, Sensor]:
-    """By output that will be measured."""
+    """By output that is measured in any case."""
     known: dict[str, Sensor] = dict(given or {})
     for r in records:
         for n, s in r.sensors.items():
@@ -331,6 +401,89 @@ def _greedy(
         now = value(knowledge)
 
 
+def _after(knowledge: Knowledge, picked: Sequence[_Option]) -> Knowledge:
+    for option in picked:
+        knowledge = knowledge.plus(option.information)
+    return knowledge
+
+
+@dataclass
+class _Equipped:
+    """Options with the sensors of the plan."""
+
+    options: list[_Option]
+    budget: float
+    """That is left for experiments."""
+    bought: list[DesignedExperiment]
+    sensors: tuple[HelpfulSensor, ...] = ()
+
+
+def _equip(
+    work: _Work,
+    knowledge: Knowledge,
+    options: list[_Option],
+    budget: float,
+    value: Callable[[Knowledge], float],
+) -> _Equipped:
+    """Take the sensors with which a plan of the same budget ends better, the best one first."""
+    out = _Equipped(options, budget, [])
+    if not work.sensors.offers:
+        return out
+    plan = _after(knowledge, _greedy(knowledge, options, budget, value))
+    while work.sensors.offers:
+        told, paid = [], []
+        for k, offer in enumerate(work.sensors.offers):
+            work.tell("further sensors", k, len(work.sensors.offers))
+            carried = [
+                replace(o, information=o.carrying[k]) if o.carrying else o for o in out.options
+            ]
+            free = _after(knowledge, _greedy(knowledge, carried, out.budget, value))
+            left = _greedy(knowledge, carried, out.budget - offer.cost, value)
+            paid.append(_after(knowledge, left))
+            unit = work.model.units.get(offer.output) or "1"
+            told.append(
+                HelpfulSensor(
+                    name=work.sensors.words(offer, unit),
+                    sensor=offer,
+                    unit=unit,
+                    before=value(plan),
+                    after=value(free),
+                    after_paid=value(paid[-1]),
+                    planned=False,
+                    reasons=_reasons(plan, free),
+                )
+            )
+        best = max(range(len(told)), key=lambda k: told[k].after_paid)
+        chosen = told[best]
+        worth = chosen.after_paid - chosen.before > LEAST_PLAN_GAIN
+        first = not out.bought
+        if first:
+            out.sensors = tuple(sorted(told, key=lambda h: -h.gain_per_cost))
+        if not worth:
+            break
+        plan = paid[best]
+        out.budget -= chosen.sensor.cost
+        out.bought.append(
+            DesignedExperiment(
+                name=chosen.name,
+                kind="sensor",
+                cost=chosen.sensor.cost,
+                sensor=chosen.sensor,
+                before=chosen.before,
+                after=chosen.after_paid,
+                reasons=(
+                    "all experiments after it are made with it: at the end of the plan without "
+                    "and with it",
+                    *chosen.reasons,
+                ),
+            )
+        )
+        out.options = work.equipped(chosen.sensor, out.options)
+    taken = [e.sensor for e in out.bought]
+    out.sensors = tuple(replace(h, planned=h.sensor in taken) for h in out.sensors)
+    return out
+
+
 class _Work:
     """Draws profiles and works out what they tell."""
 
@@ -343,7 +496,7 @@ class _Work:
         seed: int,
         progress: Tell | None,
     ):
-        self.model, self.limits, self.sensors = model, limits, sensors
+        self.model, self.limits, self.sensors = model, limits, Sensors(sensors)
         self.store, self.seed, self.progress = store, seed, progress
         self.every: Any = ()
         self.failed = self.made = 0
@@ -369,7 +522,7 @@ class _Work:
         own = {n: i.sigma for n, i in self.limits.inputs.items() if n in inputs and i.sigma > 0.0}
         try:
             return record_of(
-                self.model, name, time, inputs, self.sensors, mode=mode, input_sigma=own
+                self.model, name, time, inputs, self.sensors.all, mode=mode, input_sigma=own
             )
         except FeltmbError:
             self.failed += 1
@@ -394,7 +547,7 @@ class _Work:
                 if record is not None:
                     drawn.append((input_name, family, own, profile, record))
         out = []
-        kept = _farthest([d[4] for d in drawn], self.sensors, count)
+        kept = _farthest([d[4] for d in drawn], self.sensors.now, count)
         for done, i in enumerate(kept):
             self.tell("what they tell", done, len(kept))
             found = self.option(*drawn[i][:3])
@@ -414,22 +567,36 @@ class _Work:
         record = None if profile is None else self.record(input_name, profile, "planned")
         if profile is None or record is None:
             return None
-        found = information(self.model, record, self.every, store=self.store)
+        ways = self.sensors.ways
+        found = informations(self.model, record, self.every, ways, store=self.store)
         if found is None:
             self.failed += 1
             return None
-        self.made += not found.kept
+        self.made += not found[0].kept
         unit = self.limits.inputs[input_name].unit
         return _Option(
             name=_words(profile, input_name, unit),
             cost=1.0,
-            information=found,
+            information=found[0],
+            carrying=found[1:],
             input=input_name,
             family=family,
             knobs=knobs,
             profile=profile,
-            record=record,
+            record=_measured(record, self.sensors.now),
         )
+
+    def equipped(self, sensor: FurtherSensor, options: Sequence[_Option]) -> list[_Option]:
+        """The options with a sensor that was on offer, worked out again."""
+        self.sensors = self.sensors.having(sensor)
+        self._known.clear()
+        out = []
+        for done, o in enumerate(options):
+            self.tell("what they tell with it", done, len(options))
+            again = o if o.part is not None else self.option(o.input, o.family, o.knobs)
+            if again is not None:
+                out.append(again)
+        return out
 
     def best_of(
         self,
@@ -486,6 +653,12 @@ class _Work:
             if not moved:
                 step *= 0.5
         return best
+
+
+def _measured(record: Record, sensors: Mapping[str, Sensor]) -> Record:
+    """A planned record as these sensors show it."""
+    outputs = {n: y for n, y in record.outputs.items() if n in sensors}
+    return replace(record, outputs=outputs, sensors={n: sensors[n] for n in outputs})
 
 
 def _mode_of(model: Model, name: str, limits: Limits) -> tuple[Any, list[str]]:
@@ -546,11 +719,10 @@ def _words(profile: Profile, input_name: str, unit: str) -> str:
 
 
 def _result(
-    knowledge: Knowledge, picked: Sequence[_Option], options: Sequence[_Option], aim: Aim,
-    work: _Work,
-) -> Design:  # fmt: skip
+    knowledge: Knowledge, picked: Sequence[_Option], equipped: _Equipped, aim: Aim, work: _Work
+) -> Design:
     value = _worth(aim)
-    start, experiments = knowledge, []
+    start, experiments = knowledge, list(equipped.bought)
     for i, option in enumerate(picked, 1):
         then = knowledge.plus(option.information)
         experiments.append(
@@ -571,13 +743,14 @@ def _result(
         )
         knowledge = then
     everything = start
-    for option in options:
-        everything = everything.plus(option.information)
+    for option in equipped.options:
+        everything = everything.plus((option.information, *option.carrying)[-1])
     return Design(
         aim=aim,
         experiments=tuple(experiments),
-        effects=_visible(start, knowledge),
+        effects=_visible(start, knowledge, everything),
         parts=_parts(knowledge),
+        sensors=equipped.sensors,
         before=value(start),
         after=value(knowledge),
         reachable=value(everything),
@@ -627,7 +800,26 @@ def _reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, .
     return tuple(out)
 
 
-def _visible(before: Knowledge, after: Knowledge) -> tuple[Visible, ...]:
+def _hidden(all_: Knowledge, at: int) -> str:
+    """Why no experiment of a plan shows a candidate; all tested experiments are in ``all_``."""
+    smallest = float(all_.smallest()[at])
+    candidate = all_.candidates[at]
+    if math.isfinite(smallest):
+        unit = "" if candidate.effect.unit == "1" else f" {candidate.effect.unit}"
+        return (
+            "no experiment of the plan shows it; all tested experiments together show it from "
+            f"{smallest:.2g}{unit}"
+        )
+    alike = all_.imitators(at)
+    if not alike:
+        return "no measured output changes with it in any tested experiment"
+    return (
+        f"a change of {' and '.join(alike)} looks the same in all tested experiments; measure "
+        f"{'this parameter' if len(alike) == 1 else 'these parameters'} separately"
+    )
+
+
+def _visible(before: Knowledge, after: Knowledge, everything: Knowledge) -> tuple[Visible, ...]:
     weights = before.belief.over(before.candidates)
     first, last = before.smallest(), after.smallest()
     right, pair = after.beliefs(), after.beliefs(2)
@@ -651,6 +843,7 @@ def _visible(before: Knowledge, after: Knowledge) -> tuple[Visible, ...]:
             pair=float(pair[i]),
             rival=names[rival] if row[rival] > 0.0 else "",
             confusion=float(row[rival]),
+            hidden="" if math.isfinite(last[i]) else _hidden(everything, i),
         )
     return tuple(sorted(rows.values(), key=lambda r: (-r.belief, -r.right, r.effect)))
 
@@ -735,7 +928,7 @@ def draw_experiment(
     """
     limits.check(model)
     generator = np.random.default_rng([seed, 11])
-    work = _Work(model, limits, _sensors(model, limits, (), sensors), None, seed, None)
+    work = _Work(model, limits, sensors_now(model, limits, (), sensors), None, seed, None)
     names, families = list(limits.inputs), list(FAMILIES)
     for _ in range(100):
         name = names[int(generator.integers(len(names)))]

@@ -66,6 +66,7 @@ from feltmb.gap.refine import (
 from feltmb.gap.report import Report
 from feltmb.gap.score import all_candidates, family_threshold, score_fit
 from feltmb.gap.search import Search, in_refined_steps, search, with_larger_noise
+from feltmb.gap.sizes import Sizes
 from feltmb.gap.smoke_test import try_effects
 from feltmb.gap.split import split_records
 from feltmb.gap.steps import next_steps
@@ -600,6 +601,7 @@ def _diagnosed(
         best_fit, [tabulated], [fitted, accepted.after], which_gap, options.alpha
     )
     closest = closest_set(found, accepted, sensed, which_gap, options.seed)
+    sizes = Sizes(found, accepted)
     facts = Facts(
         checks=checks,
         search=found,
@@ -618,16 +620,17 @@ def _diagnosed(
         apart=moved_together(best_fit, options.alpha),
         calibrated=calibrated,
         closest=closest,
+        sizes=sizes,
         enough=bool(options.good_enough) and _within(first.tight_fit or first.bare),
         enough_left=bool(options.good_enough) and _within(rest or best_fit),
     )
     decision = decide(facts)
     if watch.why:
-        decision = cut_short(decision, watch, found, skipped, len(usable))
+        decision = cut_short(decision, watch, found, skipped, len(usable), sizes)
     told = prior_deviations_told(fit if accepted.best is None else accepted.best.fit)
     if told:
         checks = replace(checks, warnings=(*checks.warnings, told))
-    which = ranked(found, accepted, decision.belief, null, decision.named, decision.one_of)
+    which = ranked(found, accepted, decision.belief, null, decision.named, decision.one_of, sizes)
     lap("verdict")
     advice: tuple[Advice, ...] = ()
     answered = decision.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)

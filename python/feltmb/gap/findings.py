@@ -275,7 +275,7 @@ class Ranked:
     noncentrality: float
     """Detectability at its scale: expected sqrt(T) at magnitude = scale."""
     smallest: float
-    """Smallest magnitude that these records can show [unit]."""
+    """Smallest magnitude that these records can show [unit]; inf: they show none."""
     confusable: tuple[str, ...]
     """Effects that these records cannot tell from it."""
     named: bool

@@ -29,14 +29,15 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import Store, digest_of, package_digest
+from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Candidate, Model
-from feltmb.fit.problem import Problem, solve_scaled
+from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import segment_record
 from feltmb.gap.checks import with_sigma
 from feltmb.gap.criteria import BEST_PART, DETECTABLE, RESERVE
 from feltmb.gap.planning import _noise, planned
 
-__all__ = ["Belief", "Information", "Knowledge", "information"]
+__all__ = ["Belief", "Information", "Knowledge", "information", "informations"]
 
 #: Magnitudes at which an effect is expected before there are data [scales].
 MAGNITUDES = (0.5, 1.0, 2.0)
@@ -136,9 +137,28 @@ def information(
 
     The outputs of the record count as measured.
     """
+    found = informations(model, record, candidates, [dict.fromkeys(record.outputs, 1.0)], store)
+    return None if found is None else found[0]
+
+
+def informations(
+    model: Model,
+    record: Record,
+    candidates: tuple[Candidate, ...],
+    ways: Sequence[Mapping[str, float]],
+    store: Store | None = None,
+) -> tuple[Information, ...] | None:
+    """What a record tells by each of several ways to measure it, from one linearization.
+
+    Parameters
+    ----------
+    ways
+        By output that is read: its noise, in multiples of that of the record. The color of the
+        noise is that of the record.
+    """
     identity = None if store is None else _identity(model)
     if store is None or identity is None:
-        return _information(model, record, candidates)
+        return _informations(model, record, candidates, ways)
     key = digest_of(
         package_digest(),
         identity,
@@ -152,15 +172,25 @@ def information(
         *(record.inputs[n] for n in sorted(record.inputs)),
         *(record.outputs[n] for n in sorted(record.outputs)),
     )
-    found = store.get(key)
-    if found is not None:
-        square, samples = float(found.data["square"]), float(found.data["samples"])
-        arrays = found.arrays
-        return Information(arrays["matrix"], arrays["right"], square, samples, kept=True)
-    made = _information(model, record, candidates)
-    if made is not None:
-        numbers = {"square": float(made.square), "samples": float(made.samples)}
-        store.put(key, numbers, {"matrix": made.matrix, "right": made.right})
+    keys = [digest_of(key, sorted(way.items())) for way in ways]
+    stored = [store.get(k) for k in keys]
+    out = [
+        Information(
+            f.arrays["matrix"],
+            f.arrays["right"],
+            float(f.data["square"]),
+            float(f.data["samples"]),
+            kept=True,
+        )
+        for f in stored
+        if f is not None
+    ]
+    if len(out) == len(keys):
+        return tuple(out)
+    made = _informations(model, record, candidates, ways)
+    for k, one in zip(keys, made or (), strict=False):
+        numbers = {"square": float(one.square), "samples": float(one.samples)}
+        store.put(k, numbers, {"matrix": one.matrix, "right": one.right})
     return made
 
 
@@ -174,9 +204,12 @@ def _identity(model: Model) -> str | None:
     return repr((type(model).__name__, raw, options, model.outputs))
 
 
-def _information(
-    model: Model, record: Record, candidates: tuple[Candidate, ...]
-) -> Information | None:
+def _informations(
+    model: Model,
+    record: Record,
+    candidates: tuple[Candidate, ...],
+    ways: Sequence[Mapping[str, float]],
+) -> tuple[Information, ...] | None:
     try:
         ready = model.ready([with_sigma(record, _noise(record))])
         own, kept = ready.model, ready.records[0]
@@ -185,11 +218,50 @@ def _information(
         point = problem.start()
         gap_sd = LOOSE * problem.scale(point)
         linears = problem.linear(point, candidates)
-        normal = problem.normal(point, linears, gap_sd)
+        if not all(np.all(x.good) for x in linears):
+            return None
+        out = []
+        for way in ways:
+            share = np.array(
+                [1.0 / way[n] if n in way else float(n not in kept.outputs) for n in own.outputs]
+            )
+            read = [_read_by(x, share) for x in linears]
+            normal = problem.normal(point, read, gap_sd)
+            if not np.all(np.isfinite(normal.matrix)):
+                return None
+            square = float(sum(np.sum(x.residual**2) for x in read))
+            samples = float(np.sum(segmented.samples[:, share > 0.0]))
+            out.append(_of_model(model, problem, point, normal, candidates, square, samples))
     except FeltmbError:
         return None
-    if not all(np.all(x.good) for x in linears) or not np.all(np.isfinite(normal.matrix)):
-        return None
+    return tuple(out)
+
+
+def _read_by(linear: Linear, share: Array) -> Linear:
+    """A linearization whose rows of an output are multiplied by a number; 0: it is not read."""
+    if np.all(share == 1.0):
+        return linear
+    rows = np.tile(share, linear.residual.shape[1] // share.size)  # outputs change fastest
+    return replace(
+        linear,
+        residual=linear.residual * rows,
+        by_state=linear.by_state * rows[:, None],
+        by_global=linear.by_global * rows[:, None],
+        by_input=linear.by_input * rows[:, None],
+    )
+
+
+def _of_model(
+    model: Model,
+    problem: Problem,
+    point: Point,
+    normal: Normal,
+    candidates: tuple[Candidate, ...],
+    square: float,
+    samples: float,
+) -> Information:
+    """Normal equations of a record over the parameters of the model and all candidates."""
+    own = problem.model
     matrix, right = np.array(normal.matrix), np.array(normal.right)
     free = [own.parameters[i] for i in problem.free]
     for c, p in enumerate(free):  # priors are counted once, not with every record
@@ -205,7 +277,6 @@ def _information(
     rest = [i for i, at in enumerate(place) if at < 0]
     a, b = np.ix_(kept_rows, kept_rows), np.ix_(rest, kept_rows)
     h, r = matrix[a], right[kept_rows]
-    square = float(sum(np.sum(x.residual**2) for x in linears))
     if rest:
         absorbed = solve_scaled(matrix[np.ix_(rest, rest)], matrix[b])
         h = h - matrix[b].T @ absorbed
@@ -217,7 +288,7 @@ def _information(
     at = [place[i] for i in kept_rows]
     full[np.ix_(at, at)] = 0.5 * (h + h.T)
     side[at] = r
-    return Information(full * np.outer(scale, scale), side * scale, square, float(problem.samples))
+    return Information(full * np.outer(scale, scale), side * scale, square, samples)
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,6 +426,18 @@ class Knowledge:
         scale = np.array([t.effect.scale for t in self.candidates])
         with np.errstate(divide="ignore"):
             return np.asarray(np.where(strength > 0.0, DETECTABLE * scale / strength, np.inf))
+
+    def imitators(self, candidate: int, most: int = 3) -> list[str]:
+        """Parameters whose change looks like a candidate, the largest share first."""
+        pp, pe, _ = self._split
+        change = solve_scaled(pp, pe[:, candidate])
+        share = np.abs(change) * np.sqrt(np.maximum(np.diag(pp), 0.0))
+        order = np.argsort(-share, kind="stable")[:most]
+        return [
+            self.model.parameters[i].name
+            for i in order
+            if share[i] > 0.1 * np.max(share, initial=0.0)
+        ]
 
     def helpful_part(self, candidate: int) -> tuple[int, float, float] | None:
         """Parameter whose own measurement would show a candidate best.

@@ -1,24 +1,23 @@
-"""What experiments are allowed: limits of inputs, and tests of single parts (``limits.toml``)."""
+"""What experiments are allowed: limits of inputs, tests of parts, sensors (``limits.toml``)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
 from feltmb.arguments import checked
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import read_toml
+from feltmb.errors import InvalidParameter
 from feltmb.fit.model import Model
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar
+from feltmb.gap.tables import TableReader
+from feltmb.units.quantity import SI, Schema
 
-__all__ = ["InputLimits", "Limits", "PartTest", "read_limits"]
-
-T = TypeVar("T")
+__all__ = ["FurtherSensor", "InputLimits", "Limits", "PartTest", "read_limits", "read_sensors"]
 
 
 @checked
@@ -90,6 +89,33 @@ class PartTest:
 
 @checked
 @dataclass(frozen=True, kw_only=True)
+class FurtherSensor:
+    """A sensor that could be had: of an output that is not measured yet, or a less noisy one.
+
+    All experiments after it are measured with it.
+    """
+
+    output: str
+    """Output of the model that it measures."""
+    sigma: float | None = None
+    """Its noise [unit of the output]. None: a third of the present noise of an output that is
+    measured already; of another output that of the noisiest sensor of the same unit."""
+    cost: float = 1.0
+    """Once, in experiments."""
+    how: str = ""
+
+    def __post_init__(self) -> None:
+        faults = []
+        if self.sigma is not None and not 0.0 < self.sigma < math.inf:
+            faults.append(f"sigma = {self.sigma!r}, expected finite, > 0")
+        if not 0.0 < self.cost < math.inf:
+            faults.append(f"cost = {self.cost!r}, expected finite, > 0")
+        if faults:
+            raise InvalidParameter(f"further sensor of {self.output}: " + "; ".join(faults))
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
 class Limits:
     """What experiments are allowed."""
 
@@ -105,7 +131,9 @@ class Limits:
     """Time before anything moves [s]."""
     parts: tuple[PartTest, ...] = ()
     sensors: Mapping[str, float] = field(default_factory=dict)
-    """Noise by output that can be measured [its unit]; empty: those of the records."""
+    """Noise by output that is measured [its unit]; empty: those of the records."""
+    further: tuple[FurtherSensor, ...] = ()
+    """Sensors that could be had in addition, each at its cost."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -138,13 +166,23 @@ class Limits:
         InvalidParameter
             Inputs, outputs or parameters that it does not have, all at once.
         """
-        faults = _strangers(model, self.inputs, self.sensors, [t.parameter for t in self.parts])
+        faults = _strangers(
+            model,
+            self.inputs,
+            self.sensors,
+            [t.parameter for t in self.parts],
+            [s.output for s in self.further],
+        )
         if faults:
             raise InvalidParameter("limits: " + "; ".join(faults.values()))
 
 
 def _strangers(
-    model: Model, inputs: Iterable[str], sensors: Iterable[str], parts: Iterable[str]
+    model: Model,
+    inputs: Iterable[str],
+    sensors: Iterable[str],
+    parts: Iterable[str],
+    further: Iterable[str],
 ) -> dict[tuple[str, str], str]:
     """What the model does not have, by table and name."""
     known = [p.name for p in model.parameters]
@@ -153,10 +191,14 @@ def _strangers(
         for t in parts
         if t not in known
     }
-    for s in sensors:
-        if s not in model.outputs:
-            there = ", ".join(model.outputs)
-            faults["sensors", s] = f"sensor {s}: no output of {model.name}; there are {there}"
+    outputs = ", ".join(model.outputs)
+    for table, what, names in (
+        ("sensors", "sensor", sensors),
+        ("further_sensors", "further sensor", further),
+    ):
+        for s in names:
+            if s not in model.outputs:
+                faults[table, s] = f"{what} {s}: no output of {model.name}; there are {outputs}"
     own = list(getattr(model, "inputs", ()))
     own += [i for names in model.input_modes.values() for i in names]
     for i in inputs:
@@ -186,36 +228,56 @@ class _Sensor(Schema):
     sigma: float | str
 
 
-class _LimitsFile(Schema):
-    schema_version: Annotated[Literal[1], Field(alias="schema")]
-    about: str = ""
+class _SensorsFile(Schema):
+    sensors: dict[str, _Sensor]
+
+
+class _Further(Schema):
+    output: str
+    sigma: float | str | None = None
+    cost: Annotated[float, Field(gt=0)] = 1.0
+    how: str = ""
+
+
+class _Times(Schema):
     duration: Annotated[float, SI("s"), Field(gt=0)]
     sample_rate: Annotated[float, SI("Hz"), Field(gt=0)] = 2000.0
     rest: Annotated[float, SI("s"), Field(ge=0)] = 0.0
     lead: Annotated[float, SI("s"), Field(ge=0)] = 0.01
+
+
+class _LimitsFile(_Times):
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    about: str = ""
     inputs: dict[str, _Input]
     sensors: dict[str, _Sensor] = Field(default_factory=dict)
     parts: list[_Part] = Field(default_factory=list)
+    further_sensors: list[_Further] = Field(default_factory=list)
 
 
-#: Stands for inputs that have faults of their own, while the rest is checked.
+#: Stand for inputs and times that have faults of their own, while the rest is checked.
 _ANY = {"": InputLimits(most=1.0)}
+_ANY_TIMES = {"duration": 1.0, "sample_rate": 1000.0, "rest": 0.0, "lead": 0.0}
 
 
-def _names_in(raw: Mapping[str, Any]) -> tuple[list[str], list[str], list[str]]:
-    """Inputs, sensors and parameters of parts that a file names, whatever else is wrong with it."""
+def _names_in(raw: Mapping[str, Any]) -> tuple[list[str], list[str], list[str], list[str]]:
+    """Inputs, sensors, parts and further sensors that a file names, whatever else is wrong."""
     tables = [t if isinstance(t, dict) else {} for t in (raw.get("inputs"), raw.get("sensors"))]
-    rows = raw.get("parts")
-    parts = [
-        row["parameter"]
-        for row in (rows if isinstance(rows, list) else [])
-        if isinstance(row, dict) and isinstance(row.get("parameter"), str)
-    ]
-    return list(tables[0]), list(tables[1]), parts
+
+    def named(table: str, key: str) -> list[str]:
+        rows = raw.get(table)
+        return [
+            row[key]
+            for row in (rows if isinstance(rows, list) else [])
+            if isinstance(row, dict) and isinstance(row.get(key), str)
+        ]
+
+    parts, further = named("parts", "parameter"), named("further_sensors", "output")
+    return list(tables[0]), list(tables[1]), parts, further
 
 
-#: Rates of an input whose unit is not told.
-_BARE = ("1/s", "1/s^2")
+def _hint(unit: str) -> str:
+    return '; hint: the table says its unit, unit = "N"' if unit == "1" else ""
 
 
 def _per(unit: str, power: int) -> str:
@@ -233,96 +295,100 @@ def read_limits(path: str | Path, model: Model) -> Limits:
     Raises
     ------
     DataError
-        All faults of the file at once, first the names that the model does not have. The numbers of
-        such an entry are not looked at: their unit is not known.
+        All faults of the file at once: names that the model does not have, keys and kinds, numbers.
+        The numbers of an entry whose name is unknown are not looked at: their unit is not known.
     """
-    path = Path(path)
-    raw = read_toml(path)
-    strange = _strangers(model, *_names_in(raw))
-    faults = list(strange.values())
-    try:
-        file = _LimitsFile.model_validate(raw)
-    except ValidationError as error:
-        faults += fault_lines(error, _LimitsFile)
-        raise DataError(fault_text(path.name, faults)) from None
-
-    def number(where: str, value: float | str | None, unit: str, missing: float = 0.0) -> float:
-        if value is None:
-            return missing
-        try:
-            return in_unit(value, unit)
-        except (ValueError, InvalidParameter) as error:
-            hint = '; hint: the table says its unit, unit = "N"' if unit in ("1", *_BARE) else ""
-            faults.append(f"{where}: {error}{hint}")
-            return math.nan
-
-    def made(where: str, kind: Callable[..., T], **values: Any) -> T | None:
-        if any(isinstance(v, float) and math.isnan(v) for v in values.values()):
-            return None  # told already
-        try:
-            return kind(**values)
-        except InvalidParameter as error:
-            faults.append(f"{where}{error}")
-            return None
+    read = TableReader(path, _LimitsFile)
+    strange = _strangers(model, *_names_in(read.raw))
+    read.check(strange.values())
 
     inputs: dict[str, InputLimits | None] = {}
-    for name, i in file.inputs.items():
+    for name, where, entry in read.entries("inputs"):
         if ("inputs", name) in strange:
             continue
-        unit = i.unit or model.units.get(name) or "1"
-        where = f"inputs.{name}"
-        inputs[name] = made(
+        told = entry.get("unit")
+        unit = (told if isinstance(told, str) else "") or model.units.get(name) or "1"
+
+        number = partial(read.number, where, entry)
+        change, bend = _per(unit, 1), _per(unit, 2)
+        inputs[name] = read.made(
+            ("inputs", name),
             f"{where}: ",
             InputLimits,
-            least=number(f"{where}.least", i.least, unit),
-            most=number(f"{where}.most", i.most, unit),
-            rate=number(f"{where}.rate", i.rate, _per(unit, 1), math.inf),
-            acceleration=number(f"{where}.acceleration", i.acceleration, _per(unit, 2), math.inf),
-            sigma=number(f"{where}.sigma", i.sigma, unit),
+            least=number("least", unit, 0.0, _hint(unit)),
+            most=number("most", unit, hint=_hint(unit)),
+            rate=number("rate", change, math.inf, _hint(unit)),
+            acceleration=number("acceleration", bend, math.inf, _hint(unit)),
+            sigma=number("sigma", unit, 0.0, _hint(unit)),
             unit=unit,
         )
     own = {p.name: p.unit for p in model.parameters}
-    parts = [
-        made(
-            f"parts[{k}]: ",
-            PartTest,
-            parameter=p.parameter,
-            sd=number(f"parts[{k}].sd", p.sd, own[p.parameter]),
-            cost=p.cost,
-            how=p.how,
-        )
-        for k, p in enumerate(file.parts)
-        if ("parts", p.parameter) not in strange
-    ]
+    parts = []
+    for at, where, entry in read.entries("parts"):
+        name = entry.get("parameter")
+        if isinstance(name, str) and name in own:
+            known: dict[str, Any] = {k: entry[k] for k in ("cost", "how") if k in entry}
+            known["sd"] = read.number(where, entry, "sd", own[name])
+            parts.append(read.made(("parts", at), f"{where}: ", PartTest, parameter=name, **known))
+    further = []
+    for at, where, entry in read.entries("further_sensors"):
+        name = entry.get("output")
+        if isinstance(name, str) and name in model.outputs:
+            known = {k: entry[k] for k in ("cost", "how") if k in entry}
+            if "sigma" in entry:
+                unit = model.units.get(name) or "1"
+                known["sigma"] = read.number(where, entry, "sigma", unit)
+            place = ("further_sensors", at)
+            further.append(read.made(place, f"{where}: ", FurtherSensor, output=name, **known))
     sensors = {
-        name: number(f"sensors.{name}.sigma", s.sigma, model.units.get(name) or "1")
-        for name, s in file.sensors.items()
+        name: read.number(where, entry, "sigma", model.units.get(name) or "1")
+        for name, where, entry in read.entries("sensors")
         if ("sensors", name) not in strange
     }
-    found = made(
+    given = read.raw.get("inputs")
+    found = read.made(
+        (),
         "",
         Limits,
-        inputs={name: i for name, i in inputs.items() if i is not None} or _ANY,
-        duration=file.duration,
-        sample_rate=file.sample_rate,
-        rest=file.rest,
-        lead=file.lead,
+        inputs={n: i for n, i in inputs.items() if i} or ({} if given == {} else _ANY),
         parts=tuple(p for p in parts if p is not None),
         sensors={name: sigma for name, sigma in sensors.items() if not math.isnan(sigma)},
+        further=tuple(s for s in further if s is not None),
+        **_times_in(read.raw),
     )
-    if faults or found is None:
-        raise DataError(fault_text(path.name, faults))
+    read.finish()
+    assert found is not None
     return found
 
 
-def in_unit(value: float | str, unit: str) -> float:
-    """A number, or a text with a unit, in an SI unit; shares may be in percent.
+@checked
+def read_sensors(path: str | Path, model: Model) -> dict[str, float]:
+    """Read ``[sensors.OUTPUT]`` tables with ``sigma``: noise by output [its unit].
 
     Raises
     ------
-    ValueError
-        It is none.
+    DataError
+        All faults of the file at once.
     """
-    if isinstance(value, str) and value.strip().endswith("%") and unit == "1":
-        return 0.01 * parse_scalar(value.strip().removesuffix("%").strip(), "1")
-    return parse_scalar(value, unit)
+    read = TableReader(path, _SensorsFile)
+    table = read.raw.get("sensors")
+    strange = _strangers(model, (), table if isinstance(table, dict) else (), (), ())
+    read.check(strange.values())
+    out = {}
+    for name, where, entry in read.entries("sensors"):
+        if ("sensors", name) not in strange:
+            sigma = read.number(where, entry, "sigma", model.units.get(name) or "1")
+            if sigma <= 0.0:
+                read.faults.append(f"{where}.sigma: got {sigma:g}, expected > 0")
+            out[name] = sigma
+    read.finish()
+    return out
+
+
+def _times_in(raw: Mapping[str, Any]) -> dict[str, float]:
+    """Times that a file says, or any where they have faults of their own."""
+    try:
+        told = {name: raw[name] for name in _Times.model_fields if name in raw}
+        return _Times.model_validate(told).model_dump()
+    except ValidationError:
+        return _ANY_TIMES

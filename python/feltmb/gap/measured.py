@@ -17,14 +17,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import ValidationError
-
 from feltmb.arguments import checked
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import read_toml, write_text
+from feltmb.errors import InvalidParameter
+from feltmb.files import write_text
 from feltmb.fit.model import Model
-from feltmb.gap.limits import in_unit
-from feltmb.units.quantity import Schema, fault_lines, fault_text
+from feltmb.gap.tables import TableReader
+from feltmb.units.quantity import Schema
 
 __all__ = ["Measured", "measured_toml", "read_measured", "with_measured"]
 
@@ -73,48 +71,36 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
     Raises
     ------
     DataError
-        All faults of the file at once, first the names that the model does not have.
+        All faults of the file at once: names that the model does not have, keys and kinds, numbers.
+        The numbers of an entry whose name is unknown are not looked at: their unit is not known.
     """
-    path = Path(path)
-    raw = read_toml(path)
-    table = raw.get("measured")
-    entries = table if isinstance(table, dict) else {}
+    read = TableReader(path, _MeasuredFile)
     units = {p.name: p.unit for p in model.parameters}
-    faults = [
+    table = read.raw.get("measured")
+    read.check(
         f"measured.{name}: no parameter of {model.name}; there are {', '.join(units)}"
-        for name in entries
+        for name in (table if isinstance(table, dict) else {})
         if name not in units
-    ]
-    # Numbers before the schema: a fault of one entry hides none of another.
-    numbers: dict[str, dict[str, float]] = {}
-    for name, entry in entries.items():
-        if name not in units or not isinstance(entry, dict):
-            continue
-        numbers[name] = {}
-        for key in ("value", "sd"):
-            given = entry.get(key)
-            if isinstance(given, bool) or not isinstance(given, (int, float, str)):
-                continue  # for the schema to say
-            try:
-                numbers[name][key] = in_unit(given, units[name])
-            except ValueError as error:
-                faults.append(f"measured.{name}.{key}: {error}")
-    try:
-        file = _MeasuredFile.model_validate(raw)
-    except ValidationError as error:
-        faults += fault_lines(error, _MeasuredFile)
-        raise DataError(fault_text(path.name, faults)) from None
+    )
     out = []
-    for name, values in numbers.items():
-        if len(values) < 2:
+    for name, where, entry in read.entries("measured"):
+        if name not in units:
             continue
-        try:
-            out.append(Measured(parameter=name, how=file.measured[name].how, **values))
-        except InvalidParameter as error:
-            faults.append(f"measured.{name}: {error}")
-    if faults:
-        raise DataError(fault_text(path.name, faults))
-    return tuple(out)
+        value, sd = (read.number(where, entry, key, units[name]) for key in ("value", "sd"))
+        how = {"how": entry["how"]} if "how" in entry else {}
+        out.append(
+            read.made(
+                ("measured", name),
+                f"{where}: ",
+                Measured,
+                parameter=name,
+                value=value,
+                sd=sd,
+                **how,
+            )
+        )
+    read.finish()
+    return tuple(m for m in out if m is not None)
 
 
 @checked

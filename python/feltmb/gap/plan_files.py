@@ -2,7 +2,7 @@
 
 For experiment 1: ``1.csv`` (time and inputs), ``1.toml`` (a stroke, where the model is a
 mechanism), ``1_torque.csv`` (for a key actuator), ``1.png``; a test of a part is ``1.toml`` with
-``[part]``. ``plan.json`` holds all numbers.
+``[part]``, a further sensor with ``[sensor]``. ``plan.json`` holds all numbers.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ def design_json(design: Design) -> dict[str, Any]:
             row |= {"input": e.input, "family": e.profile.family, "numbers": e.profile.numbers}
         if e.part is not None:
             row["part"] = e.part
+        if e.sensor is not None:
+            row["sensor"] = e.sensor
         experiments.append(row)
     return {
         "feltmb": __version__,
@@ -52,6 +54,10 @@ def design_json(design: Design) -> dict[str, Any]:
         "experiments": plain(experiments),
         "effects": plain(design.effects),
         "parts": [{**plain(p), "text": p.text} for p in design.parts],
+        "sensors": [
+            {**plain(s), "gain": plain(s.gain), "gain_per_cost": plain(s.gain_per_cost)}
+            for s in design.sensors
+        ],
         "inseparable": plain(design.inseparable),
         "belief": plain(design.belief),
     }
@@ -102,15 +108,21 @@ def write_design(
 def request_file(
     experiment: DesignedExperiment, stem: Path, *, units: Mapping[str, str], force: bool = False
 ) -> Path:
-    """What whoever measures is given: a CSV of the inputs over time, or a TOML with ``[part]``."""
+    """What whoever measures is given.
+
+    A CSV of the inputs over time, or a TOML with ``[part]`` or ``[sensor]``.
+    """
     import tomlkit
 
+    asked: dict[str, Any] = {}
     if experiment.part is not None:
         part = experiment.part
-        asked = {"parameter": part.parameter, "sd": part.sd, "how": part.how}
-        return write_text(
-            stem.with_name(stem.name + ".toml"), tomlkit.dumps({"part": asked}), force=force
-        )
+        asked = {"part": {"parameter": part.parameter, "sd": part.sd, "how": part.how}}
+    elif experiment.sensor is not None:
+        own = experiment.sensor
+        asked = {"sensor": {"output": own.output, "sigma": own.sigma, "how": own.how}}
+    if asked:
+        return write_text(stem.with_name(stem.name + ".toml"), tomlkit.dumps(asked), force=force)
     record = experiment.record
     assert record is not None
     names = list(record.inputs)

@@ -63,10 +63,15 @@ class Report(Findings):
         return write_report(self, Path(folder), force=force)
 
 
+#: Fields that are null where nothing is large enough to show.
+NEVER = ("smallest", "smallest_before")
+
+
 def plain(value: Any) -> Any:
-    """Value as JSON types: numbers to 9 digits, infinities as texts."""
+    """Value as JSON types: numbers to 9 digits, infinities as texts, but null in ``NEVER``."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        out = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {k: None if k in NEVER and v == "inf" else v for k, v in out.items()}
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, Mapping):

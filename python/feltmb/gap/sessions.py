@@ -4,7 +4,8 @@ Folder of a session, a folder a step::
 
     0/report.json      diagnosis of the records that were there before
     1/plan.json, ...   the plan whose first experiment is made; see :mod:`feltmb.gap.plan_files`
-    1/request.csv      inputs over time that are to be played (or request.toml: a test of a part)
+    1/request.csv      inputs over time that are to be played (or request.toml: a test of a part, or
+                       a sensor for the records to come)
     1/record.csv       what was measured (or record.toml)
     1/report.json      diagnosis of all records so far
     1/step.json        what the step came to: it is written last, so that a session resumes there
@@ -21,14 +22,15 @@ from typing import Any, Literal
 from feltmb.arguments import checked
 from feltmb.data import Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
-from feltmb.files import digest_of, is_file, make_folder, read_json, write_text
+from feltmb.files import digest_of, is_file, make_folder, read_json, read_toml, write_text
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.criteria import LEAST_PROGRESS
-from feltmb.gap.designs import Design, design
+from feltmb.gap.designs import Design, design, sensors_now
 from feltmb.gap.diagnosis import Options, diagnose
 from feltmb.gap.findings import Verdict
+from feltmb.gap.further_sensors import Sensors
 from feltmb.gap.information import MAGNITUDES, Belief
-from feltmb.gap.limits import Limits
+from feltmb.gap.limits import FurtherSensor, Limits, read_sensors
 from feltmb.gap.measured import Measured, read_measured, with_measured
 from feltmb.gap.plan_files import request_file, write_design
 from feltmb.gap.report import Report, write_report
@@ -50,7 +52,7 @@ class SessionStep:
 
     number: int
     kind: str
-    """"stroke", "part", or "" for what was there before."""
+    """"stroke", "part", "sensor", or "" for what was there before."""
     name: str
     cost: float
     verdict: str
@@ -105,7 +107,9 @@ def session(
     run
         ``run(request, answer)`` performs a request and writes the measurement. A request is a CSV
         of time and inputs, and the answer is a CSV of a record. Or a request is a TOML with
-        ``[part]``, and the answer is a TOML with ``[measured.PARAMETER]``.
+        ``[part]``, and the answer is a TOML with ``[measured.PARAMETER]``. Or it is a TOML with
+        ``[sensor]``: all records from then on have this output, and the answer is a TOML with
+        ``[sensors.OUTPUT]`` and its ``sigma``.
     read
         Records of an answer.
     folder
@@ -134,6 +138,7 @@ def session(
         raise InvalidParameter(f"budget = {budget!r} experiments, expected in (0, 1000]")
     _same_session(place, model, effects, limits, records, seed)
     known, parts = list(records), list(measured)
+    measuring: Mapping[str, Sensor] | None = sensors
     steps: list[SessionStep] = []
     report: Mapping[str, Any] | None = None
     spent, number = 0.0, 0
@@ -158,7 +163,7 @@ def session(
                     effects,
                     known,
                     limits=_without(limits, parts),
-                    sensors=sensors,
+                    sensors=measuring,
                     budget=budget - spent,
                     belief=None if report is None else Belief.of_report(report),
                     candidates=candidates,
@@ -178,7 +183,16 @@ def session(
             if not is_file(answer):
                 run(request, answer)
             if asked["kind"] == "stroke":
-                known += _measured_records(read, answer, number, sensors)
+                known += _measured_records(read, answer, number, measuring)
+            elif asked["kind"] == "sensor":
+                # From here on they are told by output, and no longer by the limits.
+                measuring = sensors_now(model, limits, records, measuring)
+                limits = replace(limits, sensors={})
+                for output, sigma in _answered_sensors(answer, model, request).items():
+                    had = Sensors(measuring, limits.further).having(
+                        FurtherSensor(output=output, sigma=sigma)
+                    )
+                    measuring, limits = had.now, replace(limits, further=had.offers)
             else:
                 parts += read_measured(answer, model)
             spent += float(asked["cost"])
@@ -186,7 +200,7 @@ def session(
             asked = {"kind": "", "name": "records from before", "cost": 0.0, "expected": 0.0}
         if step is None:
             found = None
-            if known:
+            if known and asked["kind"] != "sensor":
                 found = _diagnosed(
                     with_measured(model, parts), effects, known, options, here, diagnosing
                 )
@@ -211,7 +225,8 @@ def session(
         if step.verdict == Verdict.NAMED:
             return ended("named", step.statement)
         if spent >= budget - 1e-9:
-            return ended("out of budget", step.statement or "No experiment gave a record.")
+            told_last = [s.statement for s in steps if s.statement]
+            return ended("out of budget", (told_last or ["No experiment gave a record."])[-1])
         number += 1
 
 
@@ -344,6 +359,19 @@ def _without(limits: Limits, parts: Sequence[Measured]) -> Limits:
     """Limits without the tests of parts that were made."""
     made = {m.parameter for m in parts}
     return replace(limits, parts=tuple(t for t in limits.parts if t.parameter not in made))
+
+
+def _answered_sensors(answer: Path, model: Model, request: Path) -> dict[str, float]:
+    """Noise by output of the sensor that was asked for."""
+    if not is_file(answer):
+        raise DataError(f"{answer}: missing; expected [sensors.OUTPUT] with sigma")
+    found = read_sensors(answer, model)
+    asked = read_toml(request)["sensor"]["output"]
+    if list(found) != [asked]:
+        raise DataError(
+            f"{answer}: got {', '.join(found) or 'no sensor'}, expected the sensor of {asked}"
+        )
+    return found
 
 
 def _measured_records(

@@ -10,6 +10,7 @@ from feltmb.fit.watch import FIT, Watch
 from feltmb.gap.decide import Decision
 from feltmb.gap.findings import NotTested, Verdict
 from feltmb.gap.search import Search
+from feltmb.gap.sizes import Sizes
 
 __all__ = ["cut_short", "left_out"]
 
@@ -22,7 +23,12 @@ def left_out(found: Search, effects: Sequence[Effect]) -> tuple[NotTested, ...]:
 
 
 def cut_short(
-    decision: Decision, watch: Watch, found: Search, skipped: Sequence[NotTested], effects: int
+    decision: Decision,
+    watch: Watch,
+    found: Search,
+    skipped: Sequence[NotTested],
+    effects: int,
+    sizes: Sizes,
 ) -> Decision:
     """The decision with what the stop leaves open.
 
@@ -44,8 +50,9 @@ def cut_short(
     rivals = [n for n in found.skipped if n not in decision.named]
     if decision.named and rivals:
         every = (*decision.named, *(n for n in decision.one_of if n not in rivals), *rivals)
+        named = ", ".join(map(sizes.text, decision.named))
         text = (
-            f"{begin}. Best so far: {', '.join(decision.named)}, which held-out records confirm; "
+            f"{begin}. Best so far: {named}, which held-out records confirm; "
             f"{', '.join(rivals)} were not yet tested as alternatives."
         )
         return replace(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
@@ -15,16 +15,49 @@ if TYPE_CHECKING:
 
     from feltmb.run.results import Run
 
-__all__ = ["reading_of", "row_unit", "striker_speed"]
+__all__ = ["reading_of", "row_unit", "strike_words", "striker_speed"]
 
 
 def reading_of(run: Run) -> Reading:
     """``[reading]`` of the mechanism of a run; an empty one if the run does not hold it."""
     try:
-        tables = tomllib.loads(str(run.provenance.get("toml", "")))
-        return Reading.model_validate(tables.get("reading", {}))
-    except (ValueError, ValidationError, RecursionError):
+        return Reading.model_validate(_tables(run).get("reading", {}))
+    except ValidationError:
         return Reading()
+
+
+def _tables(run: Run) -> dict[str, Any]:
+    """Tables of the mechanism of a run; none if the run does not hold it."""
+    try:
+        return tomllib.loads(str(run.provenance.get("toml", "")))
+    except (ValueError, RecursionError):
+        return {}
+
+
+def strike_words(run: Run) -> dict[str, str]:
+    """Texts of the numbers of a strike, by their name in ``run.summary``.
+
+    They name what the label of the strike contact names ("hammer - string"), else its surfaces.
+    """
+    number = reading_of(run).strike_contact
+    contacts = _tables(run).get("contacts", {})
+    contact = contacts.get(f"{number:02d}", {}) if number is not None else {}
+    one, mark, other = str(contact.get("label", "")).partition(" - ")
+    if not mark and len(surfaces := contact.get("surfaces", ())) == 2:
+        one, other = (str(s) for s in surfaces)
+    if not (one and other):
+        return {
+            "impact_time": "impact",
+            "max_string_force": "largest force of the impact",
+            "string_contact_duration": "contact of the impact lasts",
+            "let_off_gap": "distance at let-off",
+        }
+    return {
+        "impact_time": f"{one} meets the {other}" if mark else f"{one} meets {other}",
+        "max_string_force": f"largest {other} force",
+        "string_contact_duration": f"{other} contact lasts",
+        "let_off_gap": f"{one} - {other} distance at let-off",
+    }
 
 
 def row_unit(run: Run, name: str) -> str:

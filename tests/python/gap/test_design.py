@@ -292,12 +292,14 @@ def test_limits_are_read(tmp_path):
     [
         ('most = "20 N"', 'most = "20 mm"', "inputs.u.most"),
         ('most = "20 N"', "most = -1", "least < most"),
+        ('most = "20 N"', "most = true", "inputs.u.most: "),
         ("[inputs.u]", "[inputs.v]", "input v: no input"),
         ('"slope"', '"slop"', "part slop: no parameter"),
         ("[sensors.y]", "[sensors.z]", "sensor z: no output"),
         ('duration = "0.5 s"', "", "duration: is missing"),
         ("most =", "moste =", "moste"),
         ('"0.5 s"', '"1 us"', "samples"),
+        ('[inputs.u]\nunit = "N"\nmost = "20 N"\nrate = "2 kN/s"', "[inputs]", "inputs is empty"),
     ],
 )
 def test_faults_of_limits_are_told(tmp_path, old, new, told):
@@ -339,10 +341,48 @@ sigma = 0
     assert "parts[1]: test of slope: sd = 0" in lines[4]
     assert "sensor y: sigma = 0" in "".join(lines)
     assert "parts[0]" not in str(failure.value)
-    # A key that is wrong, too.
-    path.write_text(LIMITS.replace("most =", "moste =").replace("[inputs.u]", "[inputs.v]"))
-    with pytest.raises(DataError, match=r"(?s)input v: no input.*moste"):
+
+
+def test_keys_and_numbers_of_limits_are_told_together(tmp_path):
+    """A wrong key hid the faults of all numbers, in the entry and in others."""
+    path = tmp_path / "limits.toml"
+    path.write_text(
+        """
+schema = 1
+duration = "0.5 s"
+lead = "1 s"
+[inputs.v]
+most = 1
+[inputs.u]
+unit = "N"
+moste = "20 N"
+rate = "2 m/s"
+[[parts]]
+parameter = "slope"
+sd = "2 kg"
+cost = -1
+[[parts]]
+parameter = "slope"
+sd = 0
+[sensors.y]
+sigma = -1
+"""
+    )
+    with pytest.raises(DataError, match="8 faults") as failure:
         read_limits(path, line())
+    lines = [text.strip() for text in str(failure.value).splitlines()[1:]]
+    starts = (
+        "input v: no input",
+        "inputs.u.most: is missing",
+        "inputs.u.moste: unknown key",
+        "parts.0.cost: got -1",
+        "inputs.u.rate: ",
+        "parts[0].sd: ",
+        "parts[1]: test of slope: sd = 0",
+        "limits: lead = 1 s",
+    )
+    assert [t.startswith(s) for t, s in zip(lines, starts, strict=False)] == [True] * 8, lines
+    assert "sensor y: sigma = -1" in "".join(lines)
 
 
 def test_measured_parts_replace_the_tolerance(tmp_path):
@@ -444,5 +484,5 @@ def test_all_faults_of_tests_of_parts_are_told_at_once(tmp_path):
     with pytest.raises(DataError, match="3 faults") as error:
         read_measured(path, heated())
     _, *faults = str(error.value).splitlines()
-    starts = ("measured.CC: no parameter", "measured.C.value: got 'x'", "measured.C.sd: is missing")
+    starts = ("measured.CC: no parameter", "measured.C.sd: is missing", "measured.C.value: got 'x'")
     assert [f.strip().startswith(s) for f, s in zip(faults, starts, strict=True)] == [True] * 3

@@ -1,6 +1,8 @@
 """What an effect must show before it is named."""
 
 import importlib.util
+import json
+import textwrap
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +12,7 @@ import pytest
 
 from blind.bench import Bench
 from blind.key_hammer import KeyHammer
+from feltmb.cli.gap_printing import print_report
 from feltmb.data import Record, Sensor
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.linearize import Linear, _tame
@@ -21,7 +24,9 @@ from feltmb.gap import Options, Verdict, diagnose
 from feltmb.gap.acceptance import _certainty, sure_part
 from feltmb.gap.decide import TRUST, decide
 from feltmb.gap.diagnosis import _explained
+from feltmb.gap.digits import digits
 from feltmb.gap.refine import refit
+from feltmb.gap.report import write_report
 from feltmb.gap.search import search
 
 _spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
@@ -100,18 +105,70 @@ def test_the_statement_tells_what_held_out_records_say(monkeypatch):
     assert "closes -30% of the held-out gap, 95% from -50% to -10%" in worse.statement
 
 
+def sized(report, name):
+    """Magnitude, unit and interval of an effect in the words of a statement."""
+    row = report.which[name]
+    shown = digits(row.magnitude, row.sd, 3)
+    unit = "" if row.unit == "1" else f" {row.unit}"
+    return (
+        f"{name} of {row.magnitude:.{shown}g}{unit} (95% from {row.low:.{shown}g} to "
+        f"{row.high:.{shown}g}{unit})"
+    )
+
+
+def test_a_named_effect_is_told_with_its_size_and_in_words(tmp_path, capsys):
+    """Verdicts that name something gave no number before their tables."""
+    bent = replace(power(3), unit="N/m^3", mechanism="The spring is harder at its ends.")
+    report = diagnose(
+        LINE, [bent], records(lambda u: u + 0.05 * u**3), options=Options(bootstrap=0)
+    )
+    row = report.which["power 3"]
+    assert row.low < 0.05 < row.high
+    told = sized(report, "power 3")
+    assert " N/m^3 (95% from " in told
+    closed = f"It closes {report.how_far.closed:.0%} of the held-out gap."
+    assert report.statement == (
+        f"The model lacks: {told}. {closed} What is left is noise. power 3: The spring is harder "
+        "at its ends."
+    )
+    # The same words in the terminal, in JSON, on the page and in Python.
+    print_report(report)
+    lines = [x for line in capsys.readouterr().out.splitlines() for x in textwrap.wrap(line, 80)]
+    first = " ".join(lines[:10])
+    assert told in first
+    assert closed in first
+    html, data = write_report(report, tmp_path)
+    assert json.loads(data.read_text())["statement"] == report.statement
+    assert told in html.read_text()
+    assert told in report._repr_html_()
+
+
+def test_one_of_some_effects_is_told_with_the_size_of_each():
+    like = replace(power(3), name="cube of the machine")
+    report = diagnose(
+        LINE, [power(3), like], records(lambda u: u + 0.05 * u**3), options=Options(bootstrap=0)
+    )
+    assert report.verdict is Verdict.ONE_OF
+    one, other = (sized(report, n) for n in report.one_of)
+    assert report.statement.startswith(f"One of {one} and {other}; these records cannot tell which")
+
+
 def test_a_data_problem_holds_nothing_of_the_machine():
     cube, square = replace(power(3), kind="sensor"), replace(power(2), kind="sensor")
     both = records(lambda u: u + 0.3 * u**3 + 0.2 * u**2)
     said = diagnose(LINE, [cube, square], both, options=Options(bootstrap=0))
     assert said.verdict is Verdict.DATA_PROBLEM
+    one, other = (sized(said, n) for n in said.named)
+    assert said.statement.startswith(f"The records, not the machine: {one} and {other}. It closes ")
     # The square may as well be of the machine.
     like = replace(power(2), name="square of the machine")
     said = diagnose(LINE, [cube, square, like], both, options=Options(bootstrap=0))
     assert said.named == ("power 3",)
     assert set(said.one_of) == {"power 2", "square of the machine"}
     assert said.verdict is Verdict.NAMED_UNKNOWN_REST
-    assert "In addition, one of power 2 and square of the machine" in said.statement
+    either = [sized(said, n) for n in said.one_of]
+    assert f"In addition, one of {either[0]} and {either[1]}, which" in said.statement
+    assert said.statement.startswith(f"The records show: {sized(said, 'power 3')}. It closes ")
 
 
 def test_what_mends_the_form_of_a_larger_effect_is_small_print():

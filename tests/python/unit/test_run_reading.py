@@ -2,14 +2,17 @@
 
 import copy
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import feltmb
 from feltmb import InvalidParameter
+from feltmb.cli.stroke import summary_table
+from feltmb.graphics.plot.pages import _summary_line
 from feltmb.mechanism import Action
-from feltmb.run.reading import reading_of
+from feltmb.run.reading import reading_of, strike_words
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 RAW = tomllib.loads((DATA / "pendulum.toml").read_text())
@@ -99,3 +102,34 @@ def test_rows_are_part_of_the_hash_and_views_are_not():
 def test_a_wrong_name_is_one_fault(reading, said):
     with pytest.raises(InvalidParameter, match=said):
         with_reading(**reading)
+
+
+@pytest.mark.parametrize(
+    ("label", "first", "force"),
+    [
+        ("arm - wall", "arm meets the wall", "largest wall force"),
+        ("hammer - string", "hammer meets the string", "largest string force"),
+        ("stop", "head meets block", "largest block force"),
+        ("", "head meets block", "largest block force"),
+    ],
+)
+def test_a_strike_is_told_in_the_words_of_the_mechanism(label, first, force):
+    """The table said "hammer meets the string" of every machine that has a strike contact."""
+    action = with_reading(strike_contact=1)
+    action = action.with_values({"contacts.01.label": label})
+    run = feltmb.simulate(action, STROKE)
+    table = summary_table(run, "x")
+    texts = list(table.columns[0].cells)
+    assert first in texts
+    assert force in texts
+    words = " ".join(texts)
+    assert label == "hammer - string" or not ("hammer" in words or "string" in words)
+    line = _summary_line(run)
+    assert force in line
+    assert label == "hammer - string" or "string" not in line
+
+
+def test_a_run_without_its_mechanism_names_no_parts():
+    run = feltmb.simulate(with_reading(strike_contact=1), STROKE)
+    bare = replace(run, provenance={**run.provenance, "toml": ""})
+    assert strike_words(bare)["impact_time"] == "impact"

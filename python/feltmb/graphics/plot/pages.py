@@ -23,7 +23,7 @@ from feltmb.graphics.plot.series import (
     draw_view,
     motion_curves,
 )
-from feltmb.run.reading import reading_of, striker_speed
+from feltmb.run.reading import reading_of, strike_words, striker_speed
 from feltmb.run.results import let_off_words
 from feltmb.style import (
     CYCLE,
@@ -125,13 +125,14 @@ def overview(run: Run) -> Figure:
 
 
 def _summary_line(run: Run) -> str:
-    s = run.summary
+    s, strike = run.summary, strike_words(run)
+    contact = strike["string_contact_duration"].removesuffix(" lasts")
     parts = []
     for key, text, factor, unit in (
         ("impact_speed", "impact speed (of the contact)", 1.0, "m/s"),
         ("rebound_speed", "rebound speed", 1.0, "m/s"),
-        ("max_string_force", "largest string force", 1.0, "N"),
-        ("string_contact_duration", "string contact", 1e3, "ms"),
+        ("max_string_force", plain_text(strike["max_string_force"]), 1.0, "N"),
+        ("string_contact_duration", plain_text(contact), 1e3, "ms"),
         ("let_off_gap", "let-off gap", 1e3, "mm"),
         ("check_gap", "check distance", 1e3, "mm"),
     ):

@@ -1,0 +1,131 @@
+"""Sensors of the experiments to come: those at hand, and those that could be had."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from feltmb.data import Sensor
+from feltmb.errors import InvalidParameter
+from feltmb.fit.model import Model
+from feltmb.gap.criteria import BETTER_SENSOR
+from feltmb.gap.limits import FurtherSensor
+from feltmb.style import reader_unit
+
+__all__ = ["Sensors", "offered"]
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """What experiments are measured with."""
+
+    now: Mapping[str, Sensor]
+    """By output."""
+    offers: tuple[FurtherSensor, ...] = ()
+    """Sensors that could be had, each with its noise."""
+
+    @property
+    def all(self) -> dict[str, Sensor]:
+        """With everything on offer, of each output the least noisy."""
+        out = self
+        for offer in self.offers:
+            sigma = out.now[offer.output].sigma if offer.output in out.now else None
+            if sigma is None or float(offer.sigma or 0.0) < sigma:
+                out = out.having(offer)
+        return dict(out.now)
+
+    @property
+    def ways(self) -> list[dict[str, float]]:
+        """Noise by output in multiples of that of ``all``: now, with each offer, with all."""
+        best = self.all
+        sets = [self.now, *(self.having(o).now for o in self.offers)]
+        if len(self.offers) > 1:
+            sets.append(best)
+        return [
+            {
+                n: 1.0 if s.sigma is None else s.sigma / (best[n].sigma or 1.0)
+                for n, s in own.items()
+            }
+            for own in sets
+        ]
+
+    def having(self, offer: FurtherSensor) -> Sensors:
+        """With one of the offers, and without those that are then no better."""
+        assert offer.sigma is not None
+        old = self.now.get(offer.output)
+        if old is None:
+            new = Sensor(name=offer.output, sigma=offer.sigma)
+        else:
+            assert old.sigma is not None
+            share = offer.sigma / old.sigma  # less noise of the same color
+            new = replace(
+                old,
+                sigma=offer.sigma,
+                quantum=share * old.quantum,
+                colored_sigma=share * old.colored_sigma,
+            )
+        left = tuple(
+            o
+            for o in self.offers
+            if o.output != offer.output or (o.sigma is not None and o.sigma < offer.sigma)
+        )
+        return Sensors({**self.now, offer.output: new}, left)
+
+    def words(self, offer: FurtherSensor, unit: str) -> str:
+        """Name of an offer with its noise."""
+        factor, shown = reader_unit(unit)
+        own = "" if shown == "1" else f" {shown}"
+        noise = f"noise {factor * float(offer.sigma or 0.0):.3g}{own}"
+        if offer.output in self.now:
+            noise += f" in place of {factor * float(self.now[offer.output].sigma or 0.0):.3g}{own}"
+        what = offer.how or ("less noisy sensor" if offer.output in self.now else "further sensor")
+        return f"{what}: {offer.output}, {noise}"
+
+
+def offered(
+    further: Sequence[FurtherSensor], now: Mapping[str, Sensor], model: Model
+) -> tuple[FurtherSensor, ...]:
+    """Sensors on offer, with the noise of each.
+
+    Raises
+    ------
+    InvalidParameter
+        No noise is told of a sensor and none follows from the others, or a sensor is no better than
+        the one that is there.
+    """
+    faults, out = [], []
+    for offer in further:
+        sigma = offer.sigma
+        unit = model.units.get(offer.output) or "1"
+        if offer.output in now:
+            present = now[offer.output].sigma
+            if present is None:
+                faults.append(
+                    f"{offer.output}: is measured already, with an unknown noise; expected sigma "
+                    "of what is measured in [sensors]"
+                )
+                continue
+            sigma = present / BETTER_SENSOR if sigma is None else sigma
+            if not sigma < present:
+                faults.append(
+                    f"{offer.output}: sigma = {sigma:g} {unit}, expected less than that of its "
+                    f"present sensor, {present:g} {unit}"
+                )
+                continue
+        elif sigma is None:
+            alike = [
+                s.sigma
+                for n, s in now.items()
+                if s.sigma is not None and unit != "1" and model.units.get(n) == unit
+            ]
+            if not alike:
+                faults.append(
+                    f"{offer.output}: no noise is told; expected sigma, because no sensor with "
+                    f"known noise measures in {unit if unit != '1' else 'its unit'}"
+                )
+                continue
+            sigma = max(alike)
+        out.append(replace(offer, sigma=sigma))
+    if faults:
+        raise InvalidParameter("further sensors: " + "; ".join(faults))
+    return tuple(out)

@@ -1,0 +1,92 @@
+"""Fitted magnitudes of effects with their intervals, as numbers and as words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from feltmb.fit.model import Candidate
+from feltmb.gap.acceptance import Accepted
+from feltmb.gap.digits import digits
+from feltmb.gap.refine import CandidateSet
+from feltmb.gap.search import Search
+from feltmb.gap.spread import Spread, spread
+
+__all__ = ["Size", "Sizes", "where_refitted"]
+
+
+@dataclass(frozen=True)
+class Size:
+    """Fitted magnitude of an effect."""
+
+    candidate: Candidate
+    """With its fitted shape."""
+    magnitude: float
+    """[unit]"""
+    sd: float
+    """[unit]"""
+    shape_sd: Mapping[int, float]
+    """Standard deviations of the logarithms of the numbers of the shape that move, by place."""
+
+    @property
+    def low(self) -> float:
+        """Lower end of the 95 % interval, within the limits of the effect [unit]."""
+        return float(max(self.magnitude - 1.96 * self.sd, self.candidate.effect.bounds[0]))
+
+    @property
+    def high(self) -> float:
+        """Upper end [unit]."""
+        return float(min(self.magnitude + 1.96 * self.sd, self.candidate.effect.bounds[1]))
+
+    @property
+    def text(self) -> str:
+        """The effect with its magnitude, unit and interval."""
+        effect = self.candidate.effect
+        shown = digits(self.magnitude, self.sd, 3)
+        unit = "" if effect.unit == "1" else f" {effect.unit}"
+        text = f"{effect.name} of {self.magnitude:.{shown}g}{unit}"
+        if not (math.isfinite(self.low) and math.isfinite(self.high)):
+            return text
+        return f"{text} (95% from {self.low:.{shown}g} to {self.high:.{shown}g}{unit})"
+
+
+@dataclass(eq=False)
+class Sizes:
+    """Magnitudes in the accepted set, and in the best set that holds each other effect."""
+
+    search: Search
+    accepted: Accepted
+    _spreads: dict[tuple[str, ...], Spread] = field(default_factory=dict)
+
+    def of(self, name: str) -> Size | None:
+        """Magnitude of an effect; None: it is in no set that was fitted."""
+        found = where_refitted(self.search, self.accepted, name)
+        if found is None:
+            return None
+        if found.key not in self._spreads:
+            self._spreads[found.key] = spread(found.fit)
+        own, k = self._spreads[found.key], found.names.index(name)
+        return Size(
+            candidate=found.fit.included[k],
+            magnitude=float(found.fit.point.magnitudes[k]),
+            sd=float(own.magnitudes[k]),
+            shape_sd={i: v for (j, i), v in own.shapes.items() if j == k},
+        )
+
+    def text(self, name: str) -> str:
+        """An effect with its magnitude, unit and interval; its name alone where there is none."""
+        found = self.of(name)
+        return name if found is None else found.text
+
+    def mechanism(self, name: str) -> str:
+        """What the effect is, in the words of the library; may be empty."""
+        found = self.of(name)
+        return "" if found is None else found.candidate.effect.mechanism
+
+
+def where_refitted(search: Search, accepted: Accepted, name: str) -> CandidateSet | None:
+    """The accepted set if the effect is in it, else the best set that holds it."""
+    if accepted.best is not None and name in accepted.best.names:
+        return accepted.best
+    return next((c for c in search.sets if name in c.names), None)
