@@ -1,4 +1,4 @@
-"""Tests of single parts as data: what a weighing or a compression test says of a parameter.
+"""Tests of single parts as data, for example the weight or the stiffness of one part.
 
 ::
 
@@ -73,7 +73,7 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
     Raises
     ------
     DataError
-        All faults of the file at once, first the names that the model does not have.
+        All faults of the file in one message; unknown names come first.
     """
     path = Path(path)
     raw = read_toml(path)
@@ -85,7 +85,7 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
         for name in entries
         if name not in units
     ]
-    # Numbers before the schema: a fault of one entry hides none of another.
+    # The numbers are converted before the schema is checked, so that all faults are reported.
     numbers: dict[str, dict[str, float]] = {}
     for name, entry in entries.items():
         if name not in units or not isinstance(entry, dict):
@@ -94,7 +94,7 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
         for key in ("value", "sd"):
             given = entry.get(key)
             if isinstance(given, bool) or not isinstance(given, (int, float, str)):
-                continue  # for the schema to say
+                continue  # the schema check reports this fault
             try:
                 numbers[name][key] = in_unit(given, units[name])
             except ValueError as error:
@@ -119,9 +119,9 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
 
 @checked
 def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
-    """The model with the values and uncertainties of tests of parts.
+    """Copy of the model with the values and uncertainties of tests of parts.
 
-    Several tests of one parameter count together.
+    Several tests of one parameter are combined.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
         told.setdefault(m.parameter, []).append(m)
     for name, tests in told.items():
         p, best = parameters[name], min(m.sd for m in tests)
-        weights = [(best / m.sd) ** 2 for m in tests]  # at most 1: no square is out of range
+        weights = [(best / m.sd) ** 2 for m in tests]  # at most 1, so that no square overflows
         value = sum(w * m.value for w, m in zip(weights, tests, strict=True)) / sum(weights)
         if not p.lower <= value <= p.upper:
             faults.append(
@@ -159,7 +159,7 @@ def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
 
 @checked
 def measured_toml(measured: Sequence[Measured], path: str | Path, *, force: bool = False) -> Path:
-    """Write tests of parts so that :func:`read_measured` returns them.
+    """Write tests of parts to a file that :func:`read_measured` can read.
 
     Parameters
     ----------
