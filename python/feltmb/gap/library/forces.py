@@ -227,11 +227,11 @@ def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
 def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
     """Rate-independent hysteresis: a spring in series with a slip z (hidden state).
 
-    The force is F = F_h (q - z) / b. While the deflection |q - z| grows, the slip takes the share
-    ``|(q - z) / b|^n`` of the motion. While it shrinks, z is constant. This is the law of Bouc
-    (1967) and Wen (1976) with beta = gamma. The shape is (b, n): the deflection [position unit] of
-    full slip, and the sharpness of its onset. n = 10 is nearly elastic-plastic (Jenkins), n = 2 is
-    round; n = 1 with a small b approximates pre-sliding friction (Dahl 1968).
+    The force is F = F_h (q - z) / b. While the deflection ``|q - z|`` grows, the slip takes the
+    share ``|(q - z) / b|^n`` of the motion. While it shrinks, z is constant. This is the law of
+    Bouc (1967) and Wen (1976) with beta = gamma. The shape is (b, n): the deflection [position
+    unit] of full slip, and the sharpness of its onset. n = 10 is nearly elastic-plastic (Jenkins),
+    n = 2 is round; n = 1 with a small b approximates pre-sliding friction (Dahl 1968).
 
     Parameters
     ----------
