@@ -32,7 +32,7 @@ Measurements
 Errors
     FeltmbError, below it InvalidParameter, DataError, ModelError, IntegrationError, FileExists
 
-Everything is imported when it is first used: ``import feltmb`` itself is quick.
+Everything is imported at its first use, so that ``import feltmb`` is fast.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ __all__ = [
     "view",
 ]
 
-#: module -> what the package takes from it, on first use
+#: module -> its public names that the package imports at their first use
 _LAZY = {
     "_core": "__version__",
     "mechanism": "Action load_action packaged_actions",
@@ -147,7 +147,7 @@ _LAZY = {
 }
 _HOME = {name: module for module, names in _LAZY.items() for name in names.split()}
 
-#: name -> module that is loaded when it is first asked for
+#: name -> module that is imported at its first use
 _MODULES = {
     "actuator": "action.actuator",
     "adapters": "adapters",
@@ -170,7 +170,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
-    """Load what is asked for on first use, ``feltmb.simulate`` or ``feltmb.fiber`` for example."""
+    """Import a name at its first use, for example ``feltmb.simulate`` or ``feltmb.fiber``."""
     import importlib
 
     if name in _HOME:
@@ -184,7 +184,8 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     names = {*globals(), *_HOME, *_MODULES}
-    # help() prints in full what dir() lists, more than 1700 lines; the text above is an index.
+    # help() prints everything that dir() lists, more than 1700 lines; the docstring is an index
+    # instead.
     frame: FrameType | None = sys._getframe(1)
     while frame is not None and frame.f_globals.get("__name__") == "inspect":
         frame = frame.f_back

@@ -1,8 +1,8 @@
-"""Arguments of public functions, checked by their annotations, with messages of one grammar.
+"""Checks arguments of public functions by their annotations, with messages of one form.
 
-``@checked`` stands before a public function or class. It reads the annotations as text when the
-function is first called: what they name need not be imported, and an import costs nothing. Numbers
-are SI and no texts: ``duration="300 ms"`` is refused, and the message says what to write.
+``@checked`` is a decorator of a public function or class. It reads the annotations as text when the
+function is first called, so that their types need not be imported. Numbers are in SI units and not
+texts: ``duration="300 ms"`` is rejected, and the message states the correct form.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ __all__ = ["checked"]
 
 T = TypeVar("T")
 
-#: Takes a value and its place; returns what the function is to get, or raises ``_Refused``.
+#: Function of a value and its place that returns the checked value or raises ``_Refused``.
 Check = Callable[[Any, str], Any]
 
 
 class _Refused(Exception):
-    """A value that does not fit: its place, the value, what is expected there."""
+    """An invalid value: its place, the value, and the expectation."""
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """What an annotation asks for."""
+    """Check that belongs to an annotation."""
 
     text: str
     check: Check
@@ -45,8 +45,8 @@ def checked(target: T) -> T:
 
     A ``float``, and each element of a ``Sequence[float]``, must be finite unless the default of the
     parameter is not. An ``int`` must not be negative. The value of an ``Array`` is converted to an
-    array. The call raises :class:`~feltmb.errors.InvalidParameter` with function, argument, what
-    was got and what is expected; a missing or unknown argument stays Python's ``TypeError``.
+    array. The call raises :class:`~feltmb.errors.InvalidParameter` with function, argument, value
+    and expectation; a missing or unknown argument raises Python's ``TypeError``.
     """
     if not isinstance(target, type):
         wrapped: T = _wrapped(target)
@@ -84,7 +84,7 @@ class _Checks:
         self.positions: list[tuple[str, Check | None]] = []
         self.rest: tuple[str, Check | None] = ("", None)
         self.more: Check | None = None
-        self.unknown: set[str] = set()  # names that no class or alias of the module bears
+        self.unknown: set[str] = set()  # names that are neither classes nor aliases of the module
         for name, parameter in inspect.signature(function).parameters.items():
             check = self._check(parameter)
             if parameter.kind is parameter.VAR_POSITIONAL:
@@ -109,7 +109,7 @@ class _Checks:
     def apply(
         self, args: tuple[Any, ...], kwargs: dict[str, Any]
     ) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        """The arguments as the function is to get them."""
+        """The arguments after the checks and conversions."""
         try:
             known = len(self.positions)
             checked_args = [
@@ -135,7 +135,7 @@ class _Checks:
         return str(self.function.__qualname__).removesuffix(".__init__")
 
     def _kind(self, node: ast.expr, finite: bool = True) -> _Kind | None:
-        """What an annotation asks for; None where it takes anything."""
+        """Check for an annotation; None if any value is permitted."""
         if isinstance(node, ast.BinOp):  # X | Y
             return _union([self._kind(node.left, finite), self._kind(node.right, finite)])
         if isinstance(node, ast.Constant):
@@ -167,7 +167,7 @@ class _Checks:
         return self._named(name)
 
     def _named(self, name: str) -> _Kind | None:
-        """A class or an alias: of the function's module, or known by its name only."""
+        """A class or an alias, of the function's module or known by its name."""
         known = self.function.__globals__.get(name)
         if isinstance(known, type) and getattr(known, "_is_protocol", False):
             parts = [part for part in vars(known) if not part.startswith("_")]
@@ -203,7 +203,7 @@ def _union(kinds: list[_Kind | None]) -> _Kind | None:
             try:
                 return kind.check(value, where)
             except _Refused as refused:
-                if refused.args[0] != where:  # the right kind, with something wrong in it
+                if refused.args[0] != where:  # the right type, but with a fault
                     inside = refused
         raise inside or _Refused(where, value, text)
 
@@ -216,7 +216,7 @@ def _is_flag(value: object) -> bool:
 
 def _as_float(value: Any, where: str, text: str) -> Any:
     real = isinstance(value, numbers.Real)
-    if not real and getattr(value, "shape", None) == ():  # an array of one number
+    if not real and getattr(value, "shape", None) == ():  # an array with one number
         real = getattr(getattr(value, "dtype", None), "kind", "") in "iuf"
     if not real or _is_flag(value):
         raise _Refused(where, value, text)
@@ -253,7 +253,7 @@ def _whole(value: Any, where: str) -> Any:
 def _text(value: Any, where: str) -> Any:
     if not isinstance(value, str):
         raise _Refused(where, value, "a text")
-    if "\0" in value:  # no name and no path has it
+    if "\0" in value:  # neither a name nor a path may contain it
         raise _Refused(where, value, "a text without a zero character")
     return value
 
@@ -283,7 +283,7 @@ def _as_array(value: Any, where: str, kinds: str = "fiub") -> Any:
 
     try:
         array = np.asarray(value)
-    except Exception:  # rows of different lengths, or a foreign object that cannot be read
+    except Exception:  # rows of different lengths, or an object that cannot be converted
         array = np.empty(0, dtype=object)
     if array.dtype.kind not in kinds and not (array.size == 0 and array.dtype.kind == "f"):
         words = "numbers" if "f" in kinds else "whole numbers"
@@ -397,12 +397,12 @@ def _sequence(kinds: list[_Kind | None], name: str, fixed: bool) -> _Kind:
 
 
 def _items(value: Any, where: str, text: str) -> Any:
-    """A sequence that can be gone through more than once; a text or a mapping is none."""
+    """A sequence that can be read more than once; not a text or a mapping."""
     if isinstance(value, (list, tuple)):
         return value
     if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable):
         raise _Refused(where, value, text)
     try:
         return value if isinstance(value, Sized) and len(value) >= 0 else tuple(value)
-    except TypeError:  # an array of one number
+    except TypeError:  # an array with one number
         raise _Refused(where, value, text) from None

@@ -1,4 +1,4 @@
-"""How objects show themselves in a notebook: a small HTML table, a picture."""
+"""Display of objects in a notebook: a small HTML table, a figure."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 __all__ = ["html_table", "picture", "short_number"]
 
-#: Where pictures of runs and mechanisms are drawn. It stands above the parts that hold the data, as
-#: the plotting backend of pandas does, and is loaded when a picture is asked for.
+#: Module that plots runs and mechanisms. It is in a layer above the data, like the plotting backend
+#: of pandas, and is imported when a figure is needed.
 BACKEND = "feltmb.graphics.plot"
 
 
 def short_number(value: object) -> str:
-    """Number with four digits, or text."""
+    """Number with four digits; a text is unchanged."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
@@ -45,5 +45,5 @@ def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]
 
 
 def picture(name: str, *arguments: Any) -> Figure:
-    """Figure that the function ``name`` of ``feltmb.graphics.plot`` draws."""
+    """Figure of the function ``name`` in ``feltmb.graphics.plot``."""
     return cast("Figure", getattr(importlib.import_module(BACKEND), name)(*arguments))

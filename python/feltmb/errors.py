@@ -1,4 +1,4 @@
-"""Exceptions of feltmb. Every message says what, where, got, expected, hint."""
+"""Exceptions of feltmb. Every message states what, where, the value, the expectation, a hint."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ __all__ = [
     "shown",
 ]
 
-MOST_LETTERS = 4000  # of a message
+MOST_LETTERS = 4000  # largest number of letters of a message
 _LONGEST_LINE = 1000
 
-#: Letters that command a terminal, that turn the direction of what follows, or that are not seen.
+#: Characters that control a terminal, change the direction of text, or are invisible.
 _COMMANDS = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
     "\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f]"
@@ -31,9 +31,9 @@ _COMMANDS = re.compile(
 
 
 def printable(text: str) -> str:
-    r"""Text with the letters that no screen shows, or that command it, written as ``\u001b``.
+    r"""Text with control characters and invisible characters written as ``\u001b``.
 
-    Lines and tabs stay. In a TOML or JSON text the escapes mean what they stand for.
+    Line breaks and tabs are kept. In a TOML or JSON text, the escapes have their meaning.
     """
     return _COMMANDS.sub(
         lambda m: f"\\u{ord(m[0]):04x}" if ord(m[0]) < 0x10000 else f"\\U{ord(m[0]):08x}", text
@@ -41,7 +41,7 @@ def printable(text: str) -> str:
 
 
 def _message(text: str) -> str:
-    """A message that can be shown: printable, and cut with a note where it would fill screens."""
+    """A message that can be shown: printable, and shortened with a note if it is too long."""
     if len(text) > 10 * MOST_LETTERS:
         lines = printable(text[: 2 * MOST_LETTERS]).splitlines()
     else:
@@ -51,7 +51,7 @@ def _message(text: str) -> str:
     shown: list[str] = []
     room = MOST_LETTERS
     for line in lines:
-        # Its end says what is wrong with the long name at its begin.
+        # The end of the message describes the fault of the long name at its beginning.
         cut = line if len(line) <= _LONGEST_LINE else f"{line[:690]} ... {line[-300:]}"
         room -= len(cut) + 1
         if room < 0:
@@ -63,10 +63,10 @@ def _message(text: str) -> str:
 
 
 class FeltmbError(RuntimeError):
-    """Root of all exceptions that feltmb raises on purpose.
+    """Base class of all exceptions that feltmb raises intentionally.
 
-    Messages quote names and values of files from anywhere: here they become harmless to a terminal
-    and are cut to `MOST_LETTERS` characters.
+    Messages contain names and values of any files. They are made harmless for a terminal and cut to
+    `MOST_LETTERS` characters.
     """
 
     def __init__(self, *args: object):
@@ -86,20 +86,20 @@ class ModelError(FeltmbError):
 
 
 class FileExists(FeltmbError):
-    """A file would be overwritten without leave to do so."""
+    """A file would be overwritten without permission."""
 
 
 class IntegrationError(FeltmbError):
-    """The solver stopped early, or its result is not reliable.
+    """The solver stopped early, or its result is unreliable.
 
     Attributes
     ----------
     partial : feltmb.Run or feltmb.actuator.ActuatorRun
-        The run as far as it came, complete up to ``time``.
+        The run until the failure, complete up to ``time``.
     time : float
         Time reached [s].
     state, contact : str
-        The state with the largest error at the failure, and the stiffest contact acting on it.
+        The state with the largest error at the failure, and the stiffest contact that acts on it.
     """
 
     def __init__(self, message: str, *, partial: Any, time: float, state: str, contact: str):
@@ -120,11 +120,11 @@ def no_such(what: str, name: object, known: Iterable[str]) -> InvalidParameter:
     Parameters
     ----------
     what
-        Kind of thing that was asked for, such as ``"channel"``.
+        Kind of the object, such as ``"channel"``.
     name
-        Name that was asked for.
+        The unknown name.
     known
-        Names that there are.
+        Known names.
     """
     import difflib
 
@@ -137,5 +137,5 @@ def shown(value: object) -> str:
     """A value as short text in one line, for messages."""
     try:
         return " ".join(_REPR.repr(value).split())
-    except Exception:  # a number of thousands of digits, or a foreign repr that fails
+    except Exception:  # a number with thousands of digits, or a foreign repr that fails
         return f"an object of type {type(value).__name__}"

@@ -1,4 +1,4 @@
-"""Figures that notebooks show; imported where a picture is drawn, for matplotlib takes its time."""
+"""Figures that notebooks show; imported at the first plot, because matplotlib is slow."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["Figure"]
 
 
 class Figure(figure.Figure):
-    """Figure of matplotlib; a notebook shows only those of ``pyplot`` by itself."""
+    """Figure of matplotlib that a notebook displays, in contrast to a plain ``Figure``."""
 
     def _repr_png_(self) -> bytes:
         file = io.BytesIO()

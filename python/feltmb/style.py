@@ -1,4 +1,4 @@
-"""Style of the pictures: colors, sizes, units for the reader, figures and axes."""
+"""Style of the figures: colors, sizes, units for people, axes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ __all__ = [
     "style_axes",
 ]
 
-#: Colors of Okabe and Ito, distinct for all common kinds of color vision.
+#: Colors of Okabe and Ito, which are distinct for all common types of color vision.
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PURPLE = (
     "#222222",
     "#E69F00",
@@ -70,7 +70,7 @@ DPI = 150
 SMALL, NORMAL, LARGE = 7.0, 8.5, 10.5
 
 
-#: Fill of the groups of bodies, pale tints; a mechanism with more groups starts over.
+#: Light fill colors of the groups of bodies; they are repeated for more groups.
 FILLS = ("#F3E7CC", "#CFE6F5", "#F9D9B8", "#D5EBDC", "#E8D3E4", "#F6F2B6", "#DDDDDD")
 
 
@@ -86,7 +86,7 @@ RAIL = "#C9C2B8"
 SURFACE = "#8E1B1B"
 
 
-#: SI unit -> factor and unit for the reader.
+#: SI unit -> factor and unit for people.
 READER_UNITS = {
     "m": (1e3, "mm"),
     "s": (1e3, "ms"),
@@ -96,12 +96,12 @@ READER_UNITS = {
 
 
 def reader_unit(unit: str) -> tuple[float, str]:
-    """Factor and unit in which a reader wants an SI unit."""
+    """Factor and unit for people for an SI unit."""
     return READER_UNITS.get(unit, (1.0, unit))
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Figure of a size in inches with a canvas of its own."""
+    """New figure with a size in inches and its own canvas."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     from feltmb.figure import Figure
@@ -115,7 +115,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def style_axes(ax: Axes, x: str = "", y: str = "", title: str = "") -> Axes:
-    """Labels, a pale grid and no frame at the top and right."""
+    """Set labels, a light grid, and no frame at the top and right."""
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[["left", "bottom"]].set_color(GRAY)
     ax.tick_params(labelsize=SMALL + 0.5, color=GRAY, length=3)
@@ -144,12 +144,12 @@ def side_legend(ax: Axes, **options: Any) -> None:
 
 
 def plain_text(text: str) -> str:
-    """Text of a file as it is: matplotlib would read a dollar sign as mathematics."""
+    """Text of a file without mathematics: matplotlib would interpret a dollar sign."""
     return text.replace("$", r"\$")
 
 
 def spread_apart(wanted: Sequence[float], gap: float) -> list[float]:
-    """Positions nearest to the sorted ``wanted`` that keep ``gap`` between neighbors."""
+    """Positions closest to the sorted ``wanted`` that have the distance ``gap``."""
     # Isotonic regression of the positions without their gaps: pool adjacent violators.
     blocks: list[list[float]] = []  # mean, count
     for i, value in enumerate(wanted):
@@ -164,5 +164,5 @@ def spread_apart(wanted: Sequence[float], gap: float) -> list[float]:
 
 
 def body_fill(group: int) -> str:
-    """Fill of a group of bodies welded together; ground is -1."""
+    """Fill color of a group of bodies that are rigidly connected; ground is -1."""
     return FILLS[group % len(FILLS)] if group >= 0 else RAIL

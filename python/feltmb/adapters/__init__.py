@@ -1,7 +1,7 @@
-"""Mechanisms as adapters of a fit or a diagnosis: tolerances, effects, records.
+"""Adapters that make mechanisms models of a fit or a diagnosis: tolerances, effects, records.
 
-The layer between :mod:`feltmb.run.simulate`, which runs mechanisms, and :mod:`feltmb.fit` and
-:mod:`feltmb.gap`, which know time series and nothing of pianos.
+This layer is between :mod:`feltmb.run.simulate`, which runs mechanisms, and :mod:`feltmb.fit` and
+:mod:`feltmb.gap`, which only use time series and know nothing about pianos.
 """
 
 from feltmb.adapters.apply_effects import action_with_effects

@@ -1,9 +1,10 @@
-"""Effects that move the same numbers of a mechanism as a tolerance: another name for more of it.
+"""Effects that change the same values of a mechanism as a tolerance, in the same direction.
 
-A let-off button that stands 0.2 mm off its place is regulation, one that stands 1.5 mm off is a
-cause. To first order both are one direction, which must be told by its magnitude alone: where the
-two were differenced with steps of their own, what is not linear in them looked like a trace that
-only the effect has, and never was in the records.
+Example: a let-off button that is 0.2 mm from its tabulated position is within the regulation; at
+1.5 mm it is a cause. To first order, both are the same direction, and only the magnitude separates
+them. The derivative of such an effect is therefore computed from the derivative of the tolerance.
+Separate finite differences would differ by nonlinear terms, which would look like a signature of
+the effect alone.
 """
 
 from __future__ import annotations
@@ -18,22 +19,22 @@ from feltmb.mechanism import MechanismFile
 
 __all__ = ["Alias", "alias_of"]
 
-#: Relative difference of the ratios of two directions that are one.
+#: Largest relative difference of the ratios of two equal directions.
 SAME = 1e-9
 
 
 @dataclass(frozen=True)
 class Alias:
-    """An effect and the tolerance that moves the same numbers."""
+    """An effect and the tolerance that changes the same values."""
 
     index: int
-    """Of the tolerance."""
+    """Index of the tolerance."""
     tolerance: Entry
     effect: Entry
     config: MechanismFile
 
     def ratio(self, departure: float, magnitude: float) -> float:
-        """What a unit of the effect does, in units of the tolerance, at values of both."""
+        """Derivative by the effect divided by the derivative by the tolerance, at given values."""
         by_effect = _slopes(self.config, self.effect, magnitude, self.tolerance, departure)
         by_tolerance = _slopes(self.config, self.tolerance, departure, self.effect, magnitude)
         path = max(by_tolerance, key=lambda p: abs(by_tolerance[p]))
@@ -41,7 +42,7 @@ class Alias:
 
 
 def alias_of(config: MechanismFile, effect: Entry, tolerances: Sequence[Entry]) -> Alias | None:
-    """The tolerance that an effect is more of; None: it does something else.
+    """Tolerance that changes the same values as an effect; None: there is none.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ def alias_of(config: MechanismFile, effect: Entry, tolerances: Sequence[Entry]) 
     effect
         An entry of its library.
     tolerances
-        Those that are estimated along.
+        Tolerances that are estimated.
     """
     if not _plain(effect):
         return None
@@ -70,7 +71,7 @@ def alias_of(config: MechanismFile, effect: Entry, tolerances: Sequence[Entry]) 
 
 
 def _plain(entry: Entry) -> bool:
-    """Whether an entry does nothing but to change numbers, the same in every record."""
+    """Whether an entry only changes values, equally in every record."""
     return (
         bool(entry.changes)
         and entry.insertion is None
@@ -84,7 +85,7 @@ def _plain(entry: Entry) -> bool:
 def _slopes(
     config: MechanismFile, entry: Entry, magnitude: float, other: Entry, other_size: float
 ) -> dict[str, float]:
-    """Derivatives of the changed numbers by the magnitude of an entry, with another in place."""
+    """Derivatives of the changed values by the magnitude of an entry, with the other applied."""
     out: dict[str, float] = {}
     for path in {c.path: None for c in entry.changes}:
         own = [c for c in entry.changes if c.path == path]

@@ -1,4 +1,4 @@
-"""A mechanism with the effects that a diagnosis found, ready to simulate and to save."""
+"""Mechanism with the effects of a diagnosis, for simulation and saving."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ def action_with_effects(
     Parameters
     ----------
     entries
-        (entry, magnitude [its unit], shape or None); sensor and input effects change no mechanism.
+        (entry, magnitude [its unit], shape or None); sensor and input effects do not change a
+        mechanism.
     conditions
-        Of the record for which drifting effects are wanted.
+        Conditions of the record, for effects that depend on a condition.
 
     Returns
     -------
     Action
-        In SI units; notes and sources of the file are left behind, because they speak of the old
-        numbers. The old action itself if nothing changed.
+        The mechanism in SI units. Notes and sources of the file are removed, because they describe
+        the old values. If nothing changed, the original object is returned.
     """
     config = changed_config(action.config, entries, conditions or {})
     if config is action.config:

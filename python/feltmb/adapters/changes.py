@@ -1,9 +1,10 @@
-"""Changes of a validated mechanism by dotted path, in SI units, without copying what stays.
+"""Changes of a validated mechanism by dotted path, in SI units, without copies of the rest.
 
-A *change* says how a magnitude moves one entry: multiplied by ``1 + scale * magnitude`` or
-``exp(exp * magnitude)``, or with ``add * magnitude`` added. Several changes of one entry combine:
-factors multiply, then what is added adds. An entry that is back at its old value is left as it is,
-so that a magnitude of zero is the old mechanism to the last bit.
+A *change* states how a magnitude changes one entry: the entry is multiplied by
+``1 + scale * magnitude`` or ``exp(exp * magnitude)``, or ``add * magnitude`` is added. Several
+changes of one entry are combined: factors are multiplied first, then the summands are added. If the
+result equals the old value, the entry is not replaced, so that magnitude zero gives exactly the old
+mechanism.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ _AXES = {"x": 0, "y": 1}
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """How a magnitude moves one entry of a mechanism file."""
+    """Change of one entry of a mechanism file by a magnitude."""
 
     path: str
-    """Dotted path, ``surfaces.Gp10.point.y``; a body's name stands for ``bodies.NAME``."""
+    """Dotted path, ``surfaces.Gp10.point.y``; the name of a body stands for ``bodies.NAME``."""
     scale: float = 0.0
     """The entry is multiplied by 1 + scale * magnitude [1 / unit of the magnitude]."""
     exp: float = 0.0
@@ -86,7 +87,7 @@ def _replaced(node: Any, parts: list[str], value: Any, path: str) -> Any:
 
 
 def replace_entry(config: MechanismFile, path: str, value: Any) -> MechanismFile:
-    """Mechanism with one entry replaced (SI units); nothing else is copied or checked."""
+    """Mechanism with one entry replaced (SI units); the rest is neither copied nor checked."""
     out: MechanismFile = _replaced(config, _steps(config, path), value, path)
     return out
 
@@ -94,7 +95,7 @@ def replace_entry(config: MechanismFile, path: str, value: Any) -> MechanismFile
 def apply_changes(
     config: MechanismFile, changes: Iterable[tuple[Change, float]]
 ) -> tuple[MechanismFile, dict[str, float]]:
-    """Apply changes with their magnitudes; returns the new mechanism and the entries that moved."""
+    """Apply changes with their magnitudes; return the new mechanism and the changed entries."""
     factors: dict[str, float] = {}
     sums: dict[str, float] = {}
     for change, magnitude in changes:

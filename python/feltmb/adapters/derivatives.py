@@ -1,7 +1,7 @@
-"""Derivatives of a mechanism's segments: integrated along with the motion, all in one pass.
+"""Derivatives of the segments of a mechanism, integrated together with the motion.
 
-Only an effect that brings states of its own, while its magnitude is zero, is a one-sided
-difference: a candidate by itself, an included one with all else by :mod:`feltmb.fit`.
+One-sided differences are only used for effects with states of their own at magnitude zero: for a
+candidate in this module, and for an included effect in :mod:`feltmb.fit`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["sensitivities"]
 def sensitivities(
     model: DifferentiableMechanism, request: SensitivityRequest
 ) -> Sensitivity | None:
-    """See :meth:`feltmb.fit.Model.sensitivities`; None where no pass can tell."""
+    """See :meth:`feltmb.fit.Model.sensitivities`; None if the integration cannot give them."""
     sizes = zip(request.included, request.sizes, strict=True)
     if not all(can_differentiate(t) or s for t, s in sizes):
         return None
@@ -48,7 +48,7 @@ def sensitivities(
 def _candidates(
     model: DifferentiableMechanism, request: SensitivityRequest, outputs: Array, ends: Array
 ) -> tuple[Array, Array]:
-    """Derivatives of candidates at zero; hidden states run on from segment to segment."""
+    """Derivatives of candidates at zero; hidden states continue from segment to segment."""
     record, theta, segments, starts = (
         request.record,
         request.theta,

@@ -1,4 +1,4 @@
-"""What the derivatives of a mechanism ask of its model."""
+"""Interface of a model whose derivatives are computed by this package."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ __all__ = ["DifferentiableMechanism"]
 
 
 class DifferentiableMechanism(Model):
-    """A model of a mechanism whose versions can be made, integrated and differentiated."""
+    """A model of a mechanism that can be changed, integrated and differentiated."""
 
     action: Action
-    """The mechanism with its tabulated numbers."""
+    """The mechanism with its tabulated values."""
     drives: Drives
-    """What presses the mechanism in a record."""
+    """Inputs of the mechanism in a record."""
     rtol: float
     """Relative tolerance of the integrator [1]."""
     single: bool
-    """Whether a record is one segment that starts at rest."""
+    """Whether a record is simulated as one segment that starts at rest."""
     workers: int
-    """Threads."""
+    """Number of threads."""
 
     @abstractmethod
     def version(
         self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
     ) -> Variant:
-        """The mechanism of parameters and magnitudes under the conditions of a record."""
+        """The mechanism with given parameters and magnitudes, under the conditions of a record."""
 
     @abstractmethod
     def at_rest(self, variant: Variant, output: str) -> float:
-        """Value of an output at rest: where the tracking point is [m]; 0 for a force."""
+        """Value of an output at rest: position of the tracking point [m]; 0 for a force."""
 
     @abstractmethod
     def in_parallel(self, work: Callable[[Any], None], tasks: Sequence[Any]) -> None:

@@ -1,4 +1,4 @@
-"""What a record puts into a mechanism: force of the finger, or motion of the key's front."""
+"""Inputs of a mechanism from a record: force of the finger, or motion of the key front."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from feltmb.mechanism import Action
 
 __all__ = ["Drive", "Drives", "follow", "with_noise"]
 
-#: Smoothed motions that are kept: a diagnosis asks for each of them thousands of times.
+#: Number of cached smoothed motions; a diagnosis uses each of them thousands of times.
 SMOOTHED = 256
-#: Estimated noise of an input from which it is told: of a motion [m], of a force [N].
+#: Estimated noise of an input above which a note is given: of a motion [m], of a force [N].
 AUDIBLE = {"displacement": 2e-7, "force": 1e-4}
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What a record puts in: force of the finger [N], or displacement of the key's front [m]."""
+    """Input of a record: force of the finger [N], or displacement of the key front [m]."""
 
     time: Array
     value: Array
@@ -36,10 +36,10 @@ class Drive:
         return "key_motion" if self.motion else "force"
 
     def profile(self, begin: float, duration: float) -> _core.Profile:
-        """Input on the clock of a segment that begins at ``begin`` [s].
+        """Input on the time axis of a segment that begins at ``begin`` [s].
 
-        A force goes through its samples without overshoot; a motion, whose acceleration counts,
-        as a spline through the whole record.
+        A force is interpolated without overshoot. A motion is a spline through the whole record,
+        because its acceleration matters.
         """
         low, high = 0, self.time.size
         if not self.motion:
@@ -50,18 +50,18 @@ class Drive:
 
 
 class Drives:
-    """Drives of records; a noisy motion is smoothed once and kept."""
+    """Inputs of records; a noisy motion is smoothed once and cached."""
 
     def __init__(self) -> None:
         self._smoothed: Latest[tuple[object, ...], Array] = Latest(SMOOTHED)
 
     def of(self, record: Record) -> Drive:
-        """What the record puts in.
+        """Input of a record.
 
         Raises
         ------
         DataError
-            The input that its mode needs is missing.
+            The input of the input mode is missing.
         """
         motion, wanted = record.input_mode == "motion", _input_of(record)
         if wanted not in record.inputs:
@@ -79,9 +79,9 @@ class Drives:
 
 
 def follow(action: Action, v: Variant, full: Array, profile: _core.Profile) -> None:
-    """Put the joint of the finger's body where the prescribed motion wants it, and its rate.
+    """Set position and speed of the joint of the finger's body to the prescribed motion.
 
-    The start state of that joint has no say under motion input.
+    With motion input, the start state of that joint is ignored.
     """
     finger = action.config.finger
     assert finger is not None
@@ -108,10 +108,10 @@ def follow(action: Action, v: Variant, full: Array, profile: _core.Profile) -> N
 
 
 def with_noise(record: Record, notes: list[str]) -> Record:
-    """A record whose input says how noisy it is; estimated, and noted, where it did not.
+    """A record with the noise of its input; it is estimated, and noted, if it is not specified.
 
-    The noise of a motion is smoothed away. That of a force moves the machine in the model, and not
-    in truth: it belongs to what differs from run to run without a cause.
+    The noise of a motion is removed by smoothing. The noise of a force moves the model but not the
+    machine; it is therefore part of the run-to-run variability.
     """
     name = _input_of(record)
     if name not in record.inputs or name in record.input_sigma:
@@ -129,5 +129,5 @@ def with_noise(record: Record, notes: list[str]) -> Record:
 
 
 def _input_of(record: Record) -> str:
-    """Name of the input that the mode of a record needs."""
+    """Name of the input for the input mode of a record."""
     return "displacement" if record.input_mode == "motion" else "force"

@@ -1,4 +1,4 @@
-"""Entries of a library as effects of :mod:`feltmb.gap`."""
+"""Effects of :mod:`feltmb.gap` from entries of a library."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ def effect_of(
     states: bool = True,
     tolerance_parameter: str = "",
 ) -> Effect:
-    """Effect for the engine.
+    """Make an effect from an entry of a library.
 
     Parameters
     ----------
     outputs
-        Those of the model, on which sensor effects act.
+        Outputs of the model, on which sensor effects act.
     channels
-        Outputs behind the names of channels.
+        Outputs by channel name.
     states
-        Whether the states that it brings are shown; not where records are simulated whole.
+        Whether the effect shows its hidden states; false if records are simulated as a whole.
     tolerance_parameter
-        Tolerance that it is more of.
+        Tolerance that changes the same values.
     """
     hidden = [
         State(name=name, unit=unit, scale=magnitude, start_sd=0.0, hidden=True)

@@ -1,4 +1,4 @@
-"""What a magnitude does to the felt of one contact: stiffness, hardening, thickness."""
+"""Changes of the felt of one contact: stiffness, hardening, thickness."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ from feltmb.mechanism import Contact, Curve, MechanismFile
 
 __all__ = ["changes"]
 
-#: Force at which a felt that hardens earlier or later keeps its force [N].
+#: Force that is unchanged when the hardening of a felt changes [N].
 REFERENCE_FORCE = 5.0
 
 
 def changes(
     config: MechanismFile, contact: str, what: str, times: float = 1.0
 ) -> list[Change] | None:
-    """Changes of the entries of a contact; None if its law has none such.
+    """Changes of the entries of a contact; None if its law does not have them.
 
     Parameters
     ----------
     what
-        ``stiffness``: both curves times 1 + times * magnitude. ``hardening``: the exponents b of
-        both curves times 1 + magnitude, their a such that a exp(b e) stays at the depth where the
-        loading curve gives 5 N. ``thickness``: the felt is thinner by magnitude [m].
+        ``stiffness``: both curves are multiplied by 1 + times * magnitude. ``hardening``: the
+        exponents b of both curves are multiplied by 1 + magnitude; their a is changed so that a
+        exp(b e) is constant at the depth at which the loading curve gives 5 N. ``thickness``: the
+        thickness of the felt is reduced by magnitude [m].
     """
     node = config.contacts[contact]
     if what == "thickness":
@@ -63,7 +64,7 @@ def _depth(curve: Curve) -> float:
 
 
 def _thickness(config: MechanismFile, node: Contact) -> list[Change] | None:
-    """Shrink the circle of the pair; a circle of radius zero moves its line instead."""
+    """Reduce the radius of the circle of the pair; with radius zero, move its line instead."""
     for name in node.surfaces:
         surface = config.surfaces[name]
         if surface.kind == "circle" and surface.radius:

@@ -1,9 +1,10 @@
-"""Derivatives of a mechanism's segments by forward sensitivities: exact, all columns in one pass.
+"""Derivatives of the segments of a mechanism by forward sensitivities, all in one pass.
 
-The variational equation is integrated along the stroke (:mod:`feltmb.run.sensitivity`); what a
-parameter does to the equations comes from mechanisms with the parameter shifted. Start states are
-departures from a rest pose that moves with the parameters: its part is added by the chain rule.
-Effects that bring states of their own (pivots that give, felt that creeps) are left to differences.
+The variational equation is integrated together with the stroke (:mod:`feltmb.run.sensitivity`). The
+derivative of the equations by a parameter follows from mechanisms with a shifted parameter. Start
+states are deviations from the rest pose, which depends on the parameters; the chain rule adds this
+dependence. Effects with states of their own (compliant pivots, creeping felt) are left to finite
+differences.
 """
 
 from __future__ import annotations
@@ -28,29 +29,30 @@ from feltmb.fit.watch import simulated
 
 __all__ = ["can_differentiate", "forward_sensitivities"]
 
-#: Shift of a parameter or magnitude as a share of its scale: curvature and rounding of the rest
-#: pose both lie below 1e-5 of a derivative.
+#: Shift of a parameter or magnitude as a share of its scale. The errors by curvature and by
+#: rounding of the rest pose are then below 1e-5 of a derivative.
 SHIFT = 1e-5
-#: Local relative error of a column: up to a strike nine in ten are right to 1e-3 of their largest.
+#: Relative tolerance of a derivative. Before a strike, nine of ten derivatives are correct to 1e-3
+#: of their largest value.
 TOLERANCE = 3e-3
 
 
 @dataclass(frozen=True)
 class _Column:
-    """One number to differentiate by: shifted versions of the mechanism with their weights."""
+    """One variable of differentiation: shifted versions of the mechanism with their weights."""
 
     name: str
     nodes: tuple[tuple[Variant, float, float], ...]
     scale: float
 
     def rest(self, pick: Any) -> Array:
-        """Derivative of something of the rest by this number."""
+        """Derivative of a quantity of the rest pose by this variable."""
         out: Array = sum(w * np.asarray(pick(v)) for v, _, w in self.nodes)  # type: ignore[assignment]
         return out
 
 
 def can_differentiate(candidate: Candidate) -> bool:
-    """Whether the candidate leaves the states of the mechanism as they are."""
+    """Whether the candidate adds no states to the mechanism."""
     entry = candidate.effect.data
     if not isinstance(entry, Entry):
         return False
@@ -62,8 +64,9 @@ def forward_sensitivities(
 ) -> Sensitivity | None:
     """See :meth:`feltmb.fit.Model.sensitivities`; None if a segment or a shift failed.
 
-    All included effects and candidates must satisfy :func:`can_differentiate`, or be included
-    effects whose states the model has already (their magnitudes are then differentiated as well).
+    All included effects and candidates must satisfy :func:`can_differentiate`. Included effects
+    whose states are part of the model are permitted as well; derivatives by their magnitudes are
+    then computed too.
     """
     record, segments, starts = request.record, request.segments, request.starts
     by_theta, by_starts = request.parameters_of(model), request.by_starts
@@ -91,7 +94,7 @@ def forward_sensitivities(
     def start_of(
         v: Variant, start: Array, own: Any, held: Remembered | None
     ) -> tuple[Array, list[float]]:
-        """Full state and remembered compressions at the begin of a segment."""
+        """Full state and remembered compressions at the start of a segment."""
         full, compressions = start_state(v, names, start, held)
         if drive.motion:
             follow(model.action, v, full, own)
@@ -103,7 +106,7 @@ def forward_sensitivities(
         begin, end = float(clock[first]), float(clock[last])
         if model.single:
             first, begin, start = 0, 0.0, np.zeros(place.size)
-            if not drive.motion:  # the rest pose, which the core finds
+            if not drive.motion:  # the core finds the rest pose
                 prepared.append(_core.SensitivitySegment(begin, end))
                 continue
         own = drive.profile(float(record.time[first]), end - begin)
@@ -134,7 +137,7 @@ def forward_sensitivities(
         for c in columns
     ]
     if model.single:
-        # One run serves all segments.
+        # One run for all segments.
         last = int(np.argmax(segments[:, 1]))
         prepared = [prepared[last]]
     span = segments[:, 1].max() if model.single else np.sum(segments[:, 1] - segments[:, 0])
@@ -161,7 +164,7 @@ def forward_sensitivities(
 def _columns(
     model: DifferentiableMechanism, request: SensitivityRequest, base: Variant
 ) -> list[_Column]:
-    """One-sided: curvature is below 1e-5 of a derivative, and one version a column is enough."""
+    """Variables with one-sided differences: their curvature error is below 1e-5 of a derivative."""
     theta, included, magnitudes = request.theta, request.included, request.sizes
 
     def column(

@@ -1,8 +1,8 @@
-"""Numbers of single impacts as a model: sparse published data instead of time series.
+"""Model of single impacts, for sparse published data instead of time series.
 
-A record is one impact: its input is the speed before impact, its outputs are numbers of
-``run.summary`` such as the largest force and the duration of contact. The impact is a stroke of the
-whole mechanism, whose speeds are scaled, 3 ms before it, so that the hammer arrives as given.
+A record is one impact. Its input is the speed before the impact. Its outputs are values of
+``run.summary``, such as the largest force and the duration of contact. The impact is a stroke of
+the whole mechanism; all speeds are scaled 3 ms before it, so that the hammer has the given speed.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ from feltmb.units.quantity import SI, Schema, fault_text, parse_scalar, validate
 
 __all__ = ["ImpactModel", "impact_record", "load_impacts"]
 
-#: The hammer's speed is set this long before it meets the string [s].
+#: Time before contact with the string at which the speed of the hammer is set [s].
 BEFORE = 3e-3
-#: An impact is followed for this long after the speed was set [s].
+#: Duration of the simulation after the speed was set [s].
 AFTER = 13e-3
-#: A hammer may leave the string and touch it again within this time of one impact [s].
+#: Contacts that follow each other within this time belong to one impact [s].
 ONE_BLOW = 6e-3
 
 
@@ -66,11 +66,11 @@ def impact_record(
     Parameters
     ----------
     stroke
-        Packaged stroke or file that brings the hammer to the string.
+        Packaged stroke or file that moves the hammer to the string.
     impact_speed
-        Before impact, normal to the string [m/s].
+        Speed before the impact, normal to the string [m/s].
     numbers
-        Key of ``run.summary`` -> (value, standard deviation, unit), SI.
+        Key of ``run.summary`` -> (value, standard deviation, unit), in SI units.
     values
         Overrides of this impact, such as ``{"string.kind": "rigid_stop"}``.
     """
@@ -91,7 +91,7 @@ def impact_record(
 
 
 class ImpactModel(Model):
-    """A mechanism as a model of impact numbers.
+    """A mechanism as a model of the values of impacts.
 
     Parameters
     ----------
@@ -155,11 +155,11 @@ class ImpactModel(Model):
         return ()
 
     def forget(self) -> None:
-        """See :class:`~feltmb.fit.Model`: the derivatives that are kept."""
+        """See :class:`~feltmb.fit.Model`: clears the cached derivatives."""
         self.reuse.clear()
 
     def accepts(self, effect: Effect) -> bool:
-        """Effects that carry an :class:`Entry`."""
+        """Whether an effect has an :class:`Entry`."""
         return isinstance(effect.data, Entry) or super().accepts(effect)
 
     def simulate(self, record: Record, jobs: Jobs) -> Simulated:
@@ -175,7 +175,7 @@ class ImpactModel(Model):
         return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
     def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
-        # Differences, kept while the point moves little.
+        # Differences, cached while the point changes little.
         request.check(self)
         return self.reuse.ask(self, request, super().sensitivities)
 
@@ -186,7 +186,7 @@ class ImpactModel(Model):
         included: tuple[Candidate, ...] = (),
         magnitudes: Array | None = None,
     ) -> dict[str, float]:
-        """Numbers of an impact by key; NaN where the impact has none.
+        """Values of an impact by key; NaN if the impact does not have the value.
 
         Parameters
         ----------
@@ -244,7 +244,7 @@ class ImpactModel(Model):
         return self._actions[key]
 
     def _strike(self, v: Variant, stroke: Stroke, speed: float) -> dict[str, float]:
-        """Numbers of an impact that arrives with the given speed."""
+        """Values of an impact with the given speed."""
         start = self._start(stroke)
         before = self._simulate(v, stroke, list(v.rest), list(v.memory), start, events=False)
         later = stroke.shifted(-start)
@@ -285,7 +285,7 @@ class ImpactModel(Model):
         return _core.simulate(v.mechanism, stroke.input, options, state, [], None, memory)
 
     def _numbers(self, run: Any) -> dict[str, float]:
-        """First closing of the strike contact, its last opening within one impact, and the peak."""
+        """First closing of the strike contact, its last opening within the impact, and the peak."""
         changes = [
             (i, time, direction)
             for i, (time, contact, _, direction) in enumerate(run.events)
@@ -306,7 +306,7 @@ class ImpactModel(Model):
         return out
 
     def _start(self, stroke: Stroke) -> float:
-        """When the speed is set: before the impact of the mechanism as it is [s]."""
+        """Time at which the speed is set: before the impact of the unchanged mechanism [s]."""
         with self._lock:
             if stroke.name not in self._impact_times:
                 run = simulate(self.action, stroke, ledger=False, output_rate=100.0)
@@ -347,13 +347,13 @@ _UNITS = {"rebound_speed": "m/s", "max_string_force": "N", "string_contact_durat
 def load_impacts(path: str | Path) -> tuple[ImpactModel, tuple[Effect, ...], tuple[Record, ...]]:
     """Model, effects and records of a TOML file of impacts.
 
-    Every number is a table ``{ value, unit, sd }``; ``sd`` is in the same unit and required.
-    ``values`` at the top are values of the mechanism by dotted path, for all impacts.
+    Every value is a table ``{ value, unit, sd }``; ``sd`` is in the same unit and required.
+    ``values`` at the top level are values of the mechanism by dotted path, for all impacts.
 
     Raises
     ------
     InvalidParameter
-        Faults of the file, all at once.
+        Faults of the file, all in one message.
     """
     path = Path(path)
     file = validated(_ImpactFile, read_toml(path), path.name)

@@ -1,8 +1,8 @@
-"""Parts that an effect brings into a mechanism: pivots that give, hinges, added masses.
+"""Parts that an effect adds to a mechanism: compliant pivots, hinges, masses.
 
-At magnitude zero nothing is inserted: the mechanism is the old one to the last bit. As the
-magnitude goes to zero the inserted joint stiffens without bound and the motion tends to the old one
-in proportion.
+At magnitude zero nothing is added, so that the mechanism is exactly the old one. As the magnitude
+approaches zero, the stiffness of the added joint becomes infinite, and the motion approaches the
+old one linearly.
 """
 
 from __future__ import annotations
@@ -21,35 +21,36 @@ Kind = Literal["clearance", "compliance", "hinge", "mass", "bending"]
 
 @dataclass(frozen=True, kw_only=True)
 class Insertion:
-    """What is inserted where."""
+    """Type and place of an added part."""
 
     kind: Kind
-    """``clearance``: the pivot of a body moves in a hole of radius ``size`` [m]; ``compliance``:
-    it gives by ``size`` [m/N] both ways; ``hinge``: the body bends at a point by ``size``
-    [rad/(N m)]; ``mass``: ``size`` [kg] rides on a point of the body; ``bending``: a rigid beam
-    bends by ``size`` times what its printed section and modulus give [1]."""
+    """Type of the part; ``size`` is its magnitude. ``clearance``: the pivot of a body moves in a
+    hole with the clearance ``size`` [m]. ``compliance``: the pivot has the compliance ``size``
+    [m/N] in both directions. ``hinge``: the body bends at a point with the compliance ``size``
+    [rad/(N m)]. ``mass``: a mass ``size`` [kg] at a point of the body. ``bending``: a rigid beam
+    becomes elastic, with ``size`` times the compliance of its tabulated section and modulus [1]."""
     body: str
     damping: float = 20.0
-    """Of the pivot [N s/m] or hinge [N m s/rad]."""
+    """Damping of the pivot [N s/m] or hinge [N m s/rad]."""
     seating: float = 0.2
-    """Load that seats the pin of a clearance against its wall [N]."""
+    """Load with which the pin of a clearance is pressed against its wall [N]."""
     point: tuple[float, float] = (0.0, 0.0)
-    """Of the mass or the hinge, in the frame of the body [m]."""
+    """Position of the mass or the hinge in the frame of the body [m]."""
     part: str = ""
-    """Hinge: name of the part beyond it."""
+    """Hinge: name of the part beyond the hinge."""
     carries: tuple[str, ...] = ()
-    """Hinge: surfaces and points that lie beyond it; ``finger`` for the finger."""
+    """Hinge: surfaces and points on the part beyond the hinge; ``finger`` for the finger."""
     share: float = 0.5
-    """Hinge: share of the mass beyond it, a slender uniform piece from the hinge to ``end``."""
+    """Hinge: share of the mass beyond it, a uniform slender rod from the hinge to ``end``."""
     end: tuple[float, float] = (0.0, 0.0)
-    """Hinge: far end of that piece, in the frame of the body [m]."""
+    """Hinge: far end of that rod in the frame of the body [m]."""
 
 
 _AXIS: dict[str, tuple[float, float]] = {"x": (1.0, 0.0), "y": (0.0, 1.0)}
 
 
 def inserted_coordinates(insertion: Insertion) -> tuple[tuple[str, str, float], ...]:
-    """Name, unit and scale of the coordinates that an insertion brings."""
+    """Name, unit and scale of the coordinates that an added part has."""
     if insertion.kind in ("clearance", "compliance"):
         return tuple((f"{insertion.body}.pin.{axis}", "m", 1e-5) for axis in _AXIS)
     if insertion.kind == "hinge":
@@ -58,12 +59,12 @@ def inserted_coordinates(insertion: Insertion) -> tuple[tuple[str, str, float], 
 
 
 def insert(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:
-    """Mechanism with the insertion; the old one at magnitude zero.
+    """Mechanism with the added part; the old mechanism at magnitude zero.
 
     Raises
     ------
     InvalidParameter
-        The magnitude is negative, the body is missing or cannot take the insertion.
+        The magnitude is negative, or the body is missing or unsuitable.
     """
     if magnitude == 0.0:
         return config
@@ -138,7 +139,7 @@ def _added_mass(config: MechanismFile, insertion: Insertion, magnitude: float) -
 
 
 def _hinged(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:
-    """Split a body at a point: the part beyond hangs on a stiff, damped hinge."""
+    """Split a body at a point: a stiff, damped hinge connects the two parts."""
     body = config.bodies[insertion.body]
     hinge, end = insertion.point, insertion.end
     mass = insertion.share * body.mass

@@ -1,4 +1,4 @@
-"""Events that tracked points show by themselves: key start, key landing, turn of the hammer."""
+"""Events that tracked points show: start and end of the key's motion, reversal of the hammer."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ from feltmb.mechanism import Reading
 
 __all__ = ["first_turn", "landmarks"]
 
-#: Travel at which a part counts as moving [m].
+#: Displacement above which a part counts as moving [m].
 START = 1e-4
-#: Share of its largest travel that a part has to reach, and to give back, before its turn counts.
+#: Share of its largest displacement that a part must reach, and lose again, before a reversal
+#: counts.
 REACHED, RETURNED = 0.5, 0.1
-#: Width of the median that takes bad samples away.
+#: Width of the median filter that removes bad samples.
 BAD = 5
 
 
 def first_turn(time: Array, values: Array) -> float | None:
-    """When a part first turns back from where it went [s]; None: it hardly moves, or never does.
+    """Time of the first reversal of a motion [s]; None: it hardly moves, or does not reverse.
 
     Parameters
     ----------
     time, values
-        (n,) [s] and displacement from rest [m]; NaN is missing. One or two bad samples in a row
-        are passed over.
+        Times (n,) [s] and displacements from rest [m]; NaN is missing. One or two consecutive bad
+        samples are ignored.
     """
     from scipy.ndimage import median_filter
 
@@ -45,16 +46,16 @@ def first_turn(time: Array, values: Array) -> float | None:
 def landmarks(
     time: Array, outputs: Mapping[str, Array], reading: Reading
 ) -> list[tuple[str, float]]:
-    """Names and times [s] of what the channels show, in order of time.
+    """Names and times [s] of the events in the channels, sorted by time.
 
     Parameters
     ----------
     time
-        (n,) [s]
+        Times (n,) [s].
     outputs
         Displacements from rest [m] by output name; NaN is missing.
     reading
-        Which points are the key and what strikes.
+        Names of the points of the key and of the hammer.
     """
     found: list[tuple[str, float]] = []
     key = outputs.get(f"{reading.key_point}.y")
@@ -79,7 +80,7 @@ def landmarks(
 
 
 def _crossing(time: Array, values: Array, level: float) -> float | None:
-    """First time at which values rise through a level, by straight lines between samples."""
+    """First time at which values rise through a level, by linear interpolation."""
     above = np.flatnonzero(values > level)
     if above.size == 0 or above[0] == 0:
         return None

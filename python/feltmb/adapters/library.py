@@ -1,7 +1,7 @@
-"""The library of effects and tolerances: TOML tables, expanded for one mechanism.
+"""Library of effects and tolerances: TOML tables, expanded for one mechanism.
 
-A table stands for one effect, or with ``for`` for one of each joint, contact, beam and so on. What
-comes out are :class:`Entry` objects: plain data that :class:`~feltmb.adapters.model` can apply.
+A table defines one effect, or, with ``for``, one effect for each joint, contact, beam and so on.
+The results are :class:`Entry` objects: plain data that :class:`~feltmb.adapters.model` can apply.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ class Signal:
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """A drift: the magnitude counts in proportion to a condition of the record."""
+    """A drift: a condition of the record determines a factor of the magnitude."""
 
     name: str
     reference: float
@@ -183,7 +183,7 @@ class Condition:
     logarithmic: bool = False
 
     def factor(self, conditions: Mapping[str, float | str]) -> float:
-        """Factor on the magnitude in a record; 0 where the condition was not recorded."""
+        """Factor of the magnitude in a record; 0 if the record does not state the condition."""
         value = conditions.get(self.name)
         if not isinstance(value, (int, float)) or not math.isfinite(value):
             return 0.0
@@ -196,7 +196,7 @@ class Condition:
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One effect or tolerance of a mechanism: its changes per unit of magnitude, and its texts."""
+    """One effect or tolerance of a mechanism: changes per unit of magnitude, and texts."""
 
     name: str
     kind: Kind
@@ -204,7 +204,7 @@ class Entry:
     mechanism: str
     unit: str
     magnitude: float
-    """Effect: what one would expect to meet; tolerance: standard deviation [unit]."""
+    """Effect: expected magnitude; tolerance: standard deviation [unit]."""
     sign: Literal[-1, 0, 1] = 0
     lower: float = -math.inf
     upper: float = math.inf
@@ -218,24 +218,24 @@ class Entry:
     shapes: tuple[float | None, ...] = (None,)
     shape_unit: str = ""
     hidden: tuple[tuple[str, str, float], ...] = ()
-    """Names, units and scales of the states it brings."""
+    """Names, units and scales of the hidden states of the effect."""
     remedy: str = ""
     confounders: tuple[str, ...] = ()
     source: str = ""
     part: str = ""
-    """What a report calls it: the subject of "... is 10 % lighter than tabulated"."""
+    """Name in a report: the subject of "... is 10 % lighter than tabulated"."""
     words: tuple[str, str] = ("lower", "higher")
-    """What a report says of a value below and above the tabulated one."""
+    """Words of a report for a value below and above the tabulated one."""
 
 
 @dataclass(frozen=True)
 class Until:
-    """How much of a record counts where it is simulated in one go."""
+    """Part of a record that is used if records are simulated as a whole."""
 
     output: str
-    """Whose first turn ends the stroke."""
+    """Output whose first reversal is the end of the stroke."""
     after_turn: float
-    """Time after that turn [s]."""
+    """Time after the reversal that is used [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,11 +253,11 @@ class Library:
     origin: str
 
     def effect(self, name: str) -> Entry:
-        """Effect by name. Raises InvalidParameter with the nearest names."""
+        """Effect by name; an unknown name raises InvalidParameter with the nearest names."""
         return _chosen(self.effects, [name], "effects", self.name)[0]
 
     def select(self, names: Sequence[str] = ()) -> tuple[Entry, ...]:
-        """Effects by name, or with ``*`` by pattern, ``all``, or the default set for no name."""
+        """Effects by name, pattern with ``*``, or ``all``; without names, the default set."""
         return _chosen(
             self.effects, names or self.default_effects or ("all",), "effects", self.name
         )
@@ -269,7 +269,7 @@ class Library:
         return _chosen(self.tolerances, names, "tolerances", self.name)
 
     def outputs(self, channels: Sequence[str] = ()) -> tuple[str, ...]:
-        """Outputs behind channel names; a name with a dot stands for itself."""
+        """Outputs by channel names; a name with a dot is an output."""
         out: list[str] = []
         faults = []
         for name in channels or self.default_channels:
@@ -353,7 +353,7 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> LibraryFile:
 
 
 def _library_of(name: str) -> str:
-    """The packaged library of a mechanism, or of that which it is a variant of."""
+    """The packaged library of a mechanism, or of the mechanism of which it is a variant."""
     packaged = params.names("effects")
     fitting = [n for n in packaged if name == n or name.startswith(f"{n}_")]
     return max(fitting, key=len, default="mechanism")
@@ -365,13 +365,14 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
     Parameters
     ----------
     name_or_path
-        Packaged library or TOML file; default: the packaged one of the mechanism's name or of the
-        one that it is a variant of (``steinway45_felt``), else ``mechanism``, which fits any.
+        Packaged library or TOML file. Default: the packaged library with the name of the mechanism,
+        or of the mechanism of which it is a variant (``steinway45_felt``), else ``mechanism``,
+        which suits any mechanism.
 
     Raises
     ------
     InvalidParameter
-        Faults of the file, all at once; a path that the mechanism does not have.
+        Faults of the file, all in one message, or a path that the mechanism does not have.
     """
     if name_or_path is None:
         name_or_path = _library_of(action.name)
@@ -395,7 +396,7 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
                 f"{', '.join(config.points) or 'a mechanism with tracking points'}"
             )
         if point not in config.points:
-            until = None  # another mechanism has another stroke
+            until = None  # another mechanism has other strokes
     if faults:
         raise InvalidParameter(fault_text(path.name, list(dict.fromkeys(faults))))
     known = {e.name for e in effects}
@@ -417,9 +418,9 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
 
 
 def _absent(config: MechanismFile, file: LibraryFile, name: str) -> bool:
-    """Whether an effect is missing because the mechanism lacks what it acts on.
+    """Whether an effect does not apply because the mechanism lacks the part on which it acts.
 
-    So it is with the damping of a member that was made rigid, or a contact that is switched off.
+    Examples: the damping of a member that was made rigid, or a contact that is switched off.
     """
     parts = {*config.bodies, *config.contacts, *config.springs, *config.straps, *config.points}
     for template, table in file.effects.items():
@@ -444,7 +445,7 @@ def _all_points(config: MechanismFile) -> Iterator[str]:
 def _each(
     config: MechanismFile, each: Each, channels: Mapping[str, list[str]]
 ) -> Iterator[dict[str, str]]:
-    """Words to put in for each thing that a template stands for."""
+    """Substitutions for each item to which a template applies."""
     words = {"input_unit": "{input_unit}"}
     if each == "":
         yield words
@@ -457,7 +458,7 @@ def _each(
             above = config.bodies.get(body.parent)
             slides = above is not None and above.joint == "prismatic" and above.mass == 0.0
             if each == "pivot" and (body.joint != "revolute" or slides):
-                continue  # a pivot on a slider has its translation already
+                continue  # the pivot of a slider has a translation already
             angular = body.joint == "revolute"
             yield words | {
                 "name": name,
@@ -563,7 +564,7 @@ def _entry(
     unit = _put(table.unit, words)
     magnitude = _magnitude(config, table, words, unit if "{" not in unit else "1")
     if magnitude == 0.0:
-        return None  # nothing to scale: this joint has no friction of its own, for example
+        return None  # nothing to scale: for example, this joint has no friction
     changes = [
         Change(path=_put(c.path, words), scale=c.scale, exp=c.exp, add=c.add) for c in table.changes
     ]

@@ -1,4 +1,4 @@
-"""A mechanism with its tolerances and its library of effects, ready for a fit or a diagnosis."""
+"""A mechanism with its tolerances and effects as a model of a fit or a diagnosis."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ def mechanism_model(
     effects: Sequence[str] = (),
     **options: Any,
 ) -> tuple[MechanismModel, tuple[Effect, ...]]:
-    """A mechanism with its tolerances and its library of effects, ready for a fit or a diagnosis.
+    """A mechanism with its tolerances and effects as a model of a fit or a diagnosis.
 
     Parameters
     ----------
     channels
-        Names of the library (``key``, ``hammer_tip``) or outputs (``hammer_tip.x``); default:
-        those of the library.
+        Channel names of the library (``key``, ``hammer_tip``) or outputs (``hammer_tip.x``);
+        default: the default channels of the library.
     library
-        A library, its name or path; default: that of the mechanism.
+        A library, its name or path; default: the library of the mechanism.
     effects
         Names or patterns (``felt_*``, ``all``); default: the default set of the library.
     options
-        Of :class:`MechanismModel`.
+        Options of :class:`MechanismModel`.
 
     Raises
     ------
     InvalidParameter
-        Unknown names, with the nearest known ones.
+        A name is unknown; the message has the nearest known ones.
     """
     if not isinstance(library, Library):
         library = load_library(action, library)
@@ -65,7 +65,7 @@ def mechanism_model(
 
 
 def _can_show(model: MechanismModel, entry: Entry) -> bool:
-    """Whether a sensor effect has a channel to act on."""
+    """Whether the channel of a sensor effect exists."""
     if entry.sensor is None:
         moved = {c.path.split(".")[1] for c in entry.changes if c.path.startswith("points.")}
         return not moved or any(o.rpartition(".")[0] in moved for o in model.outputs)

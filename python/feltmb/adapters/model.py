@@ -1,10 +1,10 @@
-"""A mechanism as a model: what :mod:`feltmb.fit` fits and :mod:`feltmb.gap` diagnoses.
+"""A mechanism as a model that :mod:`feltmb.fit` can fit and :mod:`feltmb.gap` can diagnose.
 
-Outputs are displacements of tracking points from rest [m] and, under motion input, the force of the
-finger [N]. States are the departures of the mechanical coordinates from the rest pose of the same
-parameters, and their rates, so that a record that starts at rest starts at zero whatever the
-parameters are. The string starts every segment at rest: its vibrations die within 20 ms and reach
-nothing that a camera sees.
+Outputs are displacements of tracking points from rest [m] and, with motion input, the force of the
+finger [N]. States are the deviations of the mechanical coordinates from the rest pose for the same
+parameters, and their rates. A record that starts at rest therefore starts at zero for all
+parameters. The string starts every segment at rest: its vibrations decay within 20 ms and do not
+affect anything that a camera measures.
 """
 
 from __future__ import annotations
@@ -53,20 +53,21 @@ from feltmb.mechanism import Action
 
 __all__ = ["MechanismModel"]
 
-#: Tolerances of felt and friction: what changes from stroke to stroke, and has a form.
+#: Tolerances of felt and friction: these vary from stroke to stroke, and their laws have a form
+#: error.
 VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
-#: Scale of a departure from the model motion, as a share of 1 mm of felt travel.
+#: Scale of a deviation from the motion of the model, as a share of 1 mm of felt compression.
 DEPARTURE = 0.05
-#: The same of the rate: departures last for some milliseconds [1/s].
+#: Scale of the rate of such a deviation: it lasts for some milliseconds [1/s].
 DEPARTURE_RATE = 50.0
-#: Relative tolerances of the integrator, as a share of the motion, below which the noise of a
-#: sensor is compared with the error of a simulation.
+#: If the noise of a sensor is below this many relative tolerances of the integrator, as a share of
+#: the motion, it is compared with the error of the simulation.
 SHARP = 100.0
 
 
 @dataclass(frozen=True)
 class _Task:
-    """A run of one job."""
+    """Simulation of one job."""
 
     job: int
     variant: Variant
@@ -77,7 +78,7 @@ class _Task:
 
 
 class MechanismModel(DifferentiableMechanism):
-    """A mechanism that :mod:`feltmb.fit` and :mod:`feltmb.gap` can work on.
+    """A mechanism as a model of :mod:`feltmb.fit` and :mod:`feltmb.gap`.
 
     Parameters
     ----------
@@ -88,22 +89,24 @@ class MechanismModel(DifferentiableMechanism):
     outputs
         Names such as ``hammer_tip.x`` (displacement from rest [m]) or ``finger.force`` [N].
     tolerances
-        Parameters to be estimated; default: all of the library.
+        Estimated parameters; default: all tolerances of the library.
     rtol
         Relative tolerance of the integrator; default: 1e-6 with single shooting, else 1e-7.
     segment
-        Length of shooting segments [s].
+        Length of the segments [s].
     shooting
-        ``single``: every record in one go from rest, which is what fits and diagnoses are made
-        for. ``multiple``: segments with start states of their own, to study what records tell.
+        ``single``: every record is simulated as a whole from rest, which is the method for fits and
+        diagnoses. ``multiple``: segments with start states of their own, for studies of the
+        information in records.
     until
-        How long after the first turn of the library's ``until.output`` (the impact) samples count
-        with single shooting [s]; infinite: to their end. Default: that of the library.
+        With single shooting: time after the first reversal of the library's ``until.output`` (the
+        impact) that is used [s]; infinite: to the end of the record. Default: the value of the
+        library.
     workers
-        Threads; default: one a core.
+        Number of threads; default: number of cores.
     allowance
-        Error of the form of laws: standard deviation by which felts and frictions depart from
-        their values in each segment on their own, as a share [1]. For multiple shooting.
+        Model-form error: standard deviation of independent relative deviations of felts and
+        frictions from their values in each segment [1]. For multiple shooting.
 
     Raises
     ------
@@ -144,7 +147,7 @@ class MechanismModel(DifferentiableMechanism):
         self.name = action.name
         self.outputs = tuple(outputs)
         self.beside: frozenset[str] = frozenset()
-        """Outputs that no planned record holds: effects of a sensor mix them into others."""
+        """Outputs that no planned record has; sensor effects mix them into other outputs."""
         self.units = {o: "N" if o == "finger.force" else "m" for o in self.outputs}
         self.units |= {"force": "N", "displacement": "m"}
         self.tolerances = tuple(library.tolerances if tolerances is None else tolerances)
@@ -235,7 +238,7 @@ class MechanismModel(DifferentiableMechanism):
     # --- the interface of Model ---------------------------------------------------------------
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
-        """Departures of coordinates and rates, states of the included effects; none if single."""
+        """Deviations of coordinates and rates, then states of included effects; none if single."""
         if self.single:
             return ()
         extra = []
@@ -244,9 +247,9 @@ class MechanismModel(DifferentiableMechanism):
         return (*self._states, *extra)
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """With single shooting the records up to shortly after the impact.
+        """Prepare records; with single shooting, only the part until shortly after the impact.
 
-        The noise of the input is estimated where nothing is said of it.
+        The noise of the input is estimated if it is not specified.
         """
         cut: list[Record] = []
         notes: list[str] = []
@@ -273,10 +276,11 @@ class MechanismModel(DifferentiableMechanism):
         return Ready(self, tuple(_at_least(r, floors) for r in cut), tuple(notes), floors)
 
     def _errors(self, records: Sequence[Record]) -> dict[str, float]:
-        """Error of the simulation by channel, where a sensor is said to be better [its unit].
+        """Error of the simulation by channel, where it exceeds the noise of a sensor [its unit].
 
-        It is what a tenth of the tolerance changes. It is smooth, so that it counts as the white
-        noise that is as large in slow signals: else every sample would be news.
+        The error is estimated from a simulation with a tenth of the tolerance. It varies slowly. It
+        is therefore expressed as the white noise with an equal spectrum at low frequencies;
+        otherwise every sample would count as independent information.
         """
         fine = copy.copy(self)
         fine.rtol = 0.1 * self.rtol
@@ -298,7 +302,7 @@ class MechanismModel(DifferentiableMechanism):
                 off = runs[0][:, i] - runs[1][:, i]
                 kept = float(off[1:] @ off[:-1]) / max(float(off @ off), 1e-300)
                 kept = min(max(kept, 0.0), 1.0 - 1.0 / off.size)
-                # Variance of a long mean of an AR(1) process over that of white noise.
+                # Variance of a long mean of an AR(1) process relative to that of white noise.
                 smooth = math.sqrt((1.0 + kept) / (1.0 - kept))
                 error = smooth * float(np.sqrt(np.mean(off**2)))
                 if error > (record.sensors[name].sigma or 0.0):
@@ -306,16 +310,16 @@ class MechanismModel(DifferentiableMechanism):
         return out
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
-        """Channels of tracking points as displacements from rest: absolute ones are told apart.
+        """Channels of tracking points as displacements from rest, also if they are absolute.
 
-        Their sensor says which they are, or where they start.
+        The sensor states whether a channel is absolute, or its first value shows this.
         """
         base = self._base()
         at = {o: self.at_rest(base, o) for o in self.outputs if self.units[o] == "m"}
         return from_rest(record, at, self.name)
 
     def _turn(self, record: Record) -> float | None:
-        """When the stroke of a record turns [s]: measured, else as the model moves."""
+        """Time at which the stroke of a record reverses [s]: measured, or else simulated."""
         assert self.until is not None
         name = self.until.output
         if name in record.outputs and np.isfinite(record.outputs[name]).sum() > 10:
@@ -330,11 +334,11 @@ class MechanismModel(DifferentiableMechanism):
         return first_turn(record.time[0] + result.time, column - self.at_rest(base, name))
 
     def accepts(self, effect: Effect) -> bool:
-        """Effects that carry an :class:`Entry`, and all sensor and input effects."""
+        """Whether an effect has an :class:`Entry`, or is a sensor or input effect."""
         return isinstance(effect.data, Entry) or super().accepts(effect)
 
     def simulate(self, record: Record, jobs: Jobs) -> Simulated:
-        """Every job from its start; jobs that fail are NaN."""
+        """Simulate every job from its start state; failed jobs are NaN."""
         if self.single:
             return self._simulate_whole(record, jobs)
         outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
@@ -367,7 +371,7 @@ class MechanismModel(DifferentiableMechanism):
         return Simulated(outputs=outputs, ends=ends, memory=tuple(memory))
 
     def _simulate_whole(self, record: Record, jobs: Jobs) -> Simulated:
-        """Jobs of one version share one run from rest."""
+        """Simulate jobs; all jobs of one version use one run from rest."""
         outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
         groups: dict[bytes, list[int]] = {}
         for b in range(jobs.count):
@@ -406,7 +410,7 @@ class MechanismModel(DifferentiableMechanism):
         return super().sensitivities(request) if found is None else found
 
     def guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
-        """Start states on the model's own way through the record."""
+        """Start states along a simulation of the record."""
         if self.single:
             return np.zeros((len(segments), 0))
         last = int(np.max(segments[:, 1]))
@@ -422,17 +426,17 @@ class MechanismModel(DifferentiableMechanism):
         return starts
 
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
-        """Key start, key landing and turn of the hammer, as far as channels show them."""
+        """Start and end of the key's motion, and reversal of the hammer, if channels show them."""
         return landmarks(record.time, outputs, self.action.config.reading)
 
     def alias(self, entry: Entry) -> Alias | None:
-        """The tolerance that an effect of the library is more of, if there is one."""
+        """Tolerance that changes the same values as an effect of the library, or None."""
         if entry.name not in self._aliases:
             self._aliases[entry.name] = alias_of(self.action.config, entry, self.tolerances)
         return self._aliases[entry.name]
 
     def check_writing(self, path: Path) -> None:
-        """See :class:`~feltmb.fit.Model`: a mechanism is a file."""
+        """See :class:`~feltmb.fit.Model`: a mechanism can be written."""
         if path.suffix != ".toml":
             raise InvalidParameter(f"{path}: expected the name of a TOML file, such as found.toml")
 
@@ -446,7 +450,7 @@ class MechanismModel(DifferentiableMechanism):
         provenance: str = "",
         force: bool = False,
     ) -> Path:
-        # The mechanism with these numbers as TOML.
+        # The mechanism with these values as TOML.
         self.check_writing(path)
         return write_mechanism(
             path,
@@ -457,7 +461,7 @@ class MechanismModel(DifferentiableMechanism):
             force=force,
         )
 
-    # --- what it rests on -------------------------------------------------------------------------
+    # --- for feltmb.adapters ----------------------------------------------------------------------
 
     def variant(
         self,
@@ -477,12 +481,12 @@ class MechanismModel(DifferentiableMechanism):
         magnitudes
             Magnitude of each included effect.
         conditions
-            Conditions of the record by name, for effects that drift.
+            Conditions of the record by name, for effects that depend on them.
 
         Raises
         ------
         InvalidParameter
-            These numbers make no mechanism, or it has no rest.
+            These values define no valid mechanism, or it has no rest pose.
         """
         entries = self._chosen(theta, included, np.zeros(0) if magnitudes is None else magnitudes)
         return self._workshop.build(changed_config(self.action.config, entries, conditions or {}))
@@ -531,7 +535,7 @@ class MechanismModel(DifferentiableMechanism):
     def version(
         self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
     ) -> Variant:
-        """The mechanism of parameters and magnitudes under the conditions of a record.
+        """The mechanism with given parameters and magnitudes, under the conditions of a record.
 
         Parameters
         ----------
@@ -547,7 +551,7 @@ class MechanismModel(DifferentiableMechanism):
         Raises
         ------
         ModelError
-            These numbers make no mechanism, or it has no rest.
+            These values define no valid mechanism, or it has no rest pose.
         """
         key = self._key(record, theta, included, magnitudes)
         variant = self._variant(record, key, theta, included, magnitudes)
@@ -556,7 +560,7 @@ class MechanismModel(DifferentiableMechanism):
         return variant
 
     def at_rest(self, variant: Variant, output: str) -> float:
-        """Value of an output at rest: where the tracking point is [m]; 0 for a force."""
+        """Value of an output at rest: position of the tracking point [m]; 0 for a force."""
         point, _, axis = output.rpartition(".")
         return variant.points[point]["xy".index(axis)] if point in variant.points else 0.0
 
@@ -632,7 +636,7 @@ class MechanismModel(DifferentiableMechanism):
 
 
 def _is_law(entry: Entry) -> bool:
-    """Whether a tolerance is the strength of a law of felt or friction."""
+    """Whether a tolerance scales a law of felt or friction."""
     return entry.unit == "1" and any(fnmatch.fnmatch(entry.name, v) for v in VARYING)
 
 
@@ -645,7 +649,7 @@ def _resample(old: Array, values: Array, new: Array) -> Array:
 
 
 def _at_least(record: Record, floors: Mapping[str, float]) -> Record:
-    """A record whose sensors are no better than these floors."""
+    """A record whose sensor noise is at least the given floors."""
     sensors = {
         name: replace(s, sigma=max(s.sigma or 0.0, floors[name])) if name in floors else s
         for name, s in record.sensors.items()

@@ -1,4 +1,4 @@
-"""Strokes that could be measured: what a diagnosis could tell before anything is."""
+"""Typical strokes for a plan, before anything is measured."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from feltmb.run.stroke import load_stroke
 
 __all__ = ["STROKES", "STROKE_KINDS", "finger_limits", "planned_strokes"]
 
-#: Kinds of a stroke by input of the model.
+#: Kind of a stroke by input of the model.
 STROKE_KINDS = {"force": "force", "displacement": "key_motion"}
 
-#: Packaged strokes, the one that says most first.
+#: Packaged strokes, the most informative first.
 STROKES = ("forte", "piano", "staccato")
-#: Samples a second.
+#: Sample rate [Hz].
 RATE = 2000.0
-#: A camera that reads to a fifth of a pixel of 0.1 mm [m], and a good load cell [N].
+#: Noise of a camera that resolves a fifth of a pixel of 0.1 mm [m], and of a good load cell [N].
 CAMERA, LOAD_CELL = 2e-5, 0.01
 
 
 def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tuple[Record, ...]:
     """Packaged strokes as records without measured values, with typical commercial sensors.
 
-    The force is known to 0.01 N, displacements to 0.02 mm; sampled at 2 kHz. None for a mechanism
-    that has no finger.
+    The noise is 0.01 N for the force and 0.02 mm for displacements, at 2 kHz. None for a mechanism
+    without a finger.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tu
 
 
 def finger_limits(model: MechanismModel) -> Limits | None:
-    """What a finger can do on a key; None for a mechanism that has no finger.
+    """Limits of a finger on a key; None for a mechanism without a finger.
 
-    0 to 25 N (the loudest packaged stroke), 2 kN/s (it rises in 12 ms), 0.6 s; read at 2 kHz.
+    0 to 25 N (the loudest packaged stroke), 2 kN/s (it rises in 12 ms), 0.6 s; sampled at 2 kHz.
     """
     if model.action.config.finger is None:
         return None

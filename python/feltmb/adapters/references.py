@@ -1,4 +1,4 @@
-"""Channels of a record as displacements from rest, whichever zero they were measured from."""
+"""Converts channels of a record to displacements from rest, for any zero of the measurement."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from feltmb.data.smoothing import NEAR, start_of
 
 __all__ = ["from_rest"]
 
-#: Digits of a number that a file rounds: share of an absolute coordinate.
+#: Relative rounding error of an absolute coordinate in a file.
 ROUNDED = 1e-3
 
 
 def from_rest(
     record: Record, rest: Mapping[str, float], model: str
 ) -> tuple[Record, tuple[str, ...]]:
-    """The record with every channel as displacement from rest, and what was done, in words.
+    """The record with displacements from rest, and a description of the changes.
 
     Parameters
     ----------
     rest
-        Absolute coordinate at rest of the channels that have one [m].
+        Absolute coordinate at rest, for channels that have one [m].
     model
         Name of the model, for the notes.
     """
@@ -71,14 +71,14 @@ def from_rest(
 
 @dataclass(frozen=True)
 class _Start:
-    """Where a channel starts, and what that says of its zero."""
+    """Start value of a channel, and the zero that follows from it."""
 
     value: float
     rest: float
     near: float
-    """Distance within which it starts at the rest of the model [m]."""
+    """Largest distance from the rest position of the model that counts as a start at rest [m]."""
     kind: str
-    """"rest", "absolute", "either" where they are the same within the noise, else nothing."""
+    """"rest", "absolute", "either" (both are equal within the noise), or "" (neither)."""
     told: bool
 
     @classmethod

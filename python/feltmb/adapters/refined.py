@@ -1,4 +1,4 @@
-"""The same mechanism resolved more finely: what a model is off by without a cause."""
+"""The same mechanism with refined numerical models, to estimate the discretization error."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from feltmb.mechanism import Action
 
 __all__ = ["KINDS", "refined"]
 
-#: More modes of the string, more shapes of beams, friction that turns over at lower speed.
+#: More modes of the string, more shape functions of beams, friction with a lower threshold speed.
 KINDS = ("modes", "shapes", "friction")
 MOST_MODES = 200
 
 
 def refined(action: Action, kinds: Sequence[str] = KINDS) -> Action:
-    """Twice the string modes (up to 200), one more lateral shape, a third of the friction's speed.
+    """Twice the string modes (up to 200), one more beam shape, a third of the friction's speed.
 
-    The action itself where nothing of the kind is in it.
+    If it has none of these, the action itself is returned.
     """
     values: dict[str, Any] = {}
     config = action.config

@@ -1,7 +1,7 @@
-"""What a mechanism holds at the end of a segment beside the states that are estimated.
+"""State of a mechanism at the end of a segment, apart from the estimated states.
 
-The modes of strings, the states of laws, coordinates that follow statically, and the compressions
-that felts remember: a segment that starts in the middle of a contact needs them.
+It contains the modes of strings, the states of laws, static coordinates, and the compressions that
+felts remember. A segment that starts during a contact needs them.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ __all__ = ["Remembered", "start_state"]
 
 @dataclass(frozen=True, eq=False)
 class Remembered:
-    """Departures from rest at the end of a run, and the compressions that felts remember there."""
+    """Deviations from rest at the end of a run, and the compressions that felts remember."""
 
     named: Mapping[str, float]
-    """Of coordinates, rates and states of laws, by name [their units]."""
+    """Deviations of coordinates, rates and states of laws, by name [their units]."""
     modes: Array
-    """Of the modes of strings [m, m/s]."""
+    """Deviations of the modes of strings [m, m/s]."""
     compressions: tuple[float, ...]
-    """By contact [m]."""
+    """Remembered compressions by contact [m]."""
 
     @classmethod
     def of(cls, variant: Variant, result: Any) -> Remembered:
-        """What a run of a version of the mechanism leaves behind."""
+        """State at the end of a run of a version of the mechanism."""
         departures = np.asarray(result.end_state) - variant.rest
         return cls(
             {name: float(departures[k]) for name, k in variant.place.items()},
@@ -40,7 +40,7 @@ class Remembered:
         )
 
     def put(self, variant: Variant, full: Array) -> None:
-        """Add to a full state at rest what is remembered, of the states that both have."""
+        """Add the remembered deviations to a full state at rest, for the states that both have."""
         for name, k in variant.place.items():
             full[k] += self.named.get(name, 0.0)
         if self.modes.size == full.size - len(variant.place):
@@ -55,9 +55,9 @@ def start_state(
     Parameters
     ----------
     names, departures
-        Estimated states and what they depart from rest [their units].
+        Names of the estimated states, and their deviations from rest [their units].
     held
-        What the segment before left behind; None: all else is at rest.
+        State at the end of the previous segment; None: all other states are at rest.
     """
     full = variant.rest.copy()
     if held is not None:

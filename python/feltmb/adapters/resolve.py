@@ -1,4 +1,4 @@
-"""From a name on a command line to a model with its effects."""
+"""Model and effects from a name on the command line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from feltmb.mechanism import Action, load_action, packaged_actions, parse_settin
 
 __all__ = ["SETTINGS", "resolve"]
 
-#: What a command may set: name -> meaning.
+#: Settings of a command: name -> meaning.
 SETTINGS = {
     "channels": "channels or outputs, with commas: key,hammer_tip (default: those of the library)",
     "effects": "names or patterns, with commas: felt_*,let_off_button; all (default: a core set)",
@@ -47,14 +47,15 @@ def resolve(
     Parameters
     ----------
     settings
-        Those of :data:`SETTINGS`; a name with a dot is a path of the mechanism, ``string.modes``.
+        Settings of :data:`SETTINGS`; a name with a dot is a path of the mechanism,
+        ``string.modes``.
     also
-        Channels besides those of the settings.
+        Channels in addition to those of the settings.
 
     Raises
     ------
     InvalidParameter
-        Unknown settings, channels or effects, with what is known.
+        A setting, channel or effect is unknown; the message has the known ones.
     """
     action = _mechanism(name)
     if action is None:
@@ -96,7 +97,7 @@ def resolve(
 
 
 def _until(settings: Mapping[str, str]) -> float:
-    """Time after the impact [s]; infinite: to the end."""
+    """Time after the impact that is used [s]; infinite: to the end."""
     text = settings["until"]
     if text == "end":
         return math.inf
@@ -110,7 +111,7 @@ def _until(settings: Mapping[str, str]) -> float:
 
 
 def _variation(settings: Mapping[str, str]) -> float | None:
-    """Variation from stroke to stroke; None: none."""
+    """Run-to-run variation [1]; None: none."""
     text = settings["variation"]
     if text == "none":
         return None

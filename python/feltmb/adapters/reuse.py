@@ -1,8 +1,8 @@
-"""Derivatives kept while the point moves little: a chord method for expensive models.
+"""Caches derivatives while the point changes little: a chord method for expensive models.
 
-Outputs and end states are always computed anew at the point that is asked for; only their
-derivatives may come from a point nearby. A Gauss-Newton iteration converges with them as well, to
-the same point, in a few more cheap steps.
+Outputs and end states are always computed at the requested point; only the derivatives may come
+from a nearby point. A Gauss-Newton iteration then converges to the same point, with a few more
+cheap steps.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["Kept", "Reuse"]
 
 @dataclass(frozen=True)
 class Kept:
-    """Derivatives and where they were taken."""
+    """Cached derivatives and the point at which they were computed."""
 
     theta: Array
     magnitudes: Array
@@ -30,7 +30,7 @@ class Kept:
 
 
 def _key(model: Model, request: SensitivityRequest) -> tuple[object, ...]:
-    """What must be the same for kept derivatives to be an answer."""
+    """Everything except the point that must be equal for cached derivatives to apply."""
     return (
         request.record.name,
         hash(tuple(v.tobytes() for v in request.record.inputs.values())),
@@ -43,16 +43,16 @@ def _key(model: Model, request: SensitivityRequest) -> tuple[object, ...]:
 
 
 class Reuse:
-    """Store of derivatives by what is asked for.
+    """Cache of derivatives.
 
     Parameters
     ----------
     theta_sd
-        Distance of the parameters over which derivatives are kept, in their scales.
+        Largest change of the parameters for which derivatives are reused, in their scales.
     start_scale
-        The same of the start states, in theirs.
+        Largest change of the start states, in their scales.
     size_scale
-        The same of the magnitudes of effects, in their scales.
+        Largest change of the magnitudes of effects, in their scales.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Reuse:
         self.misses = 0
 
     def clear(self) -> None:
-        """Forget all derivatives."""
+        """Remove all derivatives."""
         self._kept.clear()
 
     def ask(
@@ -79,7 +79,7 @@ class Reuse:
         request: SensitivityRequest,
         compute: Callable[[SensitivityRequest], Sensitivity],
     ) -> Sensitivity:
-        """Derivatives at or near a point, values at it."""
+        """Values at a point, with derivatives at or near it."""
         theta, magnitudes, starts = request.theta, request.sizes, request.starts
         key = _key(model, request)
         units = (

@@ -1,4 +1,4 @@
-"""Configurations of parameters one after the other: only what moved is worked out again."""
+"""Configurations for a sequence of parameters; only changed entries are recomputed."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Chosen = Sequence[tuple[Entry, float, float | None]]
 
 
 class Shifter:
-    """:func:`~feltmb.adapters.variants.changed_config` of many similar lists of entries.
+    """:func:`~feltmb.adapters.variants.changed_config` for many similar lists of entries.
 
-    A derivative moves one entry of fifty; the mechanism of the list before is taken and the paths
-    of the entries that differ are set anew, from the values of the file.
+    A derivative changes one entry of fifty. The mechanism of the previous list is reused, and only
+    the paths of the changed entries are set again, from the values of the file.
     """
 
     def __init__(self, config: MechanismFile):
@@ -36,7 +36,7 @@ class Shifter:
         Raises
         ------
         InvalidParameter
-            A path that is no number.
+            A path is not a number.
         """
         plain = [e for e, _, _ in entries if e.insertion is None and not e.shape_path]
         names = [e.name for e in plain]

@@ -1,8 +1,8 @@
 """Sensor and input effects of a mechanism's records: delay, gain, offset, tilt.
 
-Signs: a channel reads (1 + gain) times the truth plus offset, late by delay, the channel of the
-input too (:mod:`feltmb.gap.library.readings`). At magnitude zero every one gives back its argument,
-to the last bit.
+Signs: a channel shows (1 + gain) times the true value plus the offset, late by the delay. This also
+holds for the channel of the input (:mod:`feltmb.gap.library.readings`). At magnitude zero, the
+values are unchanged, bit by bit.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from feltmb.gap.library.readings import acting
 __all__ = ["columns_of", "excite_by", "observe_by", "partners"]
 
 
-#: Ends of the names of coordinates.
+#: Suffixes of the names of coordinates.
 AXES = (".x", ".y")
 
 
 def columns_of(
     signal: Signal, outputs: Sequence[str], channels: Mapping[str, Sequence[str]]
 ) -> list[int]:
-    """Columns that a sensor effect acts on; ``camera`` is every tracking point."""
+    """Columns on which a sensor effect acts; ``camera`` means every tracking point."""
     if signal.channels == "camera":
         return [i for i, name in enumerate(outputs) if name != "finger.force"]
     named = set(channels.get(signal.channels, (signal.channels,)))
@@ -36,7 +36,7 @@ def columns_of(
 def partners(
     signals: Sequence[Signal], outputs: Sequence[str], channels: Mapping[str, Sequence[str]]
 ) -> tuple[str, ...]:
-    """Outputs that a turned camera mixes into those that are recorded, and that are not."""
+    """Outputs that are not recorded but which a rotated camera mixes into recorded ones."""
     out: list[str] = []
     for signal in signals:
         if signal.kind != "tilt":
@@ -50,7 +50,7 @@ def partners(
 def observe_by(
     signal: Signal, outputs: Sequence[str], channels: Mapping[str, Sequence[str]]
 ) -> Callable[..., Array]:
-    """Sensor effect for the engine."""
+    """Make the ``observe`` callable of a sensor effect."""
     columns = columns_of(signal, outputs, channels)
     pairs = []
     for i in columns:
@@ -89,7 +89,7 @@ def observe_by(
 
 
 def excite_by(signal: Signal) -> Callable[..., Mapping[str, Array]]:
-    """Input effect for the engine: what the machine really got, given what was recorded."""
+    """Make the ``excite`` callable of an input effect: the true input from the recorded one."""
     assert signal.kind != "tilt"
     error = signal.kind
 

@@ -1,14 +1,14 @@
 """Whole strokes as a model: single shooting with exact derivatives and run-to-run variability.
 
-Every record is simulated in one go from rest, so that a point of the fit costs one run a record.
-Derivatives are integrated along with the motion, all columns in one pass (see
-:mod:`feltmb.adapters.forward`); those at a few last points are kept. An effect that brings states
-of its own is a one-sided difference where its magnitude is zero.
+Every record is simulated as a whole from rest, so that a point of the fit costs one run per record.
+Derivatives are integrated together with the motion, all in one pass (see
+:mod:`feltmb.adapters.forward`); those at the last few points are cached. For an effect with states
+of its own at magnitude zero, a one-sided difference is used.
 
-What differs from stroke to stroke without being a cause is the *run-to-run variability*: the noise
-of the measured input, small changes of felt and friction, and what a refined model would move. Its
-directions are found by differences at the packaged mechanism, those above the noise of the sensors
-become parameters of their own record with the prior N(0, 1), and act linearly on its outputs:
+Differences from stroke to stroke without a cause are the *run-to-run variability*: the noise of the
+measured input, small changes of felt and friction, and the discretization error. Its directions are
+found by differences at the packaged mechanism. Directions above the noise of the sensors become
+parameters of their own record with the prior N(0, 1), with a linear influence on its outputs:
 
     y_r(theta, phi, z_r) = y(theta, phi) + D_r z_r,    D_r D_r' = covariance of the variability.
 """
@@ -47,27 +47,28 @@ from feltmb.fit.latest import Latest
 
 __all__ = ["RunVariability", "StrokeModel"]
 
-#: Points whose columns are kept: a score asks for more columns where a fit has ended.
+#: Number of points whose derivatives are cached: a score needs more derivatives at the end of a
+#: fit.
 POINTS = 8
-#: Simulated motions that are kept.
+#: Number of cached simulated motions.
 RUNS = 64
-#: Step of the magnitude of an effect with states of its own, at least, as a share of its scale.
+#: Smallest step of the magnitude of an effect with states of its own, as a share of its scale.
 EFFECT_STEP = 0.2
-#: Directions of the variability whose noncentrality is below this are left out.
+#: Directions of the variability with a noncentrality below this are omitted.
 LEAST_VARIABILITY = 0.3
-#: Stretch of input noise between knots [s]: an action averages over more than that.
+#: Distance of the knots of input noise [s]; an action averages over a longer time.
 KNOTS = 8e-3
 
 
 @dataclass(frozen=True)
 class RunVariability:
-    """Directions in which a record may depart without a cause: (n, ny, k), each N(0, 1)."""
+    """Directions of the variability of a record: (n, ny, k), each with a factor N(0, 1)."""
 
     record: Record
     columns: Array
 
     def covers(self, record: Record) -> bool:
-        """Whether the stroke is the input of a record, or of its first part."""
+        """Whether the stroke is the input of a record, or starts with it."""
         n = min(record.samples, self.record.samples)
         known = [self.record.time, *self.record.inputs.values()]
         given = [record.time, *record.inputs.values()]
@@ -77,11 +78,11 @@ class RunVariability:
 
 
 class StrokeModel(MechanismModel):
-    """A mechanism whose records are simulated in one go from rest; see :class:`MechanismModel`.
+    """A mechanism with records simulated as a whole from rest; see :class:`MechanismModel`.
 
-    ``variation``: of felt and friction from stroke to stroke [1], for :meth:`with_variability`;
-    None: no variability. ``chaotic`` is False: records should end soon after the impact, while a
-    stroke is still a smooth function of the parameters.
+    ``variation``: relative variation of felt and friction from stroke to stroke [1], for
+    :meth:`with_variability`; None: no variability. ``chaotic`` is False: records should end soon
+    after the impact, while a stroke is still a smooth function of the parameters.
     """
 
     def __init__(self, *args: Any, variation: float | None = 0.01, **options: Any):
@@ -92,10 +93,10 @@ class StrokeModel(MechanismModel):
         self._runs: Latest[tuple[object, ...], Array | None] = Latest(RUNS)
         self._points: Latest[tuple[object, ...], dict[object, Array]] = Latest(POINTS)
         self.passes = 0
-        """Integrations of columns so far."""
+        """Number of integrations of derivatives so far."""
 
     def forget(self) -> None:
-        """See :class:`~feltmb.fit.Model`: the columns that are kept."""
+        """See :class:`~feltmb.fit.Model`: clears the cached derivatives."""
         self._points = Latest(POINTS)
 
     # --- run-to-run variability -----------------------------------------------------------
@@ -108,16 +109,16 @@ class StrokeModel(MechanismModel):
         Parameters
         ----------
         records
-            All records of the diagnosis, those that are held out as well.
+            All records of the diagnosis, held-out ones included.
         variation
-            Standard deviation of felt and friction from stroke to stroke, as a share [1]; None:
-            that of the model.
+            Relative standard deviation of felt and friction from stroke to stroke [1]; None: the
+            value of the model.
 
         Returns
         -------
         StrokeModel
-            With further parameters ``variability.RECORD.K``; self if its own variation is None as
-            well.
+            Model with additional parameters ``variability.RECORD.K``; the model itself if its own
+            variation is None as well.
         """
         variation = self.variation if variation is None else variation
         if variation is None:
@@ -136,7 +137,7 @@ class StrokeModel(MechanismModel):
         return out
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """Records up to shortly after the impact, with their variability where they have none."""
+        """Prepare records: the part until shortly after the impact, with their variability."""
         base = super().ready(records)
         if all(
             r.name in self.variabilities and self.variabilities[r.name].covers(r)
@@ -146,7 +147,7 @@ class StrokeModel(MechanismModel):
         return replace(base, model=self.with_variability(base.records))
 
     def _variability(self, record: Record, variation: float) -> Array:
-        """Directions that are detectable above the noise of the sensors, (n, ny, k)."""
+        """Directions of the variability that exceed the noise of the sensors, (n, ny, k)."""
         base = self._motion(record, np.zeros(self.mechanical), (), np.zeros(0))
         empty = np.zeros((record.samples, len(self.outputs), 0))
         if base is None:
@@ -180,12 +181,12 @@ class StrokeModel(MechanismModel):
         return np.asarray(stacked @ vectors[:, keep])
 
     def _noise_of(self, record: Record) -> Array:
-        """Noise of the outputs; infinite where there is no sensor, or nothing is known of it."""
+        """Noise of the outputs; infinite if there is no sensor or its noise is unknown."""
         sigma = [record.sensors[o].sigma if o in record.sensors else None for o in self.outputs]
         return np.array([math.inf if s is None or not s < math.inf else s for s in sigma])
 
     def _input_columns(self, record: Record, base: Array, name: str, sigma: float) -> list[Array]:
-        """Motion by the noise of an input: hats whose integral varies as that of the noise."""
+        """Motion by the noise of an input: hat functions with equal variance of the integral."""
         length = float(record.time[-1] - record.time[0])
         count = max(2, math.ceil(length / KNOTS) + 1)
         knots = np.linspace(0.0, length, count)
@@ -205,7 +206,7 @@ class StrokeModel(MechanismModel):
     # --- the interface of Model -----------------------------------------------------------------
 
     def simulate(self, record: Record, jobs: Jobs) -> Simulated:
-        """Jobs of one version share one run from rest; run-to-run variability is added."""
+        """Simulate jobs; all jobs of one version use one run from rest. Variability is added."""
         outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
         groups: dict[bytes, list[int]] = {}
         for b in range(jobs.count):
@@ -236,13 +237,13 @@ class StrokeModel(MechanismModel):
         return np.asarray(self._variability_columns(record) @ theta[at])
 
     def _variability_of(self, record: Record) -> RunVariability | None:
-        """The variability of a record, or of the one that it is a part of."""
+        """Variability of a record, or of the record from which it was cut."""
         return self.variabilities.get(record.name) or self.variabilities.get(
             record.name.rpartition("[")[0]
         )
 
     def _variability_columns(self, record: Record) -> Array:
-        """Its directions over the record; none are known beyond its end."""
+        """Directions of the variability over the record; zero after the time of their data."""
         variability = self._variability_of(record)
         assert variability is not None
         columns = variability.columns[: record.samples]
@@ -278,7 +279,7 @@ class StrokeModel(MechanismModel):
         return self._runs.get((record.name, inputs, key), make)
 
     def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
-        # Exact derivatives of all columns, in one pass.
+        # Exact derivatives, all in one pass.
         request.check(self)
         record, theta, segments = request.record, request.theta, request.segments
         included, magnitudes = request.included, request.sizes
@@ -314,7 +315,7 @@ class StrokeModel(MechanismModel):
             d_candidates_ends=ends[2],
         )
 
-    # --- columns ----------------------------------------------------------------------------------
+    # --- derivatives ------------------------------------------------------------------------------
 
     def version(
         self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
@@ -327,7 +328,7 @@ class StrokeModel(MechanismModel):
     def _with_own_variability(
         self, record: Record, mechanical: Array, wanted: Sequence[int]
     ) -> Array:
-        """Columns (n, ny, p) by parameters of the mechanism and of the variability."""
+        """Derivatives (n, ny, p) by parameters of the mechanism and of the variability."""
         out = np.zeros((*mechanical.shape[:2], len(wanted)))
         out[..., [c for c, i in enumerate(wanted) if i < self.mechanical]] = mechanical
         place = self._variability_place(record)
@@ -348,10 +349,11 @@ class StrokeModel(MechanismModel):
         wanted: Sequence[int],
         effects: tuple[Candidate, ...],
     ) -> tuple[Array, Array]:
-        """Columns (n, ny, p) by parameters, and by effects at their magnitude or at zero.
+        """Derivatives (n, ny, p) by parameters, and by effects at their magnitude or at zero.
 
-        That of an effect that is more of a tolerance is the column of the tolerance: two passes
-        differ by what would look like a trace of the effect.
+        If an effect changes the same values as a tolerance, its derivative is computed from the
+        derivative by the tolerance. Two integrations would differ slightly, and the difference
+        would look like a signature of the effect.
         """
         inputs = hash(tuple(v.tobytes() for v in record.inputs.values()))
         point = (record.name, inputs, self._key(record, theta, included, magnitudes))
@@ -404,7 +406,7 @@ class StrokeModel(MechanismModel):
         wanted: Sequence[int],
         candidates: tuple[Candidate, ...],
     ) -> dict[object, Array]:
-        """Columns of one pass by parameters and effects."""
+        """Derivatives by parameters and effects, from one pass."""
         names = [*wanted, *((c.name, c.shape) for c in (*included, *candidates))]
         if not names:
             return {}
@@ -437,7 +439,7 @@ class StrokeModel(MechanismModel):
         magnitudes: Array,
         candidate: Candidate,
     ) -> Array:
-        """Column of an effect at zero that brings states of its own."""
+        """Derivative at zero by an effect with states of its own."""
         step = max(candidate.effect.step, EFFECT_STEP) * candidate.effect.scale
         if step > candidate.effect.bounds[1]:
             step = -step
@@ -447,7 +449,7 @@ class StrokeModel(MechanismModel):
 
 
 def _cut(whole: Array, segments: NDArray[np.intp], length: int) -> Array:
-    """A record (n, ...) by segments, (W, L, ...); beyond the end of a segment: zero."""
+    """A record (n, ...) divided into segments, (W, L, ...); zero after the end of a segment."""
     out = np.zeros((len(segments), length, *whole.shape[1:]))
     for w, (first, last) in enumerate(segments):
         out[w, : last - first + 1] = whole[first : last + 1]

@@ -1,9 +1,9 @@
-"""Records of a mechanism whose causes are known: what a diagnosis is tried on.
+"""Synthetic records of a mechanism with known causes, for tests of the diagnosis.
 
-The machine behind the records is not the model: every tolerance is off its value, beams and
-string have more shapes and modes, friction turns over at a third of the speed, the integrator is
-tighter, and half of the effects act in another form than in the library. Sensors are a camera with
-noise and pixels and a force sensor with noise and steps.
+The machine behind the records differs from the model. Every tolerance deviates from its value,
+beams and string have more shapes and modes, the threshold speed of friction is a third, the
+integrator has a smaller tolerance, and half of the effects have another form than in the library.
+The sensors are a camera with noise and pixels, and a force sensor with noise and quantization.
 """
 
 from __future__ import annotations
@@ -29,47 +29,47 @@ __all__ = ["Case", "Sensors", "Truth", "make_case", "make_record"]
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """What measures the machine."""
+    """Sensors of the machine."""
 
     rate: float = 2000.0
-    """Samples a second, camera and force alike."""
+    """Sample rate of camera and force sensor [Hz]."""
     noise: float = 2e-5
-    """Of a tracked point [m], standard deviation."""
+    """Standard deviation of the noise of a tracked point [m]."""
     pixel: float = 2e-5
-    """Step of a tracked point [m]; 0: none."""
+    """Quantization step of a tracked point [m]; 0: none."""
     correlation_time: float = 0.0
-    """Of the camera's noise [s]."""
+    """Correlation time of the noise of the camera [s]."""
     force_noise: float = 0.01
-    """Of the force sensor [N]."""
+    """Standard deviation of the noise of the force sensor [N]."""
     force_step: float = 0.006
-    """Step of the force sensor [N]: 25 N in 12 bit."""
+    """Quantization step of the force sensor [N]: 25 N in 12 bit."""
     motion_noise: float = 2e-6
-    """Of the key's displacement when it is the input [m]: a laser."""
+    """Standard deviation of the noise of the key's displacement as input [m]: a laser sensor."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """What is behind the records of a case."""
+    """The truth behind the records of a case."""
 
     seed: int
     effects: Mapping[str, float]
     """Name -> magnitude [unit of the effect]."""
     forms: Mapping[str, str]
-    """Name -> how it differs from the library's form; absent: as in the library."""
+    """Name -> difference from the form in the library; absent: no difference."""
     tolerances: Mapping[str, float]
-    """Name -> departure of the parameter [its unit]."""
+    """Name -> deviation of the parameter [its unit]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
-    """Records with what made them."""
+    """Records and their true causes."""
 
     name: str
     records: tuple[Record, ...]
     truth: Truth
 
 
-#: Strokes of a case: three to fit, two of another strength to be held out.
+#: Strokes of a case: three for the fit, two of another loudness that are held out.
 STROKES: tuple[tuple[str, Role], ...] = (
     ("piano", "fit"),
     ("mezzo", "fit"),
@@ -80,7 +80,7 @@ STROKES: tuple[tuple[str, Role], ...] = (
 
 
 def _stroke(name: str) -> tuple[Stroke, float]:
-    """Stroke and how long it is recorded [s]."""
+    """A stroke and its duration [s]."""
     if name == "fast":
         return load_stroke("forte").scaled(0.9), 0.13
     if name == "slow":
@@ -93,7 +93,7 @@ def _stroke(name: str) -> tuple[Stroke, float]:
 
 
 def _other_form(entry: Entry, rng: np.random.Generator) -> tuple[Entry, str]:
-    """The same cause in another form than the library's, where there is one."""
+    """The same cause in another form than in the library, if there is one."""
     if entry.insertion is not None and entry.insertion.kind == "clearance":
         seating = 0.6
         changed = replace(entry.insertion, seating=seating)
@@ -129,16 +129,16 @@ def make_record(
     role: Role = "fit",
     signals: Mapping[str, float] | None = None,
 ) -> Record:
-    """One measured stroke of a machine.
+    """Simulate one measured stroke of a machine.
 
     Parameters
     ----------
     outputs
         ``POINT.x``, ``POINT.y`` [m], ``finger.force`` [N].
     motion
-        Whether the record's input is the motion of the key's front instead of the force.
+        Whether the input of the record is the motion of the key front instead of the force.
     signals
-        Sensor and input effects by name of the library: ``camera_skew`` and so on.
+        Sensor and input effects by name in the library: ``camera_skew`` and so on.
     """
     chosen = dict(signals or {})
     fine = 4.0 * sensors.rate
@@ -228,33 +228,32 @@ def make_case(
     other_forms: bool | None = None,
     rtol: float = 1e-8,
 ) -> Case:
-    """Records of strokes with causes.
+    """Make records of strokes with known causes.
 
     Parameters
     ----------
     effects
-        Name of the library -> magnitude in the effect's own scale (1: what one would expect to
-        meet).
+        Name in the library -> magnitude in the effect's own scale (1: the expected magnitude).
     seed
-        Of all that is drawn: tolerances, forms, noise.
+        Seed of all random numbers: tolerances, forms, noise.
     spread
-        Departures of the tolerances, in their standard deviations.
+        Deviations of the tolerances, in their standard deviations.
     tolerances
-        Those that depart; names or patterns.
+        Tolerances that deviate; names or patterns.
     after_impact
-        Records end this long after the hammer met the string [s]; None: as long as the stroke. Up
-        to there single shooting is nearly linear.
+        End of the records after the hammer met the string [s]; None: the duration of the stroke.
+        Until then, single shooting is nearly linear.
     refined
-        Whether the machine has refined shapes and modes and sharper friction than the model.
+        Whether the machine has more shapes and modes and sharper friction than the model.
     other_forms
-        Whether effects act in another form than the library's, where there is one; None: drawn.
+        Whether effects have another form than in the library, if there is one; None: random.
     motion
-        Whether records are driven by motion instead of force.
+        Whether the input of the records is a motion instead of a force.
 
     Raises
     ------
     InvalidParameter
-        An effect that is not in the library, or that a machine cannot have twice.
+        An effect is not in the library, or a machine cannot have it twice.
     """
     rng = np.random.default_rng(seed)
     library = library or load_library(action)

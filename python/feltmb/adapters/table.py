@@ -1,4 +1,4 @@
-"""The library as a text that people read."""
+"""The library as a table for people."""
 
 from __future__ import annotations
 

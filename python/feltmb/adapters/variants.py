@@ -1,4 +1,4 @@
-"""Versions of a mechanism: entries applied, assembled, at rest; kept while in use."""
+"""Versions of a mechanism: entries applied, assembled, and at rest; cached while in use."""
 
 from __future__ import annotations
 
@@ -21,24 +21,26 @@ __all__ = ["Variant", "Workshop", "changed_config"]
 
 Array = NDArray[np.float64]
 
-#: Described parts that are kept: versions of a mechanism share most of theirs.
+#: Number of cached part definitions: versions of a mechanism share most of theirs.
 PARTS = 5000
 
 
 class Variant:
-    """One mechanism, its rest and where its states are; the rest is found when it is asked for.
+    """One mechanism, its rest pose and the indices of its states.
+
+    The rest pose is computed when it is needed.
 
     Parameters
     ----------
     mechanism
-        Assembled for the core.
+        Mechanism, assembled for the core.
     finger
         Whether it has a finger.
 
     Raises
     ------
     ModelError
-        By whatever needs the rest: there is none.
+        The mechanism has no rest pose; raised by every attribute that needs it.
     """
 
     def __init__(self, mechanism: _core.Mechanism, *, finger: bool):
@@ -69,7 +71,7 @@ class Variant:
 
     @cached_property
     def points(self) -> Mapping[str, tuple[float, float]]:
-        """Where the tracking points are at rest [m]."""
+        """Positions of the tracking points at rest [m]."""
         points = {}
         for index, name in enumerate(self.mechanism.point_names):
             x, y = _core.point_position(self.mechanism, index, self._found["q"])
@@ -78,7 +80,7 @@ class Variant:
 
     @cached_property
     def finger_reference(self) -> float:
-        """Place of the finger along its direction at rest [m]; 0 without a finger."""
+        """Position of the finger along its direction at rest [m]; 0 without a finger."""
         if not self._finger:
             return 0.0
         return float(_core.finger_place(self.mechanism, self._found["q"]))
@@ -89,7 +91,7 @@ def changed_config(
     entries: Sequence[tuple[Entry, float, float | None]],
     conditions: Mapping[str, float | str],
 ) -> MechanismFile:
-    """Mechanism with entries of given magnitudes and shapes; unchanged where all are zero."""
+    """Mechanism with entries of given magnitudes and shapes; unchanged if all are zero."""
     changes: list[tuple[Change, float]] = []
     insertions: list[tuple[Insertion, float]] = []
     for entry, magnitude, shape in entries:
@@ -118,14 +120,14 @@ def _name_states(mechanism: _core.Mechanism) -> dict[str, int]:
 
 
 class Workshop:
-    """Builds variants and keeps the last ones; safe to use from several threads."""
+    """Builds variants and caches the last ones; usable from several threads."""
 
     def __init__(self, keep: int = 600):
         self._made: Latest[bytes, Variant | None] = Latest(keep)
         self._known: dict[int, tuple[Any, Any]] = {}
 
     def variant(self, key: bytes, config: Callable[[], MechanismFile]) -> Variant | None:
-        """Variant of a key; None if its configuration makes no mechanism or has no rest."""
+        """Variant of a key; None if its configuration is no valid mechanism or has no rest pose."""
 
         def make() -> Variant | None:
             try:
@@ -136,24 +138,24 @@ class Workshop:
         return self._made.get(key, make)
 
     def build(self, config: MechanismFile) -> Variant:
-        """Assemble a configuration and find its rest.
+        """Assemble a configuration and compute its rest pose.
 
         Raises
         ------
         InvalidParameter, ModelError
-            These numbers make no mechanism, or it finds no rest.
+            These values define no valid mechanism, or it has no rest pose.
         """
         variant = self.assemble(config)
         _ = variant.rest
         return variant
 
     def assemble(self, config: MechanismFile) -> Variant:
-        """Assemble a configuration; its rest is found when it is asked for.
+        """Assemble a configuration; its rest pose is computed when it is needed.
 
         Raises
         ------
         InvalidParameter
-            These numbers make no mechanism.
+            These values define no valid mechanism.
         """
         if len(self._known) > PARTS:
             self._known = {}

@@ -1,4 +1,4 @@
-"""A mechanism with what a diagnosis found, as a file: each changed value says where it is from."""
+"""Writes a mechanism with the results of a diagnosis; each changed value has its source."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from feltmb.units.quantity import is_quantity
 
 __all__ = ["action_of_findings", "write_mechanism"]
 
-#: What is said of a value beside it.
+#: Fields of a value in a file that describe it.
 _SAID = ("source", "status", "note")
 
 
@@ -44,16 +44,16 @@ def action_of_findings(
     provenance: str,
     besides: Sequence[str] = (),
 ) -> Action:
-    """The mechanism with tolerances and effects of given magnitudes, in the units of its file.
+    """Mechanism with tolerances and effects of given magnitudes, in the units of its file.
 
     Parameters
     ----------
     entries
         (entry, magnitude [its unit], shape or None).
     provenance
-        Where the numbers are from: the source of every changed value. Its value before is its note.
+        Source of every changed value. The old value becomes its note.
     besides
-        Effects of sensors and inputs, which are no part of a mechanism; they are told in ``about``.
+        Sensor and input effects, which are not part of a mechanism; ``about`` mentions them.
 
     Raises
     ------
@@ -97,13 +97,13 @@ def _tidy(value: float) -> float:
 
 
 def _put(raw: dict[str, Any], path: str, before: float, after: float, provenance: str) -> None:
-    """Replace a number of the file (given in SI), in the unit that it has there."""
+    """Replace a number of the file by a value in SI units, converted to the unit in the file."""
     parts = expand_path(raw, path)[0]
     above: Any = None
     node: Any = raw
     for part in parts[:-1]:
         if isinstance(node, dict) and part not in node:
-            node[part] = {}  # what the file leaves out has its default
+            node[part] = {}  # an entry that is missing in the file has its default
         above, node = node, node[part]
     last = parts[-1]
     if isinstance(node, list):
@@ -121,7 +121,7 @@ def _put(raw: dict[str, Any], path: str, before: float, after: float, provenance
         note = _note(found[0], found[1], "", "")
         node[last] = _scaled(found[0], found[1], before, after) | said | {"note": note}
     elif isinstance(node.get("unit"), list):
-        # Numbers of a curve share what is said of them.
+        # The values of a curve share one description.
         was = f"{last} before {leaf:.6g}"
         if node.get("source") != provenance:
             was = _note(leaf, "", node.get("source", ""), node.get("note", "")).replace(
@@ -155,7 +155,7 @@ def _put_component(
 
 
 def _to_si(unit: str) -> float:
-    """Factor of the unit of a vector: a place, or gravity."""
+    """Factor of the unit of a vector, i.e. a position or gravity."""
     for si in ("m", "m/s^2"):
         try:
             return conversion_factor(unit or si, si)
@@ -165,7 +165,7 @@ def _to_si(unit: str) -> float:
 
 
 def _scaled(number: float, unit: str, before: float, after: float) -> dict[str, Any]:
-    """The new value in the unit of the file; in SI, without a unit, where the old one is zero."""
+    """The new value in the unit of the file; in SI without a unit if the old value is zero."""
     if number == 0.0 or before == 0.0 or not math.isfinite(before / number):
         return {"value": _tidy(after)}
     out: dict[str, Any] = {"value": _tidy(number * (after / before))}
@@ -173,7 +173,7 @@ def _scaled(number: float, unit: str, before: float, after: float) -> dict[str, 
 
 
 def _note(number: Any, unit: str, source: str, note: str) -> str:
-    """The value before, its source, and what was said of it."""
+    """The old value, its source, and its old note."""
     shown = f"{number:.6g}" if isinstance(number, (int, float)) else str(number)
     text = f"before {shown} {unit}".rstrip()
     text += f" ({source})" if source else ""
@@ -181,7 +181,7 @@ def _note(number: Any, unit: str, source: str, note: str) -> str:
 
 
 def _put_parts(raw: dict[str, Any], old: MechanismFile, new: MechanismFile) -> None:
-    """Parts that an insertion changed or brought, in SI units."""
+    """Write the parts that an insertion changed or added, in SI units."""
     options: Mapping[str, Any] = {"mode": "json", "by_alias": True, "exclude_none": True}
     before, after = old.model_dump(**options), new.model_dump(**options)
     for table, parts in after.items():

@@ -1,4 +1,4 @@
-"""Command line of feltmb. Commands are loaded when they are called, so that help is quick."""
+"""Command line of feltmb. Commands are imported when they are called, so that help is fast."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ COMMANDS = {
 
 
 class _Lazy(click.Group):
-    """Group whose commands live in modules that are imported on use."""
+    """Group whose commands are in modules that are imported when they are used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         del ctx
@@ -98,10 +98,11 @@ def cli() -> None:
 
 
 def _small_matrices() -> None:
-    """Leave the threads of the BLAS alone: fits solve many systems of a hundred unknowns.
+    """Limit the threads of the BLAS: fits solve many small systems with a hundred unknowns.
 
-    For these its threads wait for each other longer than they compute: a diagnosis took three times
-    the processor time. Simulations have threads of their own. Too late once NumPy is loaded.
+    With threads, such systems wait longer than they compute: a diagnosis took three times the
+    processor time. Simulations have their own threads. The limit has no effect after the import of
+    NumPy.
     """
     if "numpy" not in sys.modules:
         for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -111,12 +112,12 @@ def _small_matrices() -> None:
 def main(
     arguments: list[str] | None = None, command: click.Command = cli, name: str = "feltmb"
 ) -> None:
-    """Run the command line, or another command; shows no traceback for a fault of the input."""
+    """Run the command line, or another command; no traceback is shown for invalid input."""
     _small_matrices()
     from feltmb.cli.common import complain, say
     from feltmb.errors import FeltmbError, FileExists, ModelError
 
-    for word in arguments or ():  # a shell cannot give such, a caller from Python can
+    for word in arguments or ():  # impossible in a shell, but possible in a call from Python
         if "\0" in word:
             complain(f"argument {word[:60]!r}: holds a null character, expected none")
             sys.exit(2)
@@ -126,11 +127,11 @@ def main(
             warnings.showwarning = lambda message, *_: complain(f"warning: {message}")
             code = command.main(arguments, prog_name=name, standalone_mode=False)
     except SystemExit as end:
-        if "_FELTMB_COMPLETE" in os.environ:  # click ends so what it completed
+        if "_FELTMB_COMPLETE" in os.environ:  # click ends in this way after a completion
             raise
-        if isinstance(end.__context__, BrokenPipeError):  # rich and click end so, too
+        if isinstance(end.__context__, BrokenPipeError):  # rich and click also end in this way
             sys.exit(0)
-        # No command ends so: a model or an effect did that the user wrote in Python.
+        # No command ends in this way: a Python model or effect of the user did.
         frames = traceback.extract_tb(end.__traceback__)
         where = f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else "a model"
         complain(

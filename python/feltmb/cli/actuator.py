@@ -163,7 +163,7 @@ def command(
     if action_force is not None:
         actuator = actuator.with_action(load_stroke(action_force))
     folder = out.parent if out is not None else Path()
-    # The name comes from a file: it must not lead to another folder.
+    # The name comes from a file and must not lead to another folder.
     name = re.sub(r"[^\w.-]+", "_", actuator.name)
     picture = folder / f"actuator_{name}.png"
     if out is not None and out.suffix not in (".nc", ".csv"):

@@ -1,4 +1,4 @@
-"""What the commands share: consoles, options, numbers for people."""
+"""Common parts of the commands: consoles, options, numbers for people."""
 
 from __future__ import annotations
 
@@ -61,18 +61,18 @@ __all__ = [
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-#: Length of a line that nobody looks at [characters].
+#: Length of an unlimited line [characters].
 UNFOLDED = 10_000
 
-#: What a command with --json showed and wrote; None while it prints for people.
+#: Results and written files of a command with --json; None without this option.
 _collected: ContextVar[dict[str, list[Any]] | None] = ContextVar("collected", default=None)
 
 
 def console(*, stderr: bool = False) -> Console:
     """Console for tables (stdout) or for progress and messages (stderr).
 
-    Where no terminal is there are no colors, and no line is cut or folded unless COLUMNS says how
-    long a line may be.
+    Without a terminal there are no colors, and lines are neither cut nor folded unless COLUMNS
+    states a line length.
     """
     from rich.console import Console
 
@@ -94,7 +94,7 @@ def console(*, stderr: bool = False) -> Console:
 
 
 def _table_data(table: Table) -> dict[str, Any]:
-    """Title and rows of a table; cells that are numbers as numbers."""
+    """Title and rows of a table; numeric cells become numbers."""
     heads = [str(column.header) for column in table.columns]
     heads = [h or f"column{i + 1}" for i, h in enumerate(heads)]
     cells = [[str(cell) for cell in column.cells] for column in table.columns]
@@ -116,9 +116,8 @@ def _cell_value(text: str) -> Any:
 def tables_as_json(command: F) -> F:
     """Option ``--json`` of a command that prints tables or writes files.
 
-    With it the tables that the command prints and the names of the files that it writes go to
-    stdout as one object; numbers have the digits that the tables show. All other words go to
-    stderr.
+    With the option, the printed tables and the names of the written files are printed on stdout as
+    one JSON object; numbers have the digits of the tables. All other text is printed on stderr.
     """
 
     @functools.wraps(command)
@@ -139,10 +138,10 @@ def tables_as_json(command: F) -> F:
 
 
 def say(text: str, *, err: bool = False, nl: bool = True) -> None:
-    """Print a text; names from files cannot command the terminal.
+    """Print a text; control characters in names of files are escaped.
 
-    All commands print by this function or on :func:`console`. On stdout long lines are folded
-    between words where the screen is narrow.
+    All commands print with this function or with :func:`console`. On stdout, long lines are folded
+    between words if the screen is narrow.
     """
     text = printable(text)
     if not err:
@@ -153,14 +152,15 @@ def say(text: str, *, err: bool = False, nl: bool = True) -> None:
 
 
 def redraw(text: str, *, end: bool = False) -> None:
-    """Replace the line of progress on stderr."""
+    """Replace the progress line on stderr."""
     click.echo(f"\r\x1b[2K{printable(text)}", nl=end, err=True)
 
 
 class ProgressLine:
     """Progress of a fit or diagnosis on stderr.
 
-    One line that is rewritten on a terminal; elsewhere a line a stage, and one each half a minute.
+    On a terminal, one line is rewritten; elsewhere, one line per stage and one every half a minute
+    is printed.
     """
 
     def __init__(self) -> None:
@@ -170,7 +170,7 @@ class ProgressLine:
         self._lock = threading.Lock()
 
     def __call__(self, p: Progress) -> None:
-        """Show it."""
+        """Show the progress."""
         with self._lock:
             if is_terminal():
                 redraw(self.text(p)[: max(console(stderr=True).width - 1, 20)])
@@ -180,7 +180,7 @@ class ProgressLine:
             self._stage = p.stage
 
     def _is_estimate(self, p: Progress) -> bool:
-        """Whether it tells what the work will be, which is shown in any case."""
+        """Whether it has the estimate of the work, which is always shown."""
         new = p.stage == "checks of the data" and p.detail not in ("", self._estimate)
         if new:
             self._estimate = p.detail
@@ -188,7 +188,7 @@ class ProgressLine:
 
     @staticmethod
     def text(p: Progress) -> str:
-        """The line; what matters most comes first, for its end may be cut."""
+        """The line; the most important parts come first, because its end may be cut."""
         parts = [p.stage]
         if p.simulations:
             about = f" of about {p.about}" if p.about else ""
@@ -217,9 +217,9 @@ def duration(seconds: float) -> str:
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
-    """Within, the first Ctrl-C asks what runs to end with what it has; the second ends it.
+    """Context in which the first Ctrl-C ends the work with its results; the second stops it.
 
-    Yields whether there was one.
+    Yields a function that returns whether there was a Ctrl-C.
     """
     asked = threading.Event()
     if (
@@ -242,12 +242,12 @@ def interruptible() -> Iterator[Callable[[], bool]]:
 
 
 def complain(text: str) -> None:
-    """One message on stderr."""
+    """Print one message on stderr."""
     say(f"feltmb: {text}", err=True)
 
 
 def say_written(path: Path) -> None:
-    """Name a file that was written."""
+    """Print the name of a written file."""
     found = _collected.get()
     if found is not None:
         found["written"].append(str(path))
@@ -264,7 +264,7 @@ def _picture_kind(path: Path) -> str:
 
 
 class FileName(click.Path):
-    """Name of a file to write, whose ending is one that the command can write."""
+    """Name of a file to be written, with a suffix that the command supports."""
 
     def __init__(self, *suffixes: str, dir_okay: bool = True):
         super().__init__(path_type=Path, dir_okay=dir_okay)
@@ -280,7 +280,7 @@ class FileName(click.Path):
 
 
 class FolderName(click.Path):
-    """Name of a folder to write into, which is not that of a file."""
+    """Name of a folder to be written, which is not the name of a file."""
 
     def __init__(self, file_okay: bool = True) -> None:
         super().__init__(path_type=Path, file_okay=file_okay)
@@ -295,7 +295,7 @@ class FolderName(click.Path):
 
 
 def check_targets(*files: Path | None, pictures: tuple[Path | None, ...] = (), force: bool) -> None:
-    """Before anything is written: every file could be, none twice, pictures in a known format."""
+    """Check all files before any is written: writable, no duplicates, known formats."""
     from feltmb.errors import InvalidParameter
     from feltmb.files import check_writable
 
@@ -314,7 +314,7 @@ def check_targets(*files: Path | None, pictures: tuple[Path | None, ...] = (), f
 
 
 def save_figure(figure: Any, path: Path, *, force: bool) -> None:
-    """Write a figure as PNG, PDF or SVG and name the file."""
+    """Write a figure as PNG, PDF or SVG, and print the name of the file."""
     from feltmb.files import write_file
 
     kind = _picture_kind(path)
@@ -324,9 +324,10 @@ def save_figure(figure: Any, path: Path, *, force: bool) -> None:
 def new_table(
     title: str, *columns: str, right: tuple[int, ...] = (), whole: tuple[int, ...] = ()
 ) -> Table:
-    """Table that prints well at 80 columns; see :mod:`feltmb.cli.tables`.
+    """Table that fits into 80 columns; see :mod:`feltmb.cli.tables`.
 
-    ``right``: indices of right-aligned columns; ``whole``: of those whose cells are never folded.
+    ``right``: indices of right-aligned columns; ``whole``: indices of columns whose cells are never
+    folded.
     """
     from feltmb.cli.tables import FittingTable
 
@@ -352,11 +353,11 @@ def pretty(value: float, unit: str) -> tuple[str, str]:
 
 
 def print_json(value: Any) -> None:
-    """JSON on stdout, keys in a fixed order."""
+    """Print JSON on stdout, with keys in a fixed order."""
     click.echo(json.dumps(value, indent=2, sort_keys=True))
 
 
-#: SI unit of an option -> what the help calls its value.
+#: SI unit of an option -> name of its value in the help.
 _KINDS = {
     "m": "LENGTH",
     "m^2": "AREA",
@@ -369,17 +370,17 @@ _KINDS = {
 
 
 class Quantity(click.FloatRange):
-    """A finite number with its unit, such as 25um or "3 cm^2", within bounds in the SI unit.
+    """A finite number with a unit, such as 25um or "3 cm^2", within limits in the SI unit.
 
-    A number without a unit is in the SI unit, which the help shows. The parser is that of the
-    files, so that every unit is written alike everywhere.
+    A number without a unit is in the SI unit, which the help shows. The parser is also used for
+    files, so that units are written in the same way everywhere.
 
     Parameters
     ----------
     unit
-        SI unit of the value; "1" of a plain number, which may also be given in %.
+        SI unit of the value; "1" for a plain number, which may also be in %.
     low, high
-        Bounds in that unit.
+        Limits in that unit.
     """
 
     name = "quantity"
@@ -397,7 +398,7 @@ class Quantity(click.FloatRange):
         self.unit = unit
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str | None:
-        """What stands behind the option in the help."""
+        """Text after the option in the help."""
         del ctx
         if isinstance(param, click.Argument):
             return None
@@ -409,7 +410,7 @@ class Quantity(click.FloatRange):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """The number in the SI unit, or a message."""
+        """The number in the SI unit, or an error message."""
         from feltmb.units.quantity import parse_scalar
 
         try:
@@ -420,7 +421,7 @@ class Quantity(click.FloatRange):
 
 
 class Number(Quantity):
-    """A plain number within bounds."""
+    """A plain number within limits."""
 
     def __init__(
         self,
@@ -434,7 +435,7 @@ class Number(Quantity):
 
 
 def positive(unit: str) -> Quantity:
-    """A quantity > 0 of this SI unit."""
+    """A quantity > 0 with this SI unit."""
     return Quantity(unit, 0, min_open=True)
 
 
@@ -447,10 +448,10 @@ _ASSIGNMENT = re.compile(r"\s*[\w.*\[\]-]+\s*=")
 
 
 def split_list(text: str) -> list[str]:
-    """Items of a list with commas; commas in brackets or quotes belong to their item.
+    """Items of a list separated by commas; commas in brackets or quotes do not separate.
 
-    Where the list begins with NAME=VALUE, a comma ends an item only before the next NAME=, so that
-    a value may be a list itself: ``a=1,2,b=3`` are two.
+    If the list begins with NAME=VALUE, a comma only separates before the next NAME=, so that a
+    value may be a list: ``a=1,2,b=3`` has two items.
 
     Raises
     ------
@@ -479,25 +480,25 @@ def split_list(text: str) -> list[str]:
 
 
 class ListOption(click.Option):
-    """Option that may be repeated and takes lists with commas: ``-x a -x b`` is ``-x a,b``."""
+    """Option that may be repeated and accepts lists with commas: ``-x a -x b`` is ``-x a,b``."""
 
     def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
-        """All items, each converted."""
+        """All items, converted."""
         items: list[Any] = []
         for given in value or ():
             try:
-                # A file whose name holds a comma is meant as it stands.
+                # A file whose name contains a comma is one item.
                 whole = not isinstance(given, str) or Path(given).exists()
                 items += [given] if whole else split_list(given)
             except ValueError as error:
                 raise click.BadParameter(str(error), ctx, self) from None
-            except OSError:  # too long for the name of a file
+            except OSError:  # too long for a file name
                 items += split_list(given)
         return super().type_cast_value(ctx, tuple(items))
 
 
 def list_option(*declarations: str, **attributes: Any) -> Callable[[F], F]:
-    """Option with a list as value: repeated, separated by commas, or both."""
+    """An option with a list as value: repeated, separated by commas, or both."""
     text = attributes.pop("help")
     return click.option(
         *declarations,
@@ -515,7 +516,7 @@ def _settings(metavar: str, text: str) -> Callable[[F], F]:
 
 
 def set_option(function: F) -> F:
-    """Option ``--set PATH=VALUE``, any number of times."""
+    """Option ``--set PATH=VALUE``, which may be repeated."""
     return _settings(
         "PATH=VALUE",
         "Change a value of the mechanism by its dotted path, such as string.modes=80 or "
@@ -524,7 +525,7 @@ def set_option(function: F) -> F:
 
 
 def model_set_option(function: F) -> F:
-    """Option ``--set NAME=VALUE`` of what is fitted or diagnosed, any number of times."""
+    """Option ``--set NAME=VALUE`` of a model, which may be repeated."""
     return _settings(
         "NAME=VALUE",
         "Setting of a packaged mechanism or mechanism file: channels=key,hammer, effects=all, "
@@ -588,12 +589,12 @@ def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
 
 
 def parse_option(option: str, text: str, unit: str) -> float:
-    """Value of an option with its unit, such as 6mm, in an SI unit.
+    """Value of an option with its unit, such as 6mm, in SI units.
 
     Raises
     ------
     InvalidParameter
-        Naming the option.
+        The value is invalid; the message names the option.
     """
     from feltmb.errors import InvalidParameter
     from feltmb.units.quantity import parse_scalar
@@ -605,11 +606,11 @@ def parse_option(option: str, text: str, unit: str) -> float:
 
 
 def parse_damper(text: str) -> tuple[str, float | None]:
-    """Kind and coefficient [N m s/rad] of ``--damper one-sided=0.05``."""
+    """Kind and coefficient [N m s/rad] from ``--damper one-sided=0.05``."""
     kind, sign, value = text.partition("=")
     return kind.strip(), parse_option("--damper", value, "N m s/rad") if sign else None
 
 
 def is_terminal() -> bool:
-    """Whether progress may be drawn."""
+    """Whether a progress line can be drawn."""
     return sys.stderr.isatty()

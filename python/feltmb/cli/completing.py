@@ -1,4 +1,4 @@
-"""What the shell completes: names of packaged data, of laws, of effects; else files."""
+"""Shell completion: names of packaged data, laws and effects; else files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem
 
 
 def _matching(names: Iterable[str], incomplete: str) -> list[CompletionItem]:
-    """Names that go on as the word begins; files too, where the shell finds no name."""
+    """Names that begin with the word; files too, if the shell finds no name."""
     return [
         CompletionItem(incomplete, type="file"),
         *(CompletionItem(name) for name in names if name.startswith(incomplete)),
@@ -68,12 +68,12 @@ def fiber_laws(
 
 
 def _line() -> list[str]:
-    """Words of the line: it ends in an option without its value, so that click has read none."""
+    """Words of the command line; click has not parsed it, because the last option has no value."""
     return split_arg_string(os.environ.get("COMP_WORDS", ""))
 
 
 def _mechanism() -> str | None:
-    """The mechanism that the line names."""
+    """Mechanism on the command line."""
     from feltmb import params
     from feltmb.files import is_file
 
@@ -86,7 +86,7 @@ def _mechanism() -> str | None:
 def effects(
     _context: click.Context, _parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """Effects of the library for the mechanism of the line; nothing of a Python file is run."""
+    """Effects of the library for the mechanism on the command line; Python files are not run."""
     from feltmb.errors import FeltmbError
 
     model = _mechanism()
@@ -102,7 +102,7 @@ def effects(
 
 
 def _paths(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted paths of the values of a mechanism file; a body also goes by its own name."""
+    """Dotted paths of the values of a mechanism file; a body may also be given by its name."""
     from pydantic import BaseModel
 
     if isinstance(node, tuple):
@@ -119,7 +119,7 @@ def _paths(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _is_given(raw: Mapping[str, Any], path: str) -> bool:
-    """Whether a file has the table that a path ends in; --set makes values, but no tables."""
+    """Whether a file has the table of a path; --set can add values, but no tables."""
     *tables, last = path.split(".")
     node: Any = raw
     for key in tables:
@@ -130,7 +130,7 @@ def _is_given(raw: Mapping[str, Any], path: str) -> bool:
 
 
 def _settable() -> dict[str, Any]:
-    """Value by dotted path, of the mechanism that the line names."""
+    """Value by dotted path of the mechanism on the command line."""
     from feltmb.errors import FeltmbError
     from feltmb.mechanism import load_action
 
@@ -149,11 +149,11 @@ def _settable() -> dict[str, Any]:
 def paths(
     _context: click.Context, _parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """Dotted paths of the values of the mechanism of the line."""
+    """Dotted paths of the values of the mechanism on the command line."""
     return [CompletionItem(path) for path in _settable() if path.startswith(incomplete)]
 
 
-#: Settings of what is fitted or diagnosed, beside the values of its mechanism.
+#: Settings of models in addition to the values of their mechanism.
 ADAPTER = ("channels", "effects", "library", "rtol", "segment",
            "tolerances", "until", "variation")  # fmt: skip
 
@@ -161,7 +161,7 @@ ADAPTER = ("channels", "effects", "library", "rtol", "segment",
 def settings(
     _context: click.Context, parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """PATH= of the mechanism of the line; the values where they are words."""
+    """PATH= for the mechanism on the command line; values too if they are words."""
     from feltmb.contact import LAWS
 
     path, sign, value = incomplete.partition("=")
@@ -177,7 +177,7 @@ def settings(
 
 
 def _runs() -> Iterator[Run]:
-    """The saved runs that the line names; what cannot be read has nothing to complete."""
+    """Saved runs on the command line; unreadable files give no completions."""
     from feltmb.errors import FeltmbError
     from feltmb.files import is_file
     from feltmb.run.results import load_run
@@ -191,7 +191,7 @@ def _runs() -> Iterator[Run]:
 def outputs(
     _context: click.Context, _parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """Outputs of the saved runs of the line."""
+    """Outputs of the saved runs on the command line."""
     names = dict.fromkeys(name for run in _runs() for name in run.names)
     return [CompletionItem(name) for name in names if name.startswith(incomplete)]
 
@@ -199,7 +199,7 @@ def outputs(
 def events(
     _context: click.Context, _parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """Events that all saved runs of the line have."""
+    """Events that all saved runs on the command line have."""
     lists = [list(run.event_table["event"]) for run in _runs()]
     first = dict.fromkeys(lists[0] if lists else ())
     names = [name for name in first if all(name in each for each in lists)]

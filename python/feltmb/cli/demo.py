@@ -1,4 +1,4 @@
-"""``feltmb demo``: the main job from nothing to pictures."""
+"""``feltmb demo``: a complete example from simulation to figures."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
 
 
 def published_table(runs: list[Run]) -> Any:
-    """Table of simulated beside published numbers."""
+    """Table of simulated and published values."""
     from feltmb.cli.stroke import SUMMARY_ROWS
     from feltmb.run.published import compare_with_published
     from feltmb.run.reading import strike_words

@@ -1,4 +1,4 @@
-"""``feltmb felt audit``: what is wrong with a law and its data."""
+"""``feltmb felt audit``: faults of a law and its data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``feltmb fit``: the model fit alone."""
+"""``feltmb fit``: fits a model without a diagnosis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``feltmb gap``: check records, plan, diagnose."""
+"""``feltmb gap``: checks records, plans experiments, diagnoses."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ def run(
 
 
 def floors(texts: tuple[str, ...]) -> dict[str, float]:
-    """Practical floors by channel or SI unit, from ``0.2mm`` or ``CHANNEL=0.2mm``."""
+    """Practical accuracies by channel or SI unit, from ``0.2mm`` or ``CHANNEL=0.2mm``."""
     from feltmb.units import si_value, split_quantity
     from feltmb.units.names import ACCEPTED_UNITS, conversion_factor
 

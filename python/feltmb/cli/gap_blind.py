@@ -1,4 +1,4 @@
-"""``feltmb gap blind``: how often the diagnosis would be right on the user's own machine."""
+"""``feltmb gap blind``: how often the diagnosis would be correct on the user's own machine."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = ["command"]
 
 
 class _Told:
-    """What was withheld and what the diagnosis said, a line a case, with the time left."""
+    """Prints each case with its withheld effect and the diagnosis, and the remaining time."""
 
     def __init__(self) -> None:
         self.start = time.monotonic()

@@ -1,4 +1,4 @@
-"""``feltmb gap check``: records by themselves, and beside a model before anything is fitted."""
+"""``feltmb gap check``: checks records alone, and compares them with a model before any fit."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def command(
 
 
 def _split(given: Sequence[str]) -> tuple[str | None, list[Path]]:
-    """The model, if the first argument is none of the measured files, and the files."""
+    """The model, if the first argument is not a measured file, and the files."""
     if Path(given[0]).suffix.lower() in _DATA:
         return None, [Path(g) for g in given]
     if len(given) == 1:
@@ -167,7 +167,7 @@ def _print_checks(checks: DataChecks) -> None:
 
 
 def _print_gap(found: GapBefore) -> None:
-    """A table for each record: they are as wide as a terminal."""
+    """Print a table for each record, because a table is as wide as a terminal."""
     for record in found.records:
         table = new_table(
             f"{record.name} - {found.model}, nothing fitted",
@@ -199,7 +199,7 @@ def _size(value: float, unit: str) -> str:
 
 
 def _looks(row: GapBeforeRow) -> str:
-    """What alone would explain at least half of the squared difference."""
+    """Delay or factor that alone explains at least half of the squared difference, as text."""
     told = []
     if isfinite(row.delay):
         told.append(f"{abs(1e3 * row.delay):.3g} ms {'late' if row.delay > 0 else 'early'}")

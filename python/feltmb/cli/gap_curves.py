@@ -1,4 +1,4 @@
-"""Records beside the model before and after a diagnosis, as viewers for the page of the report."""
+"""Viewers of records and models before and after a diagnosis, for the page of the report."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ __all__ = [
     "remaining_picture",
 ]
 
-#: More records than these are not drawn; the others are in the files.
+#: Largest number of records that are shown; the others are only in the files.
 MOST_RECORDS = 8
 
 
 def record_viewers(report: Report, records: Sequence[Record]) -> str:
-    """HTML of one viewer a record: measured, the model as tabulated, calibrated, with effects.
+    """HTML with one viewer per record: measured, tabulated, calibrated, and with effects.
 
-    Each is an open-loop simulation over all of the record that was used. A record that a model
-    cannot follow to its end is left out.
+    Each model is simulated in open loop over the complete part of the record that was used. Records
+    that a model cannot simulate to the end are omitted.
     """
     from feltmb.errors import FeltmbError
     from feltmb.graphics.viewer import Curves, assets, fragment
@@ -56,9 +56,9 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
 
 
 def remaining_by_part(report: Report) -> dict[str, float]:
-    """Share of the squared gap that remains on held-out data, by body whose points show it [1].
+    """Share of the squared gap that remains on held-out data, by body with the points [1].
 
-    Empty where no more than noise remains, and for models that are no mechanism.
+    Empty if only noise remains, and for models that are not mechanisms.
     """
     action = getattr(report.fit.problem.model.core, "action", None)
     if action is None:
@@ -74,7 +74,7 @@ def remaining_by_part(report: Report) -> dict[str, float]:
 
 
 def remaining_picture(report: Report) -> Figure | None:
-    """The mechanism with its parts colored by their share of the remaining gap."""
+    """Drawing of the mechanism with parts colored by their share of the remaining gap."""
     from feltmb.graphics.plot import mechanism
 
     shares = remaining_by_part(report)
@@ -87,7 +87,7 @@ def remaining_picture(report: Report) -> Figure | None:
 
 
 def picture_html(figure: Figure) -> str:
-    """A figure as it stands in a page that loads nothing."""
+    """A figure as HTML for a page that loads nothing."""
     import base64
     import io
 
@@ -102,7 +102,7 @@ def picture_html(figure: Figure) -> str:
 
 
 def overlay_page(found: GapBefore) -> str:
-    """HTML page with one viewer a record: measured, and the model with nothing fitted."""
+    """HTML page with one viewer per record: measured, and the model before any fit."""
     from feltmb.graphics.viewer import Curves, assets, fragment
 
     parts = []

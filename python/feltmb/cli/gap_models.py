@@ -1,4 +1,4 @@
-"""What can be diagnosed from the command line: a Python file, or what a resolver knows by name."""
+"""Models on the command line: from a Python file, or by the name of a mechanism."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ __all__ = ["RESOLVERS", "Adapter", "held_out", "load_adapter"]
 
 @dataclass(frozen=True)
 class Adapter:
-    """A model with the effects that may explain its gap."""
+    """A model with the effects that are tested."""
 
     model: Model
     effects: tuple[Effect, ...]
     planned: tuple[Record, ...] = ()
-    """Runs that could be made, for ``feltmb gap plan``."""
+    """Possible runs, for ``feltmb gap plan``."""
     outputs_of: Callable[[Sequence[str]], tuple[str, ...]] = tuple
-    """Outputs behind names of channels."""
+    """Function that returns the outputs of named channels."""
     limits: Limits | None = None
-    """Of experiments, unless a file says otherwise."""
+    """Limits of experiments, unless a file states others."""
     kinds: Mapping[str, str] = field(default_factory=dict)
     """Inputs that are strokes of a mechanism, with the kind of the stroke."""
 
     @property
     def signals(self) -> Signals:
-        """What the columns of a measured file may be."""
+        """Possible signals of the columns of a measured file."""
         return Signals(
             inputs=tuple(getattr(self.model, "inputs", ())),
             outputs=self.model.outputs,
@@ -44,23 +44,23 @@ class Adapter:
         )
 
     def read(self, data: Sequence[Path], options: ReadOptions | None = None) -> tuple[Record, ...]:
-        """Measured files as records of the model."""
+        """Read measured files as records of the model."""
         return tuple(r for group in self.read_each(data, options) for r in group)
 
     def read_each(
         self, data: Sequence[Path], options: ReadOptions | None = None
     ) -> tuple[tuple[Record, ...], ...]:
-        """The same by file: one may hold several runs."""
+        """Read records by file; a file may contain several runs."""
         return read_each(data, self.signals, options)
 
     def measured(self, path: Path | None) -> Adapter:
-        """The same with tests of single parts in the place of tolerances."""
+        """Copy of the adapter with tests of single parts instead of tolerances."""
         if path is None:
             return self
         return replace(self, model=with_measured(self.model, read_measured(path, self.model)))
 
     def including(self, names: Sequence[str]) -> Adapter:
-        """The same with effects of the library as part of the model."""
+        """Copy of the adapter whose model includes effects of the library."""
         names = list(dict.fromkeys(names))
         if not names:
             return self
@@ -96,18 +96,18 @@ def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) 
     )
 
 
-#: Each is asked for a name with settings and channels in turn; None: not mine.
+#: Functions of a name with settings and channels, called in turn; None: name unknown.
 RESOLVERS: list[Callable[[str, Mapping[str, str], Sequence[str]], Adapter | None]] = [_mechanism]
 
 
 def load_adapter(name: str, settings: Sequence[str] = (), channels: Sequence[str] = ()) -> Adapter:
-    """Adapter by name of a packaged mechanism or path of a Python file.
+    """Adapter by the name of a packaged mechanism or the path of a Python file.
 
-    ``channels`` are wanted besides those that a mechanism has by default.
+    ``channels`` are required in addition to the default channels of a mechanism.
 
-    The file defines ``model`` (a :class:`feltmb.fit.Model`) and ``effects`` (a sequence of
-    :class:`feltmb.fit.Effect`), and may define ``planned`` (records that could be made) and
-    ``limits`` (a :class:`feltmb.gap.Limits`). It is run: use files that you trust.
+    The Python file defines ``model`` (a :class:`feltmb.fit.Model`) and ``effects`` (a sequence of
+    :class:`feltmb.fit.Effect`). It may define ``planned`` (possible records) and ``limits`` (a
+    :class:`feltmb.gap.Limits`). The file is executed: only use files that you trust.
     """
     values = {}
     for text in settings:
@@ -170,14 +170,14 @@ def _from_file(path: Path) -> Adapter:
 def held_out(
     given: tuple[str, ...], data: Sequence[Path], groups: Sequence[Sequence[Record]]
 ) -> list[str]:
-    """Names of the records that are held out.
+    """Names of the held-out records.
 
-    Each is given by its name, by its file or by the file's name; a file stands for all of its runs.
+    Each is given by its name, by its file, or by the file name; a file means all of its runs.
 
     Raises
     ------
     InvalidParameter
-        One of them means several files.
+        A name is ambiguous.
     """
     out: list[str] = []
     for h in given:

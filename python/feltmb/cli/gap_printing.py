@@ -1,4 +1,4 @@
-"""What ``feltmb gap diagnose`` prints, in the order in which a gap is read."""
+"""Output of ``feltmb gap diagnose``."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
 
 __all__ = ["print_report"]
 
-#: Parameters that are listed, and effects.
+#: Largest numbers of parameters and effects that are listed.
 MOST_MOVED, MOST_EFFECTS = 8, 6
 
 
 def print_report(report: Report) -> None:
-    """The report in five parts: as it is, calibration, what is missing, what remains, next."""
+    """Print the report in five parts: tabulated gap, calibration, effects, residual, next steps."""
     say(f"{report.verdict}: {report.statement}")
     _as_it_is(report)
     _calibration(report)

@@ -1,4 +1,4 @@
-"""Options that say how measured files are read, shared by the commands that read them."""
+"""Options for reading measured files, common to several commands."""
 
 from __future__ import annotations
 
@@ -147,13 +147,13 @@ def _options(given: dict[str, Any]) -> ReadOptions:
 
 
 def _points(texts: Sequence[str]) -> list[str]:
-    """Origins; X,Y without a channel, which a list has taken apart, is one point again."""
+    """Origins; X,Y without a channel, which was split as a list, becomes one point again."""
     bare = [t for t in texts if "=" not in t]
     return [t for t in texts if "=" in t] + ([",".join(bare)] if bare else [])
 
 
 def _pairs(option: str, texts: Sequence[str], *, bare: bool = True) -> dict[str, str]:
-    """Values by channel; "" stands for all."""
+    """Values by channel; "" means all channels."""
     out: dict[str, str] = {}
     for text in texts:
         channel, mark, value = text.partition("=")

@@ -1,4 +1,4 @@
-"""``feltmb gap session``: plan, let a machine play, read, diagnose, and again."""
+"""``feltmb gap session``: repeats plan, measurement and diagnosis."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["command"]
 
-#: Characters of what a command said that are repeated.
+#: Number of characters of a command's output that are shown.
 LAST_WORDS = 400
 
 
@@ -124,7 +124,7 @@ def command(
             if step.verdict:
                 say(f"   {step.verdict}: {step.statement}")
             for text in step.warnings:
-                if text not in warned:  # a warning of an earlier step is still true
+                if text not in warned:  # a warning of an earlier step is still valid
                     warned.add(text)
                     say(f"   Warning: {text}")
 
@@ -159,7 +159,7 @@ def command(
 
 
 class _Caller:
-    """Calls the user's command."""
+    """Calls the command of the user."""
 
     def __init__(self, text: str, timeout: float | None):
         import shlex
@@ -173,7 +173,7 @@ class _Caller:
         self.timeout = timeout
 
     def __call__(self, request: Path, answer: Path) -> None:
-        """Play a request."""
+        """Perform a request."""
         import subprocess
 
         try:

@@ -1,4 +1,4 @@
-"""``feltmb list``: what there is."""
+"""``feltmb list``: lists packaged data, laws and units."""
 
 from __future__ import annotations
 

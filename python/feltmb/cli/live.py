@@ -1,4 +1,4 @@
-"""``feltmb live``: turn a screw and see the machine move, in a browser."""
+"""``feltmb live``: changes and simulates a mechanism in a browser."""
 
 from __future__ import annotations
 

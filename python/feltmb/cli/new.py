@@ -1,4 +1,4 @@
-"""``feltmb new``: a commented template of a mechanism, or of the TOML beside a measured file."""
+"""``feltmb new``: writes a commented mechanism file, or the TOML file of a measured file."""
 
 from __future__ import annotations
 

@@ -122,7 +122,7 @@ def _show(value: float | None) -> str:
 
 
 def regulation_table(result: Regulation) -> Any:
-    """Target, before and after of each step."""
+    """Table of each step: target, before and after."""
     name = result.provenance["action"]
     table = new_table(
         f"regulation of {name}",

@@ -1,4 +1,4 @@
-"""``feltmb sensitivity``: which parameters move what."""
+"""``feltmb sensitivity``: influence of parameters on the results of a stroke."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def _table(result: Gradient, effects: Any, rows: list[str], number: str, stroke:
     shown = [number] + [
         n for n in ("impact_time", "max_string_force", "rebound_speed") if n in effects
     ]
-    shown = list(dict.fromkeys(shown))[:2]  # as many as 80 columns hold
+    shown = list(dict.fromkeys(shown))[:2]  # as many as fit into 80 columns
     value, unit = pretty(result.summary[number], summary_unit(number))
     table = new_table(
         f"{stroke}: what 1 % more does; {number.replace('_', ' ')} is {value} {unit}",

@@ -94,7 +94,7 @@ def command(
             save_figure(draw_graph(mechanism), graph, force=force)
 
 
-#: What is shown of a spring: word before the number, and field.
+#: Shown properties of a spring: word before the number, and field.
 _SPRING = (
     ("", "stiffness"),
     ("from ", "rest_angle"),

@@ -256,7 +256,7 @@ def command(
             complain(f"warning: {name}: {warning}")
         try:
             _draw(run, target, stems[i], plot=plot, wav=wav, force=force or i in kept)
-        except Exception as fault:  # the run is saved and shown: a picture takes neither along
+        except Exception as fault:  # the saved run stays valid
             kind = "" if isinstance(fault, FeltmbError) else f"{type(fault).__name__}: "
             failures.append(f"{name}: no picture or sound: {kind}{fault}")
 
@@ -275,7 +275,7 @@ def command(
                 waiting.pop(i, None)
                 finish(i, *result)
         except BaseException:
-            # What the other threads have finished is kept.
+            # Results that other threads have finished are saved.
             stop["now"] = True
             for i, future in waiting.items():
                 if not future.cancel() and future.exception() is None:
@@ -292,7 +292,7 @@ def command(
 def _with_actuator(
     action: Action, name: str, damper: str | None, pad: str | None
 ) -> tuple[Action, Stroke]:
-    """The action with an actuator on its key, and the actuator's own torque."""
+    """The action with an actuator at its key, and the torque of the actuator."""
     from feltmb.action.actuator import compose, load_actuator
 
     made = load_actuator(name)
@@ -302,7 +302,7 @@ def _with_actuator(
 
 
 def _inputs(action: Action, stroke: Stroke, options: dict[str, Any], start: Path | None) -> str:
-    """Digest of all that a run follows from."""
+    """Hash of everything that determines a run."""
     from feltmb.files import digest_of, package_digest
 
     first = None if start is None else start.read_bytes()
@@ -310,7 +310,7 @@ def _inputs(action: Action, stroke: Stroke, options: dict[str, Any], start: Path
 
 
 def _finished(targets: list[Path | None], keys: list[str]) -> dict[int, Run]:
-    """Runs that lie in the targets already, finished and of the same inputs."""
+    """Finished runs with the same inputs that already exist in the targets."""
     from feltmb.files import is_file
     from feltmb.run.results import load_run
 
@@ -339,7 +339,7 @@ def _targets(out: Path | None, stems: list[str]) -> list[Path | None]:
 
 
 def _stems(names: list[str]) -> list[str]:
-    """Names of files for strokes: nothing that leads to another folder, none of them twice."""
+    """File names for strokes: none leads to another folder, and none is used twice."""
     plain = [re.sub(r"[^\w ,.+-]", "_", name).strip(" .")[:100] or "stroke" for name in names]
     stems: list[str] = []
     for i, stem in enumerate(plain):
@@ -353,7 +353,7 @@ def _stems(names: list[str]) -> list[str]:
 
 
 def _files(target: Path | None, stem: str, *, plot: bool, wav: bool) -> list[Path]:
-    """Every file that may be written for one stroke."""
+    """All files that may be written for one stroke."""
     folder, stem = (target.parent, target.stem) if target is not None else (Path(), stem)
     files = [target] if target is not None else []
     if plot:
@@ -403,7 +403,7 @@ def summary_table(run: Run, title: str) -> Any:
 
     table = new_table(f"{title}: {run.provenance['action']}", "", "value", "unit", right=(1,))
     words, strike = let_off_words(run.summary), strike_words(run)
-    # Events in the order of their times; what follows an event in the list stays with it.
+    # Events are sorted by time; entries after an event in the list stay after it.
     groups: list[tuple[float, list[tuple[str, str, str]]]] = [(-math.inf, [])]
     for key, (text, unit) in SUMMARY_ROWS.items():
         if key == "let_off_time" and words and "free_flight_time" not in run.summary:

@@ -1,4 +1,4 @@
-"""``feltmb study``: comparisons as data, with pictures, tables and findings."""
+"""``feltmb study``: runs studies with figures, tables and findings."""
 
 from __future__ import annotations
 
@@ -167,12 +167,12 @@ def _widths(table: Table) -> list[int]:
 
 
 def _chunks(table: Table) -> list[Table]:
-    """Split a table so that each part fits the terminal; the first column is repeated."""
+    """Split a table into parts that fit the terminal; the first column is repeated."""
     from feltmb.run.study.page import Table as Made
 
     if not table.rows:
         return []
-    # A heading may break between words, a number may not.
+    # A heading may be broken between words, a number may not.
     widths = [
         max(body, max(len(word) for word in head.text.split() or [""]), 9 if i else 12)
         for i, (body, head) in enumerate(zip(_widths(table), table.head, strict=True))

@@ -1,7 +1,7 @@
-"""Tables that fit the screen: lines fold between words only, never inside a number or a name.
+"""Tables that fit the screen: lines are folded only between words, never in numbers or names.
 
-What is too wide is folded, then split into several tables that share their first column, then
-written as one block of lines a row.
+A table that is too wide is folded, else split into several tables with the same first column, else
+written as one block of lines for each row.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 
 __all__ = ["FittingTable", "Screen", "folded_text"]
 
-#: Between two columns of the box, and around the table [characters].
+#: Width between two columns of the box, and around the table [characters].
 BETWEEN, AROUND = 3, 2
-#: A column of prose is not folded to fewer characters where another way is left.
+#: Smallest width of a text column, unless there is no alternative [characters].
 PROSE = 24
 
 Cells = list[str]
 
 
 class FittingTable(Table):
-    """A table whose cells are plain texts.
+    """A table with text cells.
 
-    ``whole``: indices of the columns whose cells are never folded, between words neither.
+    ``whole``: indices of the columns whose cells are never folded, not even between words.
     """
 
     def __init__(self, title: str, whole: Sequence[int] = ()):
@@ -42,13 +42,13 @@ class FittingTable(Table):
         self.whole = frozenset(whole)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Lines of the table in the way that fits."""
+        """Lines of the table in the form that fits."""
         if not self.columns:
             return
         room = options.max_width - AROUND
         columns = [_column_cells(column) for column in self.columns]
         wants = full = [max(map(_longest_line, cells)) for cells in columns]
-        if _total(wants) > room:  # heads fold first
+        if _total(wants) > room:  # heads are folded first
             wants = [max(_longest_word(cells[0]), 0, *map(_longest_line, cells[1:]))
                      for cells in columns]  # fmt: skip
         needs = [
@@ -67,13 +67,13 @@ class FittingTable(Table):
         yield from _folded(printable(str(self.caption or "")), options.max_width, "table.caption")
 
     def _part(self, group: list[int], widths: list[int]) -> Table:
-        """The columns of a group as a table of rich, its cells folded already."""
+        """The columns of a group as a table of rich with folded cells."""
         part = Table(box=box.SIMPLE, pad_edge=False)
         columns = [_column_cells(self.columns[i]) for i in group]
         folded = [[folded_text(cell, width) for cell in cells]
                   for cells, width in zip(columns, widths, strict=True)]  # fmt: skip
         for i, cells in zip(group, folded, strict=True):
-            # Cells are folded to fit; "ignore" would leave their justification out.
+            # Cells are folded already; "ignore" would disable their justification.
             part.add_column(
                 cells[0], justify=self.columns[i].justify, no_wrap=True, overflow="crop"
             )
@@ -82,7 +82,7 @@ class FittingTable(Table):
         return part
 
     def _blocks(self, columns: list[Cells], width: int) -> RenderResult:
-        """One block of lines a row: the first cell, below it the others by their heads."""
+        """One block of lines per row: the first cell, and below it the others with their heads."""
         yield Text("")
         if len(columns[0]) == 1:
             yield from _folded(", ".join(cells[0] for cells in columns), width)
@@ -97,7 +97,7 @@ class FittingTable(Table):
 
 
 def _column_cells(column: object) -> Cells:
-    """Head and cells of a column as texts."""
+    """Head and cells of a column as text."""
     cells = (column.header, *column.cells)  # type: ignore[attr-defined]
     return [printable(str(cell)) for cell in cells]
 
@@ -119,7 +119,7 @@ def _longest_line(text: str) -> int:
 
 
 def folded_text(text: str, width: int) -> str:
-    """Lines of at most ``width`` characters, folded between words; a longer word stays whole."""
+    """Lines of at most ``width`` characters, folded between words; longer words are kept."""
     return "\n".join(line for part in text.split("\n") for line in _fold_line(part, width))
 
 
@@ -147,9 +147,9 @@ def _total(widths: Sequence[int]) -> int:
 
 
 def _shared(needs: list[int], wants: list[int], full: list[int], room: int) -> list[int]:
-    """Widths of columns: what each wants, or the widest equal share that fits, and its need.
+    """Widths of columns: the wanted ones, or the largest equal width that fits; at least the need.
 
-    What is left over goes to the first columns that want more, then to heads that fold.
+    Remaining space is given to the first columns that want more, then to folded heads.
     """
     cap = max(wants, default=0)
     widths = list(needs)
@@ -165,7 +165,7 @@ def _shared(needs: list[int], wants: list[int], full: list[int], room: int) -> l
 
 
 def _groups(needs: list[int], wants: list[int], room: int) -> list[list[int]]:
-    """Columns that stand side by side, the first in every group; none: not even two do."""
+    """Columns in one table, with the first column in every group; none: not even two fit."""
     everything = list(range(len(needs)))
     comfortable = [max(n, min(w, PROSE)) for n, w in zip(needs, wants, strict=True)]
     twofold = [max(n, (w + 1) // 2) for n, w in zip(needs, wants, strict=True)]
@@ -183,9 +183,9 @@ def _groups(needs: list[int], wants: list[int], room: int) -> list[list[int]]:
 
 
 class Screen(Console):
-    """Console that lets a word that is longer than a line run over its end rather than break it.
+    """Console that extends a line for a long word instead of breaking the word.
 
-    Names from files cannot command the terminal: their control characters are escaped.
+    Control characters in names of files are escaped.
     """
 
     def print(self, *objects: Any, **options: Any) -> None:

@@ -1,4 +1,4 @@
-"""``feltmb touch``: what the finger feels."""
+"""``feltmb touch``: touch of an action."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def _shown(row: TouchRow) -> str:
 
 
 def touch_table(result: Touch, before: Touch | None = None) -> Any:
-    """Ours beside published numbers, forces in gram-force; ``before``: of another mechanism."""
+    """Simulated and published values, forces in gram-force; ``before``: of another mechanism."""
     from feltmb.action.touch.pictures import GRAM_FORCE
 
     title = f"touch of {result.action.name}"
@@ -138,7 +138,7 @@ def touch_table(result: Touch, before: Touch | None = None) -> Any:
 
 
 def strike_table(result: Touch) -> Any:
-    """One row a strike."""
+    """Table with one row per strike."""
     table = new_table(
         "strikes",
         "",

@@ -12,7 +12,7 @@ from feltmb.cli.common import console, json_option, print_json
 
 
 def _is_stroke(path: Path, tables: Mapping[str, object]) -> bool:
-    """Whether a file is meant as a stroke: by keys that only strokes, or only mechanisms, have."""
+    """Whether a file is a stroke: it has keys that only strokes, or only mechanisms, have."""
     from feltmb.errors import InvalidParameter
     from feltmb.mechanism import MechanismFile
     from feltmb.run.stroke.files import STROKE_KEYS

@@ -1,4 +1,4 @@
-"""``feltmb view``: saved runs as one moving page."""
+"""``feltmb view``: shows saved runs in a browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``feltmb wav``: the string as sound."""
+"""``feltmb wav``: the sound of the string."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Contact laws by themselves: force from any compression history, for use outside a mechanism.
+"""Contact laws: force from any history of compression, for use outside a mechanism.
 
-``law(name, **parameters)`` makes a law by the name that mechanism files use.
+``law(name, **parameters)`` makes a law by its name in mechanism files.
 """
 
 from feltmb.contact.laws import (

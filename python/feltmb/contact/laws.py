@@ -1,4 +1,4 @@
-"""Contact laws on their own: force from any compression history, for use outside a mechanism.
+"""Contact laws: force from any history of compression, for use outside a mechanism.
 
 ``law(name, **parameters)`` makes a law by the name that mechanism files use. A law knows
 compression, rate and its own history, and nothing of bodies.
@@ -30,8 +30,8 @@ __all__ = ["Law", "law"]
 class Law:
     """A contact law and its memory.
 
-    Signs: compression [m] positive when touching, rate = d compression / dt [m/s], force [N]
-    positive pushing apart.
+    Sign convention: compression [m] is positive in contact, rate = d compression / dt [m/s], and
+    the force [N] is positive in separation.
     """
 
     def __init__(self, core: _core.ContactLaw, name: str | None = None):
@@ -44,12 +44,12 @@ class Law:
 
     @property
     def name(self) -> str:
-        """Name as in a mechanism file."""
+        """Name of the law in a mechanism file."""
         return self._name
 
     @property
     def state(self) -> tuple[float, tuple[float, ...]]:
-        """Largest compression in the memory [m], and the states of the law."""
+        """Largest remembered compression [m], and the states of the law."""
         return self._path.largest, tuple(self._path.state[: self.core.n_states])
 
     def force(
@@ -58,7 +58,7 @@ class Law:
         rate: npt.ArrayLike = 0.0,
         state: tuple[float, tuple[float, ...]] | None = None,
     ) -> Array:
-        """Force [N] at compressions [m] and rates [m/s], with a memory (default: virgin felt).
+        """Force [N] for compressions [m] and rates [m/s], with a memory (default: virgin felt).
 
         Parameters
         ----------
@@ -67,7 +67,7 @@ class Law:
         rate
             Rate of the compression [m/s].
         state
-            Memory of the felt, as the attribute ``state`` has it; None: virgin felt.
+            Memory of the felt, a value of the attribute ``state``; None: virgin felt.
         """
         largest, own = state if state is not None else (0.0, ())
         out: Array = np.asarray(
@@ -81,9 +81,9 @@ class Law:
         return out
 
     def step(self, compression: float, duration: float) -> float:
-        """Move to ``compression`` [m] within ``duration`` [s] and return the force [N] there.
+        """Change the compression to ``compression`` [m] in ``duration`` [s]; return the force [N].
 
-        The law remembers; ``reset`` makes the felt virgin again.
+        The law stores the new state; ``reset`` restores virgin felt.
         """
         if not (duration > 0.0 and np.isfinite(compression)):
             raise InvalidParameter(
@@ -93,18 +93,18 @@ class Law:
         return float(self._path.step(compression, duration))
 
     def peek(self, compression: float, duration: float) -> float:
-        """Force [N] that ``step`` would return, without taking the step."""
+        """Force [N] that ``step`` would return, without a change of the state."""
         return float(self._path.peek(compression, duration))
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Restore virgin felt."""
         self._path.reset()
 
     def path(self, compression: npt.ArrayLike, time: npt.ArrayLike) -> Array:
-        """Force [N] along a compression history [m] at times [s], beginning with virgin felt.
+        """Force [N] for a history of compressions [m] at times [s], starting with virgin felt.
 
-        Linear between samples. ``felt_memory`` without options is advanced exactly: its force
-        depends on the sequence of compressions alone.
+        The compression is linear between samples. ``felt_memory`` without options is integrated
+        exactly: its force depends only on the sequence of compressions.
         """
         e = np.asarray(compression, dtype=float).ravel()
         t = np.asarray(time, dtype=float).ravel()
@@ -147,7 +147,7 @@ def law(name: str, **parameters: Any) -> Law:
 
 
 def _core_values(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
-    """Values of a law's fields for the core; all that is wrong with them is told at once."""
+    """Values of a law's fields for the core; all faults are in one message."""
     needed, optional = _keys(law, given)
     faults = [f"parameter {k!r} is missing" for k in needed if k not in given]
     known = {**needed, **optional}
@@ -167,7 +167,7 @@ def _core_values(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _keys(law: LawInfo, given: dict[str, Any]) -> tuple[dict[str, str], dict[str, str]]:
-    """What a law cannot do without, and what it may be given, with the kind of each."""
+    """Required keys of a law, and all permitted keys with their types."""
     needed: dict[str, str] = {}
     optional: dict[str, str] = {}
     for field in law.fields:
@@ -182,7 +182,7 @@ def _keys(law: LawInfo, given: dict[str, Any]) -> tuple[dict[str, str], dict[str
 
 
 def _fault(key: str, kind: str, value: Any) -> list[str]:
-    """What is wrong with the kind of a value; its range is the core's to check."""
+    """Fault in the type of a value, as text; the core checks its range."""
     if kind == "curve":
         good = _numbers(value) and len(value) == 3
         expected = "(a [N/m], b [1/m], c [N/m]) of eq. 4.21"
@@ -222,15 +222,16 @@ def _value(kind: str, value: Any) -> Any:
     return float(value)
 
 
-#: What ctypes makes of every function.
+#: Type of every function of ctypes.
 _C_FUNCTION: Any = ctypes.CFUNCTYPE(None).__mro__[1]
 
-#: Compiled functions that laws were made of: a mechanism may outlive all that Python holds of it.
+#: Compiled functions of laws; they are kept, because a mechanism may live longer than its Python
+#: objects.
 _FUNCTIONS: dict[int, Any] = {}
 
 
 def _address(function: Any) -> int:
-    """Address of a compiled function; 0: it is none."""
+    """Address of a compiled function; 0: not a compiled function."""
     address = getattr(function, "address", function)
     if isinstance(address, _C_FUNCTION):
         address = ctypes.cast(address, ctypes.c_void_p).value

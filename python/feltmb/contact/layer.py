@@ -1,7 +1,7 @@
-"""A felt layer under an indenter: the parameters of the micromechanical contact.
+"""Parameters of the micromechanical contact: a felt layer under an indenter.
 
-Force = pressure of the felt over the area that both surfaces share (thesis 4.1.5), the felt being
-compressed evenly, or column by column under a curved indenter.
+Force = pressure of the felt times the common area of both surfaces (thesis 4.1.5). The felt is
+compressed uniformly, or column by column under a curved indenter.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Compression = Literal["even", "columns"]
 
 
 class Area(Protocol):
-    """Area that two surfaces share, by compression."""
+    """Common area of two surfaces as a function of compression."""
 
     @property
     def core(self) -> Any:
@@ -53,7 +53,7 @@ class Area(Protocol):
 
 
 class _FromCore:
-    """What all areas share; the numbers are checked by the core."""
+    """Base of all areas; the core checks the numbers."""
 
     @property
     def core(self) -> Any:
@@ -71,10 +71,10 @@ class _FromCore:
 @checked
 @dataclass(frozen=True)
 class ConstantArea(_FromCore):
-    """Flat faces: the same area at every compression."""
+    """Flat surfaces: the area does not depend on the compression."""
 
     size: float
-    """[m^2]."""
+    """Area [m^2]."""
 
     @property
     def core(self) -> Any:
@@ -88,17 +88,17 @@ class ConstantArea(_FromCore):
 @checked
 @dataclass(frozen=True)
 class CrossedCylinders(_FromCore):
-    """Cylinder on cylinder at a right angle, such as a hammer's nose on a string.
+    """Two perpendicular cylinders, for example a hammer's nose and a string.
 
     The projection of the overlap: points (x, y) where the sagittas of both cylinders sum to less
-    than the compression. Small compression e: an ellipse of area 2 pi e sqrt(R_a R_b). No wider
-    than either cylinder.
+    than the compression. For small compression e, it is an ellipse of area 2 pi e sqrt(R_a R_b).
+    Its width is limited by both cylinders.
     """
 
     radius_a: float
-    """[m]."""
+    """Radius of one cylinder [m]."""
     radius_b: float
-    """[m]."""
+    """Radius of the other cylinder [m]."""
 
     @property
     def core(self) -> Any:
@@ -112,17 +112,18 @@ class CrossedCylinders(_FromCore):
 @checked
 @dataclass(frozen=True)
 class CircleOnLayer(_FromCore):
-    """Cylinder pressed into a flat layer: chord of the circle times the width.
+    """Cylinder pressed into a flat layer: the chord of the circle times the width.
 
-    Area 2 sqrt(2 r e - e^2) b; the chord is no longer than the felt or the cylinder is wide.
+    The area is 2 sqrt(2 r e - e^2) b. The chord is limited by the length of the felt and the
+    diameter of the cylinder.
     """
 
     radius: float
-    """[m]."""
+    """Radius of the cylinder [m]."""
     width: float
-    """Length of the contact across the plane of motion [m]."""
+    """Length of the contact perpendicular to the plane of motion [m]."""
     length: float = math.inf
-    """Of the felt in the plane of motion [m]."""
+    """Length of the felt in the plane of motion [m]."""
 
     @property
     def core(self) -> Any:
@@ -139,10 +140,10 @@ class CircleOnLayer(_FromCore):
 @checked
 @dataclass(frozen=True)
 class SphereOnLayer(_FromCore):
-    """Sphere pressed into a flat layer: area pi (2 r e - e^2), no wider than the sphere."""
+    """Sphere pressed into a flat layer: area pi (2 r e - e^2), limited by the sphere."""
 
     radius: float
-    """[m]."""
+    """Radius of the sphere [m]."""
 
     @property
     def core(self) -> Any:
@@ -153,7 +154,7 @@ class SphereOnLayer(_FromCore):
         return f"sphere on layer, radius {self.radius * 1e3:.6g} mm"
 
 
-#: name in a file or command -> (class, names and SI units of its numbers, how many are needed)
+#: name in a file or command -> (class, names and SI units of its numbers, number of required ones)
 AREAS: dict[str, tuple[type[Any], tuple[tuple[str, str], ...], int]] = {
     "constant": (ConstantArea, (("size", "m^2"),), 1),
     "crossed_cylinders": (CrossedCylinders, (("radius_a", "m"), ("radius_b", "m")), 2),
@@ -165,7 +166,7 @@ _Length = Annotated[float, SI("m"), Field(gt=0)] | None
 
 
 class AreaParameters(Schema):
-    """Area of a contact in a mechanism file; radii left out are those of the pair."""
+    """Area of a contact in a mechanism file; missing radii are taken from the pair."""
 
     kind: Literal["constant", "crossed_cylinders", "circle_on_layer", "sphere_on_layer"]
     size: Annotated[float, SI("m^2"), Field(gt=0)] | None = None
@@ -177,7 +178,7 @@ class AreaParameters(Schema):
     note: str = ""
 
     def faults(self) -> list[str]:
-        """Numbers that the kind needs and lacks, or has and does not know."""
+        """Numbers that the area lacks, or that it does not have."""
         fields = [name for name, _ in AREAS[self.kind][1]]
         given = {
             name
@@ -195,7 +196,7 @@ class AreaParameters(Schema):
         ]
 
     def make(self) -> Area:
-        """The area, once nothing is missing."""
+        """The area from complete parameters."""
         kind, fields, _ = AREAS[self.kind]
         numbers = {name: getattr(self, name) for name, _ in fields}
         made: Area = kind(**{k: v for k, v in numbers.items() if v is not None})
@@ -203,12 +204,12 @@ class AreaParameters(Schema):
 
 
 def _felt(node: object) -> object:
-    """A felt by the name of a packaged one, by its file or as a table."""
+    """A felt by its packaged name, by its file, or as a table."""
     return load_material(node) if isinstance(node, str) else node
 
 
 def _area(node: object) -> object:
-    """An area by its parameters, or one of the classes above."""
+    """An area by its parameters, or as an object of the classes above."""
     for kind, (made, fields, _) in AREAS.items():
         if isinstance(node, made):
             numbers = {name: getattr(node, name) for name, _ in fields}
@@ -218,7 +219,7 @@ def _area(node: object) -> object:
 
 @with_fields("felt_memory")
 class LayerParameters(Schema):
-    """The micromechanical law: a felt of some thickness, the area, and the law's memory."""
+    """The micromechanical law: a felt with a thickness, the area, and the memory of the law."""
 
     felt: Annotated[FeltMaterial, BeforeValidator(_felt)]
     thickness: Annotated[float, SI("m"), Field(gt=0)]
@@ -234,12 +235,12 @@ class LayerParameters(Schema):
 
     @property
     def envelope(self) -> _core.Envelope:
-        """Loop of the contact; made once for the same numbers.
+        """Loop of the contact; equal numbers reuse it.
 
         Raises
         ------
         InvalidParameter
-            Naming what the area lacks, or a number out of range.
+            Numbers of the area are missing, or a number is out of range.
         """
         faults = self.area.faults()
         if faults:
@@ -250,12 +251,12 @@ class LayerParameters(Schema):
 
 
 def layer_parameters(**parameters: Any) -> LayerParameters:
-    """Parameters of a layer, checked.
+    """Checked parameters of a layer.
 
     Raises
     ------
     InvalidParameter
-        Naming every fault.
+        The parameters have faults; all of them are in the message.
     """
     try:
         made = LayerParameters.model_validate(parameters)
@@ -271,12 +272,12 @@ def layer_parameters(**parameters: Any) -> LayerParameters:
 def core_layer(
     felt: FeltMaterial, thickness: float, area: Area, compression: Compression = "even"
 ) -> _core.FeltLayer:
-    """A layer as the core knows it.
+    """A layer as an object of the core.
 
     Raises
     ------
     InvalidParameter
-        Naming what the felt lacks, or a number out of range.
+        Data of the felt are missing, or a number is out of range.
     """
     if compression not in ("even", "columns"):
         raise InvalidParameter(f"compression: got {compression!r}, expected even or columns")

@@ -1,7 +1,7 @@
-"""Contact laws as the core lists them: schemas of their tables, and laws made from values.
+"""Contact laws of the core: schemas of their tables, and laws made from values.
 
-The one list of a law's fields, with unit, limits and default, is that of its header
-(``cpp/include/feltmb/contact/laws``); all here follows from it.
+The header of a law (``cpp/include/feltmb/contact/laws``) has the only list of its fields with unit,
+limits and default; everything here follows from it.
 """
 
 from __future__ import annotations
@@ -38,14 +38,15 @@ Struct = TypeVar("Struct")
 
 @dataclass(frozen=True)
 class LawField:
-    """A field of a law or of another struct of the core, from its table there."""
+    """A field of a law or of another structure of the core."""
 
     name: str
     kind: str
     """``number``, ``count``, ``curve``, ``envelope``, ``text``, ``parameters``, ``list``,
     ``function``."""
     unit: str
-    """SI; several, separated by `` | ``: at a revolute joint, a prismatic one, and a contact."""
+    """SI unit; several, separated by `` | ``: for a revolute joint, a prismatic joint, and a
+    contact."""
     meaning: str
     low: float | None
     high: float | None
@@ -54,21 +55,21 @@ class LawField:
     required: bool
     default: Any
     in_contact: bool = False
-    """Whether it stands in the contact itself, not in the table of the law."""
+    """Whether it is an entry of the contact itself instead of the table of the law."""
 
 
 @dataclass(frozen=True)
 class LawInfo:
-    """A law under one of its names."""
+    """A law with one of its names."""
 
     name: str
     about: str
     table: str
-    """Its table in a mechanism file; empty if it needs none."""
+    """Table of the law in a mechanism file; empty if it needs none."""
     fields: tuple[LawField, ...]
 
     def needed(self, node: Mapping[str, Any]) -> list[str]:
-        """Keys of a contact that the law cannot do without, in a raw table."""
+        """Entries of a contact that the law requires, in a raw table."""
         own = node.get(self.table)
         tabulated = isinstance(own, Mapping) and "envelope" in own
         keys: list[str] = []
@@ -88,7 +89,7 @@ CORE_LAWS: dict[str, LawInfo] = {
     for law in _core.contact_laws()
 }
 
-#: Name of each law that a mechanism file may choose, and what it is. None that needs a function:
+#: Name of each law in mechanism files, and its description. Laws that need a function are excluded:
 #: a file must not make feltmb run code.
 LAWS: dict[str, str] = {
     name: law.about
@@ -98,7 +99,7 @@ LAWS: dict[str, str] = {
 
 
 def _curve(node: object) -> object:
-    """Accept ``unit = [..]`` for the three coefficients of eq. 4.21 at once."""
+    """Accept ``unit = [..]`` for the three coefficients of eq. 4.21."""
     if not isinstance(node, Mapping):
         return node
     units = ("N/m", "1/m", "N/m")
@@ -126,7 +127,7 @@ class Curve(Schema):
 
 
 class EnvelopeTable(Schema):
-    """A measured or computed loop: both branches at the same compressions."""
+    """A measured or computed loop: both branches at equal compressions."""
 
     unit: list[str] = Field(default_factory=lambda: ["m", "N"])
     compression: list[float]
@@ -135,7 +136,7 @@ class EnvelopeTable(Schema):
 
     @property
     def core(self) -> _core.Envelope:
-        """The envelope as the core knows it."""
+        """The envelope as an object of the core."""
         if len(self.unit) != 2:
             raise InvalidParameter(
                 f"memory.envelope.unit: got {self.unit!r}, expected two, such as ['mm', 'N']"
@@ -149,7 +150,10 @@ class EnvelopeTable(Schema):
 
 
 def _power_stiffness(node: object) -> float:
-    """Stiffness of a power law; its unit N/m^p depends on the exponent, so only N and m scale."""
+    """Stiffness of a power law.
+
+    Its unit N/m^p depends on the exponent, so that only N and m are scaled.
+    """
     if isinstance(node, Mapping) and isinstance(node.get("unit"), str):
         unit = node["unit"]
         if not unit.startswith("N/m^") and unit != "N/m":
@@ -160,7 +164,7 @@ def _power_stiffness(node: object) -> float:
 
 _CURVE_FIELD: Any = Annotated[Curve, BeforeValidator(_curve)]
 
-#: Annotations of the entries that are no numbers.
+#: Annotations of the entries that are not numbers.
 _KINDS: dict[str, Any] = {
     "curve": _CURVE_FIELD,
     "text": str,
@@ -191,7 +195,7 @@ def _number(field: LawField) -> Any:
 
 
 def _in_table(field: LawField) -> Iterator[tuple[str, Any]]:
-    """Entries of a law's own table that a field stands for."""
+    """Entries of a law's own table for a field."""
     if field.kind == "envelope":
         yield "closing_compression", (Annotated[float, SI("m"), Field(gt=0)] | None, None)
         yield field.name, (EnvelopeTable | None, None)
@@ -202,7 +206,7 @@ def _in_table(field: LawField) -> Iterator[tuple[str, Any]]:
 
 
 def _in_contact(field: LawField) -> Iterator[tuple[str, Any]]:
-    """Entries of a contact that a field stands for."""
+    """Entries of a contact for a field."""
     if field.kind == "envelope":
         yield from ((key, (_CURVE_FIELD | None, None)) for key in _CURVES)
     elif field.in_contact and field.kind == "curve":
@@ -214,7 +218,7 @@ def _in_contact(field: LawField) -> Iterator[tuple[str, Any]]:
 
 
 def _table_fields(*laws: LawInfo) -> dict[str, Any]:
-    """Entries of the table that laws share; of the law with most first, so that they group."""
+    """Entries of the table that laws share, in groups: the law with most entries is first."""
     entries: dict[str, Any] = {}
     for law in sorted(laws, key=lambda law: -len(law.fields)):
         for field in law.fields:
@@ -263,7 +267,7 @@ def with_numbers(struct: Any, needed: Iterable[str] = ()) -> Callable[[type[Mode
 
 
 def to_core(struct: type[Struct], table: Any, **more: Any) -> Struct:
-    """Struct of the core from a checked table: the fields that both have, and ``more``."""
+    """Structure of the core from a checked table: the common fields, and ``more``."""
     own: Iterable[str] = type(table).model_fields
     known: Any = struct
     shared = {name: getattr(table, name) for name in known.field_names() if name in own}
@@ -277,7 +281,7 @@ def with_laws(**more: Any) -> Callable[[type[Model]], type[Model]]:
 
 
 def _choice_fields() -> dict[str, Any]:
-    """Entries of a contact that choose a law: those that stand in it, and the laws' tables."""
+    """Entries of a contact that select a law: its own entries, and the tables of the laws."""
     entries: dict[str, Any] = {}
     by_table: dict[str, list[LawInfo]] = {}
     for law in (CORE_LAWS[name] for name in LAWS if name in CORE_LAWS):
@@ -295,14 +299,14 @@ def _choice_fields() -> dict[str, Any]:
             __doc__=f"{laws[0].about}." if len(laws) == 1 else f"Options of {names}.",
             **fields,
         )
-        globals()[made.__name__] = made  # found by pickle
+        globals()[made.__name__] = made  # needed by pickle
         free = all(value[1] is not ... for value in fields.values())
         entries[table] = (made, made()) if free else (made | None, None)
     return entries
 
 
 def core_envelope(loading: Any, unloading: Any, closing: float | None) -> _core.Envelope:
-    """Envelope from a pair of curves; ``closing`` [m] is needed if they never meet."""
+    """Envelope from a pair of curves; ``closing`` [m] is required if they never meet."""
     return _core.Envelope.from_curves(loading, unloading, closing or 0.0)
 
 
@@ -312,7 +316,7 @@ def make_core(name: str, contact: Any) -> _core.ContactLaw:
     Raises
     ------
     InvalidParameter
-        Entries that do not fit each other.
+        The entries contradict each other.
     """
     law = CORE_LAWS[name]
     table: Any = getattr(contact, law.table) if law.table else None

@@ -1,4 +1,4 @@
-"""Measured data: records, sensors, and their files (CSV, MAT, NetCDF with a TOML beside them)."""
+"""Measured data: records, sensors, and their files (CSV, MAT, NetCDF, each with a TOML file)."""
 
 from feltmb.data.files import read_record, read_records, write_record
 from feltmb.data.records import Array, InputMode, Record, Reference, Role, Sensor, StartPrior

@@ -1,7 +1,7 @@
 """Named columns of numbers in text, MAT (version 5 or 7.3) and NetCDF files.
 
-Nothing from a file is taken on trust: sizes are looked at before anything is read, and whatever a
-library says of a damaged file becomes one message.
+Sizes are checked before data are read. Any exception of a library about a damaged file becomes one
+message.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def read_columns(path: Path) -> Columns:
     Raises
     ------
     DataError
-        The file cannot be read, holds no series, or is beyond the limits of size.
+        The file cannot be read, has no series, or exceeds the size limits.
     """
     kind = path.suffix.lower()
     readers = {".mat": _read_mat, ".nc": _read_netcdf}
@@ -78,7 +78,7 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 def _read_mat(path: Path) -> Columns:
     data = read_input(path, most=LARGEST_MAT)
-    if any(data[at : at + 8] == _HDF5 for at in (0, 512, 1024, 2048)):  # behind a user block
+    if any(data[at : at + 8] == _HDF5 for at in (0, 512, 1024, 2048)):  # after a user block
         return _read_hdf5(path, "MAT")
     from scipy.io import loadmat, whosmat
 
@@ -86,7 +86,7 @@ def _read_mat(path: Path) -> Columns:
     try:
         _check_packed(data)
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # such as two arrays of one name
+            warnings.simplefilter("error")  # for example two arrays with the same name
             listed = whosmat(io.BytesIO(data))
             wanted, total = [], 0
             for name, shape, kind in listed:
@@ -100,7 +100,7 @@ def _read_mat(path: Path) -> Columns:
             for name in content.keys() & set(wanted):
                 values = np.asarray(content[name], dtype=np.float64).ravel()
                 columns.values[plain_text(name)] = values
-    except Exception as error:  # scipy states no set of what it raises for a damaged file
+    except Exception as error:  # scipy documents no set of exceptions for damaged files
         reason = shortened(plain_text(str(error) or type(error).__name__), 200)
         raise DataError(f"{path}: cannot be read as MAT: {reason}") from None
     if total > MOST_NUMBERS:
@@ -109,9 +109,10 @@ def _read_mat(path: Path) -> Columns:
 
 
 def _check_packed(data: bytes) -> None:
-    """Refuse a MAT file of version 5 whose packed variables are beyond the limit once unpacked.
+    """Reject a MAT file of version 5 whose compressed variables exceed the limit when unpacked.
 
-    What a variable says of its size stands inside of it, more than once, and need not be true.
+    The size of a variable is stated several times inside the compressed data, and the statements
+    may be wrong. The data are therefore unpacked in parts and counted.
     """
     if len(data) < 128 or data[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
         return
@@ -174,7 +175,7 @@ def _series(file: Hdf5File) -> Columns:
                 values[values == fill] = np.nan
         gain = _attribute(item, "scale_factor", faults)
         shift = _attribute(item, "add_offset", faults)
-        with np.errstate(over="ignore"):  # an infinite number is told of by the record
+        with np.errstate(over="ignore"):  # the record reports infinite values
             if gain is not None:
                 values *= gain
             if shift is not None:
@@ -190,7 +191,7 @@ def _series(file: Hdf5File) -> Columns:
 
 
 def _attribute(item: Hdf5Dataset, key: str, faults: list[str]) -> float | None:
-    """Number of an attribute, None if it is not there."""
+    """Number of an attribute; None if it does not exist."""
     value = item.attribute(key)
     if value is None:
         return None

@@ -1,6 +1,6 @@
 """Records from files: text, MAT (version 5 or 7.3) and NetCDF, with a small TOML beside them.
 
-``strokes/forte.csv`` is described by ``strokes/forte.toml``; without it columns are known by their
+``strokes/forte.toml`` describes ``strokes/forte.csv``. Without it, columns are identified by their
 names and have their units in the header, ``hammer [mm]``.
 """
 
@@ -45,26 +45,26 @@ def read_records(
     names: Mapping[str, Sequence[str]] | None = None,
     options: ReadOptions | None = None,
 ) -> tuple[Record, ...]:
-    """Read several files; all faults in one message. See :func:`read_record`.
+    """Read several files; all faults are in one message. See :func:`read_record`.
 
-    A file that holds several runs gives a record for each, as repeats of one another.
+    A file with several runs gives one record for each run, marked as repeats.
 
     Parameters
     ----------
     paths
-        Files, each with a TOML of its name beside it.
+        Files; a TOML file of the same name describes each.
     inputs
         Names of the inputs of the model.
     outputs
-        Names of its outputs.
+        Names of the outputs of the model.
     modes
-        Modes of input that the model has.
+        Input modes of the model.
     units
-        SI unit of each input and output.
+        SI units of inputs and outputs.
     names
-        Names that columns may have.
+        Other names of the signals in the columns.
     options
-        Options of the reading.
+        Options of reading.
     """
     signals = Signals(inputs, outputs, modes or {}, units or {}, names or {})
     return tuple(r for group in read_each(paths, signals, options) for r in group)
@@ -73,7 +73,7 @@ def read_records(
 def read_each(
     paths: Sequence[str | Path], signals: Signals | None = None, options: ReadOptions | None = None
 ) -> tuple[tuple[Record, ...], ...]:
-    """Records of each of several files; all faults in one message."""
+    """Records of each of several files; all faults are in one message."""
     found, faults = [], []
     for path in paths:
         try:
@@ -103,25 +103,27 @@ def read_record(
     ----------
     path
         ``.csv``, ``.txt``, ``.tsv`` (comma, semicolon, tab or spaces; decimal point or comma; text
-        above the header and lines with # are passed over; empty cells and nan are missing), also
+        above the header and lines with # are ignored; empty cells and nan are missing), also
         exports of Kinovea, Tracker and DeepLabCut; ``.mat``, ``.nc``.
     inputs, outputs
-        Names of the signals when there is no TOML beside the file; they are columns then. All
-        inputs must be there, and one of the outputs: the others were not measured. Without names
-        every column is an output, but the clock and the only one that is called a force.
+        Names of the signals if there is no TOML file; they are also the names of the columns. All
+        inputs must exist, and at least one of the outputs: the others were not measured. Without
+        names, every column is an output, except the clock and a single column that is called a
+        force.
     modes
-        Further inputs by input mode; the first mode whose inputs the file has counts.
+        Further inputs by input mode; the first mode with all of its inputs in the file is used.
     units
-        Units of the model by signal: without TOML their columns must say theirs in the header.
+        Units of the model by signal; without a TOML file, the header must state the units of the
+        columns.
     names
         Other names by signal.
     options
-        What is told instead of the TOML or the header.
+        Options that replace the TOML file or the header.
 
     Raises
     ------
     DataError
-        With every fault of the file; it holds several runs.
+        The file has faults, all listed in the message, or it holds several runs.
     """
     signals = Signals(inputs, outputs, modes or {}, units or {}, names or {})
     found = _read_file(Path(path), signals, options or ReadOptions())
@@ -131,7 +133,7 @@ def read_record(
 
 
 def read_sheet(path: Path) -> Sheet | None:
-    """The TOML beside a measured file; None if there is none."""
+    """The TOML file that describes a measured file; None if there is none."""
     beside = path.with_suffix(".toml")
     if not is_file(beside):
         return None
@@ -151,7 +153,7 @@ def _read_file(path: Path, signals: Signals, options: ReadOptions) -> tuple[Reco
 
 
 def _build(path: Path, sheet: Sheet, columns: Columns, *, guessed: bool) -> tuple[Record, ...]:
-    """Records of a file, one a run."""
+    """Records of a file, one for each run."""
     faults: list[str] = []
     read_in = {n: _series(n, s, sheet, columns, faults) for n, s in sheet.inputs.items()}
     read_out = {n: _series(n, s, sheet, columns, faults) for n, s in sheet.outputs.items()}
@@ -231,7 +233,7 @@ def _build(path: Path, sheet: Sheet, columns: Columns, *, guessed: bool) -> tupl
 
 
 def _acted(sheet: Sheet, record: Record) -> Record:
-    """The record with its inputs as they acted, where their sensors are told."""
+    """The record with the true inputs, if the sensors of the inputs are specified."""
     for name, spec in sheet.inputs.items():
         told = {"delay": spec.delay, "gain": spec.gain, "offset": spec.offset}
         if spec.bandwidth is not None:
@@ -277,7 +279,7 @@ def _series(
     values = columns.values[key]
     if isinstance(spec.origin, float) and spec.origin != 0.0:
         values = values - spec.origin
-    with np.errstate(over="ignore", invalid="ignore"):  # the record tells of what is infinite
+    with np.errstate(over="ignore", invalid="ignore"):  # the record reports infinite values
         values = values * (-factor if down else factor) * scale * spec.factor + spec.shift
     trust = columns.likelihood.get(key)
     if trust is not None:
@@ -286,13 +288,13 @@ def _series(
 
 
 def _bare(name: str, spec: ColumnSpec, columns: Columns) -> bool:
-    """Whether nothing says the unit of a signal."""
+    """Whether the unit of a signal is not stated."""
     key = columns.find(spec.column or name)
     return not (spec.si or spec.scale != "" or unit_of_column(columns, key, spec.unit))
 
 
 def _scale(scale: float | str) -> tuple[float, str] | None:
-    """Number and unit of what one unit of the file is; a bare number is in meters."""
+    """Size and unit of one unit of the file; a bare number is in meters."""
     if not isinstance(scale, str):
         return float(scale), "m"
     found = split_quantity(scale)
@@ -315,7 +317,7 @@ def _clock(sheet: Sheet, columns: Columns, faults: list[str]) -> Array:
     values = columns.values[name]
     frames = name == frame_column(columns) and not columns.units.get(name)
     if sheet.frame_rate is not None:
-        if not frames:  # the clock of a video that plays at another rate
+        if not frames:  # the clock of a video that plays at another frame rate
             steps = np.diff(values)
             forward = steps[steps > 0.0]
             step = float(np.median(forward)) if forward.size else 1.0
@@ -347,7 +349,7 @@ def _runs(
         return []
     with np.errstate(invalid="ignore"):
         steps = np.diff(time)
-        # A clock that begins again, not one that stumbles.
+        # A clock that starts again, as opposed to a clock with an error.
         again = np.flatnonzero((steps < 0.0) & (time[1:] - time[0] < 0.5 * (time[:-1] - time[0])))
     if name and (sheet.run or np.any(steps <= 0.0)):
         number = columns.values[name]
@@ -361,12 +363,12 @@ def _runs(
 
 #: Units whose SI form keeps its name in reports.
 _SI = ("m", "kg", "s", "rad", "Hz", "N", "Pa", "J", "m/s", "m/s^2", "rad/s", "N m", "1")
-#: Units of other fields, taken as they stand.
+#: Units of other quantities, which are kept.
 _OTHERS = ("V", "A", "ohm", "W", "K", "degC", "T", "Pa s", "%", "dB", "counts")
 
 
 def _to_si(unit: str, si: str) -> tuple[float | None, str]:
-    """Factor to SI and its unit; units of other fields (V, degC) stay as they are."""
+    """Factor to SI and the SI unit; units of other quantities (V, degC) are kept."""
     if not unit:
         return 1.0, si or "1"
     for target in (si,) if si else _SI:
@@ -385,9 +387,9 @@ def write_record(record: Record, path: str | Path, *, force: bool = False) -> Pa
     Parameters
     ----------
     record
-        What is written.
+        Record to be written.
     path
-        CSV file; its TOML gets the same name.
+        CSV file; the TOML file gets the same name.
     force
         False: an existing file is not overwritten.
     """

@@ -1,4 +1,4 @@
-"""Which column of a measured file is which signal of a model: told, or guessed by its name."""
+"""Assignment of columns of a measured file to signals of a model: specified, or by name."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Signals", "clock_column", "run_column", "sheet_for", "unit_of_column
 _CLOCKS = ("time", "t", "timestamp", "elapsedtime", "zeit", "temps", "tiempo")
 _FRAMES = ("frame", "frames", "frameno", "framenumber", "bild")
 _RUNS = ("run", "runno", "runnumber", "trial", "repeat", "repetition", "take", "specimen", "test")
-#: What instruments call an input, by its SI unit.
+#: Usual names of an input in instruments, by its SI unit.
 _CALLED = {
     "N": ("force", "load", "loadcell", "kraft", "f"),
     "m": ("displacement", "extension", "travel", "stroke", "position", "crosshead", "weg"),
@@ -38,12 +38,12 @@ class Signals:
     """Other names."""
 
     def is_input(self, name: str) -> bool:
-        """Whether a signal drives the model."""
+        """Whether a signal is an input of the model."""
         return name in self.inputs or any(name in names for names in self.modes.values())
 
 
 def clock_column(columns: Columns, told: str = "") -> str:
-    """Column of the clock, "" if there is none."""
+    """Column of the clock; "" if there is none."""
     if told:
         return columns.find(told)
     exact = next((n for n in ("time", "t", "Time", "T") if n in columns.values), "")
@@ -56,12 +56,12 @@ def clock_column(columns: Columns, told: str = "") -> str:
 
 
 def frame_column(columns: Columns) -> str:
-    """Column that counts frames, "" if there is none."""
+    """Column that counts frames; "" if there is none."""
     return columns.frames or _one_of(columns, _FRAMES)
 
 
 def run_column(columns: Columns, told: str = "") -> str:
-    """Column that numbers the runs, "" if there is none."""
+    """Column that numbers the runs; "" if there is none."""
     return columns.find(told) if told else _one_of(columns, _RUNS)
 
 
@@ -71,7 +71,7 @@ def _one_of(columns: Columns, words: Sequence[str]) -> str:
 
 
 def unit_of_column(columns: Columns, column: str, told: str = "") -> str:
-    """Unit of a column as it is accepted, as it stands where it is unknown, "" if none."""
+    """Unit of a column; an unknown unit is kept, "" if there is none."""
     unit = told or columns.units.get(column, "")
     return spelled_unit(unit) or unit
 
@@ -79,12 +79,12 @@ def unit_of_column(columns: Columns, column: str, told: str = "") -> str:
 def sheet_for(
     path: Path, columns: Columns, signals: Signals, options: ReadOptions, given: Sheet | None
 ) -> Sheet:
-    """The sheet of a file: the one beside it or a guessed one, changed by the options.
+    """Description of a file: its TOML file or a guess, changed by the options.
 
     Raises
     ------
     DataError
-        Something that the model needs is not there, or not clear.
+        A required signal is missing or ambiguous.
     """
     if given is not None:
         sheet = given
@@ -96,7 +96,7 @@ def sheet_for(
 
 
 def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptions) -> Sheet:
-    """What the columns are by their names, those of the model."""
+    """Assign columns by the names of the signals of the model."""
 
     def find(name: str) -> str:
         told = options.columns.get(name)
@@ -149,7 +149,7 @@ def _other(column: str, name: str) -> str:
 
 
 def _by_quantity(columns: Columns, signals: Signals, name: str) -> str:
-    """The only column that is called as instruments call such an input and measures it."""
+    """The only column with a usual name and a unit of an input."""
     si = signals.units.get(name) or "1"
     found = [
         c
@@ -171,7 +171,7 @@ def _measures(unit: str, si: str) -> bool:
 
 
 def _of_columns(path: Path, columns: Columns, options: ReadOptions) -> Sheet:
-    """Every column is an output of its name, but the clock and what is called a force."""
+    """Every column is an output of its name, except the clock and a force."""
     clock = clock_column(columns, options.columns.get("time", ""))
     aside = {clock, run_column(columns, options.run), frame_column(columns)}
     aside |= set(columns.likelihood.values())
@@ -193,7 +193,7 @@ def _of_columns(path: Path, columns: Columns, options: ReadOptions) -> Sheet:
 def _changed(
     path: Path, sheet: Sheet, columns: Columns, signals: Signals, options: ReadOptions
 ) -> Sheet:
-    """The sheet with what the options say."""
+    """The description, changed by the options."""
     inputs: dict[str, Any] = dict(sheet.inputs)
     outputs: dict[str, Any] = dict(sheet.outputs)
     for name, column in options.columns.items():
@@ -271,7 +271,7 @@ def _update(
 
 
 def _of_axis(name: str, origin: str | None, *, pixels: bool) -> str | None:
-    """The part of an origin "X,Y" that belongs to a channel."""
+    """Component of an origin "X,Y" that belongs to a channel."""
     if origin is None or "," not in origin:
         return origin
     parts = [p.strip() for p in origin.split(",")]

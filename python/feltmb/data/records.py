@@ -1,4 +1,4 @@
-"""Measured records: time series with their sensors and inputs."""
+"""Measured records: time series with sensors and inputs."""
 
 from __future__ import annotations
 
@@ -21,9 +21,7 @@ InputMode = Literal["force", "motion"]
 Role = Literal["fit", "held_out"]
 Reference = Literal["", "absolute", "rest"]
 
-LARGEST = (
-    1e100  # of any number of a record: what lies beyond is no measurement, its square no number
-)
+LARGEST = 1e100  # largest number of a record; larger values are not measurements
 
 
 @checked
@@ -31,44 +29,46 @@ LARGEST = (
 class Sensor:
     """Sensor between a quantity of the machine and a column of the record.
 
-    The record shows ``gain * low_pass(y)(t - delay) + offset + noise``. Known values are applied to
-    the simulation before it is compared; the ``*_sd`` are priors of what is not known: each becomes
-    a nuisance parameter of every record, estimated with the fit and never named as a cause.
+    The record shows ``gain * low_pass(y)(t - delay) + offset + noise``. Known properties are
+    applied to the simulation before the comparison. The ``*_sd`` are prior standard deviations of
+    unknown properties. Each becomes a nuisance parameter of every record, which is estimated with
+    the fit and is never named as a cause.
     """
 
     name: str
-    """Name of the output of the model that it shows, and of the column."""
+    """Name of the output of the model, and of the column."""
     unit: str = "1"
     sigma: float | None = None
-    """Standard deviation of the noise [unit]; None: estimated (rest, repeats, differences)."""
+    """Standard deviation of the noise [unit]; None: estimated (rest, repeats, or differences)."""
     quantum: float = 0.0
-    """Step of the digitizer [unit]; adds quantum^2/12 to the variance."""
+    """Quantization step of the digitizer [unit]; adds quantum^2/12 to the variance."""
     delay: float = 0.0
     """Known delay [s]; positive: the record lags the machine."""
     bandwidth: float = math.inf
-    """Corner of a first-order low-pass [Hz]."""
+    """Corner frequency of a first-order low-pass [Hz]."""
     gain: float = 1.0
     """Known gain [1]."""
     offset: float = 0.0
     """Known offset [unit]."""
     correlation_time: float = 0.0
-    """Time in which the noise forgets itself [s] (first-order); 0 is white."""
+    """Time constant of exponentially correlated noise [s]; 0: white noise."""
     colored_sigma: float = 0.0
-    """Standard deviation [unit] of noise that forgets itself in ``correlation_time``, beside white
-    noise of ``sigma`` and the quantum, which is white too. 0: all noise is of one color."""
+    """Standard deviation [unit] of noise with ``correlation_time``, in addition to white noise of
+    ``sigma`` and the quantization, which is also white. 0: all noise has one color."""
     gain_sd: float = 0.0
-    """Prior of an unknown relative gain error [1]."""
+    """Prior standard deviation of an unknown relative gain error [1]."""
     offset_sd: float = 0.0
-    """Prior of an unknown offset [unit]."""
+    """Prior standard deviation of an unknown offset [unit]."""
     delay_sd: float = 0.0
-    """Prior of an unknown delay [s]."""
+    """Prior standard deviation of an unknown delay [s]."""
     reference: Reference = ""
-    """Zero of a coordinate: "absolute" is that of the frame of the model, "rest" the rest pose of
-    the machine; "": told by where the channel starts. For models that know their rest."""
+    """Zero of a coordinate: "absolute" is the zero of the frame of the model, "rest" the rest pose
+    of the machine; "": determined from the start of the channel. For models that know their rest
+    pose."""
     point: str = ""
-    """Where it sits, for people and for the model."""
+    """Position of the sensor, as text for people and for the model."""
     axis: str = ""
-    """Direction in which it looks, for people and for the model."""
+    """Direction of the measurement, as text for people and for the model."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -99,13 +99,13 @@ class Sensor:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class StartPrior:
-    """Prior of the state at the first sample: mean and standard deviation by state."""
+    """Prior of the state at the first sample: mean and standard deviation for each state."""
 
     mean: Mapping[str, float] = field(default_factory=dict)
     sd: Mapping[str, float] = field(default_factory=dict)
     known: bool = True
-    """False: the record begins in the midst of a motion, so that what a model says of its states at
-    the start of a run does not hold."""
+    """False: the record starts during a motion, so that the start state of the model does not
+    apply."""
 
     def __post_init__(self) -> None:
         faults = [f"{k} = {v!r}, expected a finite mean" for k, v in self.mean.items()
@@ -118,41 +118,42 @@ class StartPrior:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
-    """One measured run: one clock, inputs without gaps, outputs in which NaN means missing.
+    """One measured run: one clock, complete inputs, and outputs in which NaN means missing.
 
     Raises
     ------
     DataError
-        Lengths differ, time does not rise, an input holds NaN, a number is beyond 1e100, a sensor
-        belongs to no output; all at once.
+        Arrays have different lengths, time does not increase, an input has NaN, a number exceeds
+        1e100, or a sensor has no output; all faults are in one message.
     """
 
     name: str
     time: Array
-    """Clock [s], strictly rising, (n,)."""
+    """Time of the samples [s], strictly increasing, (n,)."""
     inputs: Mapping[str, Array]
-    """What drives the model, each (n,), SI."""
+    """Inputs of the model, each (n,), in SI units."""
     outputs: Mapping[str, Array]
-    """What was measured, each (n,), in the unit of its sensor; NaN is missing."""
+    """Measured outputs, each (n,), in the unit of their sensor; NaN is missing."""
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
-    """By output; an output without one gets ``Sensor(name=...)``."""
+    """Sensor of each output; an output without one gets ``Sensor(name=...)``."""
     input_mode: InputMode = "force"
     input_units: Mapping[str, str] = field(default_factory=dict)
-    """SI units of the inputs as far as the file says them; compared with those of a model."""
+    """SI units of the inputs, if the file states them; they are compared with the model."""
     input_sigma: Mapping[str, float] = field(default_factory=dict)
-    """Noise of an input [its unit]: propagated into the covariance of the residuals."""
+    """Standard deviation of the noise of an input [its unit]; it contributes to the covariance of
+    the residuals."""
     input_correlation_time: Mapping[str, float] = field(default_factory=dict)
-    """Correlation time of that noise [s]; 0 is white from sample to sample."""
+    """Correlation time of that noise [s]; 0: white from sample to sample."""
     conditions: Mapping[str, float | str] = field(default_factory=dict)
     """Humidity, temperature, cycle number, date, operator, ..."""
     role: Role = "fit"
     start: StartPrior | None = None
     repeats: str = ""
-    """Label shared by repeats of one run: their spread is the floor of every gap."""
+    """Common label of repeats of one run; their spread is the run-to-run variability."""
     source: str = ""
     """File and license, for the report."""
     notes: tuple[str, ...] = ()
-    """What was assumed when it was read, for the data checks."""
+    """Assumptions made when the record was read, for the data checks."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -211,7 +212,7 @@ class Record:
 
     @cached_property
     def interval(self) -> float:
-        """Median step of the clock [s]."""
+        """Median time step [s]."""
         return float(np.median(np.diff(self.time)))
 
     @cached_property
@@ -220,7 +221,7 @@ class Record:
         return bool(np.allclose(np.diff(self.time), self.interval, rtol=1e-6, atol=0.0))
 
     def output_array(self, names: Iterable[str]) -> Array:
-        """Outputs as (n, len(names)); a name that was not measured is all NaN."""
+        """Outputs as (n, len(names)); an output that was not measured is NaN."""
         missing = np.full(self.samples, np.nan)
         columns = [self.outputs.get(k, missing) for k in names]
         return np.column_stack(columns) if columns else np.zeros((self.samples, 0))
@@ -239,9 +240,9 @@ class Record:
         last
             Index after the last sample.
         name
-            Name of the new record; default: that of this one.
+            Name of the new record; default: the same name.
         role
-            Role of the new record; default: that of this one.
+            Role of the new record; default: the same role.
         """
         part = slice(first, last)
         return replace(
@@ -263,31 +264,31 @@ class Record:
         gain: float = 1.0,
         offset: float = 0.0,
     ) -> Record:
-        """Same record, with an input converted from the reading of its sensor to its true value.
+        """Copy of the record, with an input converted from its sensor reading to the true value.
 
-        The sensor shows ``gain * low_pass(u)(t - delay) + offset``. The low-pass is taken back by
-        the slope of the reading, which raises its noise; ``input_sigma`` says how far. Beyond the
-        ends of the record the input stays as it is there.
+        The sensor shows ``gain * low_pass(u)(t - delay) + offset``. The low-pass is inverted with
+        the slope of the reading. This increases the noise, and ``input_sigma`` is changed
+        accordingly. Before and after the record, the input is constant.
 
         Parameters
         ----------
         delay
-            [s]; positive: the reading lags.
+            Delay [s]; positive: the reading is late.
         bandwidth
-            Corner of a first-order low-pass [Hz].
+            Corner frequency of a first-order low-pass [Hz].
         gain, offset
-            [1], [unit of the input].
+            Gain [1] and offset [unit of the input].
 
         Raises
         ------
         DataError
-            The input is not there, or a number is none of a sensor.
+            The input does not exist, or a number is invalid for a sensor.
         """
         if name not in self.inputs:
             raise DataError(
                 f"record {self.name}: no input {name!r}; there are {', '.join(self.inputs)}"
             )
-        # The same limits as those of the sensor of an output.
+        # The same limits as for the sensor of an output.
         Sensor(name=name, delay=delay, bandwidth=bandwidth, gain=gain, offset=offset)
         acted = (self.inputs[name] - offset) / gain
         sigma = self.input_sigma.get(name, 0.0) / abs(gain)
@@ -303,7 +304,7 @@ class Record:
         )
 
     def with_inputs(self, inputs: Mapping[str, Array]) -> Record:
-        """Same record, some inputs replaced."""
+        """Copy of the record, with some inputs replaced."""
         return replace(self, inputs={**self.inputs, **inputs})
 
 

@@ -1,4 +1,4 @@
-"""Series of one length by name: what a measured file holds before it is a record."""
+"""Series of equal length by name: the content of a measured file before it becomes a record."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from feltmb.units.quantity import fault_text, shortened
 
 __all__ = ["MOST_NUMBERS", "Columns", "columns_of", "limit_text", "plain_name"]
 
-MOST_NUMBERS = 20_000_000  # of a file: 160 MB; reading it takes a few times that
+MOST_NUMBERS = 20_000_000  # limit for a file: 160 MB; reading needs a few times as much
 
 
 def limit_text() -> str:
-    """The limit in words."""
+    """The limit as text."""
     return f"the limit of a measured file is {MOST_NUMBERS} numbers"
 
 
 def plain_name(name: str) -> str:
-    """A name without what differs between ways to write it (``Hammer_Tip X``, ``hammer_tip.x``)."""
+    """A name without differences of notation (``Hammer_Tip X``, ``hammer_tip.x``)."""
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
 @dataclass
 class Columns:
-    """Series of one length by name."""
+    """Series of equal length by name."""
 
     values: dict[str, Array] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
-    """As they stand in the file; a column without one is missing here."""
+    """Units as stated in the file; only columns with a unit are included."""
     left_out: dict[str, str] = field(default_factory=dict)
-    """What else the file holds, and why it is no series."""
+    """Other content of the file, and why it is not a series."""
     headings: dict[str, str] = field(default_factory=dict)
-    """Whole heading by name, where it says more."""
+    """Complete heading by name, if it contains more than the name."""
     source: str = ""
-    """Program that wrote the file, as far as it is known by its form."""
+    """Program that wrote the file, if its format identifies it."""
     frames: str = ""
-    """Column that counts frames of a camera."""
+    """Column with the frame number of a camera."""
     likelihood: dict[str, str] = field(default_factory=dict)
-    """Column of the likelihood [1] by the column that it belongs to."""
+    """Column of the likelihood [1], by the column to which it belongs."""
     notes: list[str] = field(default_factory=list)
-    """What was assumed of the file."""
+    """Assumptions about the file."""
 
     def __str__(self) -> str:
         shown = [shortened(name) for name in self.values]
@@ -58,7 +58,7 @@ class Columns:
         return text + (f"; left out: {shortened(', '.join(out), 300)}" if out else "")
 
     def add(self, name: str, shape: tuple[int, ...]) -> bool:
-        """Whether an array of this shape is a series; a number alone is passed over."""
+        """Whether an array has the shape of a series; other arrays are noted in ``left_out``."""
         if math.prod(shape) == max(shape, default=1) and shape:
             return True
         if shape:
@@ -66,15 +66,15 @@ class Columns:
         return False
 
     def only_longest(self) -> None:
-        """Keep the series that are as long as the longest."""
+        """Keep only the series with the largest length."""
         longest = max((v.size for v in self.values.values()), default=0)
         for name in [n for n, v in self.values.items() if v.size != longest]:
             self.left_out[name] = f"{self.values.pop(name).size} values"
 
     def find(self, *names: str) -> str:
-        """Column of the first of these names that is there; "" if none.
+        """Column of the first of these names that exists; "" if there is none.
 
-        As it stands, by its whole heading, or written in another way.
+        The name may be equal, equal to the complete heading, or written in another notation.
         """
         for name in names:
             if name in self.values:
@@ -94,12 +94,12 @@ class Columns:
 
 
 def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Columns:
-    """The series of a table whose columns have these names and units; unnamed ones are left out.
+    """The series of a table with the given names and units; columns without a name are omitted.
 
     Raises
     ------
     DataError
-        With the first faults of the table.
+        The table has faults; the message lists the first ones.
     """
     faults: list[str] = []
     if not table.header or all(_is_number(c, table.decimal) for c in table.header):
@@ -145,7 +145,7 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
     for j, ((name, unit), own) in enumerate(zip(names, below, strict=False)):
         if not name:
             continue
-        # Rows are fewer than lines where a cell in quotes goes over several.
+        # There are fewer rows than lines if a quoted cell contains line breaks.
         columns.values[name] = values[:read, j]
         told = unit or spelled_unit(own) or own.strip("[]() ")
         if told and told != "-":

@@ -1,4 +1,4 @@
-"""The TOML beside a measured file: which column is what, in which unit, how noisy."""
+"""TOML file that describes a measured file: signals of the columns, units, and noise."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ __all__ = ["ColumnSpec", "InputSpec", "OutputSpec", "ReadOptions", "Sheet"]
 
 
 class ColumnSpec(Schema):
-    """A column of the file: where it is and in what unit."""
+    """A column of the file and its unit."""
 
     column: str = ""
-    """Name in the file, or its whole heading; default: that of the signal."""
+    """Name in the file, or its complete heading; default: the name of the signal."""
     unit: str = ""
-    """Unit in the file, also px; default: that of the header, else SI."""
+    """Unit in the file, also px; default: the unit of the header, else SI."""
     scale: float | str = ""
-    """What one unit of the file is, such as "0.21 mm" for a pixel; instead of the unit."""
+    """Size of one unit of the file, such as "0.21 mm" for a pixel; replaces the unit."""
     origin: float | Literal["start"] = 0.0
-    """Zero of the channel [unit of the file]; "start": where it stands still at the beginning."""
+    """Zero of the channel [unit of the file]; "start": the position at rest at the beginning."""
     down: bool | None = None
-    """Whether it counts downwards; default: pixels of a channel whose name ends in .y do."""
+    """Whether the values increase downwards; default: true for channels in pixels whose name ends
+    in .y."""
     factor: float = 1.0
-    """Multiplies the values after the unit."""
+    """Factor of the values after the conversion of the unit."""
     shift: float = 0.0
-    """Added after the factor [unit of the model]."""
+    """Value that is added after the factor [unit of the model]."""
     si: str = ""
     """Unit of the model; default: the SI unit of the same quantity, or the unit itself."""
 
@@ -42,9 +43,9 @@ class InputSpec(ColumnSpec):
     sigma: Annotated[float, Field(ge=0.0)] = 0.0
     correlation_time: Annotated[float, Field(ge=0.0)] = 0.0
     delay: float = 0.0
-    """Of its sensor [s]; positive: the reading lags."""
+    """Delay of the sensor of the input [s]; positive: the reading is late."""
     bandwidth: Annotated[float, Field(gt=0.0)] | None = None
-    """Corner of the low-pass of its sensor [Hz]."""
+    """Corner frequency of the low-pass of the sensor of the input [Hz]."""
     gain: float = 1.0
     offset: float = 0.0
 
@@ -64,14 +65,14 @@ class OutputSpec(ColumnSpec):
     offset_sd: float = 0.0
     delay_sd: float = 0.0
     reference: Reference = ""
-    """Zero of a coordinate: "absolute" (frame of the model), "rest" (its rest pose); default: told
-    by where the channel starts."""
+    """Zero of a coordinate: "absolute" (frame of the model), "rest" (its rest pose); default:
+    determined from the start of the channel."""
     point: str = ""
     axis: str = ""
 
 
 class Sheet(Schema):
-    """The TOML beside a measured file."""
+    """TOML file that describes a measured file."""
 
     name: str = ""
     role: Literal["fit", "held_out"] = "fit"
@@ -79,23 +80,24 @@ class Sheet(Schema):
     repeats: str = ""
     source: str = ""
     time: str = ""
-    """Column of the clock; default: time or t, else the first."""
+    """Column of the clock; default: time or t, else the first column."""
     time_unit: str = ""
-    """Unit of the clock; default: that of the header, else s."""
+    """Unit of the clock; default: the unit of the header, else s."""
     interval: float | None = None
-    """Step of the clock [s] if the file has none."""
+    """Time step [s], if the file has no clock."""
     frame_rate: Annotated[float, Field(gt=0.0)] | None = None
-    """True frames a second of a camera [Hz], whatever rate the video plays at."""
+    """True frame rate of a camera [Hz]; the frame rate of the video may differ."""
     run: str = ""
-    """Column that numbers the runs of the file; default: a run begins where the clock does."""
+    """Column that numbers the runs of the file; default: a run starts when the clock starts
+    again."""
     likelihood: Annotated[float, Field(ge=0.0, le=1.0)] = 0.6
-    """Points of a tracker that are less likely are missing [1]."""
+    """Samples of a tracker with a smaller likelihood are missing [1]."""
     first: int = 0
     """First sample that is used."""
     last: int | None = None
-    """Sample before which to stop; negative counts from the end."""
+    """Index after the last sample that is used; a negative value counts from the end."""
     every: Annotated[int, Field(ge=1)] = 1
-    """Use every so-manyth sample."""
+    """Use every n-th sample."""
     inputs: dict[str, InputSpec] = Field(default_factory=dict)
     outputs: dict[str, OutputSpec] = Field(default_factory=dict)
     start: dict[str, tuple[float, float]] = Field(default_factory=dict)
@@ -106,34 +108,34 @@ class Sheet(Schema):
 @checked
 @dataclass(frozen=True, kw_only=True)
 class ReadOptions:
-    """How to read measured files, instead of what their TOML or header says.
+    """Options of reading measured files, which replace the TOML file or the header.
 
-    The mappings go from a channel (or ``time``) to a value; the key ``""`` stands for all outputs:
-    those whose unit is not known (``units``), those in pixels (``scales``, ``origins``).
+    The mappings go from a channel (or ``time``) to a value. The key ``""`` stands for all outputs
+    with an unknown unit (``units``), or for all outputs in pixels (``scales``, ``origins``).
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     """Column of the file."""
     units: Mapping[str, str] = field(default_factory=dict)
     scales: Mapping[str, str] = field(default_factory=dict)
-    """What one unit of the file is, such as "0.21 mm"."""
+    """Size of one unit of the file, such as "0.21 mm"."""
     origins: Mapping[str, str] = field(default_factory=dict)
-    """Zero in the unit of the file, or "start"; of all outputs "X,Y" as well."""
+    """Zero in the unit of the file, or "start"; for all outputs also "X,Y"."""
     delays: Mapping[str, float] = field(default_factory=dict)
-    """By how much a channel is late [s]."""
+    """Delay of a channel [s]."""
     references: Mapping[str, str] = field(default_factory=dict)
     """"absolute" or "rest"."""
     frame_rate: float | None = None
-    """[Hz]"""
+    """True frame rate of a camera [Hz]."""
     run: str = ""
     """Column that numbers the runs."""
     likelihood: float | None = None
-    """[1]"""
+    """Samples of a tracker with a smaller likelihood are missing [1]."""
     down: bool | None = None
-    """Whether pixels count downwards in y; default: they do."""
+    """Whether y in pixels increases downwards; default: yes."""
 
     def top(self) -> dict[str, Any]:
-        """Keys of the sheet that are replaced."""
+        """Keys of the TOML file that are replaced."""
         found: dict[str, Any] = {}
         if self.frame_rate is not None:
             found["frame_rate"] = self.frame_rate

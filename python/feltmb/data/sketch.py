@@ -1,4 +1,4 @@
-"""A first TOML for a measured file: what its columns seem to be, with comments to correct it."""
+"""Writes a draft of the TOML file of a measured file, with comments for corrections."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ __all__ = ["sketch_sheet"]
 def sketch_sheet(
     path: Path, signals: Signals | None = None, options: ReadOptions | None = None
 ) -> str:
-    """Text of a TOML to be written beside a measured file.
+    """Text of a draft of the TOML file that describes a measured file.
 
     Parameters
     ----------
     signals
-        What the model reads; without it every column is an output of its own name.
+        Signals of the model; without it, every column is an output with the name of the column.
     options
-        What is told instead of guessed.
+        Specified properties, which are not guessed.
     """
     columns = read_columns(path)
     options = options or ReadOptions()
@@ -42,7 +42,7 @@ def sketch_sheet(
     except DataError as error:
         if signals is None:
             raise
-        # A name that is no signal of the model is better than no file.
+        # A name that the model does not have is better than no file.
         note = str(error)
         sheet = sheet_for(path, columns, Signals(), options, None)
     lines = [f"# How {path.name} is read. Written by feltmb new --record; check it."]
@@ -130,7 +130,7 @@ def _sensor(spec: Any, *, output: bool, unit: str) -> list[str]:
 
 
 def _quoted(value: object) -> str:
-    """A value in TOML."""
+    """A value in TOML notation."""
     import tomlkit
 
     return tomlkit.item(value).as_string()

@@ -1,4 +1,4 @@
-"""Noise of sampled records: how large it is, and a smooth curve within it.
+"""Noise of sampled records: its standard deviation, and smoothing within it.
 
 Used for measured motion, whose second derivative a mechanism has to follow.
 """
@@ -17,20 +17,21 @@ if TYPE_CHECKING:
 
 __all__ = ["LEAST_SAMPLES", "NEAR", "noise_of_record", "smooth_record", "start_of"]
 
-#: Fewer samples say nothing about noise.
+#: Smallest number of samples for an estimate of noise.
 LEAST_SAMPLES = 12
-#: Standard deviations of the noise within which a value is where another one is.
+#: Two values within this number of standard deviations of the noise are equal.
 NEAR = 5.0
-#: Decades of the penalty that are searched, on a clock of samples, and how closely.
+#: Range of the logarithm of the penalty (with the sample interval as unit of time), and its
+#: accuracy.
 _WEAKEST, _STRONGEST, _CLOSE = -6.0, 12.0, 0.02
 
 
 def noise_of_record(value: npt.ArrayLike) -> float:
-    """Standard deviation of white noise on an evenly sampled record, in its unit.
+    """Standard deviation of white noise in an evenly sampled record, in its unit.
 
-    The fourth difference of a smooth motion nearly vanishes; that of white noise has 70 times the
-    noise's variance (1 + 16 + 36 + 16 + 1). The median of its size keeps kinks and impacts out.
-    Zero for fewer than 12 samples.
+    The fourth difference of a smooth motion is almost zero, and that of white noise has 70 times
+    the variance of the noise (1 + 16 + 36 + 16 + 1). The median of its absolute value is robust
+    against kinks and impacts. Zero for fewer than 12 samples.
     """
     import numpy as np
 
@@ -42,10 +43,10 @@ def noise_of_record(value: npt.ArrayLike) -> float:
 
 
 def start_of(values: npt.ArrayLike, noise: float | None = None) -> float:
-    """Mean of the still beginning of a record, in its unit; NaN if nothing was measured.
+    """Mean of a record while it is at rest at the beginning, in its unit; NaN if not measured.
 
-    Only the first quarter of what lies within the noise is averaged: a motion that begins slowly
-    has hardly moved there.
+    Only the first quarter of the samples within the noise is averaged, because a motion that starts
+    slowly has hardly moved then.
 
     Parameters
     ----------
@@ -69,14 +70,14 @@ def start_of(values: npt.ArrayLike, noise: float | None = None) -> float:
 def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Array:
     """Cubic smoothing spline through a record, at the same times.
 
-    It minimizes ``sum (x_i - s(t_i))^2 + lambda int s''(t)^2 dt`` with the largest lambda for which
-    what it takes away is no more than the noise in root mean square: smoothing ends where the noise
-    does, whatever the rate of the samples is, and changes continuously with the record.
+    It minimizes ``sum (x_i - s(t_i))^2 + lambda int s''(t)^2 dt``. lambda is the largest value for
+    which the root mean square of the removed part does not exceed the noise. The result does not
+    depend on the sample rate and changes continuously with the record.
 
     Parameters
     ----------
     time
-        [s], growing.
+        Times [s], increasing.
     value
         The record, at least 12 samples.
     noise
@@ -85,7 +86,7 @@ def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Ar
     Raises
     ------
     InvalidParameter
-        Noise that is not positive, or too few samples.
+        The noise is not positive, or there are too few samples.
     """
     import numpy as np
 

@@ -1,7 +1,7 @@
-"""Tables of numbers in text files, as instruments and trackers write them.
+"""Tables of numbers in text files of instruments and tracking programs.
 
-A preamble, a header, perhaps a line of units, then rows. Separator and decimal sign are those that
-make numbers of the most cells.
+A file has a preamble, a header, perhaps a line of units, and rows. Separator and decimal sign are
+chosen so that most cells become numbers.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from feltmb.units import spelled_unit
 __all__ = ["MISSING", "Table", "read_number", "read_table", "text_lines"]
 
 MISSING = ("", "nan", "NaN", "NA", "N/A", "-", "--")
-#: Separator and decimal sign, the first of equal ones counts. None: any white space.
+#: Pairs of separator and decimal sign; of equally good pairs, the first is used. None: white space.
 _STYLES: tuple[tuple[str | None, str], ...] = (
     (",", "."),
     (";", "."),
@@ -30,34 +30,34 @@ _STYLES: tuple[tuple[str | None, str], ...] = (
     (None, "."),
     (None, ","),
 )
-#: Lines that decide how a file is written.
+#: Number of lines that determine the format of a file.
 SAMPLE = 60
-#: A preamble is no longer than this.
+#: Largest number of lines of a preamble.
 LONGEST_PREAMBLE = 200
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text: what stands above its rows, and the rows as cells."""
+    """A table of text: the lines above its rows, and the rows as cells."""
 
     preamble: tuple[str, ...]
     """Lines above the header."""
     header: tuple[str, ...]
     units: tuple[str, ...]
-    """Of a second line of the header; empty if there is none."""
+    """Units in a second line of the header; empty if there is none."""
     rows: Iterator[list[str]]
     decimal: str
     lines: int
-    """Most rows that come: lines below the header."""
+    """Number of lines below the header, the largest possible number of rows."""
 
 
 def text_lines(data: bytes, path: Path) -> list[str]:
-    """Lines of a text in UTF-8, UTF-16 with a mark, or else Windows-1252, without empty ones."""
+    """Non-empty lines of a text in UTF-8, UTF-16 with a byte order mark, or else Windows-1252."""
     encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError as fault:
-        # Older instruments write umlauts and signs of units in the code page of their system.
+        # Older instruments use the code page of their system for umlauts and signs of units.
         if encoding != "utf-8-sig" or b"\x00" in data:
             raise DataError(f"{path}: is no text (byte {fault.start})") from None
         text = data.decode("cp1252", errors="replace")
@@ -65,7 +65,7 @@ def text_lines(data: bytes, path: Path) -> list[str]:
 
 
 def read_number(cell: str, decimal: str = ".") -> float | None:
-    """Number of a cell; NaN where it is missing, None where it is none."""
+    """Number of a cell; NaN if it is empty, None if it is not a number."""
     text = cell.strip()
     if text in MISSING:
         return float("nan")
@@ -80,12 +80,12 @@ def read_number(cell: str, decimal: str = ".") -> float | None:
 
 
 def read_table(lines: Sequence[str]) -> Table:
-    """Split a text, without its comments, into what stands above and the rows.
+    """Split a text, without its comments, into the lines above the table and its rows.
 
     Raises
     ------
     DataError
-        The text holds no table.
+        The text has no table.
     """
     head = list(lines[: LONGEST_PREAMBLE + SAMPLE])
     separator, decimal = _style(_sample(lines))
@@ -109,7 +109,7 @@ def read_table(lines: Sequence[str]) -> Table:
 
 
 def _sample(lines: Sequence[str]) -> list[str]:
-    """Lines from the second half, where the rows are."""
+    """Lines from the second half of the text, which contains rows."""
     later = lines[len(lines) // 2 :]
     step = max(1, len(later) // SAMPLE)
     return list(later[::step])
@@ -118,7 +118,7 @@ def _sample(lines: Sequence[str]) -> list[str]:
 def _split(lines: Sequence[str], separator: str | None) -> Iterator[list[str]]:
     if separator is None:
         return (re.split(r"\s+", line.strip()) for line in lines)
-    # A cell in quotes may go over several lines.
+    # A quoted cell may contain line breaks.
     return csv.reader((line + "\n" for line in lines), delimiter=separator, skipinitialspace=True)
 
 
@@ -130,7 +130,8 @@ def _style(sample: Sequence[str]) -> tuple[str | None, str]:
         if not cells:
             continue
         numbers = sum(read_number(c, decimal) is not None for c in cells)
-        # All cells are numbers where separator and sign are right; the most cells then.
+        # With the right separator and decimal sign all cells are numbers; of such pairs, the most
+        # cells.
         merit = (round(numbers / len(cells), 2), sum(map(len, rows)) / len(rows))
         if merit > best:
             best, chosen = merit, (separator, decimal)
@@ -138,13 +139,13 @@ def _style(sample: Sequence[str]) -> tuple[str | None, str]:
 
 
 def _width(cells: Sequence[Sequence[str]]) -> int:
-    """Cells of the most rows at the end of the beginning."""
+    """Most frequent number of cells, from the end of the first lines."""
     counts = [len(row) for row in cells[len(cells) // 2 :]]
     return max(set(counts), key=counts.count) if counts else 0
 
 
 def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
-    """Index of the first row of numbers: most of its cells are, and of the row below it."""
+    """Index of the first row in which most cells are numbers; the next row must be alike."""
 
     def share(row: Sequence[str]) -> float:
         told = [c for c in row if c.strip() not in MISSING]
@@ -154,14 +155,14 @@ def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
     shares = [share(row) for row in cells]
     pairs = zip(shares, [*shares[1:], 1.0], strict=True)
     first = next((i for i, (a, b) in enumerate(pairs) if min(a, b) > 0.5), len(cells))
-    # A fault in the first row is a fault and no header.
+    # A row with a fault is not a header.
     while first > 1 and shares[first - 1] > 0.0:
         first -= 1
     return first
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    """Whether a line holds units: at least one, and nothing that is neither unit nor empty."""
+    """Whether a line holds units: at least one, and otherwise only empty cells."""
     told = [c.strip() for c in row if c.strip() not in ("", "-", "[]", "()")]
     return bool(told) and all(
         spelled_unit(c) is not None or (c[0] in "[(" and c[-1] in "])") for c in told

@@ -1,6 +1,6 @@
-"""Exports of programs that track points in videos: Kinovea, Tracker, DeepLabCut.
+"""Exports of video tracking programs: Kinovea, Tracker, DeepLabCut.
 
-Each is known by its header. A point of the name P becomes the columns ``P.x`` and ``P.y``.
+The header identifies the program. A point P becomes the columns ``P.x`` and ``P.y``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SEPARATORS = ("\t", ",", ";")
 
 
 def read_tracked(path: Path, lines: Sequence[str]) -> Columns | None:
-    """Series of an export that is known by its header; None for any other text."""
+    """Series of an export with a known header; None for any other text."""
     for reader in (_kinovea_text, _deeplabcut, _tracker, _kinovea_table):
         found = reader(path, lines)
         if found is not None:
@@ -40,7 +40,7 @@ def _cells(line: str) -> list[str]:
 
 
 def _kinovea_table(path: Path, lines: Sequence[str]) -> Columns | None:
-    """Time, then NAME/KEY/X and NAME/KEY/Y of every point."""
+    """Columns: time, then NAME/KEY/X and NAME/KEY/Y of every point."""
     head = _cells(lines[0]) if lines else []
     points = [re.fullmatch(r"(.+)/(.+)/([XY])", c) for c in head[1:]]
     if len(head) < 3 or not all(points) or not head[0].lower().startswith("time"):
@@ -62,7 +62,7 @@ def _kinovea_table(path: Path, lines: Sequence[str]) -> Columns | None:
 
 
 def _kinovea_text(path: Path, lines: Sequence[str]) -> Columns | None:
-    """Blocks of T X Y, one a trajectory, each after its name or where the time begins again."""
+    """Blocks of T X Y, one per trajectory; a block starts at its name or when the time restarts."""
     if not lines or not lines[0].strip().lower().startswith(_KINOVEA_TEXT):
         return None
     blocks: list[tuple[str, list[tuple[float, float, float]]]] = []
@@ -105,7 +105,7 @@ def _kinovea_text(path: Path, lines: Sequence[str]) -> Columns | None:
 
 
 def _kinovea_time(text: str) -> float | None:
-    """Seconds of a number or of a time code h:mm:ss:hundredths."""
+    """Time [s] from a number or a time code h:mm:ss:hundredths."""
     parts = text.split(":")
     if len(parts) == 1:
         return read_number(text.replace(",", "."))
@@ -120,7 +120,7 @@ def _kinovea_time(text: str) -> float | None:
 
 
 def _tracker(path: Path, lines: Sequence[str]) -> Columns | None:
-    """A line of names of tracks, then t and the columns of each: x, y and more."""
+    """A line with the names of the tracks, then t and the columns of each track: x, y and more."""
     body = [line for line in lines if line.strip().lower() != "#multi:"]
     if len(body) < 4:
         return None
@@ -152,7 +152,7 @@ def _tracker(path: Path, lines: Sequence[str]) -> Columns | None:
 
 
 def _deeplabcut(path: Path, lines: Sequence[str]) -> Columns | None:
-    """Lines scorer, (individuals,) bodyparts, coords, then frames of x, y, likelihood."""
+    """Lines scorer, (individuals,) bodyparts, coords; then frames with x, y, likelihood."""
     heads = [_cells(line) for line in lines[:4]]
     kinds = [h[0].lower() for h in heads]
     if not kinds or kinds[0] != "scorer" or "bodyparts" not in kinds or "coords" not in kinds:

@@ -1,6 +1,7 @@
-"""Felt: materials, identification from tests, envelopes for the contact law, audit of laws.
+"""Felt: materials, identification from tests, force-compression loops of contacts, audit of laws.
 
-SI units; compression, pressure and contact force are positive. See ``docs/explanation/felt.md``.
+SI units; compression, pressure and contact force are positive in compression. See
+``docs/explanation/felt.md``.
 """
 
 from feltmb.felt.auditing import Audit, Cycle, Finding, audit, audit_targets

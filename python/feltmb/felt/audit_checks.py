@@ -1,4 +1,4 @@
-"""Checks of an audit: of the curves of a loop, of the power and the cycles of a law."""
+"""Checks of an audit: curves of a loop, and power and cycles of a law."""
 
 from __future__ import annotations
 
@@ -16,64 +16,64 @@ from feltmb.mechanism import Contact
 
 Array = NDArray[np.float64]
 
-_STEPS = 1000  # of half a cycle of a law with states
-_SAMPLES = 4000  # of half a cycle of a law without
+_STEPS = 1000  # steps of half a cycle of a law with states
+_SAMPLES = 4000  # steps of half a cycle of a law without states
 _SCAN = 4001
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault, with its range of compressions."""
+    """One fault, with its range of compression."""
 
     kind: str
-    """``crossing``, ``adhesion``, ``softening``, ``open``, ``shape`` (of the data),
-    ``energy``, ``pull`` (of the law), ``material``."""
+    """``crossing``, ``adhesion``, ``softening``, ``open``, ``shape`` (faults of the data),
+    ``energy``, ``pull`` (faults of the law), ``material``."""
     low: float
-    """From this compression [m]."""
+    """Start of the range of compression [m]."""
     high: float
-    """To this one [m]."""
+    """End of the range of compression [m]."""
     value: float
-    """Size of the fault, in ``unit``."""
+    """Magnitude of the fault, in ``unit``."""
     unit: str
     text: str
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """Two sinusoidal cycles from 0 to an amplitude and back, from a virgin state."""
+    """Two sinusoidal cycles from 0 to an amplitude and back, starting from virgin felt."""
 
     amplitude: float
-    """[m]."""
+    """Amplitude of the compression [m]."""
     frequency: float
-    """[Hz]."""
+    """Frequency of the cycles [Hz]."""
     work: float
-    """Work put in by the second compression [J]."""
+    """Work supplied in the second compression [J]."""
     lost: float
-    """Energy lost in the second cycle [J]; negative: made."""
+    """Energy lost in the second cycle [J]; negative: the law produces energy."""
     first_lost: float
     """Energy lost in the first cycle [J]."""
     first_work: float
-    """Work put in by the first compression [J]."""
+    """Work supplied in the first compression [J]."""
 
     @property
     def loss(self) -> float:
-        """Lost over put in, second cycle [-]."""
+        """Ratio of lost energy to supplied work, second cycle [-]."""
         return self.lost / self.work if self.work != 0 else 0.0
 
     @property
     def first_loss(self) -> float:
-        """Lost over put in, first cycle [-]."""
+        """Ratio of lost energy to supplied work, first cycle [-]."""
         return self.first_lost / self.first_work if self.first_work != 0 else 0.0
 
 
 def _stretches(bad: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last index of every run of True."""
+    """First and last index of every sequence of True values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(int)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _edge(f: Callable[[float], float], a: float, b: float) -> float:
-    """Sign change of f between neighboring samples."""
+    """Zero of f between neighboring samples with different signs."""
     from scipy.optimize import brentq
 
     fa, fb = f(a), f(b)
@@ -96,7 +96,7 @@ class _Curves:
 def _below(
     f: Callable[[Array], Array], e: Array, scale: float
 ) -> list[tuple[float, float, float, float]]:
-    """Stretches where f < 0: from, to, minimum, integral of -f. Rounding is no fault."""
+    """Intervals with f < 0: start, end, minimum, integral of -f. Rounding is not a fault."""
     values = f(e)
     out = []
     for first, last in _stretches(values < -1e-9 * scale):
@@ -110,7 +110,7 @@ def _below(
         high = e[last] if last == len(e) - 1 else _edge(at, float(e[last]), float(e[last + 1]))
         x = np.linspace(low, high, 2001)
         y = f(x)
-        # The minimum counts; the ends are zeros or the ends of the range.
+        # Only the minimum matters; the ends are zeros of f or the ends of the range.
         out.append((float(low), float(high), float(y.min()), -float(_integral(y, x))))
     return out
 
@@ -124,10 +124,10 @@ def _mm(x: float) -> str:
 
 
 def audit_curves(curves: _Curves) -> list[Finding]:
-    """Faults of the curves: crossings, adhesion, softening, an open end."""
+    """Faults of the curves: crossing, adhesion, softening, open end."""
     out = []
     end = curves.closing if curves.closing is not None else curves.reach
-    # Denser near zero, where fits go wrong.
+    # More points near zero, where fits often fail.
     e = end * np.linspace(0.0, 1.0, _SCAN) ** 2
     scale = float(np.max(np.abs(curves.loading(e))))
     if curves.closing is None and curves.pair:
@@ -143,7 +143,7 @@ def audit_curves(curves: _Curves) -> list[Finding]:
         return curves.loading(x) - curves.unloading(x)
 
     for low, high, least, made in _below(band, e, scale):
-        # The last sample is the meeting point itself.
+        # The last sample is the point where the branches meet.
         if curves.closing is not None and low > 0.999 * end:
             continue
         out.append(
@@ -181,7 +181,7 @@ def audit_curves(curves: _Curves) -> list[Finding]:
 
 
 def valid_window(curves: _Curves, findings: Sequence[Finding]) -> tuple[float, float] | None:
-    """Largest stretch of the loop without a fault of the data."""
+    """Longest range of the loop without a fault of the data."""
     end = curves.closing if curves.closing is not None else curves.reach
     bad = sorted(
         (f.low, f.high) for f in findings if f.kind in ("crossing", "adhesion", "softening")
@@ -196,7 +196,7 @@ def valid_window(curves: _Curves, findings: Sequence[Finding]) -> tuple[float, f
 
 
 def audit_power(law: _core.ContactLaw, end: float, reach: float) -> list[Finding]:
-    """Pull and made energy of a law without states, at every compression and rate."""
+    """Attraction and energy production of a law without states, at all compressions and rates."""
     e = np.concatenate([end * np.linspace(0.0, 1.0, 321)[1:] ** 2, np.linspace(end, reach, 81)[1:]])
     speed = 10.0 ** np.linspace(-5, 1, 25)
     rates = np.concatenate([-speed[::-1], [0.0], speed])
@@ -209,7 +209,7 @@ def audit_power(law: _core.ContactLaw, end: float, reach: float) -> list[Finding
             heat[i, j] = point["dissipated_power"]
     out = []
     scale = float(np.max(np.abs(force[e <= end])))
-    # Power over speed is the force by which the law is wrong.
+    # Power divided by speed is the force error of the law.
     wrong = np.min(np.where(rates == 0, 0.0, heat / np.where(rates == 0, 1.0, np.abs(rates))), 1)
     for first, last in _stretches(wrong < -1e-9 * scale):
         low, high = float(e[first - 1]) if first else 0.0, float(e[last])
@@ -240,7 +240,7 @@ def audit_power(law: _core.ContactLaw, end: float, reach: float) -> list[Finding
 def _run_states(
     law: _core.ContactLaw, amplitude: float, frequency: float, cycles: int
 ) -> tuple[list[tuple[float, float]], float]:
-    """Work of loading and net loss of every cycle, and the least force, of a law with states."""
+    """Work and net loss of every cycle, and the smallest force, of a law with states."""
     samples = 2 * _STEPS
     turn = np.arange(cycles * samples + 1)
     e = 0.5 * amplitude * (1.0 - np.cos(2.0 * math.pi * turn / samples))
@@ -275,7 +275,7 @@ def _cycle(law: _core.ContactLaw, amplitude: float, frequency: float) -> tuple[C
 def audit_cycles(
     law: _core.ContactLaw, end: float, amplitudes: Sequence[float], frequencies: Sequence[float]
 ) -> tuple[list[Cycle], list[Finding]]:
-    """Loss of the second cycle at each amplitude and frequency, and energy that cycles make."""
+    """Loss of the second cycle at each amplitude and frequency; cycles that produce energy."""
     cycles, findings = [], []
     for share in amplitudes:
         for frequency in frequencies:
@@ -302,7 +302,7 @@ def audit_cycles(
 
 
 def pair_curves(contact: Contact, reach: float) -> _Curves:
-    """Loading and unloading of a pair of curves, to where they meet."""
+    """Loading and unloading of a pair of curves, up to the point where they meet."""
     assert contact.loading is not None
     assert contact.unloading is not None
     loading = _core.ExponentialCurve(contact.loading.a, contact.loading.b, contact.loading.c)
@@ -325,7 +325,7 @@ def pair_curves(contact: Contact, reach: float) -> _Curves:
 
 
 def envelope_curves(core: _core.Envelope) -> _Curves:
-    """Both branches of the whole loop of an envelope."""
+    """Both branches of the complete loop of an envelope."""
 
     def up(e: Array) -> Array:
         return np.asarray(core.loading(e), dtype=float)
@@ -337,7 +337,7 @@ def envelope_curves(core: _core.Envelope) -> _Curves:
 
 
 def shape_findings(core: _core.Envelope) -> list[Finding]:
-    """Where the share of unloading decreases, before the law with memory corrects it."""
+    """Ranges in which the share of unloading decreases, before the law with memory corrects it."""
     force, low, high = core.repair
     top = float(core.loading(core.closing))
     if force <= 1e-4 * top:
@@ -353,7 +353,7 @@ def shape_findings(core: _core.Envelope) -> list[Finding]:
 
 
 def law_curves(law: _core.ContactLaw, reach: float) -> _Curves:
-    """Curves of a law without a pair: both are its static curve."""
+    """Curves of a law without a pair: its static curve is both branches."""
 
     def force(e: Array) -> Array:
         h = 1e-6 * reach
@@ -364,7 +364,7 @@ def law_curves(law: _core.ContactLaw, reach: float) -> _Curves:
 
 
 def material_findings(material: FeltMaterial) -> list[Finding]:
-    """Doubts about a felt itself: inversion, residual strain, end of the loop."""
+    """Warnings about a felt: inverted branches, residual strain, end of the loop."""
     from feltmb._core import fiber
 
     out = []

@@ -1,7 +1,7 @@
-"""Audit of a contact law: where it may be used, pulls or makes energy, and what it loses.
+"""Audit of a contact law: valid range, attraction, energy production, and losses.
 
-Curves are audited as data: crossings, negative forces, falling stretches. The law built on them is
-audited by what it does: sign of the force, of the power that it says to turn into heat, and the
+The curves are audited as data: crossings, negative forces, decreasing ranges. The law with these
+curves is audited by its behavior: sign of the force, sign of the power that it dissipates, and the
 work of cycles at several amplitudes and frequencies.
 """
 
@@ -53,15 +53,15 @@ class Audit:
     name: str
     about: str
     law: str
-    """Name of the law as in a mechanism file."""
+    """Name of the law, as in a mechanism file."""
     window: tuple[float, float] | None
-    """Compressions between which 0 <= F_U <= F_L and both curves rise [m]; None: nowhere."""
+    """Range of compression with 0 <= F_U <= F_L and increasing curves [m]; None: no such range."""
     closing: float | None
-    """Where unloading meets loading [m]."""
+    """Compression at which unloading meets loading [m]."""
     findings: tuple[Finding, ...]
     cycles: tuple[Cycle, ...]
     compression: Array
-    """[m]."""
+    """Compression [m]."""
     loading: Array
     """Loading curve [N]."""
     unloading: Array
@@ -73,7 +73,7 @@ class Audit:
 
     @property
     def law_is_sound(self) -> bool:
-        """Whether the law neither pulls nor makes energy up to the closing compression."""
+        """Whether the law neither attracts nor produces energy up to the closing compression."""
         end = math.inf if self.closing is None else self.closing
         return not any(
             f.kind in ("energy", "pull") and f.low < end * (1 - 1e-9) for f in self.findings
@@ -81,14 +81,14 @@ class Audit:
 
     @property
     def data_are_sound(self) -> bool:
-        """Whether the curves close, stay apart and above zero, and rise."""
+        """Whether the curves close, are separate and positive, and increase."""
         return not any(
             f.kind in ("crossing", "adhesion", "softening", "open") for f in self.findings
         )
 
     @property
     def stiffness_range(self) -> dict[str, tuple[float, float]]:
-        """Least and largest tangent stiffness of both branches [N/m]."""
+        """Smallest and largest tangent stiffness of both branches [N/m]."""
         return {
             "loading": (float(self.loading_stiffness.min()), float(self.loading_stiffness.max())),
             "unloading": (
@@ -132,23 +132,23 @@ def audit(
         A contact of a mechanism (``load_action(...).config.contacts["04"]``), an envelope, a felt
         (audited as a flat specimen, 10 mm thick, 100 mm^2), or a law (:func:`feltmb.contact.law`).
     name
-        Used in the report.
+        Name in the report.
     largest
-        Compression up to which a law without an end of its own is audited [m]; default 1 mm.
+        Largest compression for laws without an end of their own [m]; default 1 mm.
     amplitudes
-        Of the cycles, over the end of the loop [-].
+        Amplitudes of the cycles relative to the end of the loop [-].
     frequencies
-        Of the cycles [Hz].
+        Frequencies of the cycles [Hz].
 
     Returns
     -------
     Audit
-        Window, faults, losses, stiffness.
+        Valid range, faults, losses, stiffness.
 
     Raises
     ------
     InvalidParameter
-        An argument out of range.
+        An argument is out of range.
     """
     faults = [
         f"audit: {what} = {x:g}, must be finite and > 0"
@@ -223,7 +223,7 @@ def audit_targets(
     everything: bool = False,
     all_hint: str = ", or --all",
 ) -> list[tuple[str, Contact | FeltEnvelope | FeltMaterial]]:
-    """What ``feltmb felt audit TEXT`` and ``feltmb felt fit TEXT`` name.
+    """Contacts, felts or envelopes for ``feltmb felt audit TEXT`` and ``feltmb felt fit TEXT``.
 
     Parameters
     ----------
@@ -233,14 +233,14 @@ def audit_targets(
     settings
         ``PATH=VALUE`` for mechanisms.
     everything
-        All contacts of the mechanism, switched on or not.
+        Whether all contacts of the mechanism are returned, including switched-off ones.
     all_hint
-        End of the message about a contact that is missing.
+        Last part of the message about a missing contact.
 
     Raises
     ------
     InvalidParameter
-        A name that does not exist, with those that do.
+        A name does not exist; the message has the known names.
     """
     from feltmb.fiber.material import packaged_materials
     from feltmb.mechanism import packaged_actions, parse_setting

@@ -1,7 +1,7 @@
-"""From a felt to the force of a contact: thickness, contact area, table of the loop.
+"""Force of a contact from its felt: thickness, contact area, table of the loop.
 
-Force = pressure of the felt times the area that both surfaces share (thesis 4.1.5), the felt being
-compressed evenly, v_f = v_f0 / (1 - e / thickness) at compression e (eq. 2.2), or by columns.
+Force = pressure of the felt times the common area of both surfaces (thesis 4.1.5). The felt is
+compressed uniformly, v_f = v_f0 / (1 - e / thickness) at compression e (eq. 2.2), or by columns.
 """
 
 from __future__ import annotations
@@ -47,18 +47,18 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-#: What a felt under a contact can measure, by unit: beyond it forces are no numbers any more.
+#: Largest dimensions of a felt under a contact, by unit; larger ones would overflow.
 LIMITS = {"m": (1e-6, 10.0), "m^2": (1e-10, 100.0)}
 
 
 @checked
 def parse_area(text: str) -> Area:
-    """Area law from text: ``constant:100mm^2``, ``crossed_cylinders:9mm,0.5mm`` or so.
+    """Area law from text, for example ``constant:100mm^2`` or ``crossed_cylinders:9mm,0.5mm``.
 
     Raises
     ------
     InvalidParameter
-        Naming every fault and the way to write it.
+        The text has faults; the message has all of them and the correct form.
     """
     name, _, rest = text.partition(":")
 
@@ -99,18 +99,18 @@ def parse_area(text: str) -> Area:
 @checked
 @dataclass(frozen=True)
 class FeltEnvelope:
-    """Loop of one contact as a table; the envelope of the law with memory."""
+    """Loop of one contact as a table, which the law with memory uses as envelope."""
 
     compression: Array
-    """[m], from 0 to the end of the loop."""
+    """Compression [m], from 0 to the end of the loop."""
     loading: Array
-    """[N]."""
+    """Force of loading [N]."""
     unloading: Array
-    """[N]; 0 <= unloading <= loading, equal at the end."""
+    """Force of unloading [N]; 0 <= unloading <= loading, equal at the end."""
     name: str
     about: str = ""
     made: _core.Envelope | None = field(default=None, repr=False, compare=False)
-    """The envelope that the table was sampled from, if there is one."""
+    """The envelope from which the table was sampled, if there is one."""
 
     @property
     def closing(self) -> float:
@@ -119,7 +119,7 @@ class FeltEnvelope:
 
     @property
     def loss(self) -> float:
-        """Part of the loading work lost in the whole loop [-]."""
+        """Share of the loading work that is lost in the complete loop [-]."""
 
         def work(force: Array) -> float:
             return float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(self.compression)))
@@ -128,7 +128,7 @@ class FeltEnvelope:
 
     @cached_property
     def core(self) -> _core.Envelope:
-        """The envelope as the integrator uses it."""
+        """The envelope as an object of the core."""
         if self.made is not None:
             return self.made
         return _core.Envelope.from_table(
@@ -136,7 +136,7 @@ class FeltEnvelope:
         )
 
     def law(self, **options: float) -> _core.ContactLaw:
-        """Law with memory on this envelope; options ``kappa``, ``recovery_time`` and so on."""
+        """Law with memory and this envelope; options ``kappa``, ``recovery_time`` and so on."""
         return _core.ContactLaw("felt_memory", envelope=self.core, **options)
 
     def table(self) -> dict[str, Any]:
@@ -154,9 +154,9 @@ class FeltEnvelope:
         Parameters
         ----------
         action, contact
-            With both: a mechanism that extends ``action`` and gives ``contact`` the law with
-            memory on this envelope. Without: the table alone, ``[memory.envelope]``, to be copied
-            below a contact.
+            If both are given: a mechanism that extends ``action`` and in which ``contact`` has the
+            law with memory and this envelope. Otherwise: only the table ``[memory.envelope]``,
+            which can be copied to a contact.
         """
         import tomlkit
 
@@ -191,7 +191,7 @@ def envelope(
     points: int = 193,
     name: str | None = None,
 ) -> FeltEnvelope:
-    """Loop of a contact from its felt; its tables are made once for the same arguments.
+    """Loop of a contact from its felt; equal arguments reuse its tables.
 
     Parameters
     ----------
@@ -204,26 +204,27 @@ def envelope(
         :class:`SphereOnLayer`.
     compression
         ``"even"``: the whole area is compressed by e, as in the thesis; ``"columns"``: each column
-        of the felt by what the indenter leaves it, with its own memory.
+        of the felt is compressed by the shape of the indenter, with its own memory.
     largest
-        End of the loop [m]; default where the felt reaches its ``v_f_max``. A smaller one cuts the
-        measured loop, whose unloading is then lower than that of a loop to this end: prefer the
-        default, the law with memory scales the loop by itself.
+        End of the loop [m]; default: where the felt reaches its ``v_f_max``. A smaller value cuts
+        the measured loop, and its unloading is lower than in a loop measured to this end. Prefer
+        the default: the law with memory scales the loop itself.
     points
-        Rows of the table, at least 5; refined where the compression is small.
+        Number of rows of the table, at least 5; the rows are denser at small compression.
     name
-        Of the envelope; default that of the felt.
+        Name of the envelope; default: the name of the felt.
 
     Returns
     -------
     FeltEnvelope
-        Unloading is held between 0 and loading, raised to meet it at the end, by the gap there
-        times (e / e_end)^8, and made such that its share of loading never falls.
+        The loop. Unloading is limited to values between 0 and loading. It is raised by its distance
+        to loading at the end times (e / e_end)^8, so that the branches meet there, and its share of
+        loading never decreases.
 
     Raises
     ------
     InvalidParameter
-        Naming every argument out of range.
+        Arguments are out of range; all of them are in the message.
     """
     faults = []
     if not LIMITS["m"][0] <= thickness <= 1.0:
@@ -265,7 +266,7 @@ def load_envelope(path: str | Path) -> FeltEnvelope:
     Raises
     ------
     InvalidParameter
-        What is missing or cannot be used.
+        An entry is missing or invalid.
     """
     path = Path(path)
     raw = read_toml(path)

@@ -1,9 +1,9 @@
-"""A felt from the loop of a contact: material data where only force and compression are known.
+"""A felt from the loop of a contact, if only force and compression are known.
 
-The two-step procedure (:func:`feltmb.felt.identify`) needs a specimen: pressure at a volume
-fraction. A loop measured at a contact, such as the curve fits of Table A.12, gives force at a
-compression; pressure and volume fraction follow from the area and the thickness, the friction from
-an assumed share.
+The two-step procedure (:func:`feltmb.felt.identify`) needs a specimen, i.e. pressure as a function
+of volume fraction. A loop that was measured at a contact, for example the curve fits of Table A.12,
+gives force as a function of compression. Pressure and volume fraction follow from the area and the
+thickness, and the friction from an assumed share.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ __all__ = ["ContactFit", "contact_loop", "fit_contact"]
 Array = NDArray[np.float64]
 
 
-#: gamma v_f at the end of a loop: beyond, pressure grows faster than any felt's (e^24 at Q = 2).
+#: Largest gamma v_f at the end of a loop; above it, pressure grows faster than for any felt (e^24
+#: at Q = 2).
 _MOST_STEEP = 4.0
 
 
@@ -36,32 +37,32 @@ class ContactFit:
 
     material: FeltMaterial
     thickness: float
-    """Without load [m]; as given, or fitted."""
+    """Thickness without load [m], given or fitted."""
     rms_loading: float
-    """Root mean square of what is left, over the largest force [-]."""
+    """Root mean square residual of loading relative to the largest force [-]."""
     rms_unloading: float
-    """[-]."""
+    """Root mean square residual of unloading relative to the largest force [-]."""
     friction_share: float
-    """Friction over pressure, loading, at half the largest force [-]."""
+    """Ratio of friction to pressure in loading, at half of the largest force [-]."""
     compression: Array
-    """[m]."""
+    """Compression [m]."""
     loading: Array
-    """Loop that was fitted [N]."""
+    """Fitted loop: force of loading [N]."""
     unloading: Array
-    """[N]."""
+    """Fitted loop: force of unloading [N]."""
     fitted_loading: Array
-    """Loop of the felt [N]."""
+    """Loop of the felt: force of loading [N]."""
     fitted_unloading: Array
-    """[N]."""
+    """Loop of the felt: force of unloading [N]."""
     warnings: tuple[str, ...] = ()
 
 
 @checked
 def contact_loop(contact: object, *, name: str, points: int = 80) -> tuple[Array, Array, Array]:
-    """Loop of a contact that has one: compression [m], loading and unloading force [N].
+    """Loop of a contact, if it has one: compression [m], loading and unloading force [N].
 
-    Of the curve fits of eq. 4.21, up to where the branches meet; unloading limited to values
-    between 0 and loading, not changed otherwise.
+    For the curve fits of eq. 4.21, the loop ends where the branches meet. Unloading is limited to
+    values between 0 and loading and is otherwise unchanged.
 
     Parameters
     ----------
@@ -93,10 +94,10 @@ def contact_loop(contact: object, *, name: str, points: int = 80) -> tuple[Array
 def _withdrawal(
     base: FeltMaterial, branch: Branch, v_half: float, share: float
 ) -> tuple[float, float]:
-    """Withdrawal force for a share of friction at one volume fraction, and the share reached.
+    """Withdrawal force for a share of friction at one volume fraction, and the actual share.
 
-    The share is small while little slides and small where nothing holds; of two forces with the
-    same share the smaller, of early sliding, is taken.
+    The share is small when few contacts slide, and also when the withdrawal force is small. Of two
+    forces with the same share, the smaller one is returned, with which sliding starts early.
     """
     from scipy.optimize import brentq
 
@@ -146,35 +147,35 @@ def fit_contact(
 ) -> ContactFit:
     """Find a felt whose layer has the loop of a contact.
 
-    Loading: least squares in force of ``K_p`` and the thickness, ``gamma`` held at its geometric
-    value pi/2 (random fibers); with the thickness given, of ``K_p`` and ``gamma``. The withdrawal
-    force follows from the share of friction. Unloading: least squares of its ``K_p`` and ``gamma``
-    with the same friction.
+    Loading: least squares in force for ``K_p`` and the thickness, where ``gamma`` is fixed at its
+    geometric value pi/2 (random fibers); with a given thickness, for ``K_p`` and ``gamma``. The
+    withdrawal force follows from the share of friction. Unloading: least squares for its ``K_p``
+    and ``gamma`` with the same friction.
 
     Parameters
     ----------
     compression, loading, unloading
-        The loop [m, N, N], from a compression > 0 to its end, growing.
+        The loop [m, N, N], from a compression > 0 to its end, increasing.
     area
         Area law of the contact.
     fibers
-        Felt that gives the fibers and ``v_f0``; its elastic laws are not used.
+        Felt with the data of the fibers and ``v_f0``; its elastic laws are not used.
     thickness
-        Without load [m]; fitted if not given.
+        Thickness without load [m]; fitted if not given.
     gamma
-        Of loading, if the thickness is fitted [-].
+        gamma of loading if the thickness is fitted [-].
     friction_share
-        Friction over pressure in loading at half the largest force [-], in (0, 1).
+        Ratio of friction to pressure in loading at half of the largest force [-], in (0, 1).
 
     Returns
     -------
     ContactFit
-        The felt, the thickness and what is left. ``warnings`` name values at a bound.
+        The felt, the thickness and the residuals. ``warnings`` names values at a limit.
 
     Raises
     ------
     InvalidParameter
-        Naming every argument that cannot be used.
+        Arguments are invalid; all of them are in the message.
     """
     from scipy.optimize import least_squares, minimize_scalar
 
@@ -212,7 +213,7 @@ def fit_contact(
         withdrawal, share = _withdrawal(fibers, one, float(v[half]), friction_share)
         felt = _with(fibers, one, one, withdrawal, float(v[-1]))
         force = surface * felt.pressure("loading", v)
-        # Pressures are linear in K_p and the withdrawal force together.
+        # Pressure is linear in K_p and the withdrawal force together.
         factor = float(force @ load / (force @ force))
         branch = Branch(K_p=1e6 * factor, gamma=g)
         return (
@@ -250,7 +251,7 @@ def fit_contact(
         return felt.with_branches(base, branch, float(v[-1]))
 
     def rest(x: Array) -> Array:
-        # The end of the loop counts as ten samples: there the branches meet.
+        # The end of the loop has the weight of ten samples: there the branches meet.
         out = (surface * unloading_of(x).pressure("unloading", v) - back) / top
         return np.append(out, 3.0 * out[-1])
 

@@ -1,10 +1,10 @@
-"""The two-step procedure of thesis section 3.3.2: from a measured loop to a felt.
+"""Two-step procedure of thesis section 3.3.2: a felt from a measured loop.
 
-Step 1 takes friction off the measured pressures: at each volume fraction the contact force C that
-carries the pressure is found, with it the critical angle, the proportion of sliding contacts and
-the stress of the sticking ones. Step 2 fits the elastic law, eq. 3.64 less its value at v_f0, to
-that stress. The free length of step 1 needs the gamma of step 2, so both are repeated to a fixed
-point, for each branch by itself.
+Step 1 separates friction from the measured pressures. At each volume fraction, it finds the contact
+force C for the measured pressure, and with it the critical angle, the proportion of sliding
+contacts and the stress of the sticking contacts. Step 2 fits the elastic law, eq. 3.64 minus its
+value at v_f0, to that stress. The free length in step 1 depends on the gamma of step 2. Both steps
+are therefore repeated until they converge, separately for each branch.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ __all__ = ["BranchFit", "Identification", "identify"]
 Array = NDArray[np.float64]
 BranchName = Literal["loading", "unloading"]
 
-_TOLERANCE = 1e-10  # of log gamma between two rounds
+_TOLERANCE = 1e-10  # largest change of log gamma between two rounds
 _ROUNDS = 100
 _GAMMA_RANGE = (1e-3, 30.0)
 _PLAUSIBLE_GAMMA = (0.5, 5.0)
@@ -42,37 +42,38 @@ _PLAUSIBLE_GAMMA = (0.5, 5.0)
 
 @dataclass(frozen=True)
 class BranchFit:
-    """One branch: data, parts and fit. Arrays over the samples, sorted by volume fraction."""
+    """One branch: data, components and fit. Arrays over the samples, sorted by volume fraction."""
 
     which: BranchName
     v_f: Array
-    """Data [-]."""
+    """Volume fraction of the data [-]."""
     pressure: Array
-    """Data [Pa]."""
+    """Pressure of the data [Pa]."""
     elastic: Array
-    """Stress of the sticking contacts, taken from the data [Pa]."""
+    """Stress of the sticking contacts, computed from the data [Pa]."""
     friction: Array
-    """Stress of the sliding contacts, taken from the data [Pa]."""
+    """Stress of the sliding contacts, computed from the data [Pa]."""
     theta_cr: Array
-    """Critical angle, taken from the data [rad]."""
+    """Critical angle, computed from the data [rad]."""
     r_sc: Array
-    """Proportion of contacts that slide [-]."""
+    """Proportion of sliding contacts [-]."""
     fitted_elastic: Array
     """Fitted elastic law [Pa]."""
     fitted: Array
     """Pressure of the identified felt [Pa]."""
     K_p: float
-    """[Pa]."""
+    """Coefficient of the elastic law [Pa]."""
     gamma: float
-    """[-]."""
+    """Blocked length per contact divided by the fiber diameter [-]."""
     interval: dict[str, tuple[float, float]]
     """Confidence intervals of ``K_p`` and ``gamma``."""
     correlation: float
-    """Between log K_p and log gamma [-]."""
+    """Correlation of log K_p and log gamma [-]."""
     rounds: tuple[float, ...]
-    """gamma after every round of the fixed point."""
+    """gamma after every round of the iteration."""
     ambiguous: int
-    """Samples whose pressure belongs to several contact forces; the largest was taken."""
+    """Number of samples whose pressure belongs to several contact forces; the largest one was
+    used."""
 
     @property
     def residuals(self) -> Array:
@@ -86,7 +87,7 @@ class BranchFit:
 
     @property
     def r_squared(self) -> float:
-        """1 - residual over total sum of squares [-]."""
+        """1 - residual sum of squares / total sum of squares [-]."""
         spread = self.pressure - self.pressure.mean()
         return 1.0 - float(np.sum(self.residuals**2) / np.sum(spread**2))
 
@@ -103,11 +104,11 @@ class Identification:
     """Confidence level of the intervals [-]."""
     warnings: tuple[str, ...]
     name: str
-    """Of the test."""
+    """Name of the test."""
     thickness: float | None = None
-    """Without load [m], of a test by thickness: as given, or estimated."""
+    """Thickness without load [m], for a test by thickness: given or estimated."""
     thickness_interval: tuple[float, float] | None = None
-    """Confidence interval of the estimated thickness [m]; None of a given one."""
+    """Confidence interval of the estimated thickness [m]; None if it was given."""
 
     @property
     def closing_gap(self) -> float:
@@ -179,7 +180,7 @@ class Identification:
 
 
 def _shape(v: Array, v0: float, q: float, gamma: float) -> Array:
-    """Eq. 3.64 less its value at v0, over K_p."""
+    """Eq. 3.64 minus its value at v0, divided by K_p."""
     law = _core.CompressionLaw("binomial", {"K_p": 1.0, "gamma": gamma, "v_f0": v0, "Q": q})
     return np.asarray(law.pressure(v, 1), dtype=float)
 
@@ -197,7 +198,7 @@ def _shape_slope(v: Array, v0: float, q: float, gamma: float) -> Array:
 def _fit_elastic(
     v: Array, stress: Array, weight: Array, v0: float, q: float, gamma: float
 ) -> tuple[float, float]:
-    """K_p and gamma of least squares; K_p enters linearly, gamma is sought alone."""
+    """Least squares of K_p and gamma; K_p enters linearly, so that only gamma is searched."""
     from scipy.optimize import brentq, minimize_scalar
 
     def best_K(g: float) -> tuple[float, Array]:
@@ -209,7 +210,7 @@ def _fit_elastic(
         return float(np.sum((K * f - stress * weight) ** 2))
 
     def slope(log_gamma: float) -> float:
-        # The slope of the sum of squares; the part by K_p vanishes at the best K_p.
+        # Derivative of the sum of squares; the part by K_p is zero at the best K_p.
         g = math.exp(log_gamma)
         K, f = best_K(g)
         return float((K * f - stress * weight) @ (K * weight * _shape_slope(v, v0, q, g)))
@@ -228,16 +229,16 @@ def _fit_elastic(
 
 @dataclass(frozen=True)
 class _Linear:
-    """A branch to first order: how its parameters follow the scatter of its pressures."""
+    """Linearized branch: sensitivity of its parameters to errors of its pressures."""
 
     gain: Array
     """d (log K_p, log gamma) / dP, shape (2, n)."""
     variance: Array
-    """Of each pressure [Pa^2]."""
+    """Variance of each pressure [Pa^2]."""
     weight: Array
-    """Of each sample [-]."""
+    """Weight of each sample [-]."""
     freedom: int
-    """Samples less parameters."""
+    """Number of samples minus number of parameters."""
 
 
 def _linear(
@@ -249,10 +250,11 @@ def _linear(
     which: BranchName,
     branch: Branch,
 ) -> _Linear:
-    """The whole procedure, friction and fixed point included, to first order.
+    """The complete procedure, friction and iteration included, to first order.
 
     The estimate solves J^T W (sigma(P, gamma) - f(K_p, gamma)) = 0 with J = df/d(log K_p, log
-    gamma); its scatter follows from that of P by the implicit function theorem.
+    gamma); the scatter of the estimate follows from the scatter of P by the implicit function
+    theorem.
     """
     q, v0 = material.fiber.Q, material.v_f0
     f = branch.K_p * _shape(v, v0, q, branch.gamma)
@@ -282,12 +284,12 @@ def _linear(
 
 
 def _with_intervals(fit: BranchFit, covariance: Array, freedom: int, level: float) -> BranchFit:
-    """The fit with the intervals of this covariance of log K_p and log gamma.
+    """The fit with intervals from this covariance of log K_p and log gamma.
 
     Raises
     ------
     ModelError
-        The data say nothing of gamma.
+        The data do not determine gamma.
     """
     from scipy.stats import t as student
 
@@ -318,7 +320,7 @@ def _identify_branch(
     relative: float,
     start: float,
 ) -> tuple[BranchFit, _Linear]:
-    """Fit one branch; the intervals are left out."""
+    """Fit one branch, without intervals."""
     order = np.argsort(v, kind="stable")
     v, pressure = v[order], pressure[order]
     weight = 1.0 / (1.0 + relative * np.maximum(pressure, 0.0) / np.max(pressure))
@@ -332,7 +334,7 @@ def _identify_branch(
         K, found = _fit_elastic(v, rows[:, 5], weight, v0, q, gamma)
         rounds.append(found)
         change = math.log(found / gamma)
-        # Halved where the rounds would swing or grow.
+        # Half of the step if the iteration would oscillate or diverge.
         gamma = found if abs(change) < step else math.sqrt(found * gamma)
         step = abs(change)
         if step < _TOLERANCE:
@@ -380,25 +382,25 @@ def _identify_branch(
 
 @dataclass(frozen=True)
 class _Thickness:
-    """Unloaded thickness that the loading branch gives, by its logarithm s."""
+    """Unloaded thickness from the loading branch, by its logarithm s."""
 
     value: float
-    """[m]."""
+    """Thickness [m]."""
     interval: tuple[float, float]
-    """[m]."""
+    """Confidence interval [m]."""
     row: Array
-    """ds/dP of the pressures of loading."""
+    """ds/dP for the pressures of loading."""
     variance: float
-    """Of s [-]."""
+    """Variance of s [-]."""
 
 
 def _estimate_thickness(
     test: CompressionData, base: FeltMaterial, relative: float, level: float
 ) -> _Thickness:
-    """Unloaded thickness with the least squares of loading, all else fitted to it.
+    """Unloaded thickness with the smallest sum of squares of loading; all else is fitted to it.
 
-    Its scatter follows from the condition of the least squares to first order: D^T W^2 (P - F) = 0,
-    D the derivative of the fitted pressures by s along the fits, P the data.
+    Its scatter follows to first order from the condition of the least squares: D^T W^2 (P - F) = 0,
+    where D is the derivative of the fitted pressures by s along the fits, and P are the data.
 
     Raises
     ------
@@ -411,7 +413,7 @@ def _estimate_thickness(
     assert test.thickness is not None
     height, pressure = test.thickness[test.loading], test.pressure[test.loading]
     bottom = test.thickest_loaded
-    # As far as fibers fill all but a part that friction and bending need.
+    # Up to the thickness at which fibers fill all but the space for friction and bending.
     top = 0.98 * float(np.min(test.thickness)) / base.v_f0
     span = math.log(top / bottom) if top > bottom else 0.0
     start = 1.5
@@ -452,7 +454,7 @@ def _estimate_thickness(
     left = max(found - h, 0.0)
     (ahead, _), (behind, _) = at(found + h), at(left)
     n = len(fit.v_f)
-    # The same samples, sorted by volume fraction; the loosest may be missing at the left.
+    # The same samples, sorted by volume fraction; the loosest ones may be missing on the left.
     kept = min(n, len(behind.v_f))
     by_s = np.zeros(n)
     by_s[n - kept :] = (ahead.fitted[-kept:] - behind.fitted[-kept:]) / (found + h - left)
@@ -482,13 +484,13 @@ def _estimate_thickness(
 
 
 def _hold_given(test: CompressionData, base: FeltMaterial, relative: float) -> list[str]:
-    """Say where the test itself tells another unloaded thickness than the one given."""
+    """Warn if the test indicates another unloaded thickness than the given one."""
     given = test.thickness0
     if given is None or np.sum(test.loading) < 8 or test.v_f0 != base.v_f0:
         return []
-    try:  # so rare that it is the thickness, or the law, and not scatter
+    try:  # so unlikely that the thickness or the law is wrong
         own = _estimate_thickness(test, base, relative, 0.9999)
-    except ModelError:  # the data do not tell
+    except ModelError:  # the data do not determine it
         return []
     if own.interval[0] <= given <= own.interval[1]:
         return []
@@ -515,7 +517,7 @@ def _spread(
     relative: float,
     thickness: _Thickness | None,
 ) -> tuple[BranchFit, BranchFit]:
-    """Both branches with their intervals, that of an estimated thickness included."""
+    """Both branches with their intervals, including the uncertainty of an estimated thickness."""
     out = []
     for fit, linear in fits:
         if thickness is None:
@@ -596,42 +598,43 @@ def identify(
 ) -> Identification:
     """Identify a felt from a measured loading-unloading loop (thesis section 3.3.2).
 
-    A test by thickness that does not know its unloaded thickness (``reference_known`` is False)
-    gets it from the loading branch, by least squares, not below the largest thickness under load;
-    its uncertainty is part of all intervals.
+    If a test by thickness does not state the unloaded thickness (``reference_known`` is False), it
+    is estimated from the loading branch by least squares. It is at least the largest thickness
+    under load. Its uncertainty is included in all intervals.
 
     Parameters
     ----------
     data
         A test (:func:`feltmb.fiber.read_compression`), or volume fractions [-] of the loop.
     pressure
-        Pressures [Pa] to volume fractions.
+        Pressures [Pa], if ``data`` are volume fractions.
     material
-        Gives the fibers: diameter, friction, withdrawal force, Q. Its elastic laws are not used.
+        Felt with the data of the fibers: diameter, friction, withdrawal force, Q. Its elastic laws
+        are not used.
     loading
         True on the loading branch; default: up to the largest volume fraction.
     v_f0
-        Volume fraction without load [-]; default that of the test, else of ``material``.
+        Volume fraction without load [-]; default: of the test, else of ``material``.
     relative
         Weight of a sample ``1 / (1 + relative P / P_max)``; 0: equal weights.
     level
         Confidence level of the intervals, between 0 and 1.
     name
-        Name of the felt made; default that of the test.
+        Name of the new felt; default: the name of the test.
 
     Returns
     -------
     Identification
-        Felt, parts and fits of both branches, intervals, warnings. The intervals take the scatter
-        of the samples as independent, and mu, Wf0 and d_f as known.
+        Felt, components and fits of both branches, intervals, warnings. The intervals assume that
+        the errors of the samples are independent and that mu, Wf0 and d_f are known.
 
     Raises
     ------
     InvalidParameter, DataError
-        Arguments or data that cannot be used, all faults at once.
+        Arguments or data are invalid; all faults are in one message.
     ModelError
-        No fixed point, an elastic part that does not grow, a parameter at an end of its range, or
-        data that do not determine gamma or the unloaded thickness.
+        The iteration does not converge, an elastic part does not increase, a parameter is at an end
+        of its range, or the data do not determine gamma or the unloaded thickness.
     """
     where = "identify"
     faults: list[str] = []
@@ -649,7 +652,7 @@ def identify(
     test = _as_data(data, pressure, loading, v_f0 if v_f0 is not None else material.v_f0)
     reference = v_f0 if v_f0 is not None else test.v_f0
     if v_f0 is None and not test.reference_known and test.thickness is None:
-        reference = material.v_f0  # that of the loosest sample is under load
+        reference = material.v_f0  # the loosest sample is under load
     base = material.model_copy(
         update={
             "name": name or test.name,
@@ -727,7 +730,7 @@ def identify(
 
 
 def _doubts(result: Identification) -> list[str]:
-    """What the reader should know before trusting the numbers."""
+    """Warnings about the reliability of the values."""
     out = []
     m, load, back = result.material, result.loading, result.unloading
     mu = m.fiber.friction

@@ -1,4 +1,4 @@
-"""Pictures of felts and their laws. Every function returns a matplotlib Figure."""
+"""Figures of felts and their laws. Every function returns a matplotlib Figure."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _style = partial(style_axes, title_size=10.5)
 
 
 def _scale(largest: float) -> tuple[float, str]:
-    """Factor and unit in which a pressure reads well."""
+    """Factor and unit for a pressure axis."""
     return (1e-6, "MPa") if largest >= 1e6 else (1e-3, "kPa")
 
 
 def plot_loop(loop: CarnabyPan) -> Any:
-    """Pressures, critical angle with proportion sliding, and forces of a fiber mass."""
+    """Plot pressures, critical angle with proportion of sliding contacts, and contact forces."""
     factor, unit = _scale(float(loop.P_loading.max()))
     figure = new_figure(11.0, 3.6)
     left, middle, right = figure.subplots(1, 3)
@@ -57,7 +57,7 @@ def plot_loop(loop: CarnabyPan) -> Any:
 
 
 def plot_identification(result: Identification) -> Any:
-    """Loop with the identified felt, its elastic and friction parts, angles, residuals."""
+    """Plot a loop with the identified felt, its components, angles and residuals."""
     m = result.material
     factor, unit = _scale(float(result.loading.pressure.max()))
     v = np.linspace(m.v_f0, m.end, 400)
@@ -87,7 +87,7 @@ def plot_identification(result: Identification) -> Any:
 
 
 def plot_material(material: FeltMaterial) -> Any:
-    """Both branches of a felt with their parts."""
+    """Plot both branches of a felt with their components."""
     v = np.linspace(material.v_f0, material.end, 400)
     load, back = material.branch("loading", v), material.branch("unloading", v)
     factor, unit = _scale(float(load.pressure.max()))
@@ -103,7 +103,7 @@ def plot_material(material: FeltMaterial) -> Any:
 
 
 def plot_envelope(made: FeltEnvelope) -> Any:
-    """Force of the loop, with the unloading of smaller cycles as the law with memory has it."""
+    """Plot the force of a loop, with unloading of smaller cycles by the law with memory."""
     e = np.linspace(0.0, made.closing, 400)
     figure = new_figure(6.4, 4.2)
     axes = figure.subplots()
@@ -124,7 +124,7 @@ def plot_envelope(made: FeltEnvelope) -> Any:
 
 
 def plot_audit(audit: Audit) -> Any:
-    """Curves with the valid window, band between them near zero, losses, stiffness."""
+    """Plot curves with the valid range, the loop near zero, losses and stiffness."""
     figure = new_figure(11.0, 7.0)
     (curves, band), (loss, stiffness) = figure.subplots(2, 2)
     e = audit.compression * 1e3

@@ -80,17 +80,18 @@ def mean_free_length(
     d_f
         Mean fiber diameter [m], number or array.
     ratio
-        R = v_f / v_random of the orientation; isotropic when not given.
+        R = v_f / v_random of the orientation; default: isotropic.
     structure
-        Instead of ``ratio``: averages of any orientation density (``density_structure``).
+        Replaces ``ratio``: averages of any orientation density (``density_structure``).
     gamma
         Blocked fiber length per contact over d_f [-] (binomial only, required there).
     Q
-        Constant of the binomial model [-]; 8 f / pi when not given (2 isotropic).
+        Constant of the binomial model [-]; default: 8 f / pi (2 if isotropic).
     diameter_cv
         Coefficient of variation of the diameters (komori_makishima, poisson, toll).
     as_printed
-        ``van_wyk_tube`` with the constant printed in eq. 3.2, too long by (4/pi)^2.
+        Whether ``van_wyk_tube`` uses the constant printed in eq. 3.2, with which the length is too
+        large by (4/pi)^2.
 
     Returns
     -------
@@ -100,7 +101,7 @@ def mean_free_length(
     Raises
     ------
     InvalidParameter
-        Naming every bad argument.
+        Arguments are invalid; all of them are in the message.
     """
     options = {"gamma": gamma, "Q": Q, "diameter_cv": diameter_cv, "as_printed": as_printed}
     return _evaluate(_core.mean_free_length, model, v_f, d_f, ratio, structure, options)
@@ -122,15 +123,14 @@ def contacts_per_volume(
 ) -> Any:
     """Count the fiber-to-fiber contacts per volume of the assembly.
 
-    Parameters are those of :func:`mean_free_length`, and
-
     Parameters
     ----------
     model, v_f, d_f, ratio, structure, gamma, Q, diameter_cv, as_printed
         See :func:`mean_free_length`.
     counting
-        ``"source"``: as the model's source counts, that is ``toll`` (eq. 3.51) on both fibers of a
-        contact and all others once; ``"once"`` or ``"ends"`` (both fibers) for any model.
+        ``"source"``: the count of the model's source, i.e. every contact on both of its fibers for
+        ``toll`` (eq. 3.51) and once for all other models; ``"once"`` or ``"ends"`` (both fibers)
+        for any model.
 
     Returns
     -------
@@ -188,7 +188,7 @@ def contact_count(
     v_f, d_f
         Volume fraction [-] and fiber diameter [m].
     fiber_length
-        Mean fiber length [m], straight over this length.
+        Mean fiber length [m]; a fiber is straight over this length.
     ratio
         Orientation R = v_f / v_random.
     length_cv
@@ -196,7 +196,7 @@ def contact_count(
     gamma
         Blocked length per contact over d_f (binomial).
     k_max
-        Largest number listed; chosen to hold all but 1e-12 of the probability when not given.
+        Largest number in the result; default: all numbers except for a probability of 1e-12.
     """
     if k_max is None:
         mean = 8 * max(v_f, 0.0) * max(fiber_length, 0.0) / (math.pi * max(d_f, 1e-300))
@@ -229,7 +229,7 @@ def free_length_survival(
 ) -> Array:
     """Probability that the length between two neighboring contacts exceeds x [m].
 
-    ``"poisson"``: exponential, mixed over directions; ``"binomial"``: slots of length gamma d_f.
+    ``"poisson"``: exponential, averaged over directions; ``"binomial"``: slots of length gamma d_f.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def free_length_survival(
     d_f
         Fiber diameter [m].
     ratio
-        Uniaxial compression of a network that was random [1].
+        Uniaxial compression of an initially random network [1].
     gamma
         Fiber length that a contact blocks, in diameters [1].
     """

@@ -1,4 +1,4 @@
-"""Measured compression curves: CSV with units in the header."""
+"""Measured compression curves: CSV files with units in the header."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from feltmb.units.quantity import shortened, split_heading
 
 Array = NDArray[np.float64]
 
-#: column -> SI unit of what is computed
+#: column -> SI unit of the computed quantity
 _UNITS = {
     "v_f": "1",
     "strain": "1",
@@ -28,7 +28,7 @@ _UNITS = {
     "force": "N",
     "branch": "1",
 }
-_RESOLUTION = 1e-3  # of a load cell over the largest load of a test [-]
+_RESOLUTION = 1e-3  # resolution of a load cell relative to the largest load of a test [-]
 _FRACTIONS = ("v_f", "strain", "thickness")
 _LOADS = ("pressure", "force")
 
@@ -38,9 +38,9 @@ _LOADS = ("pressure", "force")
 class CompressionData:
     """One compression test.
 
-    Where nothing says at which thickness (or volume fraction) the felt is unloaded,
-    ``reference_known`` is False. The reference is then that of the thickest sample, which may
-    already carry load; :func:`feltmb.fiber.fit` and :func:`feltmb.felt.identify` estimate it.
+    If the thickness (or volume fraction) without load is not stated, ``reference_known`` is False.
+    The thickest sample is then the reference, although it may already be under load.
+    :func:`feltmb.fiber.fit` and :func:`feltmb.felt.identify` estimate the true reference.
     """
 
     v_f: Array
@@ -50,30 +50,30 @@ class CompressionData:
     loading: NDArray[np.bool_]
     """True on the loading branch, False while unloading."""
     v_f0: float
-    """Volume fraction of zero pressure [-]."""
+    """Volume fraction at zero pressure [-]."""
     name: str = "data"
     thickness: Array | None = None
-    """Of the sample [m]; None of a test by volume fraction or strain."""
+    """Thickness of the sample [m]; None for a test by volume fraction or strain."""
     reference_known: bool = True
-    """Whether the unloaded state was given."""
+    """Whether the unloaded state is stated."""
 
     @property
     def thickest_loaded(self) -> float:
-        """Largest thickness of a sample that carries load [m]; nan without thicknesses."""
+        """Largest thickness of a sample under load [m]; nan without thicknesses."""
         if self.thickness is None:
             return math.nan
         return float(np.max(self.thickness[self.is_loaded]))
 
     @property
     def thickness0(self) -> float | None:
-        """Unloaded thickness that was given [m]; None of other tests."""
+        """Stated thickness without load [m]; None for other tests."""
         if self.thickness is None or not self.reference_known:
             return None
         return float(self.thickness[0] * self.v_f[0] / self.v_f0)
 
     @property
     def loosest_loaded(self) -> float:
-        """Smallest volume fraction of a sample that carries load [-]."""
+        """Smallest volume fraction of a sample under load [-]."""
         return float(np.min(self.v_f[self.is_loaded]))
 
     @property
@@ -83,13 +83,13 @@ class CompressionData:
         return np.asarray(self.pressure > max(5.0 * _scatter(self), _RESOLUTION * top))
 
     def with_thickness(self, thickness0: float) -> CompressionData:
-        """Return the test with this thickness [m] at ``v_f0``.
+        """Copy of the test with this thickness [m] at ``v_f0``.
 
         Raises
         ------
         DataError
-            The test has no thicknesses, or carries load at a larger one, or was compressed to
-            where the fibers of a sample as thick fill more than all.
+            The test has no thicknesses, is under load at a larger thickness, or was compressed to a
+            thickness at which the fibers would fill more than the volume.
         """
         if self.thickness is None:
             raise DataError(f"{self.name}: has no thicknesses, expected a test with them")
@@ -103,7 +103,7 @@ class CompressionData:
         return made
 
     def branch(self, which: str) -> CompressionData:
-        """Return only ``"loading"`` or ``"unloading"`` samples (``"both"``: everything)."""
+        """Samples of ``"loading"`` or ``"unloading"`` only (``"both"``: all samples)."""
         if which not in ("loading", "unloading", "both"):
             raise DataError(f'{self.name}: branch = "{which}", expected loading, unloading or both')
         if which == "both":
@@ -123,7 +123,7 @@ class CompressionData:
 def _scatter(data: CompressionData) -> float:
     """Standard deviation of the pressures about a smooth curve [Pa], by third differences.
 
-    The median of the absolute values: a kink or an outlier does not count.
+    The median of the absolute values is used, so that a kink or an outlier has no influence.
     """
     found = []
     for branch in (data.loading, ~data.loading):
@@ -135,7 +135,7 @@ def _scatter(data: CompressionData) -> float:
 
 
 def thick_fault(thickness: Array, v_f0: float, thickness0: float) -> str:
-    """What is wrong with an unloaded thickness [m] that is too large; empty if nothing."""
+    """Fault of an unloaded thickness [m] that is too large, as text; empty if there is none."""
     least = float(np.min(thickness))
     if v_f0 * thickness0 <= least:
         return ""
@@ -148,7 +148,7 @@ def thick_fault(thickness: Array, v_f0: float, thickness0: float) -> str:
 
 
 def slack_fault(data: CompressionData, thickness0: float | None) -> str:
-    """What is wrong with an unloaded state at which the test carries load; empty if nothing."""
+    """Fault of an unloaded state at which the test is under load, as text; empty if none."""
     beyond = data.is_loaded & (data.v_f < data.v_f0 * (1.0 - 1e-9))
     if not beyond.any():
         return ""
@@ -181,29 +181,30 @@ def read_compression(
 ) -> CompressionData:
     """Read a compression test from CSV.
 
-    The header names quantity and unit: one of ``v_f [-]``, ``strain [-]`` or ``[%]`` (engineering,
-    compression positive), ``thickness [mm]``; one of ``pressure [kPa]`` (Pa, MPa, N/mm^2, bar) or
-    ``force [N]``; optionally ``branch`` with the words loading and unloading. Without ``branch``
-    the samples up to the largest volume fraction are loading, the rest unloading. Lines starting
-    with ``#`` are comments. Other columns are ignored.
+    The header states quantity and unit. One column is ``v_f [-]``, ``strain [-]`` or ``[%]``
+    (engineering, compression positive), or ``thickness [mm]``. Another one is ``pressure [kPa]``
+    (Pa, MPa, N/mm^2, bar) or ``force [N]``. An optional column ``branch`` contains the words
+    loading and unloading; without it, the samples up to the largest volume fraction are loading,
+    and the rest unloading. Lines that start with ``#`` are comments. Other columns are ignored.
 
     Parameters
     ----------
     path
         CSV file, comma, semicolon or tab separated, decimal point.
     v_f0
-        Volume fraction of zero pressure [-]; needed with strain or thickness. If it is not given
-        with ``v_f`` data, that of the loosest sample stands in and ``reference_known`` is False.
+        Volume fraction at zero pressure [-]; required with strain or thickness. If it is missing
+        with ``v_f`` data, the value of the loosest sample is used, and ``reference_known`` is
+        False.
     thickness0
-        Thickness at ``v_f0`` [m]. If it is not given, the largest of the file stands in and
-        ``reference_known`` is False: the thickest sample may already carry load.
+        Thickness at ``v_f0`` [m]. If it is missing, the largest thickness of the file is used, and
+        ``reference_known`` is False, because the thickest sample may already be under load.
     area
-        Sample area [m^2]; needed with force.
+        Sample area [m^2]; required with force.
 
     Raises
     ------
     DataError
-        Naming every fault of the file with its line.
+        The file has faults; all of them are in the message, with line numbers.
     """
     file = Path(path)
     text = read_text(file, most=LARGEST_TABLE)
@@ -256,7 +257,7 @@ def read_compression(
     for number, line in lines[1:]:
         try:
             cells = next(csv.reader([line], delimiter=separator))
-        except csv.Error as error:  # such as a cell of more than 131 072 letters
+        except csv.Error as error:  # for example a cell of more than 131 072 letters
             fault(f"line {number}: {error}")
             continue
         values = []
@@ -320,7 +321,7 @@ def read_compression(
                 fault(f"thickness0 = {h0:.6g} m, expected > 0, at most 100")
             elif known and (thick := thick_fault(x, v_f0, h0)):
                 fault(thick)
-            with np.errstate(over="ignore"):  # told below
+            with np.errstate(over="ignore"):  # reported below
                 v = v_f0 * h0 / np.where(x > 0, x, np.nan)
     if not faults and not np.all((v > 0) & (v <= 1)):
         fault(f"v_f from {np.min(v):.6g} to {np.max(v):.6g}, expected > 0 and <= 1")

@@ -1,4 +1,4 @@
-"""Energy method of Komori-Itoh and Lee-Carnaby: segments bent to arcs."""
+"""Energy method of Komori-Itoh and Lee-Carnaby: fiber segments that bend to arcs."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class EnergyCurve:
-    """Compression of a mass of arc segments; one value per strain."""
+    """Compression of a mass of arc segments; arrays over the strains."""
 
     strain: Array
     """Engineering compression along axis 3 [-]."""
     lateral_stretch: Array
-    """[-]."""
+    """Lateral stretch [-]."""
     v_f: Array
     """Volume fraction [-]."""
     pressure: Array
@@ -32,13 +32,13 @@ class EnergyCurve:
     slipping: Array
     """Energy stored in slipping (now straight) segments [J/m^3]."""
     slip_work: Array
-    """Work spent on slipping, not stored [J/m^3]."""
+    """Work dissipated by slipping, which is not stored [J/m^3]."""
     bending_share: Array
-    """Fraction of the segments that bend [-]."""
+    """Share of the segments that bend [-]."""
     straightening_share: Array
-    """Fraction that straightens [-]."""
+    """Share of the segments that straighten [-]."""
     slipping_share: Array
-    """Fraction that slips [-]."""
+    """Share of the segments that slip [-]."""
 
     @property
     def stored(self) -> Array:
@@ -72,19 +72,19 @@ def compress_arcs(
         ``"isotropic"``, ``"confined"`` (lateral dimensions held) or ``"simple"`` (no lateral
         stress; needs crimp or a slip stress).
     chord_ratio
-        Chord over arc length of a segment at rest [-]; 1 is straight (Komori-Itoh, stress jumps
-        at the onset because segments must buckle).
+        Ratio of chord to arc length of a segment at rest [-]; 1 is straight (Komori-Itoh, stress
+        jumps at the onset because segments must buckle).
     ratio
         Orientation at rest, R = v_f0 / v_random.
     length_shape
         Shape of a gamma distribution of segment lengths, > 1; 0 for equal lengths.
     slip_stress
-        Slip force of a straightened segment over d_f^2 [Pa].
+        Slip force of a straightened segment divided by d_f^2 [Pa].
 
     Raises
     ------
     InvalidParameter
-        Naming every bad argument.
+        Arguments are invalid; all of them are in the message.
     FeltmbError
         Simple compression has no equilibrium for these segments.
     """

@@ -32,9 +32,9 @@ DEFAULT_FREE: dict[str, tuple[str, ...]] = {
     "komori_itoh_renewed": ("E",),
     "lee_carnaby": ("E", "chord_ratio"),
 }
-"""Parameters that a fit frees unless told otherwise; the others keep the values given."""
+"""Parameters that a fit determines by default; the others keep their given values."""
 
-# The pressure is proportional to each of these alone or together: they only set the scale.
+# The pressure is proportional to each of these; several of them only determine a common scale.
 _SCALE: dict[str, tuple[str, ...]] = {
     "van_wyk": ("k_p", "E"),
     "neckar": ("k_p", "E"),
@@ -50,7 +50,7 @@ _SCALE: dict[str, tuple[str, ...]] = {
 }
 
 THICKNESS = "thickness0"
-"""Name of the unloaded thickness [m] among the parameters of a fit that estimates it."""
+"""Name of the unloaded thickness [m] in a fit that estimates it."""
 
 WOOL_MODULUS = 2.5e9
 """Default fiber modulus [Pa]: wool, between 2.38 and 2.53 GPa."""
@@ -66,19 +66,22 @@ class Fit:
     """All parameters of the law in SI units, fitted and fixed."""
     units: dict[str, str]
     interval: dict[str, tuple[float, float]]
-    """Confidence interval of every free parameter; infinite ends where the data say nothing."""
+    """Confidence interval of every free parameter; infinite ends if the data do not determine
+    it."""
     level: float
     """Confidence level of the intervals [-]."""
     correlation: Array
-    """Of the free parameters (of their logarithms where they are fitted so), shape (p, p)."""
+    """Correlation matrix of the free parameters, shape (p, p); of their logarithms if these are
+    fitted."""
     singular_values: Array
-    """Of the derivative of the residuals by the scaled parameters, over the largest one."""
+    """Singular values of the derivative of the residuals by the scaled parameters, relative to the
+    largest."""
     v_f: Array
-    """Data [-]."""
+    """Volume fraction of the data [-]."""
     pressure: Array
-    """Data [Pa]."""
+    """Pressure of the data [Pa]."""
     fitted: Array
-    """Law at the data [Pa]."""
+    """Pressure of the law at the data [Pa]."""
     rmse: float
     """Root mean square residual [Pa]."""
     bic: float
@@ -88,15 +91,15 @@ class Fit:
     method: str
     n_starts: int
     n_best: int
-    """Number of starts that ended within 0.1 % of the best sum of squares."""
+    """Number of starts whose sum of squares is within 0.1 % of the best one."""
     branch: str
     name: str
     at_bound: tuple[str, ...] = field(default=())
     undetermined: tuple[str, ...] = field(default=())
-    """Parameters of which the data say nothing: their interval covers all that was searched, or
-    the unloaded state reaches a state that no felt has."""
+    """Parameters that the data do not determine: their interval is the complete range of the
+    search, or the unloaded state includes an impossible state."""
     reference: str = "given"
-    """Where the unloaded state is from: "given" or "estimated"."""
+    """Source of the unloaded state: "given" or "estimated"."""
 
     @property
     def residuals(self) -> Array:
@@ -104,7 +107,7 @@ class Fit:
         return self.pressure - self.fitted
 
     def law(self) -> _core.CompressionLaw:
-        """Return the law with the fitted parameters."""
+        """Law with the fitted parameters."""
         return law(self.model, **{k: v for k, v in self.values.items() if k != THICKNESS})
 
 
@@ -138,10 +141,10 @@ def fit(
 ) -> Fit:
     """Fit a compression law to one branch of a test.
 
-    Where the test does not know its unloaded state (``data.reference_known`` is False), that is a
-    further free parameter: ``"thickness0"`` of a test by thickness, not below the largest
-    thickness under load, or ``"v_f0"``, not above the smallest volume fraction under load. Its
-    uncertainty is part of all intervals.
+    If the test does not state its unloaded state (``data.reference_known`` is False), the unloaded
+    state is a further free parameter. It is ``"thickness0"`` for a test by thickness, at least the
+    largest thickness under load, or else ``"v_f0"``, at most the smallest volume fraction under
+    load. Its uncertainty is included in all intervals.
 
     Minimizes the sum over samples of ``((P_law - P_data) / w)^2`` with
     ``w = 1 + relative * P_data / max(P_data)`` (relative = 0: equal weights), from several starts.
@@ -153,14 +156,14 @@ def fit(
     model
         Name of a compression law.
     free
-        Parameters to identify; :data:`DEFAULT_FREE` when not given.
+        Parameters to identify; default: :data:`DEFAULT_FREE`.
     fixed
-        Values of the others in SI units. Defaults: E = 2.5 GPa (wool), v_f0 of the data, Q = 2,
-        v_random = v_f0.
+        Values of the other parameters in SI units. Defaults: E = 2.5 GPa (wool), v_f0 of the data,
+        Q = 2, v_random = v_f0.
     bounds
-        ``name -> (low, high)``; the law's usual range when not given.
+        ``name -> (low, high)``; default: the usual range of the law.
     start
-        One start; the others are drawn from the bounds.
+        One start; the others are random within the bounds.
     branch
         ``"loading"``, ``"unloading"`` or ``"both"`` (one curve through both).
     method
@@ -168,7 +171,7 @@ def fit(
     n_starts
         Number of starts.
     seed
-        For the random starts.
+        Seed of the random starts.
     relative
         Weight of a relative error, see above.
     level
@@ -183,7 +186,7 @@ def fit(
     Raises
     ------
     InvalidParameter
-        Naming every unknown or contradictory name and value.
+        Names or values are unknown or contradictory; all of them are in the message.
     """
     asked = _Asked(
         model,
@@ -218,8 +221,8 @@ def fit_branches(
 ) -> list[Fit]:
     """Fit a compression law to several branches of a test, each with parameters of its own.
 
-    The unloaded state is one of the sample: where the test does not know it, it is estimated once,
-    from all branches. Each counts by the scatter about its own best fit.
+    The unloaded state belongs to the sample. If the test does not state it, it is estimated once,
+    from all branches. Each branch is weighted by the scatter about its own best fit.
 
     Parameters
     ----------
@@ -228,19 +231,19 @@ def fit_branches(
     model
         Name of a compression law.
     branches
-        Of ``"loading"``, ``"unloading"``, ``"both"``.
+        Names of branches: ``"loading"``, ``"unloading"``, ``"both"``.
     free, fixed, bounds, start, method, n_starts, seed, relative, level
         See :func:`fit`.
 
     Returns
     -------
     list of Fit
-        In the order of ``branches``.
+        Fits in the order of ``branches``.
 
     Raises
     ------
     InvalidParameter
-        Naming every unknown or contradictory name and value.
+        Names or values are unknown or contradictory; all of them are in the message.
     """
     if not branches:
         raise InvalidParameter("fit_branches: no branch, expected at least one")
@@ -261,7 +264,7 @@ def fit_branches(
 
 @dataclass(frozen=True)
 class _Asked:
-    """What is to be fitted and how, see :func:`fit`."""
+    """Arguments of a fit, see :func:`fit`."""
 
     model: str
     free: tuple[str, ...] | None
@@ -316,7 +319,7 @@ def _check(asked: _Asked) -> None:
 
 
 class _Curve:
-    """One branch and a law: residuals by the scaled free parameters."""
+    """One branch and a law: residuals as a function of the scaled free parameters."""
 
     def __init__(self, data: CompressionData, asked: _Asked, branch: str):
         self.asked, self.branch = asked, branch
@@ -326,7 +329,7 @@ class _Curve:
         self.part = part = data.branch(branch)
         self.v, self.p = part.v_f, part.pressure
         self.reference: str | None = None
-        """Name of the unloaded state among the parameters, if it is estimated."""
+        """Name of the unloaded state as a parameter, if it is estimated."""
         if not data.reference_known and "v_f0" not in fixed and "v_f0" not in bounds:
             self.reference = "v_f0" if part.thickness is None else THICKNESS
             if self.reference not in names:
@@ -362,7 +365,7 @@ class _Curve:
         self.weight = 1.0 / (1.0 + asked.relative * np.maximum(self.p, 0) / np.max(self.p))
         self.scale = float(np.max(np.abs(self.p)))
         self.curve(self.encode(low))
-        self.at_values(0.5 * (low + high))  # a wrong fixed value is reported, not absorbed
+        self.at_values(0.5 * (low + high))  # reported instead of compensated
 
     def encode(self, x: Array) -> Array:
         return np.where(self.logs, np.log(np.where(self.logs, x, 1.0)), x)
@@ -373,7 +376,7 @@ class _Curve:
         return np.clip(x, self.low, self.high)
 
     def at_values(self, x: Array) -> tuple[_core.CompressionLaw, Array]:
-        """Law with these parameters, and the volume fractions at which it was measured."""
+        """Law with these parameters, and the measured volume fractions for them."""
         chosen = dict(zip(self.names, x.tolist(), strict=True))
         h0 = chosen.pop(THICKNESS, None)
         made = law(self.asked.model, **self.base, **chosen)
@@ -411,7 +414,7 @@ class _Curve:
 
 
 def _fit(data: CompressionData, each: Sequence[_Asked], branches: Sequence[str]) -> list[Fit]:
-    """One fit a branch; an estimated unloaded state is one parameter of all of them."""
+    """One fit per branch; an estimated unloaded state is a common parameter of all branches."""
     from scipy import optimize
 
     asked = each[0]
@@ -441,7 +444,7 @@ def _fit(data: CompressionData, each: Sequence[_Asked], branches: Sequence[str])
         for c, at in zip(curves, places, strict=True):
             low[at] = np.maximum(low[at], c.encode(c.low))
             high[at] = np.minimum(high[at], c.encode(c.high))
-        # A curve without noise has a spread of rounding only.
+        # Without noise, the scatter of a curve is only rounding.
         spread = [max(s, 1e-9) for s in spread]
 
         def residual(u: Array) -> Array:
@@ -450,7 +453,7 @@ def _fit(data: CompressionData, each: Sequence[_Asked], branches: Sequence[str])
             )
 
         joint = []
-        for first in range(len(curves)):  # the shared state starts where each branch has it
+        for first in range(len(curves)):  # one start for the common state of each branch
             u = np.zeros(size)
             for i in [*range(len(curves)), first]:
                 u[places[i]] = best[i]
@@ -461,7 +464,7 @@ def _fit(data: CompressionData, each: Sequence[_Asked], branches: Sequence[str])
 
 
 def _places(curves: Sequence[_Curve]) -> list[NDArray[np.int_]]:
-    """Where the parameters of each branch stand in one vector: the unloaded state is shared."""
+    """Indices of the parameters of each branch in one vector; the unloaded state is common."""
     places, size = [], 1
     for c in curves:
         at = np.zeros(len(c.names), int)
@@ -500,7 +503,7 @@ def _evaluate(
     samples = sum(len(c.v) for c in curves)
     weighted = float(np.sum(residual(best) ** 2))
     jacobian = _jacobian(residual, best, low, high)
-    # A parameter that spans its whole range moves the curve by column * span.
+    # If a parameter changes over its complete range, the curve changes by column * span.
     span = np.where(logs, 1.0, np.maximum(np.abs(values_of), 1e-12))
     _, singular, vt = np.linalg.svd(jacobian * span, full_matrices=False)
     ratio = singular / singular[0] if singular[0] > 0 else np.zeros_like(singular)
@@ -537,7 +540,8 @@ def _evaluate(
         reach = (high - low)[at]
         edge = np.minimum(best - low, high - best)[at]
         at_bound = [name for i, name in enumerate(names) if edge[i] < 1e-4 * reach[i]]
-        # Down to its bound the unloaded state is one of the file; beyond the other no felt is.
+        # Down to the first limit, the unloaded state is that of a sample in the file; beyond the
+        # other limit, no felt exists.
         told = tuple(m for m in at_bound if m != c.reference)
         warnings = _warnings(
             model, names, values, interval, correlation, blind, told, c.low, c.high
@@ -591,7 +595,7 @@ def _evaluate(
 def _hold_given(
     data: CompressionData, asked: _Asked, branches: Sequence[str], fits: list[Fit]
 ) -> list[Fit]:
-    """Warn where the test itself tells another unloaded thickness than the one given."""
+    """Warn if the test indicates another unloaded thickness than the given one."""
     h0 = data.thickness0
     if h0 is None or "v_f0" in (*asked.fixed, *asked.bounds, *(asked.free or ())):
         return fits
@@ -601,7 +605,7 @@ def _hold_given(
         each.append(replace(asked, start=start, n_starts=1))
     try:
         free = _fit(replace(data, reference_known=False), each, branches)
-    except InvalidParameter:  # too few samples to tell
+    except InvalidParameter:  # too few samples for an estimate
         return fits
     # A BIC that is less by 10 is very strong evidence (Kass and Raftery 1995).
     if not sum(f.bic for f in free) < sum(f.bic for f in fits) - 10.0:
@@ -618,9 +622,9 @@ def _hold_given(
 
 
 def _thickness_parameter(data: CompressionData) -> SimpleNamespace:
-    """Unloaded thickness as a parameter: from the largest under load to where fibers fill all."""
+    """Unloaded thickness as a parameter, from the largest under load to completely filled space."""
     assert data.thickness is not None
-    low = data.thickest_loaded  # on either branch
+    low = data.thickest_loaded  # of both branches
     high = float(np.min(data.thickness)) / data.v_f0
     return SimpleNamespace(
         name=THICKNESS, unit="m", default=math.nan, fit_low=low, fit_high=high, log_scale=True
@@ -636,7 +640,7 @@ def _judge_reference(
     warnings: list[str],
     branches: int,
 ) -> list[str]:
-    """Hold the unloaded state at its bound and say how it was found; its name if undetermined."""
+    """Limit the interval of the unloaded state and add a warning about its estimate."""
     name = THICKNESS if THICKNESS in names else "v_f0"
     i = names.index(name)
     bottom, top = interval[name]
@@ -672,7 +676,7 @@ def _limits(
     high = np.array([described[m].fit_high for m in names])
     top = float(np.max(v))
     for i, name in enumerate(names):
-        # Jamming must stay beyond the data.
+        # Jamming must be beyond the data.
         if name == "v_fm":
             low[i] = min(0.999, top * 1.0005)
         if name == "w_f":
@@ -720,7 +724,7 @@ def _starts(
                     x[i] = start.get(m, x[i])
                 result.append(np.clip(encode(np.clip(x, low, high)), lower, upper))
                 continue
-        # The scale has a closed form: the best multiple of the curve.
+        # The scale is known in closed form: the best factor of the curve.
         movable = scalers[:1] or (together if len(together) == 2 else together[:1])
         if movable:
             for _ in range(3):
@@ -850,20 +854,22 @@ def compare(
     fixed: Mapping[str, float] | None = None,
     **options: Any,
 ) -> list[Fit]:
-    """Fit several laws and sort them by BIC, the best first.
+    """Fit several laws and sort them by BIC, best first.
 
     Parameters
     ----------
     data
         Test.
     names
-        Laws; all of them when not given.
+        Names of laws; default: all.
     branch
-        See :func:`fit`; ``"each"``: both branches apart, by :func:`fit_branches`, loading first.
+        See :func:`fit`; ``"each"``: both branches separately, by :func:`fit_branches`, loading
+        first.
     fixed
-        Values of parameters that are not fitted; each law takes those it knows and does not free.
+        Values of parameters that are not fitted; each law uses its own parameters that are not
+        free.
     options
-        Passed to :func:`fit`.
+        Options of :func:`fit`.
     """
     known = models()
     results: list[Fit] = []

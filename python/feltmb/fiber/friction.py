@@ -24,17 +24,17 @@ def _area(y: Array, x: Array) -> float:
 class CarnabyPan:
     """One compression loop; arrays over the same volume fractions.
 
-    Loading runs from ``v_f0`` to the last entry, unloading back; both are envelopes.
+    Loading goes from ``v_f0`` to the last entry, and unloading goes back; both are envelopes.
     """
 
     v_f: Array
     """Volume fraction [-]."""
     C: Array
-    """Mean contact force along the compression [N]; the same in both branches."""
+    """Mean contact force in the direction of compression [N]; equal in both branches."""
     theta_cr: Array
     """Critical angle [rad]: fibers closer to the compression axis slide."""
     r_sc: Array
-    """Proportion of contacts that slide [-]."""
+    """Proportion of sliding contacts [-]."""
     C_s_loading: Array
     """Mean force of a sliding contact, loading [N]."""
     C_s_unloading: Array
@@ -55,7 +55,7 @@ class CarnabyPan:
 
     @property
     def loss(self) -> float:
-        """Part of the loading work that the loop turns into heat [-]."""
+        """Share of the loading work that is dissipated in the loop [-]."""
         back = _area(self.P_unloading / self.v_f**2, self.v_f)
         return 1.0 - back / self.loading_work
 
@@ -67,15 +67,15 @@ def critical_angle(w: ArrayLike, mu: float) -> Array:
     Parameters
     ----------
     w
-        Withdrawal force over contact force, Wf0 lambda / C [-].
+        Ratio of withdrawal force to contact force, Wf0 lambda / C [-].
     mu
         Friction coefficient between fibers [-].
 
     Returns
     -------
     ndarray
-        ``acos(w / sqrt(1 + mu^2)) - atan(mu)``; 0 for w >= 1, where nothing slides. Tends to
-        ``atan(1 / mu)`` for large forces.
+        ``acos(w / sqrt(1 + mu^2)) - atan(mu)``; 0 for w >= 1, where no contact slides. The limit
+        for large forces is ``atan(1 / mu)``.
     """
     return np.asarray(_core.critical_angle(np.asarray(w, dtype=float), mu), dtype=float)
 
@@ -99,7 +99,7 @@ def carnaby_pan(
     *,
     form: str = "repaired",
 ) -> CarnabyPan:
-    """Loop of a fiber mass with friction between its fibers, compression given.
+    """Loop of a fiber mass with friction between its fibers, for given volume fractions.
 
     The contact force follows from bending, dC/dv = k_bend E I K_3 / (M_3 lambda^2 v), eq. 3.74
     with the strain of a cell; R = v_f / v_f0 (random without load).
@@ -107,7 +107,7 @@ def carnaby_pan(
     Parameters
     ----------
     v_f
-        Volume fractions [-], growing, from ``v_f0`` to below 1.
+        Volume fractions [-], increasing, from ``v_f0`` to below 1.
     mu
         Friction coefficient between fibers [-], >= 0.
     Wf0
@@ -119,16 +119,17 @@ def carnaby_pan(
     v_f0
         Volume fraction without load [-].
     gamma
-        Blocked length per contact over the fiber diameter [-].
+        Blocked length per contact divided by the fiber diameter [-].
     k_bend
         Beam constant K_p of eq. 3.74 [-], 24 for clamped ends; not the pressure K_p of eq. 3.64.
     Q
-        Constant of eq. 3.15 [-]; 2 for fibers random in space.
+        Constant of eq. 3.15 [-]; 2 for random directions in space.
     form
-        ``"repaired"``: both caps of the sphere slide, C_s is the average over the contacts that
-        slide, eqs 3.67 and 3.68. ``"printed"``: one cap, no division by the proportion, pressure
-        summed from increments and continuous at the reversal (eqs 3.73, 3.77), for comparison: its
-        unloading branch lies above its loading branch wherever the sliding forces grow.
+        ``"repaired"``: both caps of the sphere slide, and C_s is the average over the sliding
+        contacts, eqs 3.67 and 3.68. ``"printed"``, for comparison: one cap, no division by the
+        proportion, pressure as a sum of increments that is continuous at the reversal (eqs 3.73,
+        3.77). Its unloading branch is above its loading branch wherever the sliding forces
+        increase.
 
     Returns
     -------
@@ -138,7 +139,7 @@ def carnaby_pan(
     Raises
     ------
     InvalidParameter
-        Naming every argument out of range.
+        Arguments are out of range; all of them are in the message.
 
     Notes
     -----
@@ -167,21 +168,21 @@ def carnaby_pan_march(
     form: str = "repaired",
     substeps: int = 8,
 ) -> CarnabyPan:
-    """Loop of :func:`carnaby_pan` driven by the contact force, as in thesis section 3.3.1.
+    """Loop of :func:`carnaby_pan` for given contact forces, as in thesis section 3.3.1.
 
     Parameters
     ----------
     C
-        Contact forces [N], growing, >= 0.
+        Contact forces [N], increasing, >= 0.
     mu, Wf0, E, d_f, v_f0, gamma, k_bend, Q, form
         As in :func:`carnaby_pan`.
     substeps
-        Runge-Kutta steps of fourth order between neighbors.
+        Number of fourth-order Runge-Kutta steps between consecutive forces.
 
     Returns
     -------
     CarnabyPan
-        With the ``v_f`` that belong to the forces.
+        Loop with the volume fractions ``v_f`` that belong to the forces.
     """
     _check_form("carnaby_pan_march", form)
     c = np.atleast_1d(np.asarray(C, dtype=float))

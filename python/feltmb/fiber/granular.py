@@ -28,7 +28,8 @@ def granular_stress(
     Parameters
     ----------
     path
-        Deformation gradients since the random state, shape (n, 3, 3); stress is zero at the first.
+        Deformation gradients since the random state, shape (n, 3, 3); the stress is zero at the
+        first one.
     v_random
         Volume fraction at F = I [-].
     E
@@ -36,11 +37,11 @@ def granular_stress(
     k_b, k_t, beta
         Bending and torsion constants and crimp ratio [-].
     transverse
-        Keep the term of the transverse compliance (eq. 3.52), left out in eq. 3.53.
+        Whether the term of the transverse compliance (eq. 3.52) is included; eq. 3.53 neglects it.
     substeps
-        Runge-Kutta steps between two given gradients.
+        Number of Runge-Kutta steps between two given gradients.
     nodes
-        Polar nodes of the orientation average; raise for strong anisotropy.
+        Number of polar nodes of the orientation average; use more for strong anisotropy.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Laws of the literature that remember: comparators for felt."""
+"""Laws with memory from the literature, for comparison with felt."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ def history(
         ``"lankarani_nikravesh"`` (compression [m], result a force [N]). Or the name of any
         compression law: then the result is its pressure, which has no memory.
     time
-        [s], strictly increasing.
+        Times [s], strictly increasing.
     compression
-        Same length as ``time``; positive in compression.
+        Compression, of the same length as ``time``; positive in compression.
     rate
-        Time derivative of the compression; ``numpy.gradient`` when not given.
+        Time derivative of the compression; default: ``numpy.gradient``.
     spring
         Compression law of the springs of ``dunlop`` and ``stamm_kelvin``.
     params

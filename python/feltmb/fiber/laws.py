@@ -1,4 +1,4 @@
-"""Compression laws: pressure, tangent and stored energy against volume fraction or strain."""
+"""Compression laws: pressure, tangent and stored energy over volume fraction or strain."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def models() -> dict[str, Any]:
 
 @checked
 def law(model: str, **params: float) -> _core.CompressionLaw:
-    """Make a law object, with ``pressure``, ``slope``, ``energy`` and ``volume_fraction``.
+    """Make a law with the methods ``pressure``, ``slope``, ``energy`` and ``volume_fraction``.
 
     Parameters
     ----------
@@ -30,13 +30,14 @@ def law(model: str, **params: float) -> _core.CompressionLaw:
         ``"alkhagen_toll"``, ``"binomial"``, ``"bending_chain"``, ``"komori_itoh"``,
         ``"komori_itoh_renewed"`` or ``"lee_carnaby"``.
     params
-        Parameters in SI units by the thesis's names: ``k_p E v_f0 v_fm w_f f gamma K_E K_p Q k_b
-        k_t beta v_random chord_ratio``; ``models()`` lists them with meaning and range.
+        Parameters in SI units, with the names of the thesis:
+        ``k_p E v_f0 v_fm w_f f gamma K_E K_p Q k_b k_t beta v_random chord_ratio``; ``models()``
+        describes them with meaning and range.
 
     Raises
     ------
     InvalidParameter
-        Naming every unknown, missing and out-of-range parameter.
+        Parameters are unknown, missing or out of range; all of them are in the message.
     """
     return _core.CompressionLaw(model, {k: float(v) for k, v in params.items()})
 
@@ -77,9 +78,9 @@ def pressure(
     v_f
         Volume fraction [-], number or array, 0 < v_f <= 1.
     strain
-        Instead of ``v_f``: engineering strain of compression, ``v_f = v_f0 / (1 - strain)``.
+        Replaces ``v_f``: engineering strain of compression, ``v_f = v_f0 / (1 - strain)``.
     threads
-        0: all cores (long arrays only).
+        Number of threads; 0: all cores (long arrays only).
     params
         Parameters of the law in SI units.
 
@@ -101,7 +102,7 @@ def slope(
     threads: int = 0,
     **params: float,
 ) -> Any:
-    """Return the derivative dP/dv_f [Pa]; arguments as :func:`pressure`.
+    """Derivative dP/dv_f [Pa]; arguments as for :func:`pressure`.
 
     Parameters
     ----------
@@ -112,7 +113,7 @@ def slope(
     strain
         Engineering strains [1], in place of ``v_f``.
     threads
-        Number of threads; 0: one a core.
+        Number of threads; 0: one per core.
     """
     made = law(model, **params)
     return _result(made.slope(_fraction(made, v_f, strain), threads))
@@ -138,7 +139,7 @@ def tangent_modulus(
     strain
         Engineering strains [1], in place of ``v_f``.
     threads
-        Number of threads; 0: one a core.
+        Number of threads; 0: one per core.
     """
     made = law(model, **params)
     v = _fraction(made, v_f, strain)
@@ -154,9 +155,9 @@ def energy(
     threads: int = 0,
     **params: float,
 ) -> Any:
-    """Return the stored energy per volume of fiber, the integral of P dv_f / v_f^2 [J/m^3].
+    """Stored energy per volume of fiber, the integral of P dv_f / v_f^2 [J/m^3].
 
-    Times ``v_f0`` it is the energy per volume of the uncompressed assembly.
+    Multiplied by ``v_f0``, it is the energy per volume of the uncompressed assembly.
 
     Parameters
     ----------
@@ -167,7 +168,7 @@ def energy(
     strain
         Engineering strains [1], in place of ``v_f``.
     threads
-        Number of threads; 0: one a core.
+        Number of threads; 0: one per core.
     """
     made = law(model, **params)
     return _result(made.energy(_fraction(made, v_f, strain), threads))

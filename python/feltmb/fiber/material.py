@@ -36,14 +36,14 @@ BranchName = Literal["loading", "unloading"]
 
 
 def _plain(node: object) -> object:
-    """A branch without its remarks."""
+    """The tables of a branch without notes."""
     if isinstance(node, Mapping) and not is_quantity(node):
         return {k: v for k, v in node.items() if k not in ("note", "source", "status")}
     return node
 
 
 class Fiber(Schema):
-    """The fibers and the contacts between them."""
+    """Data of the fibers and of the contacts between them."""
 
     diameter: Annotated[float, SI("m"), Field(gt=0)]
     """Fiber diameter d_f [m]."""
@@ -54,20 +54,20 @@ class Fiber(Schema):
     young_modulus: Annotated[float, SI("Pa"), Field(gt=0)] | None = None
     """Young's modulus E [Pa]; not used by the two-step procedure."""
     Q: Annotated[float, SI("1"), Field(gt=0)] = 2.0
-    """Constant of eq. 3.15 [-]; 2 for fibers random in space."""
+    """Constant of eq. 3.15 [-]; 2 for random directions in space."""
 
 
 class Branch(Schema):
-    """Elastic law of one branch: eq. 3.64 less its value at v_f0."""
+    """Elastic law of one branch: eq. 3.64 minus its value at v_f0."""
 
     K_p: Annotated[float, SI("Pa"), Field(gt=0)]
-    """[Pa]."""
+    """Coefficient of the law [Pa]."""
     gamma: Annotated[float, SI("1"), Field(gt=0)]
-    """Blocked length per contact over the fiber diameter [-]."""
+    """Blocked length per contact divided by the fiber diameter [-]."""
 
 
 class CriticalAngles(Schema):
-    """Critical angles of an identification, kept as a record."""
+    """Critical angles of an identification, for documentation only."""
 
     v_f: tuple[float, ...]
     loading: tuple[float, ...]
@@ -77,30 +77,30 @@ class CriticalAngles(Schema):
 
 @dataclass(frozen=True)
 class BranchCurve:
-    """One branch of a material at given volume fractions; arrays of one shape."""
+    """One branch of a material at given volume fractions; all arrays have the same shape."""
 
     v_f: Array
     """Volume fraction [-]."""
     elastic: Array
     """Stress of the sticking contacts [Pa]."""
     friction: Array
-    """Stress of the sliding contacts, >= 0 [Pa]: added in loading, taken off in unloading."""
+    """Stress of the sliding contacts, >= 0 [Pa]; added in loading and subtracted in unloading."""
     theta_cr: Array
     """Critical angle [rad]."""
     r_sc: Array
-    """Proportion of contacts that slide [-]."""
+    """Proportion of sliding contacts [-]."""
     pressure: Array
-    """[Pa], >= 0."""
+    """Pressure, >= 0 [Pa]."""
 
 
 @checked
 class FeltMaterial(Schema):
-    """A felt: data of its fibers, and its pressure under compression.
+    """A felt: data of its fibers, and its pressure as a function of volume fraction.
 
-    Pressure of loading: ``sigma_L + r_sc n C_sL``; of unloading: ``sigma_U - r_sc n C_sU``, held at
-    0 from below. sigma is eq. 3.64 less its value at ``v_f0``; the contact force, hence the
-    critical angle and the friction, follow from ``sigma = (1 - r_sc) n C``
-    (docs/explanation/felt.md).
+    Pressure of loading: ``sigma_L + r_sc n C_sL``; of unloading: ``sigma_U - r_sc n C_sU``, at
+    least 0. sigma is eq. 3.64 minus its value at ``v_f0``. The contact force follows from
+    ``sigma = (1 - r_sc) n C``, and the critical angle and the friction follow from the contact
+    force (docs/explanation/felt.md).
     """
 
     schema_version: Annotated[Literal[1], Field(alias="schema")] = 1
@@ -110,7 +110,7 @@ class FeltMaterial(Schema):
     v_f0: Annotated[float, SI("1"), Field(gt=0, lt=1)]
     """Volume fraction without load, random orientation [-]."""
     v_f_max: Annotated[float, SI("1"), Field(gt=0, lt=1)] | None = None
-    """Largest volume fraction of the loop: both branches meet there [-]."""
+    """Largest volume fraction of the loop, where both branches meet [-]."""
     fiber: Fiber
     loading: Annotated[Branch, BeforeValidator(_plain)] | None = None
     unloading: Annotated[Branch, BeforeValidator(_plain)] | None = None
@@ -127,7 +127,7 @@ class FeltMaterial(Schema):
 
     @property
     def synthetic(self) -> bool:
-        """Whether the numbers were made up, not measured."""
+        """Whether the values are invented instead of measured."""
         return "synthetic" in (self.about + self.name).lower()
 
     @property
@@ -146,14 +146,14 @@ class FeltMaterial(Schema):
         return branch
 
     def with_branches(self, loading: Branch, unloading: Branch, v_f_max: float) -> FeltMaterial:
-        """Copy with other elastic laws and end of the loop.
+        """Copy with other elastic laws and another end of the loop.
 
         Parameters
         ----------
         loading
-            Branch of loading.
+            Elastic law of loading.
         unloading
-            Branch of unloading.
+            Elastic law of unloading.
         v_f_max
             Volume fraction at the end of the loop [1].
         """
@@ -169,7 +169,7 @@ class FeltMaterial(Schema):
         which
             Branch; each has its own ``K_p``, ``gamma`` and friction.
         v_f
-            Volume fractions [-], up to below 1; nothing is carried below ``v_f0``.
+            Volume fractions [-], below 1; the pressure is zero below ``v_f0``.
 
         Raises
         ------
@@ -189,7 +189,7 @@ class FeltMaterial(Schema):
             {"K_p": branch.K_p, "gamma": branch.gamma, "v_f0": self.v_f0, "Q": self.fiber.Q},
         )
         elastic = np.asarray(law.pressure(v, 1), dtype=float)
-        # Below v_f0 the stress is zero and so is the friction; the orientation there is random.
+        # Below v_f0, stress and friction are zero, and the orientation is random.
         rows = sliding_at_pressure(self, np.maximum(v, self.v_f0), elastic, "elastic", branch.gamma)
         friction = rows[:, 6] if which == "loading" else rows[:, 7]
         sign = 1.0 if which == "loading" else -1.0
@@ -207,9 +207,9 @@ class FeltMaterial(Schema):
         return self.branch(which, v_f).pressure
 
     def loss(self, points: int = 1001) -> float:
-        """Part of the loading work lost in the loop to ``v_f_max`` [-].
+        """Share of the loading work that is lost in the loop up to ``v_f_max`` [-].
 
-        ``points``: of the sums over the loop, at least 2.
+        ``points``: number of points of the sums over the loop, at least 2.
         """
         if points < 2:
             raise InvalidParameter(f"loss: points = {points}, expected at least 2")
@@ -224,7 +224,7 @@ class FeltMaterial(Schema):
         Raises
         ------
         InvalidParameter
-            A branch or the end of the loop is missing, or a number out of range.
+            A branch or the end of the loop is missing, or a number is out of range.
         """
         loading, unloading = self._branch("loading"), self._branch("unloading")
         return _all.FeltMaterial(
@@ -240,7 +240,7 @@ class FeltMaterial(Schema):
 
     @property
     def end(self) -> float:
-        """Volume fraction where the loop ends [-]."""
+        """Volume fraction at the end of the loop [-]."""
         if self.v_f_max is None:
             raise InvalidParameter(
                 f'felt "{self.name}": v_f_max is missing, expected the largest volume fraction '
@@ -249,7 +249,7 @@ class FeltMaterial(Schema):
         return self.v_f_max
 
     def to_toml(self) -> str:
-        """Text of a file that :func:`load_material` reads back."""
+        """Text of a file that :func:`load_material` can read."""
         import tomlkit
 
         doc = tomlkit.document()
@@ -314,7 +314,7 @@ def sliding_at_pressure(
 
 
 def packaged_materials() -> tuple[str, ...]:
-    """Names of the materials that come with feltmb."""
+    """Names of the packaged materials."""
     return tuple(params.names("felts"))
 
 
@@ -325,7 +325,7 @@ def load_material(name_or_path: str | Path) -> FeltMaterial:
     Raises
     ------
     InvalidParameter
-        Naming all faults of the file at once, or the packaged names.
+        The file has faults, all in one message, or the name is unknown.
     """
     path = Path(name_or_path)
     if path.suffix != ".toml":

@@ -1,4 +1,4 @@
-"""Orientation of the fibers and the structural numbers that follow from it."""
+"""Orientation of the fibers, and structural numbers that follow from it."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def structure(ratio: float) -> _core.UniaxialStructure:
     Parameters
     ----------
     ratio
-        R = v_f / v_random [-]: 1 isotropic, large values planar, below 1 stretched.
-        1e-3 to 1e6.
+        R = v_f / v_random [-]: 1 is isotropic, large values are planar, values below 1 are
+        stretched; 1e-3 to 1e6.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def structure(ratio: float) -> _core.UniaxialStructure:
 
 @checked
 def uniaxial_tensor(ratio: float) -> Array:
-    """Exact tensor <e e e e> over the fibers after uniaxial compression by R.
+    """Fourth-order tensor <e e e e> over the fibers after uniaxial compression by R, exact.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def uniaxial_tensor(ratio: float) -> Array:
 
 @dataclass(frozen=True)
 class NetworkEstimate:
-    """Structural numbers of a sampled network, each with one standard error."""
+    """Structural numbers of a sampled network, each with its standard error."""
 
     f: float
     n3: float
@@ -84,7 +84,7 @@ class NetworkEstimate:
     K3: float
     M3: float
     error: dict[str, float]
-    """Standard errors by name; upper bounds when the network was spread."""
+    """Standard errors by name; upper bounds if diffusion steps were used (``spread``)."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Network:
     """Unit vectors [-], shape (n, 3), read-only."""
     seed: int
     spread: int
-    """Diffusion steps after the rejection sampling."""
+    """Number of diffusion steps after the rejection sampling."""
     deformation: Array
     """Deformation gradient since the random state [-], shape (3, 3)."""
 
@@ -124,7 +124,7 @@ class Network:
 
     @checked
     def structure(self, threads: int = 0) -> NetworkEstimate:
-        """Estimate f, n3, e3, K3, M3 with their sampling error (all pairs of fibers)."""
+        """Estimate f, n3, e3, K3, M3 with their sampling errors (all pairs of fibers)."""
         values = _core.estimate_structure(self.directions, threads)
         return NetworkEstimate(
             **{name: value for name, (value, _) in values.items()},
@@ -133,14 +133,14 @@ class Network:
 
     @checked
     def tensors(self, threads: int = 0) -> _core.FiberStructure:
-        """Second and fourth-order structure tensors in full, by sums over all pairs."""
+        """Complete second and fourth-order structure tensors, by sums over all pairs."""
         return _core.estimate_tensors(self.directions, threads)
 
     @checked
     def replicate_error(self, n_replicates: int = 16, threads: int = 0) -> dict[str, float]:
         """Estimate the sampling error from the scatter of networks with other seeds.
 
-        Unlike the error of :meth:`structure` it is right for spread networks too.
+        In contrast to the error of :meth:`structure`, it is also correct after diffusion steps.
         """
         if n_replicates < 2:
             raise InvalidParameter(f"network: n_replicates = {n_replicates}, must be >= 2")
@@ -157,8 +157,9 @@ class Network:
 def network(n: int, seed: int = 0, spread: int = 30, threads: int = 0) -> Network:
     """Make a random isotropic network (thesis 3.1.3).
 
-    Points uniform in a cube, those outside the unit ball rejected, the rest projected on the
-    sphere; then ``spread`` steps of diffusion push neighboring axes apart.
+    Points are uniform in a cube; points outside the unit ball are rejected, and the others are
+    projected on the sphere. Then ``spread`` diffusion steps increase the angles between neighboring
+    axes.
 
     Parameters
     ----------
@@ -167,9 +168,9 @@ def network(n: int, seed: int = 0, spread: int = 30, threads: int = 0) -> Networ
     seed
         Equal seeds give equal networks for every number of threads.
     spread
-        Diffusion steps; 0 keeps the fibers statistically independent.
+        Number of diffusion steps; with 0, the fibers are statistically independent.
     threads
-        0: all cores.
+        Number of threads; 0: all cores.
     """
     if n < 2 or seed < 0 or spread < 0:
         raise InvalidParameter(
@@ -193,21 +194,21 @@ def density_structure(
     obstruction: bool = False,
     max_nodes: int = 96,
 ) -> _core.FiberStructure:
-    """Structure of a general orientation density, with full fourth-order tensors.
+    """Structure of any orientation density, with complete fourth-order tensors.
 
     Parameters
     ----------
     density
-        Function of polar angle theta and azimuth phi (arrays [rad], theta in [0, pi],
-        phi in [0, pi]) giving Omega or any multiple of it; it is normalized here.
+        Function of polar angle theta and azimuth phi (arrays [rad], theta in [0, pi], phi in [0,
+        pi]) that returns Omega or any multiple of it; the function normalizes it.
     deformation
-        Instead of ``density``: F of an initially isotropic network, shape (3, 3).
+        Replaces ``density``: F of an initially isotropic network, shape (3, 3).
     tolerance
-        Nodes are increased until f, n3 and e3 change by less than this.
+        Nodes are added until f, n3 and e3 change by less than this.
     obstruction
-        Also compute Psi of Pan's contact model (many more points).
+        Whether Psi of Pan's contact model is computed, which needs many more points.
     max_nodes
-        Give up above this many polar nodes.
+        Largest number of polar nodes.
 
     Returns
     -------
@@ -217,7 +218,7 @@ def density_structure(
     Raises
     ------
     InvalidParameter
-        Density negative, not finite or not resolved with ``max_nodes``.
+        The density is negative or not finite, or ``max_nodes`` are not sufficient.
     """
     if (density is None) == (deformation is None):
         raise InvalidParameter("orientation: give either density or deformation, and not both")
@@ -234,7 +235,7 @@ def density_structure(
         if density is None:
             values = _core.affine_density(np.asarray(deformation, dtype=float), directions)
         else:
-            # Axes have no sense: fold them on phi in [0, pi].
+            # Axes have no direction: they are mapped to phi in [0, pi].
             folded = np.where(directions[:, 1:2] < 0, -directions, directions)
             theta = np.arccos(np.clip(folded[:, 2], -1.0, 1.0))
             phi = np.arctan2(folded[:, 1], folded[:, 0])
@@ -255,18 +256,18 @@ def density_structure(
 
 @dataclass(frozen=True)
 class NarterTensors:
-    """Linear elasticity of a bonded network (Narter). Order 11, 22, 33, 12, 13, 23."""
+    """Linear elasticity of a bonded network (Narter). Components: 11, 22, 33, 12, 13, 23."""
 
     stiffness: Array
-    """[Pa], shape (6, 6)."""
+    """Stiffness matrix [Pa], shape (6, 6)."""
     compliance: Array
-    """[1/Pa], shape (6, 6)."""
+    """Compliance matrix [1/Pa], shape (6, 6)."""
     young: tuple[float, float, float]
-    """E1, E2, E3 [Pa]."""
+    """Young's moduli E1, E2, E3 [Pa]."""
     shear: tuple[float, float, float]
-    """G12, G13, G23 [Pa]."""
+    """Shear moduli G12, G13, G23 [Pa]."""
     poisson: dict[str, float]
-    """nu12, nu13, nu21, nu23, nu31, nu32 [-]."""
+    """Poisson's ratios nu12, nu13, nu21, nu23, nu31, nu32 [-]."""
 
 
 @checked

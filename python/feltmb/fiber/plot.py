@@ -1,4 +1,4 @@
-"""Pictures of the fiber models. Every function returns a matplotlib Figure; nothing is shown."""
+"""Figures of the fiber models. Every function returns a matplotlib Figure and shows nothing."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ FELT_EXAMPLES: dict[str, dict[str, float]] = {
     "komori_itoh_renewed": {"E": 2.5e7, "v_f0": 0.1},
     "lee_carnaby": {"E": 2.5e8, "v_f0": 0.1, "chord_ratio": 0.9},
 }
-"""Parameters of one felt-like mass for every law (illustration, not a fit)."""
+"""Parameters of a felt-like mass for every law (an illustration, not a fit)."""
 
 
 def new_figure(width: float = 7.0, height: float = 4.6) -> Any:
-    """Figure of a size in inches."""
+    """New figure with a size in inches."""
     from feltmb.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -39,7 +39,7 @@ def new_figure(width: float = 7.0, height: float = 4.6) -> Any:
 def style_axes(
     axes: Any, xlabel: str, ylabel: str, title: str = "", *, title_size: float = 11
 ) -> None:
-    """Labels, a pale grid and no frame at the top and right."""
+    """Set labels, a light grid, and no frame at the top and right."""
     axes.set_xlabel(xlabel)
     axes.set_ylabel(ylabel)
     if title:
@@ -51,7 +51,7 @@ def style_axes(
 
 
 def plot_law(made: Any, top: float) -> Any:
-    """Pressure, tangent modulus and energy of one law up to volume fraction ``top``."""
+    """Plot pressure, tangent modulus and energy of one law up to the volume fraction ``top``."""
     v = np.linspace(made.v_f0, top, 300)
     figure = new_figure(10, 3.4)
     axes = figure.subplots(1, 3)
@@ -68,7 +68,7 @@ def plot_law(made: Any, top: float) -> Any:
 
 
 def plot_pressures(parameters: dict[str, dict[str, float]] | None = None, top: float = 0.4) -> Any:
-    """Pressure curves of all compression laws (parameters: :data:`FELT_EXAMPLES`)."""
+    """Plot the pressure of all compression laws (parameters: :data:`FELT_EXAMPLES`)."""
     from feltmb.fiber.laws import law
 
     chosen = FELT_EXAMPLES if parameters is None else parameters
@@ -97,7 +97,7 @@ def plot_pressures(parameters: dict[str, dict[str, float]] | None = None, top: f
 
 
 def plot_sphere(n: int = 1500, seed: int = 0, ratio: float = 3.0, spread: int = 30) -> Any:
-    """Draw the unit sphere of fiber directions before and after compression (thesis Fig. 3.2)."""
+    """Plot the unit sphere of fiber directions before and after compression (thesis Fig. 3.2)."""
     from feltmb.fiber.orientation import network
 
     before = network(n, seed, spread)
@@ -115,7 +115,7 @@ def plot_sphere(n: int = 1500, seed: int = 0, ratio: float = 3.0, spread: int = 
             )
             > 0
         )
-        # Points on the far side are lighter, otherwise depth cannot be seen.
+        # Points on the back are lighter to show depth.
         ax.scatter(*d[~front].T, s=3, color="#b9cfe0", depthshade=False)
         ax.scatter(*d[front].T, s=5, color=COLORS[0], depthshade=False)
         ax.plot(np.cos(angle), np.sin(angle), 0 * angle, color="#888888", linewidth=0.8)
@@ -132,7 +132,7 @@ def plot_sphere(n: int = 1500, seed: int = 0, ratio: float = 3.0, spread: int = 
 
 
 def plot_structure(n: int = 6000, seed: int = 0) -> Any:
-    """Structural numbers against R (thesis Fig. 3.6), with estimates from a sampled network."""
+    """Plot structural numbers over R (thesis Fig. 3.6), with estimates from a sampled network."""
     from feltmb.fiber.orientation import network, structure
 
     ratios = np.geomspace(1, 30, 120)
@@ -176,7 +176,7 @@ def plot_structure(n: int = 6000, seed: int = 0) -> Any:
 
 
 def plot_planar() -> Any:
-    """Planar glass fiber mass for two orientations (thesis Fig. 3.5): E = 75 GPa."""
+    """Plot a planar glass fiber mass for two orientations (thesis Fig. 3.5): E = 75 GPa."""
     from feltmb.fiber.laws import pressure
 
     figure = new_figure()
@@ -193,7 +193,7 @@ def plot_planar() -> Any:
 
 
 def plot_van_wyk() -> Any:
-    """Granular theory against van Wyk for spatial networks (thesis Fig. 3.7)."""
+    """Plot granular theory and van Wyk's law for spatial networks (thesis Fig. 3.7)."""
     from feltmb.fiber.laws import pressure
 
     figure = new_figure()
@@ -224,7 +224,7 @@ def plot_van_wyk() -> Any:
 
 
 def plot_toll() -> Any:
-    """Granular theory against Toll's planar law (thesis Fig. 3.8)."""
+    """Plot granular theory and Toll's planar law (thesis Fig. 3.8)."""
     from feltmb.fiber.laws import pressure
 
     figure = new_figure()
@@ -247,7 +247,7 @@ def plot_toll() -> Any:
 
 
 def plot_contacts(d_f: float = 25e-6, gamma: float = math.pi / 2) -> Any:
-    """Mean free length of the contact models against volume fraction."""
+    """Plot the mean free length of the contact models over volume fraction."""
     from feltmb.fiber.contacts import contact_count, mean_free_length
 
     figure = new_figure(9.4, 4.2)
@@ -285,7 +285,7 @@ def plot_contacts(d_f: float = 25e-6, gamma: float = math.pi / 2) -> Any:
 
 
 def plot_arcs() -> Any:
-    """Energy method: schemes and split of the energy (eq. 2.6)."""
+    """Plot the energy method: schemes and parts of the energy (eq. 2.6)."""
     from feltmb.fiber.energy_method import compress_arcs
 
     figure = new_figure(9.6, 4.2)
@@ -325,7 +325,7 @@ def plot_arcs() -> Any:
 
 
 def plot_history() -> Any:
-    """Loops of the laws with history."""
+    """Plot loops of the laws with memory."""
     from feltmb.fiber.histories import history
 
     figure = new_figure(10, 3.6)
@@ -370,7 +370,7 @@ def plot_history() -> Any:
 
 
 def plot_fits(fits: Sequence[Any]) -> Any:
-    """Measured curve, fitted laws and residuals."""
+    """Plot a measured curve, fitted laws and residuals."""
     figure = new_figure(7.4, 6.0)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1.4))
     drawn: set[str] = set()
@@ -402,7 +402,7 @@ def plot_fits(fits: Sequence[Any]) -> Any:
 
 
 def plot_simulation(run: Any) -> Any:
-    """Pressure loop, contacts and energies of a fiber-by-fiber simulation."""
+    """Plot pressure loop, contacts and energies of a fiber-by-fiber simulation."""
     from feltmb.fiber.contacts import contacts_per_volume
 
     figure = new_figure(10.5, 3.8)
@@ -411,7 +411,7 @@ def plot_simulation(run: Any) -> Any:
     for which, label in ((0, "loading"), (1, "unloading")):
         keep = phase == which
         if which == 1:
-            # The turning point belongs to both branches.
+            # The reversal belongs to both branches.
             keep = keep | np.append(keep[1:], False)
         axes[0].plot(v[keep], p[keep] / 1e3, color=COLORS[which], label=label)
         contacts = run.column("contacts")[keep] * v[keep]
@@ -448,7 +448,7 @@ def plot_simulation(run: Any) -> Any:
 
 
 def gallery(fibers: int = 6000, seed: int = 0) -> dict[str, Any]:
-    """All pictures by name."""
+    """All figures by name."""
     drawers: dict[str, Callable[[], Any]] = {
         "pressures": plot_pressures,
         "sphere": lambda: plot_sphere(min(fibers, 3000), seed),

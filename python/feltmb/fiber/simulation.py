@@ -1,4 +1,4 @@
-"""Fiber by fiber: compress and release a periodic box of bead-spring fibers."""
+"""Simulates single fibers: a periodic box of bead-spring fibers is compressed and released."""
 
 from __future__ import annotations
 
@@ -31,20 +31,21 @@ _STATE = (
 )
 
 
-#: Shares of the work put in: above the first a run is warned of, above the second it has failed.
+#: Shares of the supplied work: above the first limit a run gets a warning, above the second it
+#: fails.
 _LEDGER = (0.01, 0.1)  # not accounted for by stored energy, friction and drag
-_DRAG = (0.1, 0.5)  # lost to drag, which stands for slowness and is none of the fibers
-_KINETIC = (0.05, 0.25)  # in motion at some time
+_DRAG = (0.1, 0.5)  # lost to drag, a numerical damping that fibers do not have
+_KINETIC = (0.05, 0.25)  # kinetic energy at some time
 
 
 @checked
 @dataclass(frozen=True)
 class FiberBox:
-    """Fibers, material and numerics of a bead-spring simulation; SI units."""
+    """Fibers, material and numerical parameters of a bead-spring simulation; SI units."""
 
     n_fibers: int = 60
     n_beads: int = 31
-    """Beads per fiber."""
+    """Number of beads per fiber."""
     d_f: float = 25e-6
     """Fiber diameter [m]."""
     segment_length: float = 62.5e-6
@@ -54,27 +55,27 @@ class FiberBox:
     crimp: float = 0.3
     """Root mean square turning angle of the unloaded fiber at each bead [rad]."""
     ratio: float = 1.0
-    """Orientation R of the fibers as laid (1 isotropic)."""
+    """Initial orientation R of the fibers (1: isotropic)."""
     seed: int = 0
     E: float = 2.5e9
     """Fiber modulus [Pa]."""
     density: float = 1310.0
-    """Of the fiber [kg/m^3]."""
+    """Density of the fiber material [kg/m^3]."""
     repulsion: str = "hertz"
     """``"hertz"`` or ``"logarithmic"`` (eq. 2.10)."""
     interaction: float = 0.0
-    """K_I [J]; 0: Hertz contact of crossed cylinders, 0.41 E d_f^3."""
+    """Constant K_I [J]; 0: Hertz contact of crossed cylinders, 0.41 E d_f^3."""
     friction: float = 0.0
-    """Coulomb coefficient [-]."""
+    """Coefficient of Coulomb friction [-]."""
     tangential: float = 0.3
-    """Tangential over normal contact stiffness [-]."""
+    """Ratio of tangential to normal contact stiffness [-]."""
     drag: float = 0.001
-    """Drag rate over the highest stretching frequency [-]."""
+    """Ratio of drag rate to the highest stretching frequency [-]."""
     time_step: float = 0.2
-    """Time step over the inverse of that frequency, up to 0.8 [-]."""
+    """Time step multiplied by that frequency, up to 0.8 [-]."""
 
     def core(self) -> Any:
-        """Check and hand over to the core."""
+        """The parameters, checked, as an object of the core."""
         return _core.BeadSpringParams(**asdict(self))
 
 
@@ -84,19 +85,19 @@ class Cycle:
     """Compression cycle of the box."""
 
     v_max: float = 0.3
-    """Volume fraction at which compression turns to release [-]."""
+    """Volume fraction at which compression ends and release starts [-]."""
     strain_per_step: float = 2e-5
-    """True strain of each step [-]; halve it to see whether it is slow enough."""
+    """True strain of each step [-]; half of it shows whether the compression is slow enough."""
     relax_steps: int = 4000
-    """Steps that remove the overlaps of the random laying."""
+    """Number of steps that remove the overlaps of the random initial positions."""
     sample_every: int = 500
-    """Steps between two samples."""
+    """Number of steps between two samples."""
     cycles: int = 1
 
 
 @dataclass
 class FiberRun:
-    """Samples of a simulation: pressure against volume fraction, contacts and energy books."""
+    """Samples of a simulation: pressure over volume fraction, contacts, energy balance."""
 
     box: FiberBox
     cycle: Cycle
@@ -105,9 +106,9 @@ class FiberRun:
     lateral [Pa], energies [J] (stretching, bending, repulsion, tangential, kinetic),
     work, friction_loss, drag_loss [J], contacts [1], smallest_distance [-], max_force [-]."""
     laid: dict[str, float] = field(default_factory=dict)
-    """Before relaxation: crossings, volume [m^3], and what Toll's formula expects."""
+    """Before relaxation: crossings, volume [m^3], and the expectation of Toll's formula."""
     relaxed: dict[str, float] = field(default_factory=dict)
-    """After relaxation: contacts and what Toll's formula expects."""
+    """After relaxation: contacts, and the expectation of Toll's formula."""
     state: dict[str, Any] = field(default_factory=dict)
     """Final state of the core, for a restart."""
     done: bool = False
@@ -125,15 +126,15 @@ class FiberRun:
     def energy(self) -> dict[str, float]:
         """Energy balance of the run [J] and its relative numbers [-].
 
-        ``put_in``: work of the box while it compresses; ``friction``, ``drag``: losses since the
-        start; ``stored``: change since the start. Relative to the exchanged energy:
-        ``residual_relative``, the largest error of the balance; ``drag_relative``, the drag;
-        ``kinetic_relative``, the largest kinetic energy.
+        ``put_in``: work on the box during compression; ``friction``, ``drag``: losses since the
+        start; ``stored``: change since the start. The following are relative to the exchanged
+        energy: ``residual_relative``, the largest error of the balance; ``drag_relative``, the
+        drag; ``kinetic_relative``, the largest kinetic energy.
         """
         stored = np.sum([self.column(k) for k in _STORED], axis=0)
         work, friction, drag = (self.column(k) for k in ("work", "friction_loss", "drag_loss"))
         put_in = float(np.sum(np.maximum(np.diff(work), 0.0)))
-        # A box that was not at rest brings energy of its own.
+        # A box that was initially in motion has additional energy.
         turned = max(put_in + float(stored[0]), 1e-300)
         residual = work - (stored - stored[0]) - friction - drag
         return {
@@ -147,7 +148,7 @@ class FiberRun:
         }
 
     def _judged(self) -> list[tuple[int, str]]:
-        """What is wrong: 1 to warn of, 2 that the numbers mean nothing; and why."""
+        """Faults with a level (1: warning, 2: the results are invalid) and text."""
         if len(self.table.get("work", ())) < 2:
             return []
         energy = self.energy
@@ -176,7 +177,7 @@ class FiberRun:
                 f"of the energy was in motion: pressures are those of inertia; {slower}",
             ),
         ):
-            # Before the fibers jam drag is all there is; the whole run tells.
+            # Before the fibers jam, all losses are drag; only the complete run is judged.
             judged = self.done or limits is _LEDGER
             if judged and not share <= limits[0]:
                 out.append((1 if share <= limits[1] else 2, f"{100 * share:.3g} % {text}"))
@@ -195,7 +196,7 @@ class FiberRun:
 
     @property
     def status(self) -> str:
-        """``"done"``, ``"unfinished"``, or ``"failed"`` where the numbers mean nothing."""
+        """``"done"``, ``"unfinished"``, or ``"failed"`` if the results are invalid."""
         if any(level > 1 for level, _ in self._judged()):
             return "failed"
         return "done" if self.done else "unfinished"
@@ -207,7 +208,7 @@ class FiberRun:
 
     @property
     def loop_loss(self) -> float:
-        """Fraction of the loading work that is lost in the cycle [-]."""
+        """Share of the loading work that is lost in the cycle [-]."""
         change = np.diff(self.column("work"))
         unloading = self.column("phase")[1:] > 0
         put_in = float(np.sum(change[~unloading]))
@@ -216,9 +217,9 @@ class FiberRun:
 
     @checked
     def pressure_exponent(self, v_low: float) -> float:
-        """Slope of log P against log v_f on the first loading, above ``v_low`` [-].
+        """Slope of log P over log v_f in the first loading, above ``v_low`` [-].
 
-        van Wyk's law has 3 far above its v_f0, Toll's planar law 5.
+        It is 3 for van Wyk's law far above its v_f0, and 5 for Toll's planar law.
         """
         v, p, phase = self.column("v_f"), self.column("pressure"), self.column("phase")
         first = int(np.argmax(phase > 0)) if np.any(phase > 0) else len(phase)
@@ -232,7 +233,7 @@ class FiberRun:
 
     @checked
     def save(self, path: str | Path) -> Path:
-        """Write everything to one ``.npz``; the file is replaced whole."""
+        """Write everything to one ``.npz`` file, which is replaced as a whole."""
         file = Path(path)
         check_suffix(file, ".npz")
         header = {
@@ -255,12 +256,12 @@ class FiberRun:
     @classmethod
     @checked
     def load(cls, path: str | Path) -> FiberRun:
-        """Read what :meth:`save` wrote.
+        """Read a file that :meth:`save` has written.
 
         Raises
         ------
         DataError
-            The file does not exist or is not one of ours.
+            The file does not exist, or :meth:`save` has not written it.
         """
         file = Path(path)
         stored = read_npz(file)
@@ -286,7 +287,8 @@ class FiberRun:
 
 
 def _expected(box: FiberBox, directions: Array, v_f: float, volume: float) -> dict[str, float]:
-    # Toll: one contact per pair counts d l^2 <sin> N(N-1)/2 2/V; segments of one fiber excluded.
+    # Toll's formula with one contact per pair is d l^2 <sin> N(N-1)/2 2/V; pairs of segments of one
+    # fiber are excluded.
     step = max(1, len(directions) // 4000)
     f = _core.estimate_structure(np.ascontiguousarray(directions[::step]))["f"][0]
     length = v_f * volume / (math.pi / 4 * box.d_f**2)
@@ -296,7 +298,7 @@ def _expected(box: FiberBox, directions: Array, v_f: float, volume: float) -> di
 
 @checked
 def lay(box: FiberBox, threads: int = 0) -> Any:
-    """Lay the fibers at random; return the core's network (see ``feltmb.fiber.simulate``)."""
+    """Place the fibers at random; return the core's network (see ``feltmb.fiber.simulate``)."""
     return _core.BeadSpringNetwork(box.core(), threads)
 
 
@@ -311,37 +313,38 @@ def simulate(
     checkpoint: str | Path | None = None,
     max_samples: int | None = None,
 ) -> FiberRun:
-    """Lay, relax, compress and release a box of fibers.
+    """Place, relax, compress and release a box of fibers.
 
     Parameters
     ----------
     box, cycle
-        What is simulated.
+        The box of fibers and the cycle of compression.
     resume
-        Go on with this unfinished run (``box`` and ``cycle`` must be the same).
+        Unfinished run that continues (``box`` and ``cycle`` must be equal).
     threads
-        0: all cores. The result does not depend on it.
+        Number of threads; 0: all cores. The result does not depend on it.
     progress
-        Called after every sample with the fraction done and the sample. A returned False stops
-        there (the run can be resumed); anything else, None too, does not.
+        Function that is called after every sample with the completed share and the sample. If it
+        returns False, the run stops there and can be resumed; any other value, None included,
+        continues it.
     checkpoint
-        File rewritten after every tenth sample and at the end.
+        File that is written after every tenth sample and at the end.
     max_samples
-        Stop after this many new samples (the run can be resumed).
+        Largest number of new samples; the run can be resumed.
 
     Returns
     -------
     FiberRun
-        Samples, contact counts against Toll's formula, final state. Its ``status`` is "failed"
-        and ``warnings`` say why where the energy books do not close or drag, not the fibers,
-        makes the pressures.
+        Samples, contact counts compared with Toll's formula, final state. If the energy balance has
+        a large error, or if drag dominates the pressures, ``status`` is "failed" and ``warnings``
+        states the reason.
 
     Raises
     ------
     InvalidParameter
-        Naming every bad number.
+        Values are invalid; all of them are in the message.
     FeltmbError
-        The box became too small for the search of neighbors, or motion is unstable.
+        The box became too small for the neighbor search, or the motion is unstable.
     """
     plan = cycle or Cycle()
     faults = []

@@ -1,4 +1,4 @@
-"""Files: read with clear errors, written whole or not at all, never overwritten unless asked."""
+"""File access: clear errors; files are written completely or not at all; no unasked overwriting."""
 
 from feltmb.files.access import (
     LARGEST_JSON,

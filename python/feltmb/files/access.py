@@ -1,4 +1,4 @@
-"""Files: read with clear errors, written whole or not at all, never overwritten unasked."""
+"""File access: clear errors; files are written completely or not at all; no unasked overwriting."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ LARGEST_TABLE = 200_000_000  # bytes of a CSV file
 LARGEST_JSON = 100_000_000  # bytes
 LARGEST_FILE = 4_000_000_000  # bytes of a NetCDF file
 LARGEST_ARRAYS = 1_000_000_000  # bytes of the arrays in one .npz file
-MOST_EXTENDS = 20  # files that extend one another
-DEEPEST_KEY = 50  # parts of a dotted key
-#: What numpy raises for a damaged file of arrays (.npz).
+MOST_EXTENDS = 20  # number of files that extend one another
+DEEPEST_KEY = 50  # number of parts of a dotted key
+#: Exceptions of numpy for a damaged file of arrays (.npz).
 NPZ_FAULTS = (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error,
               NotImplementedError, MemoryError)  # fmt: skip
 
@@ -55,20 +55,20 @@ NPZ_FAULTS = (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.Bad
 def open_input(
     path: Path, *, most: int, error: type[InvalidParameter] = DataError
 ) -> io.BufferedReader:
-    """Open a file from outside for reading: a regular one of at most ``most`` bytes.
+    """Open an external file for reading: a regular file of at most ``most`` bytes.
 
-    A pipe is not waited for and a device is not read: the kind is looked at once the file is open,
-    so that nobody can exchange it in between.
+    The function does not wait for a pipe and does not read a device. The kind of the file is
+    checked after opening, so that the file cannot be exchanged in between.
 
     Raises
     ------
     error
-        There is no such file, it is no regular file, or it is too large.
+        The file does not exist, is not a regular file, or is too large.
     """
-    flags = ("O_NONBLOCK", "O_CLOEXEC", "O_NOCTTY", "O_BINARY")  # those that the system has
+    flags = ("O_NONBLOCK", "O_CLOEXEC", "O_NOCTTY", "O_BINARY")  # flags that the system has
     try:
         handle = os.open(path, os.O_RDONLY | sum(getattr(os, flag, 0) for flag in flags))
-    except (OSError, ValueError) as fault:  # ValueError: a name with a null character
+    except (OSError, ValueError) as fault:  # ValueError: the name has a null character
         reason = getattr(fault, "strerror", None) or fault
         why = f"cannot be read: {reason}" if is_file(path) else why_missing(path)
         raise error(f"{path}: {why}") from None
@@ -82,20 +82,20 @@ def open_input(
 
 
 def read_input(path: Path, *, most: int, error: type[InvalidParameter] = DataError) -> bytes:
-    """Content of a file from outside; see :func:`open_input`."""
+    """Content of an external file; see :func:`open_input`."""
     with open_input(path, most=most, error=error) as file:
         try:
             size = os.fstat(file.fileno()).st_size
             data = file.read(size + 1)
         except OSError as fault:
             raise error(f"{path}: cannot be read: {fault.strerror or fault}") from None
-    if len(data) > size:  # a file that grows, or one of the system that states no size
+    if len(data) > size:  # a growing file, or a system file without a size
         raise error(f"{path}: is longer than the {size} bytes that it states")
     return data
 
 
 def read_text(path: Path, *, most: int, error: type[InvalidParameter] = DataError) -> str:
-    """UTF-8 text of a file from outside; see :func:`open_input`."""
+    """UTF-8 text of an external file; see :func:`open_input`."""
     try:
         return read_input(path, most=most, error=error).decode("utf-8-sig")
     except UnicodeDecodeError as fault:
@@ -112,12 +112,12 @@ def read_json(path: Path, *, most: int = LARGEST_JSON) -> Any:
 
 
 def read_npz(path: Path, *, most: int = LARGEST_ARRAYS) -> dict[str, Any]:
-    """Arrays of a ``.npz`` file, which together take at most ``most`` bytes.
+    """Arrays of a ``.npz`` file, with at most ``most`` bytes together.
 
     Raises
     ------
     DataError
-        As :func:`open_input`, or the file is damaged.
+        As for :func:`open_input`, or the file is damaged.
     """
     import numpy as np
 
@@ -137,20 +137,20 @@ def read_npz(path: Path, *, most: int = LARGEST_ARRAYS) -> dict[str, Any]:
 
 
 def named_file(folder: Path, name: str, where: str) -> str | Path:
-    """What a file names: the name of something packaged, or a path as in :func:`beside`."""
+    """A reference in a file: the name of a packaged item, or a path as in :func:`beside`."""
     is_path = bool(Path(name).suffix) or len(Path(name).parts) > 1
     return beside(folder, name, where) if is_path else name
 
 
 def beside(folder: Path, name: str, where: str) -> Path:
-    """Path of a file that another file names: in the folder of that one, or below it.
+    """Path of a file that another file refers to; it must be in the same folder or below.
 
-    A mechanism from elsewhere thus names nothing but what came with it.
+    A downloaded mechanism can therefore only refer to files that came with it.
 
     Raises
     ------
     InvalidParameter
-        The name leads out of the folder; ``where`` says in which file and entry it stands.
+        The name leads out of the folder; ``where`` names the file and entry, for the message.
     """
     path = Path(name)
     if path.is_absolute() or path.drive or ".." in path.parts:
@@ -161,7 +161,7 @@ def beside(folder: Path, name: str, where: str) -> Path:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Tables of a TOML file; one clear error if it cannot be read."""
+    """Tables of a TOML file; one clear error if the file cannot be read."""
     text = read_text(path, most=LARGEST_TOML, error=InvalidParameter)
     depth = _longest_key(text)
     if depth > DEEPEST_KEY:
@@ -173,14 +173,14 @@ def read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InvalidParameter(f"{path}: is no TOML: {error}") from None
-    except ValueError as error:  # such as an integer of thousands of digits
+    except ValueError as error:  # for example an integer with thousands of digits
         raise InvalidParameter(f"{path}: a value cannot be read: {error}") from None
     except RecursionError:
         raise InvalidParameter(f"{path}: tables are nested too deeply") from None
 
 
-# Strings and comments as TOML has them, each to its end or that of its line or text. Possessive:
-# whatever the text, it is gone over once.
+# Strings and comments of TOML, each up to its end, or else to the end of its line or of the text.
+# The quantifiers are possessive: any text is scanned once.
 _PARTS = re.compile(
     r'''(?:"""(?:[^"\\]|\\.|"(?!""))*+(?:""")?'''
     r"""|'''(?:[^']|'(?!''))*+(?:''')?"""
@@ -192,9 +192,9 @@ _PARTS = re.compile(
 
 
 def _longest_key(text: str) -> int:
-    """Parts of the longest chain of words with dots between them.
+    """Number of parts of the longest dotted name.
 
-    The reader of the standard library takes a time with the square of it.
+    The time of the parser in the standard library grows with its square.
     """
     longest = here = 0
     for match in _PARTS.finditer(text):
@@ -206,9 +206,9 @@ def _longest_key(text: str) -> int:
 
 
 def plain_text(value: object) -> str:
-    """Text from a file as one that can be printed and written: bytes decoded, no control letters.
+    """Text of a file as printable text: bytes are decoded, control characters are replaced.
 
-    What is no Unicode, such as half a surrogate pair, becomes a question mark.
+    Invalid Unicode, for example half a surrogate pair, becomes a question mark.
     """
     text = value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
     text = text.encode("utf-8", "replace").decode()
@@ -216,7 +216,7 @@ def plain_text(value: object) -> str:
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is such a file; a name that no file can have, or a closed folder, is none."""
+    """Whether a file exists; False for an impossible name or an inaccessible folder."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -224,7 +224,7 @@ def is_file(path: Path) -> bool:
 
 
 def why_missing(path: Path) -> str:
-    """What to say of a path that is no file."""
+    """Reason why a path is not a file."""
     try:
         if path.is_dir():
             return "is a folder, expected a file"
@@ -235,7 +235,7 @@ def why_missing(path: Path) -> str:
     return "there is no such file"
 
 
-#: Endings that name a file: a folder that bears one is a mistake.
+#: Suffixes of files; a folder with such a suffix is a mistake.
 _FILES = (
     *(".csv", ".gif", ".h5", ".html", ".jpg", ".json", ".mp3", ".nc", ".npz", ".pdf", ".png"),
     *(".svg", ".toml", ".txt", ".wav", ".xlsx"),
@@ -243,7 +243,7 @@ _FILES = (
 
 
 def check_suffix(path: Path, *suffixes: str) -> None:
-    """Raise if a file of this name cannot be written: what its ending says is what it holds."""
+    """Raise an error if the suffix of a file does not match the content that is written."""
     if path.suffix.lower() not in suffixes:
         got = path.suffix or "a name without ending"
         known = " or ".join(filter(None, [", ".join(suffixes[:-1]), suffixes[-1]]))
@@ -251,13 +251,13 @@ def check_suffix(path: Path, *suffixes: str) -> None:
 
 
 def check_folder(path: Path) -> None:
-    """Raise if the name of a folder is that of a file."""
+    """Raise an error if the name of a folder is the name of a file."""
     if path.suffix.lower() in _FILES and not path.is_dir():
         raise InvalidParameter(f"{path}: is the name of a file, expected that of a folder")
 
 
 def check_writable(path: Path, *, force: bool) -> None:
-    """Raise before long work if ``path`` could not be written at its end."""
+    """Raise an error before a long computation if ``path`` could not be written at its end."""
     try:
         if path.is_dir():
             raise FileExists(f"{path}: is a folder, expected the name of a file")
@@ -281,7 +281,7 @@ def check_writable(path: Path, *, force: bool) -> None:
 
 
 def _no_folder(folder: Path) -> str:
-    """What to say of a folder that is not there: what is missing of its path, and what is near."""
+    """Message about a missing folder: the missing part of its path, and similar names."""
     missing = folder.absolute()
     while not missing.parent.exists():
         missing = missing.parent
@@ -297,12 +297,12 @@ def _no_folder(folder: Path) -> str:
 
 
 def make_folder(folder: str | Path) -> Path:
-    """A folder that was named for results: made, if it alone is missing.
+    """Make a folder for results, if its parent folder exists.
 
     Raises
     ------
     InvalidParameter
-        The folder that it would lie in is missing as well: a mistyped path.
+        The parent folder is missing as well, which indicates a typing error.
     """
     folder = Path(folder)
     try:
@@ -317,26 +317,26 @@ def make_folder(folder: str | Path) -> Path:
 
 
 def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False) -> Path:
-    """Write under a hidden temporary folder beside the target and rename into place.
+    """Write to a hidden temporary folder next to the target and rename the file.
 
-    A process killed in between leaves the hidden folder, never a file that a listing of the
-    target's folder (``glob("*.json")``, which finds hidden files too) takes for a result.
+    If the process is killed, only the hidden folder remains. A listing of the target's folder
+    (``glob("*.json")``, which also finds hidden files) never shows an incomplete file.
 
     Parameters
     ----------
     path
         Target, in a folder that exists; :func:`make_folder` makes one.
     write
-        Called with the temporary path.
+        Function that writes; it is called with the temporary path.
     force
-        Replace an existing file.
+        Whether an existing file is replaced.
     """
     path = Path(path)
     check_writable(path, force=force)
     temporary: Path | None = None
     try:
-        # Not mkdtemp, whose folders are private: results are for everyone that the umask allows,
-        # and the umask of a process with threads cannot be read.
+        # Not mkdtemp, whose folders are private: results must have the permissions of the umask,
+        # which cannot be read in a process with threads.
         new = path.parent / f".feltmb{secrets.token_hex(8)}"
         new.mkdir()
         temporary = new

@@ -1,4 +1,4 @@
-"""Digests of what a result depends on: its inputs, and feltmb as it is installed."""
+"""Hashes of the inputs of a result, and of the installed package."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ __all__ = ["digest_of", "package_digest"]
 def digest_of(*parts: object) -> str:
     """SHA-256 of texts, numbers, arrays, and lists and mappings of them.
 
-    Arrays count by their shape and bytes, mappings by their sorted keys, all else as ``repr`` shows
-    it.
+    Arrays are hashed by shape and bytes, mappings by their sorted keys, and other objects by their
+    ``repr``.
     """
     digest = hashlib.sha256()
     for word in _words(parts):
@@ -48,9 +48,9 @@ def _words(part: Any) -> Iterator[bytes]:
 
 @lru_cache(maxsize=1)
 def package_digest() -> str:
-    """SHA-256 of all files of the package, the compiled core and the packaged data with them.
+    """SHA-256 of all files of the package, including the compiled core and the packaged data.
 
-    What other code made must not be taken for a result of this one.
+    Results of another version of the code must not be reused.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def package_digest() -> str:
         for file in package.rglob("*")
         if file.is_file() and "__pycache__" not in file.parts
     }
-    # An editable installation keeps the core in another place.
+    # In an editable installation the core is in another folder.
     core = getattr(sys.modules.get("feltmb._core"), "__file__", None)
     if core is not None:
         files[Path(core).name] = Path(core)

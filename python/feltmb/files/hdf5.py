@@ -1,10 +1,10 @@
-"""HDF5 files from outside, which NetCDF 4 and MAT 7.3 are too: the one reader of them.
+"""The only reader of external HDF5 files, including NetCDF 4 and MAT 7.3.
 
-An HDF5 file can name other files (external links, external storage, virtual datasets), claim sizes
-without holding the data, and unpack to a thousand times its size. HDF5 reads the texts of a file
-from global heaps, and a damaged length there lets version 2.0 go round for ever; nothing in Python
-can stop it. So all of this is looked at before the library acts on it. Only what the file itself
-holds at its top level is read.
+An HDF5 file can refer to other files (external links, external storage, virtual datasets), state
+sizes without containing the data, and unpack to a thousand times its size. HDF5 reads the texts of
+a file from global heaps. A damaged length there causes an infinite loop in version 2.0, which
+Python cannot stop. All of this is therefore checked before the library reads the file. Only the
+content of the file itself at its top level is read.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 
 __all__ = ["HDF5_FAULTS", "Hdf5Dataset", "Hdf5File", "open_hdf5"]
 
-#: What h5py raises for a damaged file.
+#: Exceptions of h5py for a damaged file.
 HDF5_FAULTS = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError,
                NotImplementedError, MemoryError)  # fmt: skip
 
-MOST_NAMES = 100_000  # at the top level of a file, and attributes of one entry
-MOST_TEXTS = 1_000_000  # in the global heaps of a file
-MOST_CHUNKS = 1_000_000  # of one dataset
+MOST_NAMES = 100_000  # number of entries at the top level of a file, and of attributes of one entry
+MOST_TEXTS = 1_000_000  # number of texts in the global heaps of a file
+MOST_CHUNKS = 1_000_000  # number of chunks of one dataset
 
 _SIGNATURE = b"GCOL\x01\x00\x00\x00"
-_HEADER = 16  # bytes, of a heap and of each of its objects
+_HEADER = 16  # size in bytes of the header of a heap and of each of its objects
 _SMALLEST = 4096  # bytes of a heap
 
 _DEFLATE = 1
-#: Filters that take nothing on trust: deflate (checked here), shuffle, fletcher32, lzf (whose
-#: output is at most 88 times its input).
+#: Permitted filters, which are safe: deflate (checked here), shuffle, fletcher32, lzf (whose output
+#: is at most 88 times its input).
 _FILTERS = (_DEFLATE, 2, 3, 32000)
 
 
@@ -50,7 +50,7 @@ class Hdf5File:
     Attributes
     ----------
     left_out : dict of str to str
-        Entries that are no dataset of this file, and why; complete after :meth:`datasets`.
+        Entries that are not datasets of this file, with reasons; complete after :meth:`datasets`.
     """
 
     def __init__(self, file: Any, most_bytes: int):
@@ -85,7 +85,7 @@ class Hdf5File:
                 yield Hdf5Dataset(self, name, item)
 
     def _attribute(self, item: Any, key: str) -> Any:
-        """Number, text or small array of an attribute; None if it is absent or something else."""
+        """Number, text or small array of an attribute; None if it is missing or of another type."""
         import h5py
 
         if key not in item.attrs:
@@ -101,16 +101,16 @@ class Hdf5File:
             value = value.ravel()[0]
         if isinstance(value, bytes):
             value = value.decode("utf-8", "replace")
-        # What is no text at all cannot be printed, nor written again.
+        # Invalid text could neither be printed nor written again.
         return value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
 
     def take(self, size: int, what: str) -> None:
-        """Count bytes that are about to be read.
+        """Count bytes before they are read.
 
         Raises
         ------
         ValueError
-            The file claims more than may be read from it.
+            The stated sizes exceed the limit.
         """
         self._room -= size
         if self._room < 0:
@@ -120,7 +120,7 @@ class Hdf5File:
 
 
 class Hdf5Dataset:
-    """A dataset that the file itself holds."""
+    """A dataset that is stored in the file itself."""
 
     def __init__(self, file: Hdf5File, name: str, item: Any):
         self._file = file
@@ -135,16 +135,16 @@ class Hdf5Dataset:
         return self.shape is not None and self.dtype.kind in "fiu"
 
     def attribute(self, key: str) -> Any:
-        """Number, text or small array of an attribute; None if it is absent or something else."""
+        """Number, text or small array of an attribute; None if it is missing or of another type."""
         return self._file._attribute(self._item, key)
 
     def read(self) -> npt.NDArray[Any]:
-        """The numbers.
+        """The numbers as an array.
 
         Raises
         ------
         ValueError
-            The dataset is larger than the file may be, or packed in a way that is not read.
+            The dataset is larger than the limit, or has an unsupported filter.
         """
         import numpy as np
 
@@ -157,7 +157,7 @@ class Hdf5Dataset:
         return np.asarray(self._item)
 
     def _check_chunks(self, what: str) -> None:
-        """Refuse chunks that unpack to more than they are said to hold."""
+        """Reject chunks that unpack to more than their stated size."""
         chunk = math.prod(self._item.chunks) * self.dtype.itemsize
         identity = self._item.id
         recipe = identity.get_create_plist()
@@ -174,7 +174,7 @@ class Hdf5Dataset:
 
         identity.chunk_iter(note)
         if stored:
-            # The library holds one chunk at a time, whole, however little of it is wanted.
+            # The library always holds one whole chunk in memory.
             self._file.take(max(0, chunk - math.prod(self.shape or ()) * self.dtype.itemsize), what)
         if _DEFLATE not in filters:
             return
@@ -185,7 +185,7 @@ class Hdf5Dataset:
             _, raw = identity.read_direct_chunk(info.chunk_offset)
             unpacker = zlib.decompressobj()
             try:
-                # Checksums of filters before this one are a few bytes.
+                # Checksums of filters before this one add a few bytes.
                 done = len(unpacker.decompress(raw, chunk + 64))
             except zlib.error as error:
                 raise ValueError(f"{what}: is damaged: {error}") from None
@@ -206,14 +206,14 @@ def open_hdf5(path: Path, *, most_bytes: int, track_order: bool = False) -> Iter
     Parameters
     ----------
     most_bytes
-        That may be read from it, unpacked.
+        Largest number of bytes that may be read, unpacked.
     track_order
-        List datasets in the order in which they were made.
+        Whether datasets are listed in the order of their creation.
 
     Raises
     ------
     DataError
-        It is no regular file, or too large.
+        It is not a regular file, or it is too large.
     ValueError
         The file is empty, or one of its global heaps is damaged.
     """
@@ -225,13 +225,13 @@ def open_hdf5(path: Path, *, most_bytes: int, track_order: bool = False) -> Iter
         with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
             _check_heaps(data)
         stream.seek(0)
-        # The open file, not its name: no other file can come in between.
+        # By the open file instead of its name: the file cannot be exchanged in between.
         with h5py.File(stream, "r", track_order=track_order) as file:
             yield Hdf5File(file, most_bytes)
 
 
 def _check_heaps(data: mmap.mmap | bytes) -> None:
-    """Walk the heaps; heaps of a sound file do not overlap, so that the work is limited."""
+    """Check the global heaps. Heaps of a valid file do not overlap, so that the work is limited."""
     room = min(MOST_TEXTS, len(data) // _HEADER)
     at = data.find(_SIGNATURE)
     while at >= 0:
@@ -244,7 +244,7 @@ def _check_heaps(data: mmap.mmap | bytes) -> None:
 
 
 def _check_objects(data: mmap.mmap | bytes, heap: int, end: int, room: int) -> int:
-    """Walk the objects of a heap; index 0 is the free space at its end. Returns their number."""
+    """Check the objects of a heap and return their number; index 0 is the free space at its end."""
     at = heap + _HEADER
     count = 0
     while at + _HEADER <= end:

@@ -1,8 +1,8 @@
 """NetCDF-4 files of many named series, made in memory.
 
-A NetCDF-4 file is an HDF5 file whose dimensions are dimension scales. Series by the hundred are
-made here with the calls of HDF5 itself: the general libraries look every dimension up again for
-every variable, which takes ten times as long as the data.
+A NetCDF-4 file is an HDF5 file whose dimensions are dimension scales. This module writes hundreds
+of series directly with HDF5. The general libraries look up every dimension for every variable,
+which takes ten times as long as the data.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Variable(NamedTuple):
     Attributes
     ----------
     name, dimensions
-        Names; a variable with the name of its only dimension is that dimension's coordinate.
+        Names; a variable with the name of its only dimension is the coordinate of that dimension.
     values : ndarray
     unit, long_name
         Attributes ``units`` and ``long_name``.
@@ -49,11 +49,11 @@ def encode(
     Parameters
     ----------
     variables
-        All those of one dimension must have its length.
+        Variables; all variables with the same dimension must have its length.
     attributes
-        Of the whole file.
+        Attributes of the file.
     compress
-        Shuffle and deflate, without loss.
+        Whether the data are compressed without loss (shuffle and deflate).
     """
     import h5py
     import numpy as np
@@ -65,7 +65,7 @@ def encode(
     scalar = h5s.create(h5s.SCALAR)
 
     def add_text(node: Any, name: str, value: str) -> None:
-        # What is no text at all cannot be encoded.
+        # Invalid text cannot be encoded.
         content = value.encode("utf-8", "replace")
         h5a.create(node, name.encode(), text, scalar).write(np.array(content, dtype=kind))
 
@@ -104,7 +104,7 @@ def encode(
     creation = h5p.create(h5p.FILE_CREATE)
     creation.set_link_creation_order(h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED)
     creation.set_attr_creation_order(h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED)
-    # HDF5 refuses a second open file of the same name, in memory too.
+    # HDF5 rejects a second open file with the same name, in memory too.
     name = f"feltmb{next(_COUNT)}.nc".encode()
     file = h5f.create(name, h5f.ACC_TRUNC, creation, access)
     try:

@@ -1,4 +1,4 @@
-"""Finished work in a folder: what was cut off goes on where it was."""
+"""Finished results in a folder, from which an interrupted computation continues."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Kept", "Store"]
 
-#: Letters of a key in the name of its file: enough of a digest, and short for every file system.
+#: Number of letters of a key in its file name: unique, and short enough for every file system.
 NAME_LENGTH = 40
 
 
 @dataclass(frozen=True)
 class Kept:
-    """What a store holds of one key."""
+    """Stored result of a key."""
 
     data: dict[str, Any]
     """Plain data."""
@@ -43,24 +43,25 @@ class Kept:
 
 
 class Store:
-    """Results by a key in a folder, a small file each; whole or not there.
+    """Results by key in a folder, one small file each, which is complete or absent.
 
-    A key is a digest of all that a result depends on, or a name below ``settings``, the digest of
-    what all of them depend on. What was damaged or edited by chance or by hand is told and not
-    given back, so that it is computed anew. The checksums are no seal: who wants to forge a result
-    can write new ones. Threads and processes may share a folder.
+    A key is a hash of everything that determines a result. With ``settings``, the hash of
+    everything common to all results, it may be any name. A file that was damaged or edited is
+    reported and ignored, so that its result is computed again. The checksums are no protection
+    against forgery, because new ones can be written. Threads and processes may share a folder.
 
     Parameters
     ----------
     folder
-        Made when something is kept.
+        Folder; it is created when a result is stored.
     settings
-        Digest of what all results of the folder depend on; empty: their keys say it all.
+        Hash of everything that all results of the folder depend on; empty: the keys contain
+        everything.
 
     Raises
     ------
     InvalidParameter
-        The folder holds results of other settings.
+        The folder contains results with other settings.
     """
 
     def __init__(self, folder: Path, settings: str = ""):
@@ -82,13 +83,13 @@ class Store:
         return self.folder / f"{key[:NAME_LENGTH]}.json"
 
     def get(self, key: str, files: Mapping[str, Path] | None = None) -> Kept | None:
-        """What is kept of a key; None if there is nothing, or not as it was written.
+        """Stored result of a key; None if it is absent or was changed.
 
         Parameters
         ----------
         files
-            Files elsewhere that may belong to the result, by the names under which it was put;
-            those that do must be there as they were.
+            Other files that may belong to the result, by the names with which they were stored;
+            these files must be unchanged.
         """
         path = self._file(key)
         if not is_file(path):
@@ -123,7 +124,7 @@ class Store:
         arrays: Mapping[str, Array] | None = None,
         files: Mapping[str, Path] | None = None,
     ) -> None:
-        """Keep the result of a key; it is finished once its file is there."""
+        """Store the result of a key; it is complete when its file exists."""
         self.folder.mkdir(parents=True, exist_ok=True)
         path = self._file(key)
         if arrays:
@@ -149,7 +150,7 @@ class Store:
 
 
 def _digests(path: Path, arrays: bool, files: Mapping[str, Path]) -> dict[str, str]:
-    """Checksums of the files that belong to a result, by what they hold."""
+    """Checksums of the files that belong to a result."""
     beside = {"arrays": path.with_suffix(".npz")} if arrays else {}
     found = {}
     for what, file in (beside | dict(files)).items():

@@ -1,4 +1,4 @@
-"""Fits of anything that simulates: parameters with priors, segments, intervals."""
+"""Fits of any simulation model: parameters with priors, segments, and confidence intervals."""
 
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.fmu import fmu_model

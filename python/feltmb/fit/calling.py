@@ -1,4 +1,4 @@
-"""Calls of functions that a user wrote: what they raise is told with where it came from."""
+"""Calls of user functions; an exception in them is reported with its place in the user's code."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ __all__ = ["calling"]
 
 
 class calling:
-    """``with calling("model arm: its rates"): ...``: what is raised within becomes one message.
+    """Turn an exception in the block into one message: ``with calling("model arm: its rates"):``.
 
     Raises
     ------
     InvalidParameter
-        For any exception of the user's but those of feltmb, which say all themselves.
+        For any exception except those of feltmb, whose messages are already complete.
     """
 
     __slots__ = ("_what",)
@@ -37,7 +37,7 @@ class calling:
 
 
 def _told(error: Exception) -> str:
-    """An error with what it mostly comes from."""
+    """Text of an exception, with its most likely cause."""
     text = f"{type(error).__name__}: {error}"
     if "truth value of an array" in text or "only length-1 arrays" in text:
         return text + " (it is called with whole arrays: use np.where, np.maximum, np.sin)"

@@ -1,4 +1,4 @@
-"""Where a force may act in a model of one's own: coordinates, and couplings between them."""
+"""Coordinates of a user's model, and couplings between them: the places where forces may act."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from feltmb.arguments import checked
 from feltmb.data import Array
 
-#: How units of what turns begin.
+#: First words of the units of rotations.
 TURNING = ("N m", "Nm", "mN m", "rad")
 
 __all__ = ["Coordinate", "Coupling", "Named", "Rate"]
@@ -17,7 +17,7 @@ __all__ = ["Coordinate", "Coupling", "Named", "Rate"]
 
 @checked
 class Named:
-    """Values by name: ``x.q`` or ``x["q"]``; arrays with one entry a job, (B,)."""
+    """Values by name: ``x.q`` or ``x["q"]``; arrays with one entry per job, (B,)."""
 
     __slots__ = ("_values",)
 
@@ -40,9 +40,9 @@ class Named:
 @checked
 @dataclass(frozen=True)
 class Rate:
-    """An output that is the rate of a state. The rate of a speed is the signal of an accelerometer.
+    """An output that is the rate of a state, for example an acceleration: the rate of a speed.
 
-    It includes effects and unknown forces, which a function of the states does not.
+    It includes effects and unknown forces, unlike a function of the states.
     """
 
     state: str
@@ -51,24 +51,24 @@ class Rate:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Coordinate:
-    """A coordinate of a second-order system: generic effects act on it.
+    """A coordinate of a second-order system, on which generic effects act.
 
     A force F [unit] on it changes its acceleration by F / inertia.
     """
 
     name: str
     position: str
-    """State that holds the position."""
+    """State that is the position."""
     speed: str
-    """State that holds the speed."""
+    """State that is the speed."""
     inertia: str | float | Callable[[Any, Named, Named, Named], Array] = 1.0
     """Name of a parameter, a number, or a function (t, x, u, p) -> (B,)."""
     unit: str = "N"
     scale: float = 1.0
-    """Scale of a force on it [unit]."""
+    """Typical force on the coordinate [unit]."""
     position_unit: str = ""
-    """Unit of the position; default: rad where the force is a torque or an angular acceleration,
-    else m."""
+    """Unit of the position; default: rad if the force is a torque or an angular acceleration, else
+    m."""
 
     @property
     def travel_unit(self) -> str:
@@ -77,7 +77,7 @@ class Coordinate:
 
     @property
     def parts(self) -> tuple[Coordinate, ...]:
-        """Coordinates that it is made of: itself."""
+        """The coordinates that it consists of: only itself."""
         return (self,)
 
     def motion(self, x: Named) -> tuple[Any, Any]:
@@ -113,32 +113,33 @@ class Coordinate:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Coupling:
-    """What lies between two coordinates: a spring, a gear, a joint. Generic effects act on it.
+    """A spring, gear or joint between two coordinates, on which generic effects act.
 
-    Its position is that of the first coordinate less ``ratio`` times that of the second, its speed
-    likewise. A force F on it acts as F on the first and as -ratio F on the second.
+    Its position is that of the first coordinate minus ``ratio`` times that of the second; its speed
+    follows in the same way. A force F on the coupling acts as F on the first coordinate and as
+    -ratio F on the second.
     """
 
     name: str
     first: Coordinate
     second: Coordinate
     ratio: float = 1.0
-    """Travel of the first in one of the second."""
+    """Displacement of the first coordinate per displacement of the second."""
     unit: str = "N"
     scale: float = 1.0
-    """Scale of a force in it [unit]."""
+    """Typical force in the coupling [unit]."""
     position: str = ""
-    """No state holds its position or its speed."""
+    """Empty: no state is its position or its speed."""
     speed: str = ""
 
     @property
     def travel_unit(self) -> str:
-        """Unit of its position: that of the first coordinate."""
+        """Unit of its position, equal to that of the first coordinate."""
         return self.first.travel_unit
 
     @property
     def parts(self) -> tuple[Coordinate, ...]:
-        """Coordinates that it is made of."""
+        """The coordinates that it consists of."""
         return self.first, self.second
 
     def motion(self, x: Named) -> tuple[Any, Any]:

@@ -1,10 +1,10 @@
-"""Elimination of the start states of a chain of segments: a square-root information filter.
+"""Elimination of the start states of a chain of segments by a square-root information filter.
 
-The segments of a record form a chain: data depend on the start state of their own segment, and a
-gap ties the end of a segment to the start of the next. Each segment is reduced by one QR
-factorization over (input noise, own state, next state). What is left of its rows no longer depends
-on any state; under the model these rows are independent unit noise, so all tests are sums of their
-products.
+The segments of a record form a chain. Data depend on the start state of their own segment, and a
+continuity defect connects the end of a segment to the start of the next. Each segment is reduced by
+one QR factorization over (input noise, own state, next state). The remaining rows do not depend on
+any state. If the model is correct, they are independent noise of variance 1, so that all tests are
+sums of products of these rows.
 """
 
 from __future__ import annotations
@@ -23,25 +23,27 @@ __all__ = ["Chain", "reduce_chain"]
 class Chain:
     """A segmented record with its states eliminated.
 
-    Columns are the globals of the linearization and, last, the residual.
+    The columns are the globals of the linearization; the last column is the residual.
     """
 
     grams: Array
-    """Products of the reduced columns by segment, (W, c, c)."""
+    """Products of the reduced columns, by segment (W, c, c)."""
     factors: list[tuple[Array, Array, Array]]
-    """By segment: triangle over (input, state), its coupling to the next state, right-hand rows."""
+    """By segment: triangular matrix over (input, state), its coupling to the next state, right-hand
+    sides."""
     log_dets: Array
-    """Sum of the logarithms of the diagonal over input noise and states, by segment (W,)."""
+    """Sum of the logarithms of the diagonal of the triangular matrix, by segment (W,)."""
     rows: list[Array] | None
-    """Reduced rows by segment, (m, c), if they were asked for."""
+    """Reduced rows by segment, (m, c); None: not requested."""
     leverage: list[Array] | None
-    """Share of each row that the states take, (m,)."""
+    """Share of each row that the states explain, (m,); None: not requested."""
     inputs: int
     heads: tuple[Array, Array] | None = None
-    """Grams and log_dets of every segment as if the record ended with it, if asked for."""
+    """``grams`` and ``log_dets`` of every segment as if the record ended there; None: not
+    requested."""
 
     def back(self, step: Array) -> Array:
-        """Step of the start states (W, nx) that goes with a step of the globals (c - 1,)."""
+        """Step of the start states (W, nx) that belongs to a step of the globals (c - 1,)."""
         weights = np.append(-step, 1.0)
         nxt = np.zeros(0)
         out = []
@@ -79,7 +81,7 @@ def reduce_chain(
     start_mean, start_sd
         Prior of the first state minus its present value, and its standard deviation.
     damping
-        Levenberg weights by segment, (W,), or None. They pull the states to where they are.
+        Levenberg weights by segment, (W,), or None. They hold the states near their present values.
     """
     count, m, nx = linear.by_state.shape
     mi = linear.by_input.shape[2]
@@ -164,7 +166,7 @@ def reduce_chain(
 
 
 def _reduced(x: Array, y: Array) -> tuple[Array, float]:
-    """Products of the rows y that no column of x explains, and the logarithm of what x has."""
+    """Products of the rows y without the columns of x, and the log of the diagonal of x."""
     q, r = np.linalg.qr(x)
     rest = y - q @ (q.T @ y)
     return rest.T @ rest, float(np.sum(np.log(np.maximum(np.abs(np.diag(r)), 1e-300))))

@@ -1,4 +1,4 @@
-"""An FMU as a simulator: FMPy runs it."""
+"""An FMU as a simulator, run by FMPy."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _fmpy() -> Any:
 
 
 class _Fmu:
-    """The function of an FMU; it is unpacked once in every process that was not forked."""
+    """Function that runs an FMU; every process that was not forked unpacks the FMU once."""
 
     def __init__(self, path: Path, outputs: tuple[str, ...], kind: str | None):
         self.path, self.outputs, self.kind = path, outputs, kind
@@ -77,23 +77,23 @@ def fmu_model(
     workers: int | None = None,
     name: str = "",
 ) -> SimulatorModel:
-    """An FMU as a model; needs the package ``fmpy``.
+    """An FMU as a model; requires the package ``fmpy``.
 
     Parameters
     ----------
     path
-        The FMU.
+        File of the FMU.
     parameters, inputs, outputs, exposed
-        As in :class:`SimulatorModel`; their names are those of variables of the FMU.
+        As in :class:`SimulatorModel`; the names are variables of the FMU.
     kind
-        "CoSimulation" or "ModelExchange"; default: the first that it has.
+        "CoSimulation" or "ModelExchange"; default: the first one in the FMU.
     workers, name
-        As in :class:`SimulatorModel`; default name: that of the FMU.
+        As in :class:`SimulatorModel`; the default name is the name of the FMU.
 
     Raises
     ------
     InvalidParameter
-        FMPy is not installed, the file is no FMU, or it has no such variables.
+        FMPy is not installed, the file is not an FMU, or the FMU does not have these variables.
     """
     fmpy = _fmpy()
     path = Path(path).absolute()

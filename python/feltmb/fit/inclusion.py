@@ -1,4 +1,4 @@
-"""A model that includes effects: what was a cause to be found is now one more parameter."""
+"""A model that includes effects: the magnitudes of the effects become parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ __all__ = ["Including", "including"]
 def including(
     model: Model, included: Sequence[Candidate | Effect], magnitudes: Sequence[float] | None = None
 ) -> Including:
-    """The model with effects as part of it, to be fitted and diagnosed in its turn.
+    """The model with effects as a part of it, which can be fitted and diagnosed like any model.
 
     Parameters
     ----------
@@ -42,13 +42,13 @@ def including(
         Effects (their first shape counts) or included effects; ``report.model.included`` of a
         diagnosis.
     magnitudes
-        Where their fit starts [units of the effects], in the same order; default: zero.
+        Start values of their fit [units of the effects], in the same order; default: zero.
 
     Raises
     ------
     InvalidParameter
-        The model cannot simulate one of them, or it is an effect of a sensor or an input: there
-        correct the records instead of the model.
+        The model cannot simulate one of the effects, or it is an effect of a sensor or an input. In
+        the latter case, correct the records instead of the model.
     """
     chosen = tuple(t if isinstance(t, Candidate) else Candidate(t, t.shapes[0]) for t in included)
     values = (
@@ -73,7 +73,10 @@ def including(
 
 @checked
 class Including(Model):
-    """See :func:`including`; magnitudes of the effects are its last parameters, without a prior."""
+    """Result of :func:`including`.
+
+    Its last parameters are the magnitudes of the effects, which have no prior.
+    """
 
     def __init__(self, model: Model, included: tuple[Candidate, ...], magnitudes: Array):
         if magnitudes.shape != (len(included),):
@@ -110,30 +113,30 @@ class Including(Model):
         self.inputs = tuple(getattr(model, "inputs", ()))
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
-        """States of the model, then hidden ones of all included effects."""
+        """States of the model, followed by the hidden states of all included effects."""
         states = self._base.states((*self._own, *included))
         mine = len(self._base.states(self._own))
         return tuple(replace(s, hidden=False) if i < mine else s for i, s in enumerate(states))
 
     def forget(self) -> None:
-        """That of the model."""
+        """Forget, as the original model does."""
         self._base.forget()
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
-        """As the model refers it."""
+        """Records in the coordinates of the original model."""
         return self._base.referred(record)
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """The ready model with the same effects."""
+        """The prepared model with the same effects."""
         base = self._base.ready(records)
         return replace(base, model=Including(base.model, self._own, self._magnitudes))
 
     def accepts(self, effect: Effect) -> bool:
-        """Effects that the model accepts, except those that it includes."""
+        """Whether the original model accepts an effect that is not yet included."""
         return effect.name not in [t.name for t in self._own] and self._base.accepts(effect)
 
     def check_writing(self, path: Path) -> None:
-        """As the model can."""
+        """Check whether the original model can be written."""
         self._base.check_writing(path)
 
     def write(  # noqa: D102
@@ -146,7 +149,7 @@ class Including(Model):
         provenance: str = "",
         force: bool = False,
     ) -> Path:
-        # As the model writes, with what was made part of it among its effects.
+        # Written by the original model; its effects are part of the written effects.
         count = len(self._base.parameters)
         return self._base.write(
             path,
@@ -158,7 +161,7 @@ class Including(Model):
         )
 
     def guess(self, record: Record, segments: Integers) -> Array:
-        """As the model guesses; hidden states at their prior mean."""
+        """First guess of the original model; hidden states have their prior mean."""
         states = self.states()
         starts = np.tile([s.start for s in states], (len(segments), 1))
         seen = self._base.guess(record, segments)
@@ -166,7 +169,7 @@ class Including(Model):
         return starts
 
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
-        """As the model finds them."""
+        """Events of the original model."""
         return self._base.events(record, outputs)
 
     def simulate(self, record: Record, jobs: Jobs) -> Simulated:
@@ -174,7 +177,7 @@ class Including(Model):
         return self._base.simulate(record, self._inner(jobs))
 
     def _inner(self, jobs: Jobs) -> Jobs:
-        """Jobs of the model: what was made part of it is among its included effects."""
+        """Jobs of the original model, whose effects are part of the included effects."""
         count = len(self._base.parameters)
         magnitudes = jobs.magnitudes if jobs.included else np.zeros((jobs.count, 0))
         return replace(
@@ -191,7 +194,7 @@ class Including(Model):
 
     @property
     def core(self) -> Model:
-        """That of the model."""
+        """Core of the original model."""
         return self._base.core
 
     def asking(self, ask: Callable[[Sequence[Batch]], list[Simulated]]) -> Model:
@@ -201,7 +204,7 @@ class Including(Model):
         return out
 
     def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
-        # Those of the model; the derivatives by the included magnitudes move to the parameters.
+        # Derivatives of the original model; those by the included magnitudes become parameters.
         request.check(self)
         count, own = len(self._base.parameters), len(self._own)
         wanted = request.parameters_of(self)

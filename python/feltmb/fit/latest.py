@@ -1,4 +1,4 @@
-"""The last few things that were made, by a key."""
+"""Keeps the most recently used values by key."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ V = TypeVar("V")
 
 
 class Latest(Generic[K, V]):
-    """Keeps what was asked for last; may be shared between threads.
+    """A cache of recently used values that several threads may use.
 
-    ``functools.lru_cache`` makes a value from its key alone, and counts values, not their sizes.
+    Unlike ``functools.lru_cache``, it can limit the sum of the sizes of the values, and a value
+    need not be computed from its key alone.
 
     Parameters
     ----------
     most
-        What all values may have together; the last is kept in any case.
+        Largest sum of the sizes of all values; the last value is kept in any case.
     size
-        What one value has; default: 1.
+        Function that gives the size of a value; default: 1.
     """
 
     def __init__(self, most: int, size: Callable[[V], int] = lambda _: 1):
@@ -34,11 +35,11 @@ class Latest(Generic[K, V]):
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
-        """How many are kept."""
+        """Number of stored values."""
         return len(self._made)
 
     def find(self, key: K) -> V | None:
-        """What a key stands for; None where it is not kept."""
+        """Value of a key; None if it is not stored."""
         with self._lock:
             if key not in self._made:
                 return None
@@ -46,7 +47,7 @@ class Latest(Generic[K, V]):
             return self._made[key]
 
     def keep(self, key: K, value: V) -> None:
-        """Keep what a key stands for, in place of what it stood for; forget the oldest."""
+        """Store a value, replacing an older value of the key; remove the oldest values."""
         with self._lock:
             if key in self._made:
                 self._total -= self._size(self._made.pop(key))
@@ -56,7 +57,7 @@ class Latest(Generic[K, V]):
                 self._total -= self._size(self._made.popitem(last=False)[1])
 
     def get(self, key: K, make: Callable[[], V]) -> V:
-        """What a key stands for, made where it is not kept.
+        """Value of a key; it is computed if it is not stored.
 
         Two threads that request the same value at the same time may both compute it.
         """
@@ -69,7 +70,7 @@ class Latest(Generic[K, V]):
         return made
 
     def clear(self) -> None:
-        """Forget all."""
+        """Remove all values."""
         with self._lock:
             self._made.clear()
             self._total = 0

@@ -1,4 +1,4 @@
-"""Models without states: linear in their parameters, or any function of the inputs."""
+"""Models without states: linear in their parameters, or functions of the inputs."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ __all__ = ["FunctionModel", "LinearModel"]
 
 @checked
 class FunctionModel(Model):
-    """Outputs that follow from the inputs at every sample, without memory.
+    """Outputs that depend on the inputs at the same sample only, without memory.
 
     Parameters
     ----------
     outputs
-        Name -> function ``(record, p) -> (n,)``; ``p.name`` are the parameters as numbers.
+        Name -> function ``(record, p) -> (n,)``; ``p.name`` is a parameter as a number.
     """
 
     least_samples = 2
@@ -44,12 +44,12 @@ class FunctionModel(Model):
         self._outputs = dict(outputs)
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
-        """None."""
+        """The model has no states."""
         del included
         return ()
 
     def accepts(self, effect: Effect) -> bool:
-        """Effects with a ``regressor``, besides sensor and input effects."""
+        """Whether an effect has a ``regressor``, or is a sensor or input effect."""
         return effect.regressor is not None or super().accepts(effect)
 
     def whole(self, record: Record, theta: Array) -> Array:
@@ -75,7 +75,7 @@ class FunctionModel(Model):
         key, whole = None, np.zeros(0)
         for b in range(jobs.count):
             now = (jobs.theta[b].tobytes(), jobs.magnitudes[b].tobytes() if jobs.included else b"")
-            if now != key:  # jobs of one version come together
+            if now != key:  # jobs with equal parameters are computed together
                 key, whole = now, self.whole(record, jobs.theta[b])
                 simulated(1.0)
                 for k, column in enumerate(columns):
@@ -85,7 +85,7 @@ class FunctionModel(Model):
         return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
     def _place(self, candidate: Candidate, column: Any) -> Array:
-        """Column of an effect as (n, ny): its output is ``effect.data`` or the only one."""
+        """Regressor of an effect as (n, ny), on the output ``effect.data`` or the only output."""
         values: Array = np.asarray(column, dtype=np.float64)
         if values.ndim == 2:
             return values
@@ -109,7 +109,7 @@ class LinearModel(FunctionModel):
     Parameters
     ----------
     columns
-        Name of a parameter -> function of the record that gives its column, (n,).
+        Name of a parameter -> function of the record that returns its column, (n,).
     """
 
     def __init__(

@@ -14,15 +14,16 @@ from feltmb.fit.segmented_records import SegmentedRecord
 
 __all__ = ["Linear", "Place", "linearize", "predict"]
 
-#: Beyond this a number has left every scale, and its square would overflow soon.
+#: Values above this limit count as diverged; their squares would overflow.
 RUNAWAY = 1e100
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where one segmented record stands: start states (W, nx) and its nuisances (nn,).
+    """Start states (W, nx) and nuisances (nn,) of one segmented record.
 
-    ``memory``: what the machine remembers at the starts beside its states, a segment each.
+    ``memory``: internal memory of the model at the starts, in addition to its states; one item per
+    segment.
     """
 
     starts: Array
@@ -30,7 +31,7 @@ class Place:
     memory: Memory | None = None
 
     def after(self, ends: Memory | None) -> Memory | None:
-        """What is remembered at the starts, after segments that ended with ``ends``."""
+        """Memory at the starts of the segments, given ``ends``, the memory at their ends."""
         if ends is None:
             return self.memory
         first = None if self.memory is None else self.memory[0]
@@ -39,7 +40,7 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class InputColumns:
-    """Derivatives of one segmented record by the noise of its inputs; see :class:`Linear`."""
+    """Derivatives of one segmented record by its input noise; see :class:`Linear`."""
 
     by_input: Array
     ends_by_input: Array
@@ -47,9 +48,10 @@ class InputColumns:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Whitened residual and derivatives of one record at one place; rows: samples x channels.
+    """Whitened residual and derivatives of one record at one point; rows: samples x channels.
 
-    A step d changes the residual to ``residual - J d``, the gap to ``gap - (ends' d - d_next)``.
+    A step d changes the residual to ``residual - J d``, and the continuity defect to
+    ``gap - (ends' d - d_next)``.
     """
 
     residual: Array
@@ -57,11 +59,11 @@ class Linear:
     by_state: Array
     """(W, m, nx)"""
     by_global: Array
-    """(W, m, ng): free parameters, magnitudes, candidates, then nuisances of the record"""
+    """(W, m, ng): free parameters, magnitudes, candidates, then nuisances of the record."""
     by_input: Array
-    """(W, m, mi): unit normal numbers that stand for the noise of the inputs"""
+    """(W, m, mi): standard normal variables that represent the noise of the inputs."""
     gap: Array
-    """End of a segment minus start of the next, (W - 1, nx)"""
+    """Continuity defect: end of a segment minus start of the next, (W - 1, nx)."""
     ends_by_state: Array
     """(W, nx, nx)"""
     ends_by_global: Array
@@ -69,13 +71,13 @@ class Linear:
     ends_by_input: Array
     """(W, nx, mi)"""
     good: Array
-    """Whether the segment could be simulated, (W,)"""
+    """Whether the simulation of the segment succeeded, (W,)."""
     memory: Memory | None = None
-    """What the machine remembers at the ends of the segments."""
+    """Memory of the model at the ends of the segments."""
 
 
 def _plain(model: Model, segmented: SegmentedRecord, included: tuple[Candidate, ...]) -> bool:
-    """Whether the model's own derivatives are those of the record."""
+    """Whether the derivatives of the model need no correction by sensors or sensor effects."""
     sensors = [segmented.record.sensors[n] for n in model.outputs if n in segmented.record.sensors]
     return machine_candidates(included) == included and all(
         s.delay == 0.0 and s.gain == 1.0 and s.offset == 0.0 and np.isinf(s.bandwidth)
@@ -121,7 +123,7 @@ def predict(
     magnitudes: Array,
     place: Place,
 ) -> tuple[Array, Array, Array]:
-    """Outputs (W, L, ny), whitened residual (W, m) and gap (W - 1, nx) of a segmented record."""
+    """Outputs (W, L, ny), whitened residual (W, m), continuity defects (W - 1, nx) of a record."""
     run = observe_jobs(
         model,
         segmented.record,
@@ -149,16 +151,16 @@ def linearize(
 ) -> Linear:
     """Residual and derivatives by states, free parameters, magnitudes, candidates and nuisances.
 
-    ``known``: those of a linearization nearby, whose columns of the input noise are taken over.
+    ``known``: derivatives by the input noise of a nearby linearization, which are reused.
     """
     count = segmented.count
     ask = model.sensitivities if _plain(model, segmented, (*included, *candidates)) else None
     if ask is None:
         ask = partial(observed_sensitivities, model)
-    # Laws depart from their form in records that are held out, too.
+    # The laws of the model vary between segments in held-out records as well.
     noisy = [i for i, p in enumerate(model.parameters) if p.process_sd > 0.0]
     also = [i for i in noisy if i not in free] if place.starts.shape[1] else []
-    with np.errstate(invalid="ignore", over="ignore"):  # segments that failed are no numbers
+    with np.errstate(invalid="ignore", over="ignore"):  # failed segments contain NaN
         s = ask(
             SensitivityRequest(
                 segmented.record,
@@ -218,8 +220,8 @@ def linearize(
 def _with_process_noise(
     model: Model, asked: list[int], s: Sensitivity, by_input: Array, ends_by_input: Array
 ) -> tuple[Array, Array]:
-    """Further unit normal numbers: what laws depart from their form in a segment."""
-    if not s.ends.shape[1]:  # one segment, in which nothing can depart
+    """Add standard normal variables for ``process_sd``, the variation of laws by segment."""
+    if not s.ends.shape[1]:  # with one segment, nothing can vary between segments
         return by_input, ends_by_input
     sd = np.array([model.parameters[i].process_sd for i in asked])
     some = np.flatnonzero(sd)
@@ -230,7 +232,7 @@ def _with_process_noise(
 
 
 def _tame(values: Array) -> Array:
-    """Zero for what is no number, or has run away."""
+    """Replace NaN, infinite and diverged values by zero."""
     with np.errstate(invalid="ignore"):
         return np.where(np.abs(values) < RUNAWAY, values, 0.0)
 
@@ -245,11 +247,12 @@ def _input_noise(
     base: Sensitivity,
     knots: int,
 ) -> tuple[Array, Array]:
-    """Columns of unit normal numbers for the noise of the inputs: outputs and end states.
+    """Derivatives of outputs and end states by standard normal variables for the input noise.
 
-    Within a segment the noise is a straight line between knots. A knot that stands for a stretch D
-    of noise with standard deviation s and correlation time c at sampling step h has the variance
-    s^2 (h + 2 c) / D: the same integral over the stretch, to which an inertia answers.
+    Within a segment, the noise is piecewise linear between knots. A knot represents an interval D
+    of noise with standard deviation s and correlation time c, sampled with step h. Its variance is
+    s^2 (h + 2 c) / D. The integral over the interval, to which an inertia responds, then has the
+    correct variance.
     """
     record = segmented.record
     noisy = [n for n, s in record.input_sigma.items() if s > 0.0]
@@ -276,7 +279,7 @@ def _input_noise(
         sd = record.input_sigma[name] * np.sqrt(np.minimum(share, 1.0))
         for k in range(knots):
             hat = np.maximum(0.0, 1.0 - np.abs(phase - k)) * sd
-            if k == knots - 1:  # the sample that a segment shares with the next
+            if k == knots - 1:  # the sample that a segment shares with the next one
                 hat[segmented.segments[:, 1]] = sd[segmented.segments[:, 1]]
             if k == 0:
                 hat[segmented.segments[1:, 0]] = 0.5 * sd[segmented.segments[1:, 0]]

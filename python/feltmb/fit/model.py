@@ -1,8 +1,9 @@
-"""What can be fitted and diagnosed: anything that simulates named outputs from parameters.
+"""Models that can be fitted and diagnosed: they simulate named outputs from parameters.
 
-A *model* turns a record's inputs into outputs, given parameters theta, magnitudes phi of some
-effects and start states x of time segments. It is asked in *jobs*: every job is one segment with
-its own theta, phi and start, so that a batch of segments and finite differences is one call.
+A *model* computes outputs from the inputs of a record, given parameters theta, magnitudes phi of
+some effects and start states x of time segments. It is called with *jobs*. Every job is one segment
+with its own theta, phi and start, so that one call can simulate a batch of segments and of finite
+differences.
 """
 
 from __future__ import annotations
@@ -40,11 +41,12 @@ __all__ = [
     "State",
 ]
 
-#: Component of parameters that stand for what differs from record to record without a cause.
+#: Component name of parameters that represent random variation from record to record.
 VARIABILITY = "run-to-run variability"
 
 EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
-#: What a model remembers beside its states, an item a segment; nobody but the model looks into it.
+#: Internal memory of a model in addition to its states, one item per segment; only the model
+#: interprets it.
 Memory = tuple[Any, ...]
 Integers = NDArray[np.intp]
 
@@ -52,27 +54,27 @@ Integers = NDArray[np.intp]
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A number of the model with its prior N(value, sd^2), cut at lower and upper."""
+    """A number of the model with its prior N(value, sd^2), truncated at lower and upper."""
 
     name: str
     value: float
     sd: float = math.inf
-    """Standard deviation of the prior [unit]; inf: nothing is known beforehand; 0: fixed."""
+    """Standard deviation of the prior [unit]; inf: no prior knowledge; 0: fixed."""
     unit: str = "1"
     lower: float = -math.inf
     upper: float = math.inf
     component: str = ""
     scale: float | None = None
-    """Scale for steps of differences [unit]; default: sd if finite, else abs(value) or 1."""
+    """Scale for steps of finite differences [unit]; default: sd if finite, else abs(value) or 1."""
     label: str = ""
-    """What people call it, as the subject of a sentence: "the hammer head"; default: the name."""
+    """Name for people, as the subject of a sentence: "the hammer head"; default: the name."""
     words: tuple[str, str] = ("lower", "higher")
-    """What a report says of a value below and above the tabulated one."""
+    """Words of a report for a value below and above the tabulated one."""
     relative: bool = False
-    """Whether it is the share by which something departs from its tabulated value."""
+    """Whether the value is a relative deviation from a tabulated value."""
     process_sd: float = 0.0
-    """Standard deviation of what it departs from its value in each segment on its own [unit]: an
-    allowance for the form of the law that it belongs to; 0: the law is exact."""
+    """Standard deviation of the independent deviation from the value in each segment [unit]. It
+    allows for errors in the form of the law; 0: the law is exact."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.value) and self.lower <= self.value <= self.upper):
@@ -100,18 +102,20 @@ class Parameter:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """One state variable of the model, or a hidden one that an effect brings."""
+    """One state variable of the model, or a hidden one of an effect."""
 
     name: str
     unit: str = "1"
     scale: float = 1.0
-    """Scale [unit]: sets steps of differences and the unit of continuity defects."""
+    """Scale [unit]: determines steps of finite differences and the unit of continuity defects."""
     start: float = 0.0
-    """Prior mean at the first sample of a record, unless the record says otherwise [unit]."""
+    """Prior mean at the first sample of a record, unless the record specifies another value
+    [unit]."""
     start_sd: float = math.inf
-    """Prior standard deviation there [unit]; inf: unknown; 0: fixed."""
+    """Prior standard deviation at the first sample [unit]; inf: unknown; 0: fixed."""
     hidden: bool = False
-    """Memory that an effect brings: no influence on the outputs at magnitude 0."""
+    """Whether it is a memory state of an effect, without influence on the outputs at magnitude
+    0."""
     vibrates: bool = False
     """Whether it vibrates many times in a segment, so that its phase at the end cannot be
     predicted."""
@@ -120,12 +124,13 @@ class State:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Effect:
-    """A cause that the model lacks. Contract: at magnitude zero it is exactly the model.
+    """A cause that the model lacks. At magnitude zero, it must not change the model.
 
-    How it enters is told by at most one of the callables, or is known to the model by ``name``:
+    At most one of the callables defines the effect; without a callable, the model must know its
+    ``name``:
 
     ``rate(t, x, u, p, magnitude, shape) -> {state: (B,)}``
-        For :class:`~feltmb.gap.OdeModel`: what it adds to the rates of states, its own hidden
+        For :class:`~feltmb.gap.OdeModel`: contribution to the rates of states, its own hidden
         states included.
     ``regressor(record, shape) -> (n,)``
         For :class:`~feltmb.gap.LinearModel`: output per unit of magnitude.
@@ -139,42 +144,43 @@ class Effect:
     component: str
     unit: str = "1"
     scale: float = 1.0
-    """Magnitude that one would expect if it were there [unit]: prior sd, steps of differences."""
+    """Expected magnitude if the effect exists [unit]: prior sd and unit of finite differences."""
     sign: Literal[-1, 0, 1] = 0
     """+1: magnitude >= 0 (friction), -1: magnitude <= 0, 0: any."""
     mechanism: str = ""
-    """One sentence: what happens in the machine."""
+    """One sentence that describes the mechanism in the machine."""
     kind: EffectKind = "force"
     shapes: tuple[Any, ...] = (None,)
-    """Shape parameters that mean nothing at magnitude zero; each is tried, the best is kept.
+    """Shape parameters, which have no meaning at magnitude zero; each is tried, and the best is
+    used.
 
-    Positive floats of which the list has two or more values are a net: values between and near
-    them are tried as well. Use whole numbers or words for what only the listed values mean.
-    """
+    If the list has two or more positive floats, values between and near them are tried as well. Use
+    integers or texts if only the listed values have a meaning."""
     shape_names: tuple[str, ...] = ()
-    """What the numbers of a shape are, with their unit: ``("half width [m]",)``."""
+    """Names of the numbers of a shape, with units: ``("half width [m]",)``."""
     remedy: str = ""
-    """What to do about it."""
+    """Recommended remedy."""
     lower: float = -math.inf
     upper: float = math.inf
-    """Hard limits of the magnitude [unit]; ``sign`` is applied on top."""
+    """Upper limit of the magnitude [unit]; ``lower`` and ``upper`` apply in addition to
+    ``sign``."""
     confounders: tuple[str, ...] = ()
-    """Effects known beforehand to look alike."""
+    """Names of effects that are known to have similar signatures."""
     weight: float = 1.0
-    """Prior weight against the other effects."""
+    """Prior weight relative to the other effects."""
     hidden: tuple[State, ...] = ()
-    """Memory states that it brings, appended to those of the model."""
+    """Memory states of the effect, appended to the states of the model."""
     step: float = 0.01
-    """First step of differences, as a share of ``scale``."""
+    """First step of finite differences, as a share of ``scale``."""
     rate: Callable[..., Mapping[str, Any]] | None = None
     regressor: Callable[..., Array] | None = None
     observe: Callable[..., Array] | None = None
     excite: Callable[..., Mapping[str, Array]] | None = None
     tolerance_parameter: str = ""
-    """Name of the parameter that it is more of: within its tolerance the departure is the
-    parameter's, a diagnosis calls what goes far beyond it this effect."""
+    """Name of the parameter that the effect changes. A change within its tolerance is attributed to
+    the parameter, and a much larger change to the effect."""
     data: Any = None
-    """Anything the model wants to find again; the engine does not look at it."""
+    """Any data for the model; the engine does not use it."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -216,37 +222,37 @@ class Candidate:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Port:
-    """A place where an unknown force may act (a coordinate, a contact): for the component table."""
+    """A place where an unknown force may act, for example a coordinate or a contact."""
 
     name: str
     component: str
     unit: str = "N"
     scale: float = 1.0
-    """Scale of such a force [unit]."""
+    """Typical force [unit]."""
     position: str = ""
-    """State that holds the displacement on which it works, if there is one."""
+    """State that is the displacement at the port, if there is one."""
     speed: str = ""
-    """State that holds the speed, if there is one."""
+    """State that is the speed at the port, if there is one."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Jobs:
-    """A batch of B segments to be simulated. Row b of every array belongs to job b."""
+    """A batch of B segments that are simulated. Row b of every array belongs to job b."""
 
     theta: Array
     """Parameters, (B, p), in the order of ``model.parameters``."""
     segments: Integers
-    """First and last sample, (B, 2): outputs at i0 <= i <= i1, the end state at i1."""
+    """First and last sample, (B, 2): outputs at i0 <= i <= i1, end state at i1."""
     starts: Array
-    """States at i0, (B, nx); order of ``model.states(included)``."""
+    """States at i0, (B, nx), in the order of ``model.states(included)``."""
     included: tuple[Candidate, ...] = ()
     magnitudes: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """Magnitudes of the included effects [their units], (B, k)."""
     forces: Array | None = None
     """Unknown forces, (B, ports, m): linear between m knots from i0 to i1; None: no force."""
     memory: Memory | None = None
-    """What the machine remembers at the start of each job beside its states; None: as at rest."""
+    """Memory of the model at the start of each job, in addition to its states; None: as at rest."""
 
     @classmethod
     def at_point(
@@ -258,7 +264,7 @@ class Jobs:
         magnitudes: Array,
         memory: Memory | None = None,
     ) -> Jobs:
-        """All segments at the same parameters, (p,), and magnitudes, (k,).
+        """Jobs with equal parameters, (p,), and magnitudes, (k,), for all segments.
 
         Parameters
         ----------
@@ -273,7 +279,7 @@ class Jobs:
         magnitudes
             Their magnitudes [their units], (k,).
         memory
-            What the machine remembers at the starts beside its states.
+            Memory of the model at the starts, in addition to its states.
         """
         count = len(segments)
         return cls(
@@ -320,7 +326,7 @@ def check_segments(
     magnitudes: Array | None = None,
     theta: Array | None = None,
 ) -> None:
-    """Refuse segments that are not of the record, and numbers that are not of the model."""
+    """Check that the segments are within the record and that the arrays match the model."""
     wanted = {
         "segments": (segments, (len(segments), 2)),
         "starts": (starts, (len(segments), len(model.states(included)))),
@@ -344,30 +350,30 @@ def check_segments(
         raise InvalidParameter(f"model {model.name}: " + "; ".join(faults))
 
 
-#: Jobs of a record to be simulated.
+#: A record and its jobs.
 Batch = tuple[Record, Jobs]
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Simulated:
-    """Results of all jobs; those of a failed job are NaN."""
+    """Results of all jobs; the results of a failed job are NaN."""
 
     outputs: Array
-    """(B, L, ny) at the samples i0, i0+1, ..., i1 of each job; beyond i1: anything."""
+    """(B, L, ny) at the samples i0, i0+1, ..., i1 of each job; values after i1 are undefined."""
     ends: Array
     """States at sample i1, (B, nx)."""
     memory: Memory | None = None
-    """What the machine remembers there; None: a model whose states are all it has."""
+    """Memory of the model at sample i1; None: the model has no memory except its states."""
 
 
 @checked
 @dataclass(frozen=True, eq=False)
 class SensitivityRequest:
-    """Segments of a record, where they are simulated and by what they are differentiated."""
+    """Segments of a record, the point of the simulation, and the variables of differentiation."""
 
     record: Record
-    """Its inputs drive the model."""
+    """Record whose inputs drive the model."""
     theta: Array
     """Parameters [their units], (p,)."""
     segments: Integers
@@ -375,20 +381,21 @@ class SensitivityRequest:
     starts: Array
     """States at the first samples, (W, nx), in the order of ``model.states(included)``."""
     included: tuple[Candidate, ...] = ()
-    """Candidates that are part of the model; derivatives are taken by all of them."""
+    """Candidates that are part of the model; derivatives by all of their magnitudes are
+    computed."""
     magnitudes: Array | None = None
     """Their magnitudes [their units], (k,); default: zero."""
     _: KW_ONLY
     by_theta: Sequence[int] | None = None
-    """Positions of the parameters by which derivatives are wanted; None: all."""
+    """Indices of the parameters whose derivatives are requested; None: all."""
     by_starts: bool = True
-    """Whether the derivatives by the start states are wanted."""
+    """Whether the derivatives by the start states are requested."""
     candidates: tuple[Candidate, ...] = ()
-    """Further candidates, all at magnitude zero, whose derivatives at zero are wanted (one-sided if
-    they have a sign). Their hidden states start at their prior mean at the first segment and run
-    through the segments in turn."""
+    """Further candidates at magnitude zero, whose derivatives at zero are requested (one-sided if
+    they have a sign). Their hidden states start at their prior mean in the first segment and
+    continue from segment to segment."""
     memory: Memory | None = None
-    """What the machine remembers at the starts beside its states; see :class:`Jobs`."""
+    """Memory of the model at the starts, in addition to its states; see :class:`Jobs`."""
 
     @property
     def sizes(self) -> Array:
@@ -396,7 +403,7 @@ class SensitivityRequest:
         return np.zeros(len(self.included)) if self.magnitudes is None else self.magnitudes
 
     def parameters_of(self, model: Model) -> tuple[int, ...]:
-        """Positions of the parameters by which derivatives are wanted."""
+        """Indices of the parameters whose derivatives are requested."""
         return tuple(range(len(model.parameters)) if self.by_theta is None else self.by_theta)
 
     def jobs(self) -> Jobs:
@@ -406,7 +413,7 @@ class SensitivityRequest:
         )
 
     def check(self, model: Model) -> None:
-        """Refuse what is not of the record or not of the model."""
+        """Check that the request matches the record and the model."""
         check_segments(
             model,
             self.record,
@@ -429,8 +436,8 @@ class SensitivityRequest:
 class Sensitivity:
     """Outputs and end states of W segments with their derivatives.
 
-    The last axis of every ``d_*`` is what is differentiated by; it has length 0 where nothing was
-    asked for.
+    The last axis of every ``d_*`` is the variable of differentiation; its length is 0 if no
+    derivative was requested.
     """
 
     outputs: Array
@@ -438,7 +445,7 @@ class Sensitivity:
     ends: Array
     """(W, nx)"""
     d_theta: Array
-    """(W, L, ny, p) by the parameters asked for."""
+    """(W, L, ny, p) by the requested parameters."""
     d_theta_ends: Array
     """(W, nx, p)"""
     d_magnitudes: Array
@@ -450,74 +457,74 @@ class Sensitivity:
     d_starts_ends: Array
     """(W, nx, nx)"""
     d_candidates: Array
-    """(W, L, ny, c) by the magnitudes of the included effects, at zero"""
+    """(W, L, ny, c) by the magnitudes of the further candidates, at zero."""
     d_candidates_ends: Array
     """(W, nx, c)"""
     memory: Memory | None = None
-    """What the machine remembers at the ends; see :class:`Simulated`."""
+    """Memory of the model at the ends; see :class:`Simulated`."""
 
 
 @checked
 @dataclass(frozen=True, eq=False)
 class Ready:
-    """A model and records that are prepared for a fit; see :meth:`Model.ready`."""
+    """A model and records prepared for a fit; see :meth:`Model.ready`."""
 
     model: Model
     records: tuple[Record, ...]
     notes: tuple[str, ...] = ()
-    """What was left out, in words, for the report."""
+    """Sentences for the report about parts of the records that are not used."""
     floors: Mapping[str, float] = field(default_factory=dict)
-    """Error of the simulation by channel, where the noise of a sensor is below it [unit]."""
+    """Error of the simulation by channel, if it exceeds the noise of the sensor [unit]."""
 
 
 @checked
 class Model(ABC):
     """Base class of all models that can be fitted and diagnosed.
 
-    A subclass sets the attributes and writes :meth:`simulate`. If it has derivatives, it overrides
-    :meth:`sensitivities` as well; otherwise batched differences are taken.
+    A subclass sets the attributes and implements :meth:`simulate`. If it can compute derivatives,
+    it also overrides :meth:`sensitivities`; otherwise finite differences in batches are used.
     """
 
     name: str = "model"
     parameters: tuple[Parameter, ...] = ()
     outputs: tuple[str, ...] = ()
-    """Names of the outputs; a record may have measured some of them only."""
+    """Names of the outputs; a record may contain only some of them."""
     units: Mapping[str, str] = MappingProxyType({})
-    """SI units of outputs and inputs by name, as far as the model knows them: records that say
-    otherwise are refused."""
+    """SI units of outputs and inputs by name, if known; records with another unit are rejected."""
     input_modes: Mapping[InputMode, Sequence[str]] = MappingProxyType({})
-    """Inputs by the mode of a record, where it reads others in each: what a measured file without a
-    sheet is searched for."""
+    """Inputs that the model reads in each input mode of a record. They are searched in measured
+    files without a sheet."""
     input_names: Mapping[str, Sequence[str]] = MappingProxyType({})
-    """Other names of inputs in measured files: what a run of the model calls them."""
+    """Other names of inputs in measured files, for example the names in a run of the model."""
     least_samples: int = 8
-    """Samples that a record must have at least; fewer only where an output is a single number."""
+    """Smallest number of samples of a record; fewer than the default only if an output is a single
+    number."""
     ports: tuple[Port, ...] = ()
-    """Where unknown forces may act; empty: no component table from forces."""
+    """Places where unknown forces may act; empty: no test of unknown forces."""
     segment: float | None = None
-    """Length of shooting segments that suits the model [s]; None: chosen from the data."""
+    """Length of segments that suits the model [s]; None: chosen from the data."""
     difference_step: float = 1e-3
-    """First step of differences by parameters, as a share of their scale; a tenth of it for
-    states. Larger where the simulation is noisy."""
+    """First step of finite differences by parameters, as a share of their scale; the step for
+    states is a tenth of it. Choose it larger if the simulation is noisy."""
     chaotic: bool = False
     """Whether it has impacts after which a small error of the state grows strongly."""
     from_rest: bool = False
-    """Whether it can only simulate a record from its first sample on: records are then split by
-    leaving out values instead of cutting them into blocks."""
+    """Whether the model can only simulate a record from its first sample. Such records are split by
+    removing values instead of cutting them into blocks."""
 
     together: bool = False
-    """Whether :meth:`simulate_all` is faster than its records one after the other."""
+    """Whether :meth:`simulate_all` is faster than simulating the records one after the other."""
 
     @abstractmethod
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
-        """States, then hidden states of the included effects in their order; () if none."""
+        """States, followed by the hidden states of the included effects in order; () if none."""
 
     @abstractmethod
     def simulate(self, record: Record, jobs: Jobs) -> Simulated:
         """Simulate every job.
 
-        Inputs are ``record.inputs``. Do not use the measured outputs: the model has to explain
-        them.
+        The inputs are ``record.inputs``. The measured outputs must not be used, because the model
+        has to explain them.
         """
 
     def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
@@ -525,27 +532,28 @@ class Model(ABC):
         return [self.simulate(record, jobs) for record, jobs in batches]
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
-        """A record in the coordinates of the outputs, and what was done to it, in words.
+        """Convert a record to the coordinates of the outputs; also return a description.
 
-        Default: as it is. A model whose outputs are displacements from rest overrides it.
+        By default the record is not changed. A model whose outputs are displacements from rest
+        overrides this method.
         """
         return record, ()
 
     def refined(self, batches: Sequence[Batch]) -> Model:
         """The model with steps that are small enough for these jobs and their included effects.
 
-        Default: as it is.
+        By default the model itself.
         """
         del batches
         return self
 
     @property
     def core(self) -> Model:
-        """What simulates: itself, or the model that it is made of."""
+        """The model that simulates: itself, or the model that it is derived from."""
         return self
 
     def asking(self, ask: Callable[[Sequence[Batch]], list[Simulated]]) -> Model:
-        """A copy whose core's simulations are made by ``ask``."""
+        """A copy whose core calls ``ask`` for its simulations."""
         out = copy.copy(self)
         vars(out).update(simulate=lambda record, jobs: ask([(record, jobs)])[0], simulate_all=ask)
         return out
@@ -554,19 +562,22 @@ class Model(ABC):
         """Delete the data of earlier fits, so that a fit does not depend on them."""
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """Itself made ready for all records of a fit or diagnosis, and what it can use of them.
+        """Prepare the model and all records of a fit or diagnosis.
 
-        Default: as they are. What is ready already comes back as it is.
+        Returns the model with the usable parts of the records. By default nothing is changed. A
+        prepared model is returned unchanged.
         """
         return Ready(self, tuple(records))
 
     def check_writing(self, path: Path) -> None:
-        """Whether :meth:`write` can write itself. Default: it is made from no file.
+        """Check whether :meth:`write` can write the model.
+
+        By default it cannot, because the model does not come from a file.
 
         Raises
         ------
         InvalidParameter
-            It cannot.
+            The model cannot be written.
         """
         raise InvalidParameter(
             f"{path}: the model {self.name} ({type(self).__name__}) is made from no file, expected "
@@ -583,12 +594,12 @@ class Model(ABC):
         provenance: str = "",
         force: bool = False,
     ) -> Path:
-        """Write itself with these numbers into a file; see :meth:`check_writing`.
+        """Write the model with these values to a file; see :meth:`check_writing`.
 
         Parameters
         ----------
         path
-            File that is written.
+            File to be written.
         theta
             Values of the parameters [their units], (p,).
         included
@@ -596,7 +607,7 @@ class Model(ABC):
         magnitudes
             Their magnitudes [their units], (k,).
         provenance
-            Texts about the origin that are written into the file.
+            Text about the origin of the values, for the file.
         force
             False: an existing file is not overwritten.
         """
@@ -605,13 +616,13 @@ class Model(ABC):
         raise NotImplementedError
 
     def accepts(self, effect: Effect) -> bool:
-        """Whether it can simulate the effect. Sensor and input effects need no help from it."""
+        """Whether the model can simulate an effect; not asked for sensor and input effects."""
         return effect.observe is not None or effect.excite is not None
 
     def guess(self, record: Record, segments: Integers) -> Array:
         """First guess of the states at the segment starts, (W, nx), for the first fit.
 
-        Default: simulate from the prior start through the segments in turn.
+        By default the model is simulated from the prior start state through all segments.
         """
         check_segments(self, record, segments)
         states = self.states()
@@ -634,7 +645,7 @@ class Model(ABC):
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
         """Names and times [s] of events found in outputs (measured or simulated, NaN: missing).
 
-        Default: none; the engine then takes the steepest changes of each channel.
+        By default there are none, and the steepest changes of each channel are used instead.
         """
         del record, outputs
         return []
@@ -642,7 +653,7 @@ class Model(ABC):
     def sensitivities(self, request: SensitivityRequest) -> Sensitivity:
         """Outputs and derivatives of segments.
 
-        Subclasses that know their derivatives override it; the default takes differences.
+        Subclasses that can compute derivatives override it; the default uses finite differences.
         """
         request.check(self)
         return difference_sensitivities(self, request)
@@ -650,18 +661,19 @@ class Model(ABC):
 
 # ---------------------------------------------------------------- derivatives by differences
 
-#: Candidates that share one simulation: it pays while the overhead of a step exceeds its work.
+#: Number of candidates per simulation. Sharing is useful while the overhead of a step exceeds its
+#: computation.
 TOGETHER = 8
 
 
 def run_through(
     model: Model, request: SensitivityRequest, more: tuple[Candidate, ...], magnitudes: Array
 ) -> tuple[Array, Array]:
-    """Simulate segments in turn, several versions at once, hidden states passed on.
+    """Simulate segments one after the other, in several versions at once, passing hidden states on.
 
-    ``more``: candidates beside the included ones; ``magnitudes`` (V, k): those of all, one row a
-    version. The visible states of a segment come from the request, its hidden ones from the end of
-    the segment before. Outputs (V, W, L, ny), ends (V, W, visible).
+    ``more``: candidates in addition to the included ones; ``magnitudes`` (V, k): magnitudes of all,
+    one row per version. The visible states of a segment come from the request, and its hidden ones
+    from the end of the previous segment. Returns outputs (V, W, L, ny) and ends (V, W, visible).
     """
     segments, starts, visible = request.segments, request.starts, request.starts.shape[1]
     included = (*request.included, *more)
@@ -700,7 +712,7 @@ def difference_sensitivities(model: Model, request: SensitivityRequest) -> Sensi
     states = model.states(included)
     nx, ny = len(states), len(model.outputs)
 
-    # Every row of the batch: changes of theta, magnitudes or start; then weights that make
+    # Rows of the batch: changes of theta, magnitudes or start states; later their weights in the
     # derivatives.
     rows_theta, rows_magnitudes, rows_start = [theta], [magnitudes], [np.zeros(nx)]
     columns: list[list[tuple[int, float]]] = []
@@ -793,7 +805,7 @@ def difference_sensitivities(model: Model, request: SensitivityRequest) -> Sensi
 def _candidates(
     model: Model, request: SensitivityRequest, outputs: Array, ends: Array, *, hidden: bool
 ) -> tuple[Array, Array]:
-    """Derivatives by the candidates at magnitude zero: two jobs a segment for each of them."""
+    """Derivatives by the candidates at magnitude zero, from two jobs per segment and candidate."""
     some, magnitudes, starts = request.candidates, request.sizes, request.starts
     rows, weights = [], []
     for c, candidate in enumerate(some):

@@ -1,4 +1,4 @@
-"""Noise of a channel: how large it is, and what one sample of it says of the next."""
+"""Noise of a channel: its standard deviation and its correlation between samples."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ from feltmb.data import Array, Sensor
 __all__ = ["Noise", "innovations", "noise_of"]
 
 Integers = NDArray[np.intp]
-#: Share of its variance that is taken for white: a mean over samples is blind at some frequencies,
-#: and a model is not so exact that what it misses there could be held against it.
+#: Share of the variance of averaged noise that is assumed white. The spectrum of an average has
+#: zeros, and a model is not exact enough to be judged at these frequencies.
 WHITE = 0.05
-#: Samples before that predict one of noise that is in part white, in part not.
+#: Number of previous samples that predict a sample of partly white noise.
 REACH = 16
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of one channel, of one of two colors, or white in part.
+    """Noise of one channel: exponentially correlated, averaged, or partly white.
 
-    Either it forgets itself exponentially, with ``correlation_time``, or it is what is left of
-    white noise by a mean over ``averaged`` samples: over n of them the correlation at a distance
-    of k samples is (1 - k / n), but for a twentieth of the variance, which is taken for white.
+    Exponentially correlated noise has the time constant ``correlation_time``. Averaged noise is the
+    mean of white noise over ``averaged`` samples: over n samples, the correlation at a distance of
+    k samples is (1 - k / n), except for a twentieth of the variance, which is assumed white.
     """
 
     sigma: float
     """Standard deviation [unit]."""
     correlation_time: float = 0.0
-    """Time in which it forgets itself [s]; 0 is white. Where ``averaged`` > 1 it only says beyond
-    which frequency the noise is not flat."""
+    """Time constant of the correlation [s]; 0: white. If ``averaged`` > 1, it only states above
+    which frequency the spectrum is not flat."""
     averaged: int = 1
-    """Samples, evenly spaced, whose mean a sample is [1]."""
+    """Number of evenly spaced samples of the average [1]."""
     white: float = 0.0
-    """Share of the variance that is white, beside what forgets itself in ``correlation_time``."""
+    """Share of the variance that is white; the rest has the time constant ``correlation_time``."""
 
     @property
     def reach(self) -> int:
-        """Samples before that predict one of averaged noise [1].
+        """Number of previous samples that predict a sample of this noise [1].
 
-        Up to an average of six, slow signals then weigh what they should, to 7 %.
+        For averages of up to six samples, the weight of slow signals is then correct to 7 %.
         """
         if self.averaged > 1:
             return 8 * math.ceil(self.averaged / 3)
@@ -52,7 +52,7 @@ class Noise:
 
     @property
     def mixed(self) -> bool:
-        """Whether a part of it is white and the rest is not."""
+        """Whether the noise is partly white and partly exponentially correlated."""
         return self.averaged == 1 and self.correlation_time > 0.0 and self.white > 0.0
 
     def correlation(self, distance: Array, interval: float = 0.0) -> Array:
@@ -64,7 +64,7 @@ class Noise:
         return np.where(distance == 0, 1.0, (1.0 - WHITE) * share)
 
     def draw(self, time: Array, generator: np.random.Generator) -> Array:
-        """Noise at given times [unit], stationary from the first sample on."""
+        """Random noise at given times [unit], stationary from the first sample."""
         n = time.size
         if self.averaged > 1:
             white = generator.standard_normal(n + self.averaged - 1)
@@ -85,12 +85,13 @@ class Noise:
 
 
 def noise_of(sensor: Sensor, sigma: float, quantum: float) -> Noise:
-    """Noise of a sensor: white, colored and quantum, each by its number.
+    """Noise of a sensor from its white, colored and quantization parts.
 
     Parameters
     ----------
     sigma
-        Standard deviation of what is no quantum and not told as colored [unit].
+        Standard deviation of the white noise, without quantization and the stated colored noise
+        [unit].
     quantum
         Step of the digitizer [unit].
     """
@@ -103,23 +104,22 @@ def noise_of(sensor: Sensor, sigma: float, quantum: float) -> Noise:
 def innovations(
     noise: Sequence[Noise], position: Integers, time: Array
 ) -> tuple[Integers, Array, Array]:
-    """What the samples before predict of the noise of each sample of a segment.
+    """Predict the noise of each sample of a segment from the previous samples.
 
     Parameters
     ----------
     noise
-        By channel.
+        Noise by channel.
     position
-        (W, L, ny), the index of a sample in its segment; -1 where nothing was measured.
+        Index of a sample in its segment, (W, L, ny); -1: not measured.
     time
-        Clock [s], (W, L).
+        Times of the samples [s], (W, L).
 
     Returns
     -------
     tuple
-        Positions of the valid samples before (-1: none), the factor of each (W, L, ny, p), and
-        1 / standard deviation of what they cannot predict, 0 where nothing was measured
-        (W, L, ny).
+        Indices of the previous valid samples (-1: none); the factor of each, (W, L, ny, p); and 1 /
+        standard deviation of the prediction error, 0 if not measured, (W, L, ny).
     """
     valid = position >= 0
     reach = max((n.reach for n in noise), default=1)
@@ -155,9 +155,9 @@ def innovations(
 def _predicted(
     noise: Noise, position: Integers, before: Integers, interval: float
 ) -> tuple[Array, Array]:
-    """Factors and relative standard deviations of averaged or mixed noise.
+    """Prediction factors and relative standard deviations for averaged or mixed noise.
 
-    Each pattern of holes is solved once.
+    Each pattern of missing samples is solved once.
     """
     distance = np.where((before >= 0) & (position >= 0)[..., None], position[..., None] - before, 0)
     patterns, which = np.unique(distance.reshape(-1, before.shape[-1]), axis=0, return_inverse=True)

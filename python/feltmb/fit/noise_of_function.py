@@ -1,4 +1,4 @@
-"""Numerical noise of a function that is known by its values only, and steps that suit it."""
+"""Numerical noise of a black-box function, and suitable steps of finite differences."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from feltmb.data import Array
 
 __all__ = ["Step", "choose_step", "noise_of_function"]
 
-#: Least noise that is believed, of the spread of the outputs: rounding.
+#: Smallest noise relative to the spread of the outputs: rounding.
 ROUNDING = 1e-15
-#: Error of a derivative, of its own size, that forward differences may have.
+#: Permitted relative error of a derivative by forward differences.
 GOOD = 0.02
-#: Smallest and largest step, of the scale of the parameter.
+#: Smallest and largest step relative to the scale of the parameter.
 SMALLEST, LARGEST = 1e-5, 0.3
 
 
 @dataclass(frozen=True)
 class Step:
-    """How a derivative by one parameter is taken."""
+    """Step of a finite difference by one parameter."""
 
     size: float
     """[unit of the parameter]"""
     central: bool
 
     def offsets(self, at: float, low: float, high: float) -> tuple[tuple[float, float], ...]:
-        """Changes of the parameter within its limits, with their weights in the derivative."""
+        """Changes of the parameter within its limits, and their weights in the derivative."""
         h = self.size
         if not self.central:
             side = h if at + h <= high else -h
@@ -40,13 +40,13 @@ class Step:
 
 
 def noise_of_function(values: Array) -> float:
-    """Standard deviation of the noise of values at equal spacing, (m + 1, ...); ECnoise.
+    """Standard deviation of the noise of equally spaced values, (m + 1, ...), by ECnoise.
 
-    Differences of a smooth function fade from order to order, those of noise do not: of order k
-    they have the variance sigma^2 (2k)! / (k!)^2. The first order from which three estimates agree
-    within a factor of four counts (J. J. More and S. M. Wild, "Estimating computational noise",
-    SIAM J. Sci. Comput. 33, 2011); all outputs and samples are averaged. If none does, the
-    function was still smooth at the last order, which is then an upper limit.
+    Differences of a smooth function decrease with their order, but those of noise do not: order k
+    has the variance sigma^2 (2k)! / (k!)^2. The result is taken from the first order at which three
+    estimates agree within a factor of four (J. J. More and S. M. Wild, "Estimating computational
+    noise", SIAM J. Sci. Comput. 33, 2011); all outputs and samples are averaged. If no estimates
+    agree, the function is still smooth at the last order, and the result is an upper limit.
     """
     table, gamma, sigmas = values, 1.0, []
     for k in range(1, len(values)):
@@ -63,10 +63,11 @@ def noise_of_function(values: Array) -> float:
 def choose_step(
     base: Array, near: Array, far: Array, step: float, noise: float, scale: float, both: bool
 ) -> Step:
-    """Step of least error from values at 0, ``step`` and -``step`` (one-sided: 2 ``step``).
+    """Step with the smallest error, from values at 0, ``step``, -``step`` (or 2 ``step``).
 
-    A forward difference has the error 2 noise / h + h |f''| / 2, least at h = 2 sqrt(noise /
-    |f''|); a central one noise / h + h^2 |f'''| / 6, with |f'''| taken as |f''|^2 / |f'|.
+    A forward difference has the error 2 noise / h + h |f''| / 2, which is smallest at h = 2
+    sqrt(noise / |f''|). A central difference has the error noise / h + h^2 |f'''| / 6, where |f'''|
+    is estimated as |f''|^2 / |f'|.
     """
     if not (np.all(np.isfinite(near)) and np.all(np.isfinite(far))):
         return Step(0.1 * abs(step), central=True)
@@ -79,7 +80,7 @@ def choose_step(
     bend = norm(near - 2.0 * base + far) if both else norm(far - 2.0 * near + base)
     if slope == 0.0:
         return Step(h, central=True)
-    bend = max(bend, 4.0 * noise) / h**2  # what is not seen above the noise may still be there
+    bend = max(bend, 4.0 * noise) / h**2  # a change below the noise may still exist
     forward = float(np.clip(2.0 * math.sqrt(noise / bend), SMALLEST * scale, LARGEST * scale))
     if 2.0 * noise / forward + 0.5 * forward * bend <= GOOD * slope:
         return Step(forward, central=False)

@@ -1,4 +1,4 @@
-"""From the machine to the record: input effects, sensor effects, known sensors."""
+"""Simulation including the measurement: input effects, sensor effects, known sensors."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ from feltmb.fit.shift import shifted
 __all__ = ["machine_candidates", "observe_all", "observe_jobs", "observed_sensitivities"]
 
 
-#: All segments.
+#: Slice of all segments.
 ALL = slice(None)
 
 
 def machine_candidates(included: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
-    """Candidates that the model itself must simulate."""
+    """Candidates that the model itself must simulate, i.e. no sensor or input effects."""
     return tuple(t for t in included if t.effect.excite is None and t.effect.observe is None)
 
 
 def observe_jobs(model: Model, record: Record, jobs: Jobs) -> Simulated:
-    """Simulate jobs as the sensors of the record would show them; see :func:`observe_all`."""
+    """Simulate jobs and convert the outputs to sensor readings; see :func:`observe_all`."""
     return observe_all(model, [(record, jobs)])[0]
 
 
 def observe_all(model: Model, batches: Sequence[Batch]) -> list[Simulated]:
-    """Simulate jobs as the sensors of their records would show them.
+    """Simulate jobs and convert the outputs to the readings of the sensors of their records.
 
     Input effects change the inputs before the simulation of the model. Sensor effects and the known
     part of the sensors (gain, delay, low-pass, offset) change the outputs after it.
@@ -58,7 +58,7 @@ def observe_all(model: Model, batches: Sequence[Batch]) -> list[Simulated]:
 def _observed(
     model: Model, record: Record, jobs: Jobs, parts: list[tuple[NDArray[np.intp], Simulated]]
 ) -> Simulated:
-    """What the sensors show of jobs that were simulated in parts: which rows, and their run."""
+    """Sensor readings of jobs that were simulated in parts, given as (rows, result)."""
     memory: Memory | None
     if len(parts) == 1:
         outputs, ends, memory = parts[0][1].outputs, parts[0][1].ends, parts[0][1].memory
@@ -88,9 +88,9 @@ def _seen(
     segments: NDArray[np.intp],
     magnitudes: Array,
 ) -> Array:
-    """What a sensor effect makes of outputs, which it may change in place: they are a copy."""
+    """Apply a sensor effect to a copy of the outputs, which it may change in place."""
     assert candidate.effect.observe is not None
-    # Jobs that failed hold NaN or infinity.
+    # Failed jobs contain NaN or infinity.
     with calling(f"effect {candidate.name}: its observe"), np.errstate(all="ignore"):
         seen = candidate.effect.observe(
             record, outputs.copy(), segments, magnitudes, candidate.shape
@@ -104,16 +104,16 @@ def _seen(
 
 
 def _changed(candidate: Candidate, record: Record, size: float) -> Record:
-    """A record with the inputs that an input effect makes."""
+    """A record with inputs changed by an input effect."""
     assert candidate.effect.excite is not None
     with calling(f"effect {candidate.name}: its excite"):
         return record.with_inputs(candidate.effect.excite(record, size, candidate.shape))
 
 
 def _excited(record: Record, jobs: Jobs) -> list[tuple[NDArray[np.intp], Batch]]:
-    """Jobs as the machine sees them, by each different set of magnitudes of the input effects.
+    """Split jobs by the magnitudes of their input effects, and apply these to the record.
 
-    Which rows, and what is to be simulated: the record with the changed inputs.
+    Returns for each set of magnitudes the rows, the record with changed inputs, and its jobs.
     """
     inner = [k for k, t in enumerate(jobs.included) if t in machine_candidates(jobs.included)]
     excite = [k for k, t in enumerate(jobs.included) if t.effect.excite is not None]
@@ -154,7 +154,7 @@ def _sensed(
     outputs: Array,
     going_on: NDArray[np.bool_] | None = None,
 ) -> Array:
-    """Known part of the sensors."""
+    """Apply the known properties of the sensors to outputs."""
     changed = outputs
     for o, name in enumerate(model.outputs):
         sensor = record.sensors.get(name)
@@ -189,10 +189,10 @@ def _low_pass(
 ) -> Array:
     """First-order low-pass, exact for a signal that is linear between samples.
 
-    A segment that follows another in the list from the sample that both share goes on with what the
-    filter held there; any other starts as if the signal had always had its first slope.
-    ``going_on``: segments that go on with what segments held that are not among the jobs; the
-    filter then starts with their first value.
+    If a segment starts at the last sample of the segment before it in the list, it continues with
+    the filter state of that segment. Any other segment starts as if the signal always had its first
+    slope. ``going_on``: segments whose predecessor is not among the jobs; their filter starts with
+    their first value.
     """
     time = _times(record, jobs, y.shape[1])
     rate = 2.0 * np.pi * sensor.bandwidth
@@ -218,9 +218,9 @@ def _low_pass(
 
 
 def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensitivity:
-    """Derivatives of what the sensors show.
+    """Derivatives of the sensor readings.
 
-    The model differentiates its machine; its columns go through the map of the sensors and
+    The model differentiates its outputs. These derivatives are transformed with the sensors and
     sensor effects, which is cheap. Only input effects need simulations of their own.
     """
     record, segments, starts = request.record, request.segments, request.starts
@@ -251,7 +251,7 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
     def show(
         outputs: Array, extra: tuple[Candidate, float] | None = None, rows: slice = ALL
     ) -> Array:
-        """Outputs of the segments of these rows as the record would hold them."""
+        """Sensor readings of the segments in these rows."""
         part = Jobs(theta=jobs.theta[rows], segments=segments[rows], starts=starts[rows])
         for candidate, size in [*observing, *([extra] if extra else [])]:
             outputs = _seen(candidate, record, outputs, part.segments, np.full(part.count, size))
@@ -261,7 +261,7 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
     spread = float(np.nanmax(np.abs(s.outputs))) if s.outputs.size else 1.0
 
     def push(columns: Array, rows: slice = ALL) -> Array:
-        """Derivatives through the map of the sensors."""
+        """Transform derivatives with the sensors and sensor effects."""
         out, base = np.empty_like(columns), s.outputs[rows]
         for i in range(columns.shape[3]):
             largest = float(np.nanmax(np.abs(columns[..., i]))) if columns.size else 0.0
@@ -271,9 +271,9 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
         return out
 
     def push_alone(columns: Array) -> Array:
-        """The same for a segment's own columns: what it sees of others has none of them."""
+        """As ``push``, for derivatives of a segment that do not change its neighbors."""
         out = np.empty_like(columns)
-        for rows in (slice(0, None, 2), slice(1, None, 2)):  # no two neighbors
+        for rows in (slice(0, None, 2), slice(1, None, 2)):  # no two are neighbors
             out[rows] = push(columns[rows], rows)
         return out
 
@@ -287,7 +287,7 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
         return (side, 2.0 * side), (2.0 / side, -0.5 / side)
 
     def batch(candidate: Candidate, size: float, active: int | None) -> Batch:
-        """All segments with one input effect at another magnitude."""
+        """Jobs of all segments with one input effect at another magnitude."""
         all_candidates = included if active is not None else (*included, candidate)
         row = magnitudes.copy() if active is not None else np.append(magnitudes, size)
         if active is not None:
@@ -371,7 +371,7 @@ def _swapped(
     size: float,
     outputs: Array,
 ) -> Array:
-    """What is shown with another magnitude of one sensor effect that is part of the model."""
+    """Sensor readings with another magnitude of one included sensor effect."""
     at = next(i for i, (t, _) in enumerate(observing) if t is candidate)
     kept = observing[at]
     observing[at] = (candidate, size)

@@ -1,4 +1,4 @@
-"""A model from a right-hand side in Python, integrated for all jobs at once."""
+"""A model from a right-hand side in Python, integrated for all jobs simultaneously."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ __all__ = ["OdeModel"]
 
 @checked
 class OdeModel(Stepped):
-    """States with rates dx/dt = f(t, x, u, p), written for whole arrays.
+    """States with rates dx/dt = f(t, x, u, p), as a function of arrays.
 
     Parameters
     ----------
@@ -41,29 +41,29 @@ class OdeModel(Stepped):
         Their names must differ.
     rates
         ``rates(t, x, u, p)`` returns the rates in the order of the states, each a number or (B,).
-        ``x.q``, ``u.force``, ``p.mass`` are arrays with one entry a job.
+        ``x.q``, ``u.force``, ``p.mass`` are arrays with one entry per job.
     outputs
-        Name -> name of a state, ``Rate("v")``, the rate of a state with all effects, or function
-        ``(t, x, u, p) -> (B,)``, which sees the states of the model and no effect.
+        Name -> name of a state; or ``Rate("v")``, the rate of a state including effects; or a
+        function ``(t, x, u, p) -> (B,)``, which gets the states of the model without effects.
     inputs
-        Names of the inputs that it reads; a record must have them.
+        Names of the inputs that the rates use; a record must contain them.
     coordinates
         Coordinates of a second-order system, and couplings between them; each is also a port for
         unknown forces.
     ports
         Name -> state whose rate an unknown quantity may change, for systems of first order.
     method
-        ``"rk4"``: classical Runge-Kutta, ``substeps`` steps a sample.
-        ``"rosenbrock"``: linearly implicit of order 2 (L-stable), for stiff systems.
+        ``"rk4"``: classical Runge-Kutta, ``substeps`` steps per sample. ``"rosenbrock"``: linearly
+        implicit of order 2 (L-stable), for stiff systems.
     substeps
-        Steps a sample; None: for a fit or a diagnosis as few as keep the error below the noise of
-        the sensors (1 to 16), else one.
+        Steps per sample. None: a fit or a diagnosis uses as few as keep the error below the noise
+        of the sensors (1 to 16); otherwise one.
     hold
-        Input between samples: ``"linear"``; ``"zero"`` (held at the value of the last sample, as a
-        converter does); ``"spline"`` (cubic, for a smooth signal that was sampled sparsely: a
-        straight line weakens what has less than ten samples a period). ``"auto"``: straight lines;
-        where a fit or a diagnosis could hear the difference to a spline, it is a parameter
-        ``between.INPUT`` of the fit, 0: lines, 1: spline.
+        Input between samples: ``"linear"``; ``"zero"`` (constant at the value of the last sample,
+        as for a digital-to-analog converter); ``"spline"`` (cubic, for a smooth signal that was
+        sampled sparsely: linear interpolation attenuates signals with less than ten samples per
+        period). ``"auto"``: linear; if a fit or a diagnosis could detect the difference to a
+        spline, it has a parameter ``between.INPUT``, 0: linear, 1: spline.
     """
 
     together = True
@@ -180,16 +180,16 @@ class OdeModel(Stepped):
             raise InvalidParameter(f"model {self.name}: " + "; ".join(faults))
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
-        """States, then hidden ones of the included effects."""
+        """States, followed by the hidden states of the included effects."""
         return self._states + tuple(h for t in included for h in t.effect.hidden)
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """With substeps that are fine enough for the records, and inputs as they run between."""
+        """Choose the substeps and the interpolation of the inputs for the records."""
         if self._resolved:
             return Ready(self, tuple(records))
         try:
             out, notes = resolved(self, records)
-        except Exception:  # a fault of the user's functions: the first simulation tells it better
+        except Exception:  # the first simulation of the user reports it better
             return Ready(self, tuple(records))
         out._resolved, out._free_steps = True, self.substeps is None
         return Ready(out, tuple(records), tuple(notes))
@@ -199,7 +199,7 @@ class OdeModel(Stepped):
         return refined(self, batches) if self._free_steps else self
 
     def accepts(self, effect: Effect) -> bool:
-        """Effects with a ``rate``, besides sensor and input effects."""
+        """Whether an effect has a ``rate``, or is a sensor or input effect."""
         return effect.rate is not None or super().accepts(effect)
 
     def simulate(self, record: Record, jobs: Jobs) -> Simulated:
@@ -207,8 +207,8 @@ class OdeModel(Stepped):
         return self._simulated([(record, jobs)])[0]
 
     def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
-        """Jobs with the same included effects are integrated together, whatever their record."""
-        if type(self).simulate is not OdeModel.simulate:  # a subclass has one of its own
+        """Simulate batches; jobs with the same included effects are integrated together."""
+        if type(self).simulate is not OdeModel.simulate:  # a subclass overrides ``simulate``
             return super().simulate_all(batches)
         return self._simulated(batches)
 
@@ -237,16 +237,16 @@ class OdeModel(Stepped):
 
 @dataclass(frozen=True, eq=False)
 class _Clock:
-    """Time and inputs of jobs, sample by sample: (longest, B); beyond its end a record stands."""
+    """Time and inputs of jobs by sample, (longest, B); constant after the end of a record."""
 
     time: Array
     signals: list[Array]
     bends: list[Array]
-    """Second derivatives of the cubic splines through the inputs; empty: not asked for."""
+    """Second derivatives of the cubic splines through the inputs; empty: not needed."""
 
     @classmethod
     def of(cls, model: OdeModel, batches: Sequence[Batch], longest: int) -> _Clock:
-        """That of all jobs of some batches, one after the other."""
+        """Times and inputs of all jobs of several batches."""
         times: list[Array] = []
         signals: list[list[Array]] = [[] for _ in model.inputs]
         bends: list[list[Array]] = [[] for _ in model.inputs]
@@ -266,7 +266,7 @@ class _Clock:
         )
 
     def inputs(self, model: OdeModel, j: int, share: float, p: Named) -> Named:
-        """Inputs between samples j and j + 1 of the jobs."""
+        """Inputs of the jobs between samples j and j + 1."""
         values = {}
         nxt = min(j + 1, len(self.time) - 1)
         for i, (name, signal) in enumerate(zip(model.inputs, self.signals, strict=True)):
@@ -284,9 +284,9 @@ class _Clock:
 
 
 def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
-    """Fixed steps between the samples; see the class for the methods.
+    """Integrate with fixed steps between the samples; the class describes the methods.
 
-    The batches have the same included effects, and unknown forces with the same knots or none.
+    All batches have the same included effects, and unknown forces either with equal knots or none.
     """
     longest = max(jobs.longest for _, jobs in batches)
     clock = _Clock.of(model, batches, longest)
@@ -440,7 +440,7 @@ def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
 
 
 def _bends(record: Record, signals: Sequence[Array]) -> list[Array]:
-    """Second derivatives of the cubic splines through the inputs, at the samples."""
+    """Second derivatives, at the samples, of the cubic splines through the inputs."""
     from scipy.interpolate import CubicSpline
 
     return [np.asarray(CubicSpline(record.time, s)(record.time, 2)) for s in signals]
@@ -464,7 +464,8 @@ def _rosenbrock(
 ) -> Array:
     """One step of ROS2 (Verwer et al. 1999).
 
-    It is L-stable and keeps order 2 with any approximate Jacobian; here that by differences.
+    It is L-stable and keeps order 2 with any approximate Jacobian; here it is computed by finite
+    differences.
     """
     nx, count = x.shape
     f0 = rates(t, x, u0)

@@ -1,4 +1,4 @@
-"""Records, a model and some effects as one least-squares problem."""
+"""The least-squares problem of fitting a model with some effects to records."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ __all__ = ["Normal", "Point", "Problem"]
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Parameters, magnitudes, and the place of every segmented record."""
+    """Parameters, magnitudes, and the start states and nuisances of every segmented record."""
 
     theta: Array
     magnitudes: Array
     places: tuple[Place, ...]
     memo: dict[object, tuple[object, list[Linear]]] = field(default_factory=dict, repr=False)
-    """Linearizations here that were already made."""
+    """Linearizations that were already computed at this point."""
 
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Normal equations over the globals, states eliminated.
+    """Normal equations for the globals, with the states eliminated.
 
-    Globals are parameters, magnitudes, candidates, then the nuisances of each record; ``columns``
-    says which of them belong to a segmented record.
+    Globals are the parameters, the magnitudes, the candidates, and then the nuisances of each
+    record. ``columns`` holds the indices that belong to a segmented record.
     """
 
     matrix: Array
@@ -45,12 +45,12 @@ class Normal:
     chains: tuple[Chain, ...]
     columns: tuple[Array, ...]
     shared: int
-    """Number of globals that all records share."""
+    """Number of globals that are common to all records."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is fitted: a model with some included effects to segmented records."""
+    """A model with some included effects, to be fitted to segmented records."""
 
     model: Model
     segmented_records: tuple[SegmentedRecord, ...]
@@ -58,16 +58,16 @@ class Problem:
     state_scale: Array | None = None
     """Unit of the continuity defects, by state [its unit]."""
     frozen: bool = False
-    """Whether parameters and magnitudes are held (held-out records)."""
+    """Whether parameters and magnitudes are fixed (for held-out records)."""
     held: tuple[int, ...] = ()
-    """Positions of magnitudes that are held where they are."""
+    """Indices of magnitudes that are fixed."""
     input_knots: int = 6
     store: Store | None = None
-    """Where finished optimizations are kept, if anywhere."""
+    """Store for finished optimizations; None: they are not stored."""
 
     @property
     def free(self) -> list[int]:
-        """Parameters that are fitted."""
+        """Indices of the fitted parameters."""
         if self.frozen:
             return []
         return [i for i, p in enumerate(self.model.parameters) if p.sd > 0.0]
@@ -78,7 +78,7 @@ class Problem:
         return int(sum(s.samples.sum() for s in self.segmented_records))
 
     def start(self, magnitudes: Array | None = None, theta: Array | None = None) -> Point:
-        """Prior means, and starts guessed by the model."""
+        """Point with the prior means and the start states that the model estimates."""
         if theta is None:
             theta = np.array([p.value for p in self.model.parameters], dtype=np.float64)
         states = self.model.states(machine_candidates(self.included))
@@ -96,14 +96,14 @@ class Problem:
         return Point(theta, size, tuple(places))
 
     def scale(self, point: Point) -> Array:
-        """Spread of each state over the segments, at least a little of its declared magnitude."""
+        """Spread of each state over the segments; at least a small share of its declared scale."""
         states = self.model.states(machine_candidates(self.included))
         if not states:
             return np.zeros(0)
         starts = np.vstack([p.starts for p in point.places])
         spread = np.std(starts, axis=0)
         declared = np.array([s.scale for s in states])
-        # Memory that an effect brings has no spread of its own while its magnitude is small.
+        # A memory state of an effect has no spread while the magnitude of the effect is small.
         known = np.where([s.hidden for s in states], 1.0, 1e-3) * declared
         if self.state_scale is not None:
             known[: len(self.state_scale)] = self.state_scale
@@ -131,10 +131,10 @@ class Problem:
     def cost(
         self, point: Point, gap_sd: Array, linears: Sequence[Linear]
     ) -> tuple[float, list[Array]]:
-        """Sum of squares, and its part by segment of every record; infinite where it fails.
+        """Sum of squares, and its part by segment of every record; infinite if a simulation fails.
 
-        The noise of the inputs is integrated out with the derivatives of ``linears``, as in the
-        steps. Otherwise steps and their acceptance would use different functions.
+        The noise of the inputs is eliminated with the derivatives in ``linears``, as in the
+        computation of steps. Otherwise steps and their acceptance would use different functions.
         """
         current().step()
 
@@ -150,7 +150,7 @@ class Problem:
     def cost_at(
         self, point: Point, gap_sd: Array, linears: Sequence[Linear]
     ) -> tuple[float, list[Array]]:
-        """The same at the point of the linearization; nothing is simulated."""
+        """Sum of squares at the point of the linearization, without a simulation."""
         seen = [(np.where(x.good[:, None], x.residual, np.inf), x.gap) for x in linears]
         return self._cost(point, gap_sd, linears, seen)
 
@@ -193,9 +193,9 @@ class Problem:
         candidates: tuple[Candidate, ...] = (),
         known: Sequence[Linear | InputColumns] | None = None,
     ) -> list[Linear]:
-        """Residuals and derivatives of all segmented records; made once a point.
+        """Residuals and derivatives of all segmented records, computed once per point.
 
-        ``known``: linearizations nearby, whose columns of the input noise are taken over.
+        ``known``: nearby linearizations, whose derivatives by the input noise are reused.
         """
         key = (
             tuple(id(segmented) for segmented in self.segmented_records),
@@ -207,7 +207,7 @@ class Problem:
         if key in point.memo:
             return point.memo[key][1]
         made = self._linear(point, candidates, known)
-        if not candidates:  # what the key names by id is kept alive
+        if not candidates:  # keeps objects alive whose id is part of the key
             point.memo[key] = ((self.segmented_records, self.included), made)
         return made
 
@@ -251,7 +251,7 @@ class Problem:
         keep_rows: bool = False,
         keep_heads: bool = False,
     ) -> Normal:
-        """Eliminate the states and sum the records."""
+        """Eliminate the states and sum over the records."""
         chains = []
         for i, (segmented, place, linear) in enumerate(
             zip(self.segmented_records, point.places, linears, strict=True)
@@ -294,7 +294,7 @@ class Problem:
         return Normal(matrix, right, tuple(chains), tuple(columns), shared)
 
     def room(self, point: Point) -> tuple[Array, Array]:
-        """How far free parameters and magnitudes may go down and up, (p + k,) each."""
+        """Distances of free parameters and magnitudes to their lower and upper limits, (p + k,)."""
         parameters = [self.model.parameters[i] for i in self.free]
         limits = [(p.lower, p.upper) for p in parameters]
         limits += [t.effect.bounds for t in self.included]
@@ -306,10 +306,10 @@ class Problem:
 
     @property
     def reach(self) -> Array:
-        """Unit in which a step of free parameters and magnitudes is long, (p + k,).
+        """Unit of step lengths of free parameters and magnitudes, (p + k,).
 
-        Their prior standard deviation, else their size. Infinite for the run-to-run variability,
-        which acts linearly.
+        It is the prior standard deviation, or else the scale. It is infinite for the run-to-run
+        variability, because its influence is linear.
         """
         parameters = [self.model.parameters[i] for i in self.free]
         units = [
@@ -319,7 +319,7 @@ class Problem:
         return np.array(units + [t.effect.scale for t in self.included], dtype=np.float64)
 
     def pressed(self, point: Point, normal: Normal) -> NDArray[np.bool_]:
-        """Free parameters and magnitudes that sit at a limit and would go beyond it, (p + k,)."""
+        """Free parameters and magnitudes at a limit that a step would cross, (p + k,)."""
         low, high = self.room(point)
         push = normal.right[: low.size]
         return np.asarray(((low >= 0.0) & (push < 0.0)) | ((high <= 0.0) & (push > 0.0)))
@@ -327,7 +327,7 @@ class Problem:
     def newton(self, point: Point, normal: Normal, damping: Array | float = 0.0) -> Array:
         """Levenberg step of the globals within the limits of parameters and magnitudes.
 
-        ``damping``: what is added to the diagonal of the normal equations.
+        ``damping``: value that is added to the diagonal of the normal equations.
         """
         count = len(self.free) + len(self.included)
         low = np.full(normal.right.size, -np.inf)
@@ -335,7 +335,7 @@ class Problem:
         low[:count], high[:count] = self.room(point)
         matrix = normal.matrix + damping * np.eye(normal.right.size)
         held = np.zeros(normal.right.size, dtype=bool)
-        held[count : normal.shared] = True  # candidates take no step
+        held[count : normal.shared] = True  # candidates remain unchanged
         if self.frozen:
             held[: normal.shared] = True
         delta = np.zeros(normal.right.size)
@@ -357,7 +357,7 @@ class Problem:
         damping: Array | float,
         linears: Sequence[Linear] | None = None,
     ) -> tuple[Point, float]:
-        """The point of a Levenberg step of :meth:`newton`, and its predicted gain."""
+        """Point after a Levenberg step of :meth:`newton`, and its predicted gain."""
         delta = self.newton(point, normal, damping)
         gain = float(2.0 * normal.right @ delta - delta @ normal.matrix @ delta)
         return self.moved(point, normal, delta, linears), gain
@@ -369,9 +369,9 @@ class Problem:
         delta: Array,
         linears: Sequence[Linear] | None = None,
     ) -> Point:
-        """The point that a step of the globals leads to.
+        """Point after a step of the globals.
 
-        What is remembered at the starts of segments is that of the ends in ``linears``.
+        The memory at the starts of segments is taken from the ends in ``linears``.
         """
         free = self.free
         count = len(free) + len(self.included)
@@ -397,13 +397,13 @@ class Problem:
         return Point(theta, magnitudes, tuple(places))
 
     def with_candidates(self, included: tuple[Candidate, ...]) -> Problem:
-        """Same records, other included effects."""
+        """The problem with the same records and other included effects."""
         return replace(self, included=included)
 
     def carry(self, point: Point, included: tuple[Candidate, ...], magnitudes: Array) -> Point:
-        """Convert a point of this problem to the same problem with other included effects.
+        """Convert a point of this problem to the problem with other included effects.
 
-        Hidden states that are new start at their prior mean; those that stay are kept.
+        New hidden states start at their prior mean; hidden states that remain keep their values.
         """
         base = len(self.model.states())
         old = machine_candidates(self.included)
@@ -435,9 +435,9 @@ class Problem:
 
 
 def _by_input_noise(linear: Linear, residual: Array, gap: Array, gap_sd: Array) -> Array:
-    """What the noise of the inputs explains of the sum of squares, by segment (W,).
+    """Part of the sum of squares that the noise of the inputs explains, by segment (W,).
 
-    |v|^2 - min over u of |v - A u|^2 + |u|^2 for unit normal numbers u.
+    |v|^2 - min over u of |v - A u|^2 + |u|^2, where u are standard normal variables.
     """
     count, _, mi = linear.by_input.shape
     if mi == 0:
@@ -453,8 +453,8 @@ def _by_input_noise(linear: Linear, residual: Array, gap: Array, gap_sd: Array) 
     matrix += np.einsum("wni,wnj->wij", tied, tied, optimize=True) + np.eye(mi)
     good = np.all(np.isfinite(pull), axis=1) & np.all(np.isfinite(matrix), axis=(1, 2))
     out = np.zeros(count)
-    # Columns far beyond the noise leave nothing of the unit matrix in double precision: equal
-    # diagonals first, then what cannot be told apart is dropped.
+    # If columns are much larger than the noise, the identity matrix is lost in double precision.
+    # The diagonals are made equal first, and dependent directions are dropped.
     size = np.sqrt(np.einsum("wii->wi", matrix[good]))
     values, vectors = np.linalg.eigh(matrix[good] / (size[:, :, None] * size[:, None, :]))
     along = np.einsum("wij,wi->wj", vectors, pull[good] / size)
@@ -471,7 +471,7 @@ def _run_hidden(
     starts: Array,
     base: int,
 ) -> Array:
-    """Hidden states at the segment starts, as the model's motion drives them."""
+    """Hidden states at the segment starts, driven by the motion of the model."""
     from feltmb.fit.model import Jobs
 
     starts = starts.copy()
@@ -487,9 +487,9 @@ def _run_hidden(
 
 
 def solve_scaled(matrix: Array, right: Array) -> Array:
-    """Solve symmetric equations after scaling their diagonal to 1; drop what has no support.
+    """Solve symmetric equations after scaling their diagonal to 1; drop undetermined directions.
 
-    ``right``: (n,), or (n, k) for several at once.
+    ``right``: (n,), or (n, k) for several right-hand sides.
     """
     if right.size == 0:
         return right

@@ -1,7 +1,8 @@
-"""Whether the error of an integrator, and of inputs between samples, is detectable.
+"""Tests whether the errors of an integrator and of the input interpolation are detectable.
 
-A difference is *detectable* above the noise of the sensors: its noncentrality
-sqrt(sum((dy / sigma)^2)) over all samples. A detectable error would be named as a cause.
+A difference is *detectable* if its noncentrality sqrt(sum((dy / sigma)^2)) over all samples is
+large compared with the noise of the sensors. A diagnosis would attribute a detectable error to an
+effect.
 """
 
 from __future__ import annotations
@@ -20,37 +21,38 @@ from feltmb.fit.together import each
 
 __all__ = ["BETWEEN", "Stepped", "refined", "resolved"]
 
-#: Name of the parameter of an input that says how much of a spline it is between its samples.
+#: Prefix of the parameter of an input that is the share of a spline in its interpolation.
 BETWEEN = "between."
-#: Noncentrality up to which steps are fine enough, from which an explicit number of them is spoken
-#: of, and from which it is estimated how an input runs between its samples.
+#: Noncentralities: steps are small enough below the first; specified steps cause a warning above
+#: the second; the interpolation of an input is estimated above the third.
 FINE, NOISY, DETECTABLE = 1.0, 3.0, 1.0
-#: Error of the steps, as a share of what the effects of a model do, up to which it is their form.
+#: An error of the steps below this share of the influence of the effects counts as model-form
+#: error.
 FORM = 0.001
-#: Substeps at most.
+#: Largest number of substeps.
 MOST = 16
-#: Samples of a segment, of a record and number of records that are looked at.
+#: Number of samples of a segment, samples of a record, and records that are tested.
 WINDOW, LONGEST, RECORDS = 64, 1500, 4
 
 
 class Stepped(Model):
-    """A model that is integrated in steps of the samples."""
+    """A model that is integrated with fixed steps between samples."""
 
     inputs: tuple[str, ...]
     """Names of the inputs."""
     substeps: int | None
-    """Steps a sample; None: as many as it takes."""
+    """Steps per sample; None: as many as needed."""
     hold: str
-    """What an input is between its samples."""
+    """Interpolation of the inputs between samples."""
 
 
 M = TypeVar("M", bound=Stepped)
 
 
 def resolved(model: M, records: Sequence[Record]) -> tuple[M, list[str]]:
-    """A copy with substeps that are fine enough, and inputs whose run is estimated if detectable.
+    """A copy with sufficient substeps; the interpolation of inputs is estimated if detectable.
 
-    Also what is to be told of it.
+    Also returns notes for the report.
     """
     out = copy.copy(model)
     notes: list[str] = []
@@ -87,9 +89,10 @@ def resolved(model: M, records: Sequence[Record]) -> tuple[M, list[str]]:
 
 
 def refined(model: M, batches: Sequence[Batch]) -> M:
-    """The model with substeps that are fine enough for some jobs; itself if it has them.
+    """The model with sufficient substeps for some jobs; itself if no change is needed.
 
-    An error that is small beside what the included effects of the jobs do is their form.
+    An error that is small compared with the influence of the included effects counts as a
+    model-form error.
     """
     bare = [(record, replace(jobs, magnitudes=0.0 * jobs.magnitudes)) for record, jobs in batches]
     done = np.sqrt(_squares(model.simulate_all(batches), model.simulate_all(bare), model, batches))
@@ -119,7 +122,7 @@ def _substeps(
     difference_in_noise: Callable[[M, M], float],
     fine: float = FINE,
 ) -> tuple[int, float]:
-    """Fewest substeps whose halves are not detectable, from some on, and their difference."""
+    """Smallest doubled number of substeps whose error is not detectable, and the error."""
     while True:
         noisy = difference_in_noise(
             _with_substeps(model, substeps), _with_substeps(model, 2 * substeps)
@@ -130,7 +133,7 @@ def _substeps(
 
 
 def _jobs(model: Model, records: Sequence[Record]) -> list[Batch]:
-    """Segments of records from starts on the model's own way."""
+    """Segments of records that start on the trajectory of the model."""
     theta = np.array([p.value for p in model.parameters])
     segments = [_segments(r) for r in records]
     starts = each(model, lambda m, at: m.guess(*at), list(zip(records, segments, strict=True)))
@@ -146,14 +149,14 @@ def _segments(record: Record) -> NDArray[np.intp]:
 
 
 def _noise_distance(one: Model, other: Model, batches: Sequence[Batch]) -> float:
-    """Sum of squares of the difference of two models; infinite where one of them fails."""
+    """Sum of squares of the difference of two models in noise; infinite if one of them fails."""
     return _squares(one.simulate_all(batches), other.simulate_all(batches), one, batches)
 
 
 def _squares(
     ones: Sequence[Simulated], others: Sequence[Simulated], model: Model, batches: Sequence[Batch]
 ) -> float:
-    """Sum of squares of the difference of two simulations over the noise."""
+    """Sum of squares of the difference of two simulations, in units of the noise."""
     total = 0.0
     for (record, jobs), a, b in zip(batches, ones, others, strict=True):
         length = (jobs.segments[:, 1] - jobs.segments[:, 0])[:, None]
@@ -163,6 +166,6 @@ def _squares(
             if name in record.outputs and sensor is not None and sensor.sigma:
                 one, other = (run.outputs[:, :, c][inside] for run in (a, b))
                 part = (one - other) / sensor.sigma
-                part[~np.isfinite(one) & ~np.isfinite(other)] = 0.0  # it fails with any steps
+                part[~np.isfinite(one) & ~np.isfinite(other)] = 0.0  # both simulations fail
                 total += float(np.sum(np.where(np.isfinite(part), part, np.inf) ** 2))
     return total

@@ -1,4 +1,4 @@
-"""Runs of a user's function: kept by their content, made in processes, their faults told once."""
+"""Runs of a user's function: cached by content, computed in processes, faults reported once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from feltmb.fit.watch import current, simulated
 
 __all__ = ["Run", "Runner"]
 
-#: Numbers that are kept (two hundred megabytes).
+#: Largest number of cached values (two hundred megabytes).
 KEPT = 25_000_000
 
 Function = Callable[..., Mapping[str, Any]]
@@ -34,7 +34,7 @@ Function = Callable[..., Mapping[str, Any]]
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One run that is asked for."""
+    """A requested run."""
 
     record: str
     time: Array
@@ -43,12 +43,12 @@ class Run:
 
     @classmethod
     def of(cls, record: Record, inputs: Sequence[str], parameters: dict[str, float]) -> Run:
-        """A whole record with some parameters."""
+        """Run of a whole record with given parameters."""
         return cls(record.name, record.time, {n: record.inputs[n] for n in inputs}, parameters)
 
     @property
     def key(self) -> bytes:
-        """Digest of all that the function sees."""
+        """Hash of all arguments of the function."""
         digest = hashlib.blake2b(digest_size=16)
         for array in (self.time, *self.inputs.values()):
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -63,12 +63,12 @@ class Run:
         )
 
 
-#: The function, in a process of its own.
+#: The function, in a worker process.
 _function: Function | None = None
 
 
 def _begin(function: Function | bytes) -> None:
-    """Begin of a process: the function comes by the fork, or pickled; Ctrl-C is for the parent."""
+    """Start of a process: the function is inherited or unpickled; the parent handles Ctrl-C."""
     global _function
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _function = pickle.loads(function) if isinstance(function, bytes) else function
@@ -80,18 +80,18 @@ def _work(run: Run, outputs: tuple[str, ...]) -> Array | str:
 
 
 class Unusable(InvalidParameter):
-    """What a function returned has not the form that it must have."""
+    """The function returned a value of the wrong form."""
 
 
 def call(function: Function, run: Run, outputs: tuple[str, ...]) -> Array | str:
-    """Outputs of one run, (n, ny); or what the function raised.
+    """Outputs of one run, (n, ny), or the exception of the function.
 
     Raises
     ------
     Unusable
         An output is missing or has another length.
     """
-    inputs = {k: v.copy() for k, v in run.inputs.items()}  # the function may write into them
+    inputs = {k: v.copy() for k, v in run.inputs.items()}  # the function may modify them
     try:
         with np.errstate(all="ignore"):
             given = function(run.time.copy(), inputs, dict(run.parameters))
@@ -124,7 +124,7 @@ def call(function: Function, run: Run, outputs: tuple[str, ...]) -> Array | str:
 
 
 class Runner:
-    """Makes runs and keeps them."""
+    """Computes runs and caches the results."""
 
     def __init__(self, function: Function, outputs: tuple[str, ...], name: str):
         self._function = function
@@ -135,9 +135,9 @@ class Runner:
         self._failed = False
         self.processes = 1
         self.made = 0
-        """Runs so far."""
+        """Number of runs so far."""
         self.notices: list[str] = []
-        """What is to be told of the way in which it runs."""
+        """Notes for the user about processes."""
 
     def start(self, workers: int | None) -> None:
         """Start processes, before there are threads."""
@@ -149,8 +149,9 @@ class Runner:
             return
         given: Function | bytes = self._function
         if sys.platform == "linux":
-            # Closures, notebooks and scripts without a guard of __main__ run as well. The processes
-            # do nothing but call the function: no lock of this one is waited for.
+            # With fork, closures, notebooks and scripts without a guard of __main__ work as well.
+            # The processes only call the function, so that they do not wait for a lock of this
+            # process.
             context = multiprocessing.get_context("fork")
         else:
             context = multiprocessing.get_context("spawn")
@@ -165,7 +166,7 @@ class Runner:
         pool = ProcessPoolExecutor(count, context, _begin, (given,))
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DeprecationWarning)  # of a fork beside threads
+                warnings.simplefilter("ignore", DeprecationWarning)  # of a fork
                 pool.submit(os.getpid).result()
         except (BrokenProcessPool, OSError) as error:
             pool.shutdown(wait=False)
@@ -175,14 +176,14 @@ class Runner:
         self._pool, self.processes = pool, count
 
     def first(self, run: Run) -> tuple[float, Array]:
-        """Time of a run [s], and the values of a repeated run, which should be equal.
+        """Duration of a second run [s], and its values, which should equal those of the first.
 
         Raises
         ------
         InvalidParameter
             The function fails.
         """
-        self.checked([run])  # imports and tables of the function are made here
+        self.checked([run])  # the first call includes imports and tables of the function
         tick = clock.perf_counter()
         again = self._one(run)
         if isinstance(again, str):
@@ -190,12 +191,12 @@ class Runner:
         return clock.perf_counter() - tick, again
 
     def checked(self, runs: Sequence[Run]) -> None:
-        """Make runs that must succeed.
+        """Compute runs that must succeed.
 
         Raises
         ------
         InvalidParameter
-            Naming the first that does not, and why.
+            A run failed; the message names the first such run and its fault.
         """
         for run, found in zip(runs, self._make(runs), strict=True):
             if isinstance(found, str):
@@ -210,7 +211,7 @@ class Runner:
             self._kept.keep(run.key, found)
 
     def values(self, runs: Sequence[Run]) -> list[Array]:
-        """Outputs of runs, (n, ny) each; NaN where the function fails."""
+        """Outputs of runs, (n, ny) each; NaN if the function fails."""
         keys = [run.key for run in runs]
         known = {k: self._kept.find(k) for k in keys}
         found = {k: values for k, values in known.items() if values is not None}

@@ -1,4 +1,4 @@
-"""A record cut into shooting segments, with the noise of its channels."""
+"""A record divided into segments, with the noise of its channels."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ Integers = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class SegmentedRecord:
-    """One record, ready to be compared segment by segment."""
+    """One record, prepared for a comparison by segment."""
 
     record: Record
     segments: Integers
-    """First and last sample, (W, 2); a segment ends where the next begins."""
+    """First and last sample, (W, 2); a segment ends at the first sample of the next one."""
     measured: Array
-    """(W, L, ny), NaN where nothing was measured or the sample belongs to the next segment."""
+    """(W, L, ny); NaN if not measured, or if the sample belongs to the next segment."""
     valid: NDArray[np.bool_]
     """(W, L, ny)"""
     before: Integers
-    """Positions of the valid samples before, in the segment, the nearest first; -1: none.
-    (W, L, ny, p)"""
+    """Indices of the previous valid samples in the segment, the nearest first; -1: none. (W, L, ny,
+    p)"""
     decay: Array
-    """What those samples predict of this one's noise, a factor for each, (W, L, ny, p)."""
+    """Prediction of the noise of a sample from those samples: a factor for each, (W, L, ny, p)."""
     weight: Array
-    """1 / standard deviation of the innovation; 0 where nothing was measured. (W, L, ny)"""
+    """1 / standard deviation of the innovation; 0 if not measured. (W, L, ny)"""
     noise: tuple[Noise, ...]
     nuisances: tuple[tuple[str, int, float], ...]
     """("gain" | "offset" | "delay", channel, prior standard deviation)."""
@@ -49,11 +49,11 @@ class SegmentedRecord:
 
     @property
     def samples(self) -> Array:
-        """Valid samples by segment and channel, (W, ny)."""
+        """Number of valid samples by segment and channel, (W, ny)."""
         return np.asarray(np.sum(self.valid, axis=1), dtype=np.float64)
 
     def only(self, w: int) -> SegmentedRecord:
-        """The segmented record with one of its segments."""
+        """The segmented record with only one of its segments."""
         own = slice(w, w + 1)
         return replace(
             self,
@@ -66,7 +66,7 @@ class SegmentedRecord:
         )
 
     def until(self, samples: int) -> SegmentedRecord:
-        """Without what was measured after so many samples of its record."""
+        """The segmented record without measurements after the given number of samples."""
         at = self.segments[:, :1] + np.arange(self.measured.shape[1])
         beyond = np.arange(self.record.samples) >= samples
         seen = (at < samples)[..., None]
@@ -79,7 +79,7 @@ class SegmentedRecord:
         )
 
     def whiten(self, columns: Array) -> Array:
-        """Whiten arrays (W, L, ny) or (W, L, ny, c): unit, uncorrelated noise; 0 if missing."""
+        """Whiten arrays (W, L, ny) or (W, L, ny, c) to uncorrelated unit noise; 0 if missing."""
         own: tuple[None, ...] = (None,) * (columns.ndim - 3)
         clean = np.where(self.valid[(..., *own)], columns, 0.0)
         white = clean
@@ -100,7 +100,7 @@ class SegmentedRecord:
 
     @cached_property
     def _without_holes(self) -> list[bool]:
-        """Whether the sample before, and those before it, are everywhere the next in the row."""
+        """Whether all predicting samples directly precede the predicted one, by distance."""
         position = np.arange(self.before.shape[1])[None, :, None]
         return [
             bool(np.all((self.decay[..., k] == 0.0) | (self.before[..., k] == position - 1 - k)))
@@ -108,8 +108,8 @@ class SegmentedRecord:
         ]
 
 
-#: Time constants of a slow sensor that a segment holds at least: what it still shows of the segment
-#: before is no more than exp(-6) of it.
+#: Smallest length of a segment in time constants of a slow sensor: the influence of the previous
+#: segment then decays to exp(-6).
 TIME_CONSTANTS = 6.0
 
 
@@ -121,16 +121,18 @@ def choose_segments(
     least: int = 12,
     shortest: float = 0.0,
 ) -> Integers:
-    """Segments of about ``length`` [s] whose boundaries lie where the outputs change little.
+    """Segments of about ``length`` [s] with boundaries at which the outputs change slowly.
 
-    None: as long as suits the number of samples, and ``shortest`` [s] at least.
+    None: a length that suits the number of samples, at least ``shortest`` [s].
 
-    A boundary inside an impact would put all of its uncertainty into one start state, so each one
-    is moved, by up to a quarter of a segment, to the sample with the smallest bend of the outputs.
+    An impact at a boundary would make its start state very uncertain. Each boundary is therefore
+    moved by up to a quarter of a segment to the sample with the smallest second difference of the
+    outputs.
     """
     n = record.samples
     if length is None:
-        # Segments are simulated as one batch: long ones take time, many of them hardly more.
+        # Segments are simulated as one batch: the longest one determines the time, not their
+        # number.
         size = int(np.clip(n / 40, 16, max(16, min(n // least, 200))))
         size = max(size, n // most, math.ceil(shortest / record.interval))
     else:
@@ -173,7 +175,7 @@ def segment_record(
     segment: float | None,
     segments: Integers | None = None,
 ) -> SegmentedRecord:
-    """Cut a record into segments and prepare its whitening."""
+    """Divide a record into segments and prepare its whitening."""
     if segments is None:
         slowest = min((s.bandwidth for s in record.sensors.values()), default=math.inf)
         shortest = TIME_CONSTANTS / (2.0 * math.pi * slowest)

@@ -1,4 +1,4 @@
-"""Outputs seen earlier or later, segment by segment."""
+"""Time shifts of outputs, segment by segment."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from feltmb.data import Array, Record
 
 __all__ = ["shifted"]
 
-#: Samples of a neighbor that a segment takes along beyond the lag: a spline forgets what is
-#: farther.
+#: Number of samples of a neighbor that a segment uses in addition to the delay; a spline hardly
+#: depends on samples farther away.
 CONTEXT = 12
-#: Samples up to which a spline on an even clock is applied as a matrix, which is kept: the same lag
-#: is asked for column by column.
+#: Largest number of samples for which a spline on a uniform clock is applied as a cached matrix;
+#: the same delay is needed for many columns.
 MATRIX = 400
 
 
 def shifted(record: Record, y: Array, segments: NDArray[Any], delays: Array) -> Array:
-    """Outputs as a sensor that lags shows them: y(t - delay).
+    """Outputs as a sensor with a delay shows them: y(t - delay).
 
-    Cubic splines within the segments. A segment sees into those before and after it that share a
-    sample with it and follow in the list: it goes on as they do, from its own value at the seam, so
-    that a gap between them makes no step. Elsewhere, and beyond the neighbor, the motion goes on as
-    a parabola for one sample and straight from there.
+    Cubic splines within the segments. A segment also uses the neighbors in the list that share a
+    sample with it. A neighbor is moved to the value of the segment at the common sample, so that a
+    continuity defect makes no step. Without a neighbor, the signal is extrapolated by a parabola
+    for one sample and linearly beyond.
 
     Parameters
     ----------
@@ -36,12 +36,12 @@ def shifted(record: Record, y: Array, segments: NDArray[Any], delays: Array) -> 
     segments
         First and last sample, (B, 2).
     delays
-        Lag of every segment [s], (B,).
+        Delay of every segment [s], (B,).
 
     Returns
     -------
     Array
-        The same shape; segments with a value that is not a number stay as they are.
+        Delayed outputs of the same shape; segments with values that are not finite are unchanged.
     """
     if not y.size or not np.any(delays):
         return y.copy()
@@ -50,7 +50,7 @@ def shifted(record: Record, y: Array, segments: NDArray[Any], delays: Array) -> 
     last = segments[:, 1] - segments[:, 0]
     inside = np.arange(y.shape[1]) <= last[:, None]
     whole = np.all(np.isfinite(flat) | ~inside[:, :, None], axis=(1, 2))
-    # How many samples of its neighbors a segment sees.
+    # Number of samples of its neighbors that a segment uses.
     tied = np.zeros(len(last) + 1, dtype=bool)
     tied[1:-1] = segments[:-1, 1] == segments[1:, 0]
     tied[1:-1] &= (delays[:-1] == delays[1:]) & whole[:-1] & whole[1:]
@@ -59,7 +59,7 @@ def shifted(record: Record, y: Array, segments: NDArray[Any], delays: Array) -> 
     after = np.where(tied[1:], np.minimum(reach, np.roll(last, -1)), 0)
     first = before if record.even else segments[:, 0]
 
-    # Segments of one length on one clock are one spline.
+    # Segments of equal length on equal clocks have the same spline.
     groups: dict[tuple[int, int, int, int, float], list[int]] = {}
     keys = zip(*(v.tolist() for v in (last, before, after, first, delays)), strict=True)
     for b, key in enumerate(keys):
@@ -89,7 +89,7 @@ def shifted(record: Record, y: Array, segments: NDArray[Any], delays: Array) -> 
 
 @lru_cache(maxsize=128)
 def _matrix(before: int, end: int, after: int, interval: float, delay: float) -> Array:
-    """What takes samples of a segment and its neighbors to the delayed ones of the segment."""
+    """Matrix from the samples of a segment and its neighbors to the delayed samples."""
     size = before + end + 1 + after
     time = np.arange(size) * interval
     out: Array = _continued(time, np.eye(size)[None], time[before : before + end + 1] - delay)[0]
@@ -98,7 +98,7 @@ def _matrix(before: int, end: int, after: int, interval: float, delay: float) ->
 
 
 def _continued(time: NDArray[Any], values: Array, want: NDArray[Any]) -> Array:
-    """Values (B, n, k) at other times."""
+    """Interpolated or extrapolated values (B, n, k) at other times."""
     if time.size < 2:
         return np.repeat(values, want.size, axis=1)
     spline = CubicSpline(time, values, axis=1)

@@ -1,7 +1,7 @@
-"""A model from any simulator: a Python function of a whole record, asked as a black box.
+"""A model from any simulator: a Python function of a whole record, used as a black box.
 
-Runs are kept by their content, made in processes where one takes long, and differentiated by
-differences whose steps follow from the numerical noise of the function itself.
+Runs are cached by their content; long runs are computed in processes. Derivatives are finite
+differences. Their steps follow from the numerical noise of the function.
 """
 
 from __future__ import annotations
@@ -37,39 +37,39 @@ from feltmb.fit.watch import current
 
 __all__ = ["Exposed", "SimulatorModel"]
 
-#: Steps at which a parameter is tried before one is chosen, and spacing of the values from which
-#: the noise of the function is read, as shares of the scales; number of spacings.
+#: Steps that are tried for a parameter; spacing of the values from which the noise of the function
+#: is estimated, as shares of the scales; number of spacings.
 TRIAL, SPACING, SPACINGS = 0.1, 1e-3, 6
-#: Share of the noise of a sensor below which the numerical noise has no effect on a result.
+#: Numerical noise below this share of the noise of a sensor has no influence on a result.
 NO_MATTER = 1e-3
-#: Seconds of a run from which processes are worth their overhead.
+#: Duration of a run [s] above which processes are faster.
 WORTH_A_PROCESS = 5e-3
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Exposed:
-    """An effect that is a parameter of the function, at its neutral value in the model as it is."""
+    """An effect that is a parameter of the function, with its neutral value in the model."""
 
     scale: float
-    """Departure from the neutral value that one would expect if it were there [unit]."""
+    """Expected deviation from the neutral value if the effect exists [unit]."""
     unit: str = "1"
     component: str = ""
     """Part of the machine; default: the name of the parameter."""
     sign: Literal[-1, 0, 1] = 0
-    """+1: values at and above the neutral one only, -1: at and below, 0: any."""
+    """+1: only values >= the neutral one; -1: only values <= the neutral one; 0: any."""
     neutral: float = 0.0
-    """Value with which the function is the model as it is [unit]."""
+    """Value without the effect [unit]."""
     mechanism: str = ""
-    """One sentence: what happens in the machine."""
+    """One sentence that describes the mechanism in the machine."""
     remedy: str = ""
-    """What to do about it."""
+    """Recommended remedy."""
     lower: float = -math.inf
     upper: float = math.inf
-    """Hard limits of the parameter [unit]."""
+    """Upper limit of the parameter [unit]."""
 
     def effect(self, name: str) -> Effect:
-        """The effect; its magnitude is the departure from the neutral value."""
+        """The effect; its magnitude is the deviation from the neutral value."""
         return Effect(
             name=name,
             component=self.component or name,
@@ -86,30 +86,32 @@ class Exposed:
 
 @checked
 class SimulatorModel(Model):
-    """Your own simulator: ``function(time, inputs, parameters) -> {output: array}``.
+    """A simulator of the user: ``function(time, inputs, parameters) -> {output: array}``.
 
-    The function gets the clock [s] of a whole record, a dictionary of its inputs, each (n,), and a
-    dictionary of all parameters, exposed ones included, as numbers; it returns every output at
-    every time, (n,). It must give the same for the same arguments. If it has no result it may raise
-    an exception or return NaN. At the given values of the parameters this is an error. At other
-    values, which a fit tries, only that trial fails.
+    The function gets the times [s] of a whole record, a dictionary of its inputs, each (n,), and a
+    dictionary of all parameters, exposed ones included, as numbers. It returns every output at
+    every time, (n,). The same arguments must give the same outputs. If there is no result, it may
+    raise an exception or return NaN. At the given values of the parameters this is an error. At
+    other values, which a fit tries, only that trial fails.
 
     Parameters
     ----------
     function
-        The simulator. Where processes cannot be forked it must be picklable to run in several.
+        The simulator. If processes cannot be forked, it must be picklable to run in several of
+        them.
     parameters
-        What is fitted, with priors.
+        Fitted parameters with their priors.
     inputs, outputs
-        Their names; or names and SI units, ``{"force": "N"}``.
+        Names; or names and SI units, ``{"force": "N"}``.
     exposed
-        Parameters that are effects: at their neutral value the function is the model as it is. An
-        :class:`Exposed`, or an :class:`Effect` whose magnitude is added to zero. An effect whose
-        ``data`` is the name of a parameter acts on that parameter, without being listed here.
+        Parameters that are effects; with their neutral values the function is the model without
+        effects. An item is an :class:`Exposed`, or an :class:`Effect` whose magnitude is added to
+        zero. An effect whose ``data`` is the name of a parameter acts on that parameter and need
+        not be listed here.
     workers
-        Processes; 1: none; default: as many as there are cores, if a run takes longer than 5 ms.
+        Number of processes; 1: none; default: number of cores if a run takes longer than 5 ms.
     segment
-        Length of the pieces in which residuals are judged [s]; runs are always whole.
+        Length of the segments in which residuals are judged [s]; runs are always complete.
     chaotic
         Whether it has impacts after which a small change of a parameter grows strongly.
     """
@@ -136,7 +138,7 @@ class SimulatorModel(Model):
         self.inputs = tuple(inputs)
         self.outputs = tuple(outputs)
         named = [g for g in (inputs, outputs) if isinstance(g, Mapping)]
-        self.units = {k: v for g in named for k, v in g.items() if v}  # "": not known
+        self.units = {k: v for g in named for k, v in g.items() if v}  # "": unknown
         self.segment = segment
         self.chaotic = chaotic
         known = dict(exposed or {})
@@ -144,7 +146,7 @@ class SimulatorModel(Model):
         self.effects = tuple(
             e.effect(k) if isinstance(e, Exposed) else replace(e, data=k) for k, e in known.items()
         )
-        """Those of the exposed parameters."""
+        """Effects of the exposed parameters."""
         self._names = (*(p.name for p in self.parameters), *self._neutral)
         everything = [*self._names, *self.inputs]
         faults = [
@@ -168,21 +170,21 @@ class SimulatorModel(Model):
 
     @property
     def simulations(self) -> int:
-        """Number of runs of the function so far; stored runs are not repeated."""
+        """Number of runs of the function so far; cached runs are not repeated."""
         return self._runner.made
 
     def accepts(self, effect: Effect) -> bool:
-        """Effects whose ``data`` names a parameter, besides sensor and input effects."""
+        """Whether the ``data`` of an effect is a parameter, or it is a sensor or input effect."""
         own = isinstance(effect.data, str) and effect.data in self._names
         return own or super().accepts(effect)
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """Tried at its priors, with steps of differences for these records.
+        """Test the function at the priors and choose steps of finite differences for these records.
 
         Raises
         ------
         InvalidParameter
-            The function fails there, or returns what cannot be used.
+            The function fails at the priors, or returns invalid values.
         """
         if self._ready:
             return Ready(self, tuple(records))
@@ -197,7 +199,7 @@ class SimulatorModel(Model):
         out = copy.copy(self)
         out._steps, notes = self._chosen_steps(records[0], again)
         out._ready = True
-        # Not among the notes: a report holds nothing that depends on the machine.
+        # Not in the notes of the report, which must not depend on the computer.
         how = f"{runner.processes} processes" if runner.processes > 1 else "one process"
         free = sum(1 for p in self.parameters if p.sd > 0.0)
         step = len(records) * (1 + free)
@@ -217,12 +219,12 @@ class SimulatorModel(Model):
                 )
 
     def _point(self, theta: Sequence[float] | Array) -> dict[str, float]:
-        """All parameters of the function, the exposed ones neutral."""
+        """All parameters of the function, with neutral values of the exposed ones."""
         values = dict(zip((p.name for p in self.parameters), map(float, theta), strict=True))
         return {**values, **self._neutral}
 
     def _chosen_steps(self, record: Record, repeated: Array) -> tuple[dict[str, Step], list[str]]:
-        """Steps by parameter from trials at the priors, and what is told of them."""
+        """Steps by parameter from trials at the priors, with notes for the report."""
         rows = [(p.name, p.size, p.lower, p.upper, p.value) for p in self.parameters if p.sd > 0.0]
         for e, (name, neutral) in zip(self.effects, self._neutral.items(), strict=True):
             low, high = e.bounds
@@ -235,7 +237,7 @@ class SimulatorModel(Model):
             values = {k: v + changes.get(k, 0.0) for k, v in prior.items()}
             return Run.of(record, self.inputs, values)
 
-        # Along one direction in which all parameters move, to the side that is free.
+        # Along one direction that changes all parameters, to the permitted side.
         way = {name: size if at + size <= high else -size for name, size, _, high, at in rows}
         runs = [moved({k: i * SPACING * v for k, v in way.items()}) for i in range(SPACINGS + 1)]
         offsets = []
@@ -298,7 +300,7 @@ class SimulatorModel(Model):
         return self.simulate_all([(record, jobs)])[0]
 
     def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
-        """One run for every different record and point, however many segments are cut from it."""
+        """Simulate batches; each different record and point is run once for all segments."""
         self._check_inputs([record for record, _ in batches])
         runs: list[Run] = []
         placed: list[Integers] = []
@@ -329,7 +331,7 @@ class SimulatorModel(Model):
         return values
 
     def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
-        # Differences with the steps that suit the noise of the function.
+        # Finite differences with the steps chosen for the noise of the function.
         request.check(self)
         wanted, theta, segments = request.parameters_of(self), request.theta, request.segments
         included, candidates = request.included, request.candidates

@@ -1,4 +1,4 @@
-"""Weak-constraint multiple shooting: the fit of a model, with or without effects."""
+"""Weak-constraint multiple shooting: fits a model, with or without effects."""
 
 from __future__ import annotations
 
@@ -30,42 +30,42 @@ __all__ = [
 ]
 
 Progress = Callable[[str, int, int], None]
-#: Where the fit is poor, a gain below this share of the misfit is not worth a simulation.
+#: If the fit is poor, a gain below this share of the sum of squares is not worth a simulation.
 COARSE = 3e-5
-#: How far a fit without gaps trusts its linear model to begin with, in units of ``Problem.reach``;
-#: beyond the largest it does not go, below the least nothing is lower.
+#: Trust region of a fit without continuity defects, in units of ``Problem.reach``: first, largest
+#: and smallest radius. At the smallest radius without a gain, the fit ends.
 RADIUS, WIDEST, NARROWEST = 3.0, 64.0, 1e-4
-#: Shares of the promised gain: a step is taken from the first, is good from the second.
+#: Ratios of actual to predicted gain above which a step is accepted, and above which it is good.
 TAKEN, GOOD = 0.1, 0.6
-#: A beginning of the records is fitted as far as the motion is followed: mean square of the
-#: innovations over so many samples in a row. Steps at each horizon, and the share of a record by
-#: which the first one goes on at least; each next one goes on twice as far.
+#: Fits to beginnings of records: largest mean square of the innovations over a number of
+#: consecutive samples, up to which the model follows the record; that number; steps per stage;
+#: smallest extension in the first stage as a share of the record. It doubles with every stage.
 FOLLOWED, ROW, LED, ONWARD = 9.0, 5, 4, 1.0 / 64.0
-#: Log evidence within which two fits are one.
+#: Two fits whose log evidence differs by less are equal.
 SAME = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class FitSettings:
-    """How hard a fit tries."""
+    """Settings of a fit."""
 
     levels: tuple[float, ...] = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
-    """Gaps between segments that are tried, as shares of the spread of the states; the one with
-    the largest marginal likelihood is kept."""
+    """Continuity defects that are tried, as shares of the spread of the states; the level with the
+    largest marginal likelihood is used."""
     iterations: int = 40
     decrement: float = 0.02
-    """A step that can lower the sum of squares by less than this ends the search."""
+    """The search ends if a step can reduce the sum of squares by less than this."""
     restarts: int = 3
     seed: int = 0
     chain: bool = False
-    """Whether a poor fit is tried again from one simulation through all segments."""
+    """Whether a poor fit is also started from one simulation through all segments."""
     worth: float = np.inf
-    """Sum of squares that another fit has. Where there are no continuity defects, a search ends,
-    unfinished, at a point whose linear model does not promise to get below it, if the step before
-    brought what its own had promised."""
+    """Sum of squares of a competing fit. A search without continuity defects ends, unfinished, if
+    its linear model predicts no smaller value, provided that the prediction for the previous step
+    was correct."""
 
     def coarser(self, decrement: float, iterations: int | None = None) -> FitSettings:
-        """For a fit on the way to another: this decrement at least, other iterations if given."""
+        """Settings of an intermediate fit: at least this decrement, other iterations if given."""
         return replace(
             self,
             decrement=max(self.decrement, decrement),
@@ -75,40 +75,41 @@ class FitSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
-    """A fitted number with its uncertainty."""
+    """A fitted value with its uncertainty."""
 
     name: str
     unit: str
     value: float
     sd: float
     low: float
-    """95 % interval, cut at the limits."""
+    """Lower end of the 95 % interval, within the limits."""
     high: float
     prior: float
     prior_sd: float
     at_limit: bool
     contraction: float
-    """1 - (sd / prior sd)^2: what the data say beyond the prior [1]; 1 without a prior."""
+    """1 - (sd / prior sd)^2 [1]: information of the data relative to the prior; 1 without a
+    prior."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """A fit of a problem."""
+    """Result of fitting a problem."""
 
     problem: Problem
     point: Point
     level: float
-    """Gap between segments, as a share of the spread of the states."""
+    """Continuity defect as a share of the spread of the states."""
     gap_sd: Array
     cost: float
-    """Sum of squares with priors and gaps."""
+    """Sum of squares including priors and continuity defects."""
     chi2: float
     """Sum of squares of the innovations."""
     dof: float
     log_evidence: float
-    """Laplace approximation, up to a constant that all fits to the same records share."""
+    """Laplace approximation, up to a constant that is equal for all fits to the same records."""
     levels: tuple[tuple[float, float], ...]
-    """Log marginal likelihood by level."""
+    """Log marginal likelihood for each level of the continuity defects."""
     converged: bool
     notes: tuple[str, ...]
     linears: tuple[Linear, ...] = field(repr=False)
@@ -116,12 +117,12 @@ class Fit:
 
     @property
     def explains(self) -> bool:
-        """Whether the sum of squares is that of noise, within four standard deviations."""
+        """Whether the sum of squares agrees with noise within four standard deviations."""
         return bool(self.chi2 < self.dof + 4.0 * np.sqrt(2.0 * self.dof))
 
     @property
     def included(self) -> tuple[Candidate, ...]:
-        """Effects that are part of the fit."""
+        """Included effects."""
         return self.problem.included
 
     @property
@@ -133,7 +134,7 @@ class Fit:
 
     @property
     def prior_deviation(self) -> Array:
-        """Free parameters that have a prior: distance from it in its standard deviations."""
+        """Distance of the free parameters that have a prior from it, in standard deviations."""
         everything = self.problem.model.parameters
         known = [i for i in self.problem.free if np.isfinite(everything[i].sd)]
         far = [(self.point.theta[i] - everything[i].value) / everything[i].sd for i in known]
@@ -171,7 +172,7 @@ class Fit:
 
 
 def inverse_scaled(matrix: Array) -> Array:
-    """Inverse of a symmetric matrix; infinite variance where nothing supports a number."""
+    """Inverse of a symmetric matrix; undetermined directions have infinite variance."""
     n = matrix.shape[0]
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     seen = size > 1e-150
@@ -193,14 +194,14 @@ def _optimize(
     settings: FitSettings,
     iterations: int,
 ) -> tuple[Point, float, list[Linear], bool]:
-    """Minimize from a point, or take the result from the store of the problem."""
+    """Minimize from a point, or read the result from the store of the problem."""
     minimize = _minimize if gap_sd.size else _minimize_whole
     if problem.store is None:
         return minimize(problem, point, gap_sd, settings, iterations)
     linears = problem.linear(point)
     cost, parts = problem.cost_at(point, gap_sd, linears)
     key = digest_of(
-        package_digest(),  # another code may find another minimum
+        package_digest(),  # another version of the code may find another minimum
         cost,
         *parts,
         point.theta,
@@ -230,7 +231,7 @@ def _optimize(
         linears = problem.linear(found, known=noise)
         return found, float(known["cost"]), linears, bool(known["converged"])
     found, cost, linears, converged = minimize(problem, point, gap_sd, settings, iterations)
-    if current().stopping():  # it may have been cut short
+    if current().stopping():  # the search may have been stopped
         return found, cost, linears, converged
     arrays = {"theta": found.theta, "magnitudes": found.magnitudes}
     arrays |= {"cost": np.array(cost), "converged": np.array(float(converged))}
@@ -249,7 +250,7 @@ def _minimize(
     settings: FitSettings,
     iterations: int,
 ) -> tuple[Point, float, list[Linear], bool]:
-    """Levenberg-Marquardt with damping of its own for every segment."""
+    """Levenberg-Marquardt with separate damping for every segment."""
     linears = problem.linear(point)
     cost, parts = problem.cost_at(point, gap_sd, linears)
     samples = problem.samples
@@ -264,7 +265,7 @@ def _minimize(
             normal = problem.normal(point, linears, gap_sd, used)
             scaled = lam * np.diag(normal.matrix)
             attempt, gain = problem.step(point, normal, scaled, linears)
-            # The gain of the states is within the chains: what is left of the residual.
+            # The chains already contain the gain by the states; this is the remaining residual.
             left = sum(float(np.sum(c.grams[:, -1, -1])) for c in normal.chains)
             predicted = cost - left + gain - _priors(problem, point)
             least = max(settings.decrement, COARSE * max(cost - 4.0 * samples, 0.0))
@@ -286,7 +287,7 @@ def _minimize(
         for d in damping:
             d /= 10.0
             d[d < 1e-6] = 0.0
-        # Near the end the columns of the input noise change no more.
+        # Near the minimum, the derivatives by the input noise hardly change.
         near = cost - new < 0.05 * new
         linears = problem.linear(point, known=linears if near else None)
         cost, parts = problem.cost_at(point, gap_sd, linears)
@@ -302,11 +303,11 @@ def _minimize_whole(
     settings: FitSettings,
     iterations: int,
 ) -> tuple[Point, float, list[Linear], bool]:
-    """Gauss-Newton steps within a region of trust, for records in one go.
+    """Gauss-Newton steps in a trust region, for records that are simulated as a whole.
 
-    The region is a sphere in prior standard deviations: what the priors hold likely is within some
-    of them, whatever the records say of a parameter. A simulation costs a tenth of the derivatives,
-    so that a step which does what it promised is tried twice as long.
+    The region is a sphere in prior standard deviations, because plausible values are within some of
+    them. A simulation costs a tenth of the derivatives. If a step gives the predicted gain, a step
+    of twice the length is therefore tried.
     """
     linears = problem.linear(point)
     cost, _ = problem.cost_at(point, gap_sd, linears)
@@ -319,7 +320,7 @@ def _minimize_whole(
         least = max(settings.decrement, COARSE * max(cost - 4.0 * problem.samples, 0.0))
         if promised < least:
             return point, cost, linears, True
-        # Far off, no linear model says where a fit will end.
+        # Far from the minimum, a linear model cannot predict the result of a fit.
         if trusted and cost - promised > settings.worth:
             return point, cost, linears, False
         best: tuple[float, Point, float, float] | None = None
@@ -340,7 +341,7 @@ def _minimize_whole(
                     radius *= 2.0
                     continue
             break
-        if best is None:  # nothing within reach is lower: the end, or a kink that is as good as it
+        if best is None:  # nothing is lower within the region: a minimum or a kink
             return point, cost, linears, promised < 1.0
         new, point, ratio, length = best
         trusted = ratio > GOOD
@@ -356,12 +357,12 @@ def _minimize_whole(
 
 
 def _gain(normal: Normal, delta: Array) -> float:
-    """What a step of the globals takes off the sum of squares, to second order."""
+    """Reduction of the sum of squares by a step of the globals, to second order."""
     return float(2.0 * normal.right @ delta - delta @ normal.matrix @ delta)
 
 
 def _within(problem: Problem, point: Point, normal: Normal, radius: float) -> tuple[Array, float]:
-    """The best step that is no longer than a radius, and its length."""
+    """The best step that is not longer than a radius, and its length."""
     weight = np.zeros(normal.right.size)
     reach = problem.reach
     weight[: reach.size] = reach**-2.0
@@ -371,7 +372,7 @@ def _within(problem: Problem, point: Point, normal: Normal, radius: float) -> tu
         return delta, float(np.sqrt(weight @ delta**2))
 
     found = at(0.0)
-    low, high = -8.0, 14.0  # logarithms of dampings
+    low, high = -8.0, 14.0  # logarithms of damping factors
     while found[1] > radius and high - low > 0.02:
         middle = 0.5 * (low + high)
         tried = at(10.0**middle * weight)
@@ -385,7 +386,7 @@ def _within(problem: Problem, point: Point, normal: Normal, radius: float) -> tu
 
 
 def _priors(problem: Problem, point: Point) -> float:
-    """Part of the cost that is in no segment."""
+    """Part of the cost that does not belong to a segment."""
     total = 0.0
     if not problem.frozen:
         for i in problem.free:
@@ -402,8 +403,8 @@ def _evidence(problem: Problem, normal: Normal, cost: float, gap_sd: Array) -> f
     value = -0.5 * cost
     for segmented, chain in zip(problem.segmented_records, normal.chains, strict=True):
         value -= float(np.sum(chain.log_dets))
-        # Norm of the prior of the first state: without it every hidden state that starts known
-        # would cost an effect -log(1e-12) = 28 units of log evidence a record.
+        # Normalization of the prior of the first state. Without it, every hidden state with a known
+        # start would cost an effect -log(1e-12) = 28 units of log evidence per record.
         _, sd = problem.start_prior(segmented)
         value -= float(np.sum(np.log(np.maximum(sd[np.isfinite(sd)], 1e-12))))
         if gap_sd.size:
@@ -456,7 +457,7 @@ def _finish(
 
 
 def finish(problem: Problem, point: Point, level: float, gap_sd: Array) -> Fit:
-    """A fit that is taken as it is, without a search."""
+    """Make a fit of a point without a search."""
     linears = problem.linear(point)
     cost, _ = problem.cost_at(point, gap_sd, linears)
     return _finish(problem, point, level, gap_sd, cost, linears, True, (), ())
@@ -470,7 +471,8 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
     )
     if settings.chain and gap_sd.size and level < 0.1:
         bar = problem.samples + 4.0 * np.sqrt(2.0 * problem.samples)
-        # A chain of segments can be stuck where one simulation from the first state is not.
+        # A chain of segments may be in a local minimum that one simulation from the first state
+        # avoids.
         for _ in range(2):
             if cost < bar:
                 break
@@ -485,7 +487,7 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
 
 
 def chained(problem: Problem, point: Point) -> Point:
-    """The point whose segments start where the segment before ends."""
+    """Point whose segments start at the end of the previous segment."""
 
     def of(model: Model, at: tuple[SegmentedRecord, Place]) -> Place:
         segmented, place = at
@@ -522,7 +524,7 @@ def at_level(
     settings: FitSettings,
     iterations: int,
 ) -> Fit:
-    """Fit at one level of a descent; segments that are stuck there would be stuck below as well."""
+    """Fit at one level; segments in a local minimum are corrected before the next level."""
     gap_sd = level * (problem.scale(point) if scale is None else scale)
     found, cost, linears, converged = _optimize(problem, point, gap_sd, settings, iterations)
     fit = _finish(problem, found, level, gap_sd, cost, linears, converged, (), ())
@@ -532,12 +534,13 @@ def at_level(
 
 
 def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
-    """A point from which a fit without gaps ends in the right local minimum.
+    """Start point from which a fit without continuity defects reaches the right local minimum.
 
-    One simulation from start to end is no longer nearly linear in anything once a mechanism lets
-    go earlier or later than the machine did, or strikes at another speed, and a fit to all of it at
-    once may go to where no parameter is plausible. So a record counts as far as the motion follows
-    it: beyond there it says nothing yet. What is fitted so far makes it follow farther.
+    If a mechanism releases a part earlier or later than the machine did, or strikes at another
+    speed, one simulation from start to end is no longer nearly linear in any parameter. A fit to
+    the whole record may then reach implausible parameters. Each record is therefore fitted only as
+    far as the model follows it; the part after that contains no usable information yet. With the
+    fitted parameters the model follows it further, and the fit is repeated.
     """
     gap_sd = np.zeros(0)
     way = settings.coarser(0.5)
@@ -567,7 +570,7 @@ def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
 
 
 def _agrees_until(segmented: SegmentedRecord, linear: Linear) -> int:
-    """Samples of a record, from its first, along which the motion is that of the model."""
+    """Number of samples from the first one up to which the model follows a record."""
     samples = segmented.record.samples
     at = segmented.segments[:, :1] + np.arange(segmented.measured.shape[1])
     at = np.minimum(at, samples - 1).ravel()
@@ -585,15 +588,15 @@ def _agrees_until(segmented: SegmentedRecord, linear: Linear) -> int:
 def _descend(
     problem: Problem, point: Point, settings: FitSettings, progress: Progress | None, label: str
 ) -> tuple[Fit, Point, float]:
-    """From loose to tight gaps; keep the level with the largest marginal likelihood.
+    """Fit from loose to tight continuity defects; keep the level of largest marginal likelihood.
 
-    Also the point and the sum of squares at the loosest.
+    Also returns the point and the sum of squares at the loosest level.
     """
     if not problem.model.states(machine_candidates(problem.included)):
         known = all(np.isfinite(problem.model.parameters[i].sd) for i in problem.free)
         if known:
             fit = polish(problem, _led(problem, point, settings), 1.0, settings)
-        else:  # a beginning may say nothing of a parameter that no prior holds
+        else:  # a beginning may contain no information about a parameter without a prior
             fit = polish(problem, point, 1.0, settings)
             if not fit.explains:
                 led = polish(problem, _led(problem, point, settings), 1.0, settings)
@@ -601,27 +604,27 @@ def _descend(
         return fit, fit.point, fit.cost
     levels = settings.levels
     if all(s.count == 1 for s in problem.segmented_records):
-        levels = levels[-1:]  # there are no gaps
+        levels = levels[-1:]  # there are no continuity defects
     best: tuple[float, float, Point] | None = None
     scale: Array | None = None
     loose, loosest = point, 0.0
     table: list[tuple[float, float]] = []
     poor = 0
-    # A level that is left unfinished leads into a wrong local minimum of the next.
+    # An unfinished level leads to a wrong local minimum of the next level.
     way = settings.coarser(0.3)
     for i, level in enumerate(levels):
         if progress is not None:
             progress(label, i, len(levels))
         tried = at_level(problem, point, level, scale, way, 40 if i == 0 else 20)
         if not tried.converged and i > 0:
-            # Half way first: a gap that closes too fast tears a motion that hits something.
+            # Half of the way first: tightening too fast loses convergence across impacts.
             between = float(np.sqrt(level * levels[i - 1]))
             softly = at_level(problem, point, between, scale, way, 20)
             again = at_level(problem, softly.point, level, scale, way, 20)
             if again.cost < tried.cost:
                 tried = again
         point, linears = tried.point, list(tried.linears)
-        if scale is None:  # after the first level the states are those of the machine
+        if scale is None:  # after the first level the states are close to the machine
             scale = problem.scale(point)
         gap_sd = level * scale
         cost, _ = problem.cost_at(point, gap_sd, linears)
@@ -642,7 +645,7 @@ def _descend(
 
 
 def _stuck(fit: Fit) -> list[Array]:
-    """Segments of very large misfit: their state may be in a wrong local minimum."""
+    """Segments with a very large residual, whose state may be in a wrong local minimum."""
     zs = []
     for segmented, chain in zip(fit.problem.segmented_records, fit.normal.chains, strict=True):
         n = np.maximum(segmented.samples.sum(axis=1), 1.0)
@@ -654,7 +657,7 @@ def _stuck(fit: Fit) -> list[Array]:
 
 
 def _rescue(fit: Fit, settings: FitSettings) -> Fit:
-    """Restart stuck segments from the end of the segment before, or from its neighbors' mean."""
+    """Restart bad segments from the end of the previous segment, or the mean of the neighbors."""
     for attempt in range(2):
         stuck = _stuck(fit)
         if not any(s.any() for s in stuck) or not fit.gap_sd.size:
@@ -665,7 +668,8 @@ def _rescue(fit: Fit, settings: FitSettings) -> Fit:
             linear = fit.linears[i]
             ends = starts[1:] + linear.gap
             for w in np.flatnonzero(bad):
-                # The misfit of a segment may come from its own start or from that of the next.
+                # The residual of a segment may be caused by its own start or by that of the next
+                # one.
                 for v in (w, w + 1):
                     if 0 < v < len(starts):
                         if attempt == 0:
@@ -682,7 +686,7 @@ def _rescue(fit: Fit, settings: FitSettings) -> Fit:
 
 
 def estimate_states(problem: Problem, point: Point, level: float) -> Point:
-    """Start states of records at given parameters, to start a fit at a level from."""
+    """Estimate start states at given parameters, as the start of a fit at a level."""
     if not problem.model.states():
         return point
     quick, loose = FitSettings(iterations=8, decrement=0.3), 1.0
@@ -700,13 +704,14 @@ def fit_problem(
     progress: Progress | None = None,
     label: str = "fit",
 ) -> Fit:
-    """Fit a problem from its priors.
+    """Fit a problem, starting from its priors.
 
-    Records in one go are fitted as far as the motion follows them, then on; see :func:`_led`. Gaps
-    go from loose to tight; the level with the largest marginal likelihood is kept. Such a fit that
-    is not good is tried again from other starts, so that a stuck fit is not taken for a gap:
-    segments of large residual are restarted from their neighbors, and the parameters from draws of
-    their priors, until the best fit is reached a second time.
+    Records that are simulated as a whole are first fitted as far as the model follows them; see
+    :func:`_led`. With segments, continuity defects decrease from loose to tight, and the level with
+    the largest marginal likelihood is used. If such a fit is poor, it is repeated from other
+    starts, so that a local minimum is not mistaken for a gap. Segments with a large residual are
+    restarted from their neighbors. Parameters are drawn from their priors until the best fit is
+    reached a second time.
     """
     settings = settings or FitSettings()
     first = point or problem.start()
@@ -718,7 +723,7 @@ def fit_problem(
     if not free or not fit.gap_sd.size or problem.frozen:
         return fit
     if loosest < problem.samples + 4.0 * np.sqrt(2.0 * problem.samples):
-        return fit  # segment by segment the model can follow: no other start would change that
+        return fit  # with segments the model can follow: no other start would change that
     generator = np.random.default_rng(settings.seed)
     way = settings.coarser(0.3)
 
@@ -737,7 +742,7 @@ def fit_problem(
         name = f"{label}, restart {i + 1}"
         if progress is not None:
             progress(name, 0, len(settings.levels))
-        # A start that ends no lower with the loosest gaps ends no lower with tight ones.
+        # A start that is not better with the loosest defects is not better with tight ones.
         tried = loosened(replace(loose, theta=theta, memo={}))
         if tried.cost > lowest + 2.0 * SAME:
             continue

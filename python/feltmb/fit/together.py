@@ -1,10 +1,10 @@
-"""Several records at once: what is done for each of them, with their simulations in common.
+"""Processes several records at once and combines their simulations.
 
-A model in Python spends its time on the overhead of single array operations, not on their length:
-the segments of all records in one batch take hardly longer than those of one. So what is to be done
-for each record runs in a thread of its own, every call of ``simulate`` waits until all of them have
-asked or are through, and the questions of a round are answered by one call of ``simulate_all``.
-Rounds depend on nothing but what is asked: the results are the same in every run.
+The time of a model in Python is the overhead of array operations, hardly their length: a batch of
+the segments of all records takes little longer than one record. The work for each record therefore
+has a thread of its own. Every call of ``simulate`` waits until all threads have called it or have
+ended. One call of ``simulate_all`` then answers all of them. The calls do not depend on the timing
+of the threads, so that results are reproducible.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ R = TypeVar("R")
 
 
 def each(model: Model, work: Callable[[Model, T], R], items: Sequence[T]) -> list[R]:
-    """``work(model, item)`` for all items, in their order.
+    """Results of ``work(model, item)`` for all items, in their order.
 
     Raises
     ------
     Exception
-        That of the first item, in their order, whose work failed.
+        Exception of the first item, in their order, whose work failed.
     """
     if not model.together or len(items) < 2:
         return [work(model, item) for item in items]
@@ -61,7 +61,7 @@ def each(model: Model, work: Callable[[Model, T], R], items: Sequence[T]) -> lis
 
 
 class _Meeting:
-    """Where threads meet to have their simulations made in one go."""
+    """Synchronizes threads so that their simulations are done in one call."""
 
     def __init__(self, model: Model, count: int) -> None:
         self._model = model
@@ -71,7 +71,7 @@ class _Meeting:
         self._round = threading.Condition()
 
     def ask(self, i: int, batches: Sequence[Batch]) -> list[Simulated]:
-        """Simulate, together with what the others ask."""
+        """Simulate, together with the requests of the other threads."""
         with self._round:
             self._asked[i] = batches
             self._answer_all()
@@ -83,13 +83,13 @@ class _Meeting:
         return answer
 
     def leave(self) -> None:
-        """Nothing more is asked by this one."""
+        """End the participation of a thread."""
         with self._round:
             self._present -= 1
             self._answer_all()
 
     def _answer_all(self) -> None:
-        """Answer, if nobody is waited for."""
+        """Run the simulations if all threads wait."""
         if not self._asked or len(self._asked) < self._present:
             return
         who = sorted(self._asked)
@@ -97,7 +97,7 @@ class _Meeting:
             runs = iter(self._model.simulate_all([batch for i in who for batch in self._asked[i]]))
             for i in who:
                 self._answers[i] = [next(runs) for _ in self._asked[i]]
-        except BaseException as fault:  # an exit too: it is for those who wait
+        except BaseException as fault:  # SystemExit as well: the waiting threads must get it
             self._answers.update((i, fault) for i in who)
         self._asked.clear()
         self._round.notify_all()

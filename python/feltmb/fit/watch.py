@@ -1,7 +1,7 @@
-"""What a long fit or diagnosis tells while it runs, and when it is to end early.
+"""Progress of a long fit or diagnosis, and its early end.
 
-A stop is soft: an optimization that is under way ends at the point that it has reached, no other
-is begun, and what is known by then is reported. The proof on held-out records is still made.
+A stop is soft: the running optimization ends at its present point, no other one is started, and the
+results so far are reported. The proof on held-out records is still done.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ __all__ = [
 CHECKS, FIT = "checks of the data", "fit of the model"
 SEARCH, PROOF, REPORT = "search", "proof on held-out records", "report"
 STAGES = (CHECKS, FIT, SEARCH, PROOF, REPORT)
-#: Linearizations and trial points that stages mostly take: what is left is estimated from them.
+#: Typical number of linearizations and trial points by stage, for the estimate of the remaining
+#: time.
 USUAL = {FIT: 20, SEARCH: 120, PROOF: 20}
-#: Share of a budget after which nothing new is fitted: the rest is for the proof.
+#: Share of the time limit after which no fit is started; the rest is for the proof.
 FOR_FITS = 0.8
-#: Seconds between two calls of the callback within a stage.
+#: Shortest time between two calls of the callback within a stage [s].
 PAUSE = 0.1
 
 
@@ -46,19 +47,20 @@ class Progress:
     """Progress that a callback receives."""
 
     stage: str
-    """In plain words: checks of the data, fit of the model, search, proof, report."""
+    """Stage in plain words: checks of the data, fit of the model, search, proof, report."""
     detail: str
-    """What is under way: the effects that are fitted, the level of a descent."""
+    """Present step: the effects that are fitted, the level of a fit."""
     simulations: int
-    """Runs of records so far; parts of a record count as their share."""
+    """Number of simulated records so far; a part of a record counts as its share."""
     about: int
-    """Runs that it will be about; 0: not known yet."""
+    """Estimated total number of simulated records; 0: unknown."""
     misfit: float | None
-    """Least sum of squares so far, of its expectation under noise [1]; None: none yet."""
+    """Smallest sum of squares so far, relative to its expectation under noise [1]; None: none
+    yet."""
     elapsed: float
-    """[s]"""
+    """Elapsed time [s]."""
     left: float | None
-    """About [s]; None: not known yet."""
+    """Estimated remaining time [s]; None: unknown."""
 
 
 Tell = Callable[[Progress], None]
@@ -68,14 +70,14 @@ _counting = Lock()
 
 
 def simulated(runs: float) -> None:
-    """Note that records were simulated; called by models, in any thread."""
+    """Count simulated records; models call it, in any thread."""
     global _seen
     with _counting:
         _seen += runs
 
 
 class Watch:
-    """Progress of one diagnosis or fit, its budget [s] and its stop."""
+    """Progress of one diagnosis or fit, with its time limit [s] and stop function."""
 
     def __init__(
         self,
@@ -93,17 +95,17 @@ class Watch:
         self.stage, self.detail = CHECKS, ""
         self.misfit: float | None = None
         self.why = ""
-        """Why it was stopped, in words; empty: it was not."""
+        """Reason for the stop; empty: not stopped."""
         self.stopped_in = ""
-        """Stage in which it was."""
+        """Stage in which it was stopped."""
 
     @property
     def elapsed(self) -> float:
-        """Since the begin [s]."""
+        """Time since the start [s]."""
         return clock.perf_counter() - self._begin
 
     def over(self) -> bool:
-        """Whether it is to end."""
+        """Whether the run must end."""
         if not self.why:
             if self._stop is not None and self._stop():
                 self.why = "interrupted"
@@ -114,31 +116,31 @@ class Watch:
         return bool(self.why)
 
     def stopping(self) -> bool:
-        """Whether what fits and searches is to end; a proof is still made."""
+        """Whether fits and searches must end; a proof is still done."""
         return self.stage in (FIT, SEARCH) and self.over()
 
     def enter(self, stage: str, detail: str = "") -> None:
-        """A stage begins."""
+        """Start a stage."""
         self.stage, self.detail = stage, detail
         self._show(now=True)
 
     def say(self, detail: str, done: int = 0, total: int = 0) -> None:
-        """What is under way within the stage."""
+        """Report the present step of the stage."""
         self.detail = f"{detail} {done + 1}/{total}" if total else detail
         self._show(now=True)
 
     def fitted(self, misfit: float) -> None:
-        """A fit ended with this sum of squares, of its expectation."""
+        """Report the sum of squares of a finished fit, relative to its expectation."""
         if self.misfit is None or misfit < self.misfit:
             self.misfit = misfit
 
     def step(self) -> None:
-        """One more linearization or trial point is simulated."""
+        """Count one more linearization or trial point."""
         self._calls[self.stage] = self._calls.get(self.stage, 0) + 1
         self._show(now=False)
 
     def beat(self) -> None:
-        """Something goes on within a step."""
+        """Report activity within a step."""
         self._show(now=False)
 
     def _show(self, *, now: bool) -> None:
@@ -167,7 +169,10 @@ class Watch:
         )
 
     def _calls_left(self) -> float:
-        """Steps that are still to be expected: a stage beyond its usual number is half through."""
+        """Estimated number of remaining steps.
+
+        If a stage exceeds its usual number, 30 % more are assumed.
+        """
         at = STAGES.index(self.stage)
         here = self._calls[self.stage]
         usual = USUAL.get(self.stage, 0)
@@ -175,19 +180,19 @@ class Watch:
         return left + sum(USUAL.get(s, 0) for s in STAGES[at + 1 :])
 
 
-#: That of this thread and of those that work for it; a watch that nobody looks at elsewhere.
+#: Watch of this thread and of the threads that it starts; otherwise an unused watch.
 _current: ContextVar[Watch | None] = ContextVar("watch", default=None)
 _idle = Watch()
 
 
 def current() -> Watch:
-    """The watch of what runs."""
+    """The watch of the running computation."""
     return _current.get() or _idle
 
 
 @contextmanager
 def watching(watch: Watch) -> Iterator[Watch]:
-    """Make a watch that of what runs within."""
+    """Use a watch in a block."""
     token = _current.set(watch)
     try:
         yield watch

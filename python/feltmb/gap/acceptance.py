@@ -1,4 +1,4 @@
-"""From searched sets to accepted effects: held-out proof, classes, posterior."""
+"""Held-out proof of the searched sets: posterior, accepted effects and their rivals."""
 
 from __future__ import annotations
 
@@ -37,27 +37,28 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Probabilities of nothing, something unknown, and every refitted set."""
+    """Posterior probabilities of the model alone, an unknown cause, and every refitted set."""
 
     none: float
     other: float
     sets: tuple[float, ...]
-    """By candidate of the search, in its order."""
+    """Probability of each set, in the order of ``Search.sets``."""
     inflation: float
 
     def trusted(self, share: float) -> Posterior:
-        """The same where only a share of what the sets have is theirs, the rest is unknown."""
+        """Multiply the probabilities of the sets by ``share`` and move the rest to ``other``."""
         lost = (1.0 - share) * sum(self.sets)
         sets = tuple(share * w for w in self.sets)
         return replace(self, other=self.other + lost, sets=sets)
 
 
 def posterior(search: Search, *, none: float = NO_EFFECT, other: float = NOT_LISTED) -> Posterior:
-    """Weigh the model as it is, the model with unknown forces, and the refitted sets.
+    """Compute the posterior of the model, of the model with unknown forces, and of the sets.
 
-    "Unknown" is the model with gaps between its segments; "none" the model without. Evidence is
-    divided by the residual sum of squares over its degrees of freedom of the best fit: a model
-    that is wrong in a way that no set repairs must not be sure about sets.
+    "Unknown" is the model with continuity defects between its segments; "none" is the model without
+    them. All log evidences are divided by the inflation: the smallest residual sum of squares of
+    all fits over its degrees of freedom, at least 1. If even the best fit leaves more than noise,
+    no set may get a high probability.
     """
     fits = [search.model_fit, *(c.fit for c in search.sets)]
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
@@ -79,27 +80,28 @@ def posterior(search: Search, *, none: float = NO_EFFECT, other: float = NOT_LIS
 
 @dataclass(frozen=True, eq=False)
 class Accepted:
-    """What stood the held-out proof."""
+    """Result of the held-out proof."""
 
     belief: Posterior
-    """Of the search, before the proof."""
+    """Posterior of the search, before the proof."""
     best: CandidateSet | None
-    """The set of effects that is kept; None: nothing."""
+    """The accepted set of effects; None: no effect is accepted."""
     before: Outcome
     after: Outcome
     proof: dict[str, Paired]
-    """By effect of the best set: gain that it brings over the set without it."""
+    """Held-out gain of each effect: the accepted set compared with the same set without the
+    effect."""
     rivals: tuple[CandidateSet, ...]
-    """Other sets that these records cannot tell from it."""
+    """Other sets that these records cannot distinguish from the accepted set."""
     rejected: tuple[tuple[str, str], ...]
     """Effects of the best set that are not named, with the reason."""
     outcomes: dict[tuple[str, ...], Outcome] = field(default_factory=dict)
     tightest: Fit | None = None
-    """The set fitted with the tightest gaps; None where it has them already."""
+    """The accepted set, fitted with the tightest continuity defects; None: it already has them."""
 
 
 class _Attempt:
-    """Sets and their parts before the held-out records; each is refitted and evaluated once."""
+    """Sets and parts of sets on the held-out records; each is refitted and evaluated once."""
 
     def __init__(
         self,
@@ -124,7 +126,7 @@ class _Attempt:
         self.tightest: dict[tuple[str, ...], Fit | None] = {}
         self.known = {c.key: c for c in search.sets}
         self.alone: dict[str, float] = {}
-        """Largest score of each effect by itself."""
+        """Largest score of each effect when it is tested alone."""
         for scores in (search.scores, search.tight):
             if scores is not None:
                 for candidate, value in zip(scores.candidates, scores.singles(), strict=True):
@@ -134,7 +136,7 @@ class _Attempt:
         self.before = self.outcome(search.bare)
 
     def outcome(self, fit: Fit) -> Outcome:
-        """What the held-out records say of a fit."""
+        """Evaluate a fit on the held-out records."""
         key = tuple(sorted(t.name for t in fit.included))
         if key not in self.outcomes:
             if self.progress is not None:
@@ -149,7 +151,7 @@ class _Attempt:
         return self.outcomes[key]
 
     def without(self, c: CandidateSet, name: str) -> CandidateSet | None:
-        """The set without an effect; None: nothing is left."""
+        """The set without one of its effects; None: no effect remains."""
         kept = [k for k, t in enumerate(c.fit.included) if t.name != name]
         if not kept:
             return None
@@ -160,7 +162,7 @@ class _Attempt:
         return self.known[key]
 
     def part(self, c: CandidateSet, names: Sequence[str]) -> CandidateSet:
-        """The set with some of its effects alone."""
+        """Part of a set: the given effects only."""
         for name in set(c.names) - set(names):
             smaller = self.without(c, name)
             assert smaller is not None
@@ -172,7 +174,7 @@ class _Attempt:
         return self.before if bare is None else self.outcome(bare.fit)
 
     def closes(self, c: CandidateSet, name: str) -> float:
-        """Share of the held-out gap without an effect that it closes."""
+        """Share of the held-out gap of the set without an effect that the effect closes."""
         without, after = self._outcome_without(c, name), self.outcome(c.fit)
         gaps = zip(self._gaps(without), self._gaps(after), strict=True)
         shares = [
@@ -188,7 +190,7 @@ class _Attempt:
         return outcome.gap(sensed, "open_loop"), outcome.gap(sensed, "segmented")
 
     def unexplained(self, c: CandidateSet) -> float:
-        """Log evidence that unknown forces still add to a set."""
+        """Gain of log evidence if unknown forces are added to a set."""
         if c.key not in self.tightest:
             self.tightest[c.key] = tighten(c.fit, self.settings)
         tight = self.tightest[c.key]
@@ -202,7 +204,7 @@ class _Attempt:
         ).gain
 
     def faults(self, c: CandidateSet) -> tuple[dict[str, Paired], dict[str, str]]:
-        """Gain by effect over the set without it, and why some do not stand."""
+        """Held-out gain of each effect over the set without it; reasons against effects."""
         after = self.outcome(c.fit)
         trials = {
             name: compare(
@@ -226,12 +228,13 @@ class _Attempt:
     def _fault(
         self, c: CandidateSet, name: str, paired: Paired, most: float, certain: float
     ) -> str:
-        """Why an effect of a set does not stand; empty: it does."""
+        """Reason to reject an effect of a set; empty: the effect is confirmed."""
         alone = self.alone.get(name, 0.0)
         gain = f"held-out gain {paired.gain:.1f} units of log evidence"
         if certain < WALD and alone < WALD**2:
-            # What it brought was another way down for the other parameters. An effect that
-            # bends so sharply that its magnitude is loose still shows in the score of the model.
+            # Such an effect only helped the fit of the other parameters out of a local minimum. An
+            # effect whose law bends sharply can have a large standard deviation; the score of the
+            # model shows it.
             return (
                 f"its magnitude is {certain:.1f} of its standard deviations, and its score alone "
                 f"{alone:.1f}"
@@ -250,7 +253,7 @@ class _Attempt:
         return ""
 
     def _completes(self, c: CandidateSet, name: str) -> bool:
-        """Whether an effect that is small beside another is more than an error in its form."""
+        """Whether a weak effect is more than an error in the form of a strong one."""
         share = self.closes(c, name)
         if self.discrepancy and share >= CLOSES:
             return True
@@ -258,7 +261,7 @@ class _Attempt:
         return share >= CLOSES_ALL and any(DEEP_GAP < g < np.inf for g in gaps)
 
     def _carries(self, c: CandidateSet, name: str, paired: Paired) -> bool:
-        """Whether an effect explains most of a held-out gap that is one, and surely."""
+        """Whether an effect significantly explains most of a held-out gap above noise."""
         before = self._gaps(self._outcome_without(c, name))
         after = self._gaps(self.outcome(c.fit))
         shares = [
@@ -271,17 +274,18 @@ class _Attempt:
     def standing(
         self, first: CandidateSet, proof: dict[str, Paired], bad: dict[str, str]
     ) -> tuple[CandidateSet | None, dict[str, Paired]]:
-        """The largest part of a set all of whose effects stand, and the proof of it.
+        """Find the largest part of a set in which every effect is confirmed, and its proof.
 
-        What is against others in the largest parts is noted in ``bad``.
+        The reasons against effects in these parts are added to ``bad``.
 
-        Effects of a set can stand in for each other, so that the first refusal must not decide: of
-        the largest parts that stand, the one with the best evidence is kept.
+        Effects of a set can replace each other. One rejected effect therefore does not decide: of
+        the largest confirmed parts, the one with the largest evidence is returned.
         """
         strongest = max(first.names, key=lambda n: proof[n].gain)
         needed = set() if strongest in bad else {strongest}
-        # A smaller set leaves more to unknown forces: where they beat the whole set, it is over.
-        # (Effects that stand in for each other gain little each over the set without them.)
+        # A smaller set leaves more to unknown forces. If unknown forces are better than the whole
+        # set, no part can be confirmed. (The exception: effects that can replace each other gain
+        # little each over the set without them.)
         if self._gain(first) < self.unexplained(first) / self.inflation and not any(
             self._carries(first, name, proof[name]) for name in first.names
         ):
@@ -308,7 +312,7 @@ class _Attempt:
         return None, proof
 
     def rivals(self, best: CandidateSet) -> list[CandidateSet]:
-        """Other sets that these records cannot tell from the best."""
+        """Other sets that these records cannot distinguish from the best set."""
         after = self.outcome(best.fit)
         found = []
         for c in self.search.sets:
@@ -333,10 +337,11 @@ class _Attempt:
 def sure_part(
     names: Sequence[str], sets: Sequence[CandidateSet], belief: Sequence[float]
 ) -> tuple[str, ...]:
-    """The largest part of a set that is sure by itself; the set where all of it is, or nothing is.
+    """Largest part of a set with a sufficient probability; the set itself if there is no such part.
 
-    An effect of which it is not sure that it is there must not take the others with it. Where it
-    is sure that something is there besides, but not what, the set stays as it is: that is told.
+    An uncertain effect must not make the certain effects of the same set uncertain. If the records
+    clearly need one more effect but do not determine which, the set is returned as it is and the
+    report states this.
     """
 
     def held(part: set[str], *, strictly: bool = False) -> float:
@@ -371,8 +376,9 @@ def accept(
 ) -> Accepted:
     """Keep the effects of the best set that held-out records confirm, and find its rivals.
 
-    ``discrepancy``: a rest was admitted as noise. Then there is no law that could be right to the
-    last digit, and small print is told by the share of the remaining gap that it closes as well.
+    ``discrepancy``: an unexplained residual was added to the noise. A small law error is then
+    within the noise, and a weak effect may also be accepted by the share of the remaining gap that
+    it closes.
     """
     belief = posterior(search)
     attempt = _Attempt(
@@ -405,7 +411,7 @@ def accept(
                 rejected += [(n, doubt) for n in best.names if n not in part.names]
                 best, proof = part, found
     elif search.sets:
-        attempt.outcome(search.sets[0].fit)  # how near it comes is told
+        attempt.outcome(search.sets[0].fit)  # evaluated for the report: how close this set comes
     return Accepted(
         belief,
         best,
@@ -420,26 +426,26 @@ def accept(
 
 
 def _part(search: Search, fit: Fit, kept: Sequence[int], settings: FitSettings) -> Fit:
-    """Some effects of a fit, fitted again from what the model does without them."""
+    """Refit a part of the effects of a fit, starting from the model without effects."""
     included = tuple(fit.included[k] for k in kept)
     return refit(search.bare, included, fit.point.magnitudes[list(kept)], settings)
 
 
 def _certainty(fit: Fit) -> dict[str, float]:
-    """Magnitude over its standard deviation, by effect."""
+    """Magnitude over its posterior standard deviation, for each effect."""
     magnitudes = fit.intervals()[len(fit.problem.free) :]
     return {i.name: abs(i.value) / max(i.sd, 1e-150) for i in magnitudes}
 
 
 def _improves(paired: Paired, inflation: float) -> bool:
-    """Enough gain; and, where the noise model is doubtful, spread over the segments as well."""
+    """Whether a gain is significant; if the noise model is doubtful, in many segments."""
     return paired.gain > LEAST_GAIN and paired.p < (
         PAIRED_P if inflation < INFLATED else PAIRED_P_INFLATED
     )
 
 
 def refutes(old: Accepted, new: Accepted, held: HeldOut) -> bool:
-    """Whether held-out records speak against the model of a later search, ten to one."""
+    """Whether held-out records favor the earlier search over the later model, 10 to 1."""
     return compare(old.after, new.before, held.segmented_records, 1.0).gain < -LEAST_GAIN
 
 

@@ -1,4 +1,4 @@
-"""What records can tell apart."""
+"""Probability of confusing two candidates, given the records."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ __all__ = ["confused", "confused_groups", "confusion", "confusion_at"]
 
 
 def confused(gram: Array, magnitudes: Array) -> Array:
-    """Probability to take one candidate for another, (k, k), from their Gram matrix.
+    """Probability of mistaking one candidate for another, (k, k), from their Gram matrix.
 
-    P = Phi(-1/2 sqrt(2 (1 - |rho|)) |phi| lambda), the distance of the two signatures in noise;
-    ``magnitudes`` in scales, (k,).
+    P = Phi(-1/2 sqrt(2 (1 - |rho|)) |phi| lambda), where lambda is the strength of a signature, rho
+    the correlation of the two signatures and phi the magnitude; the argument is half their distance
+    in noise standard deviations. ``magnitudes`` are in scales, (k,).
     """
     strength = np.sqrt(np.maximum(np.diag(gram), 0.0))
     length = np.where(strength > 0.0, strength, np.inf)
@@ -30,7 +31,7 @@ def confused(gram: Array, magnitudes: Array) -> Array:
 
 
 def confusion_at(scores: Scores, magnitudes: Array) -> Array:
-    """The larger chance to take one of two candidates for the other, at magnitudes [scales]."""
+    """Probability of confusing two candidates (larger of both directions), magnitudes [scales]."""
     chance = confused(scores.gram, magnitudes)
     out = np.maximum(chance, chance.T)
     np.fill_diagonal(out, 0.0)
@@ -41,10 +42,10 @@ def confusion_at(scores: Scores, magnitudes: Array) -> Array:
 
 
 def confusion(scores: Scores, search: Search) -> Array:
-    """The same at the refitted magnitudes, or else at the smallest magnitude that shows at all.
+    """Probability of confusing candidates at refitted, or else smallest detectable, magnitudes.
 
-    Effects that are too weak to be seen would all be confused with each other; that says nothing
-    about their signatures.
+    Below the smallest detectable magnitude all effects would be confused with each other. Such a
+    probability would say nothing about their signatures.
     """
     strength = np.maximum(scores.strength, 1e-300)
     magnitudes = np.maximum(np.abs(scores.one_step()), DETECTABLE / strength)
@@ -57,14 +58,15 @@ def confusion(scores: Scores, search: Search) -> Array:
 
 
 def confused_groups(names: Sequence[str], chance: Array) -> tuple[tuple[str, ...], ...]:
-    """Names of effects that would be taken for each other, directly or by way of a third.
+    """Group the effects that are confused with each other, directly or through a third effect.
 
     Parameters
     ----------
     names
-        One a candidate; the same for each shape of an effect, empty for what is not tested.
+        Name of each candidate. All shapes of an effect have the same name; candidates that are not
+        tested have an empty name.
     chance
-        Probability to take one candidate for another, see :func:`confusion`.
+        Probability of mistaking one candidate for another, see :func:`confusion`.
     """
     count, label = csgraph.connected_components(chance > CONFUSED, directed=False)
     groups = [

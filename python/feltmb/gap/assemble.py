@@ -1,4 +1,4 @@
-"""Rows of the report from the stages of the diagnosis."""
+"""Builds the rows of the report from the results of the stages of the diagnosis."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ __all__ = ["closest_set", "how_far_rows", "ranked", "with_effects"]
 def with_effects(
     model: Model, fit: Fit, starts: Mapping[str, Array], provenance: str
 ) -> ModelWithEffects:
-    """The model with the numbers of a fit."""
+    """The model with the parameters and magnitudes of a fit."""
     return ModelWithEffects(
         original=model,
         theta=fit.point.theta,
@@ -54,7 +54,7 @@ def closest_set(
     which: str,
     seed: int,
 ) -> Closest | None:
-    """The tested set whose held-out gap is smallest; None: none is nearer than the model."""
+    """The tested set with the smallest held-out gap; None: the model itself has the smallest."""
     before = accepted.before.gap(segmented_records, which)
     found: tuple[float, Outcome] | None = None
     for key, outcome in accepted.outcomes.items():
@@ -90,7 +90,7 @@ def ranked(
     one_of: Sequence[str],
     sizes: Sizes,
 ) -> Which:
-    """Effects and sets in the order of belief."""
+    """Effects and sets, sorted by posterior probability."""
     reference = search.tight if search.tight is not None else search.scores
     magnitudes, single, robust = reference.one_step(), reference.singles(), reference.robust()
     strength = reference.strength
@@ -170,7 +170,7 @@ def ranked(
 
 
 def _numbers(effect: Effect, shape: Any, wide: Mapping[int, float]) -> tuple[ShapeNumber, ...]:
-    """Numbers of a shape; ``wide``: standard deviations of the logarithms of those that move."""
+    """Numbers of a shape. ``wide``: standard deviations of the logarithms of the fitted numbers."""
     values = shape if isinstance(shape, tuple) else (shape,)
     out = []
     for i, value in enumerate(values):
@@ -184,7 +184,7 @@ def _numbers(effect: Effect, shape: Any, wide: Mapping[int, float]) -> tuple[Sha
 
 
 def _classes(search: Search) -> tuple[tuple[str, ...], ...]:
-    """Groups of effects that would be taken for each other."""
+    """Groups of effects that are confused with each other."""
     scores = search.tight if search.tight is not None else search.scores
     names = [c.name if ok else "" for c, ok in zip(scores.candidates, scores.testable, strict=True)]
     return confused_groups(names, confusion(scores, search))
@@ -193,7 +193,7 @@ def _classes(search: Search) -> tuple[tuple[str, ...], ...]:
 def _per_channel(
     outcome: Outcome, segmented_records: Sequence[SegmentedRecord], which: str, c: int
 ) -> list[Array]:
-    """Residual of a channel by segmented record, without what was not measured."""
+    """Residual of a channel by segmented record; missing samples are omitted."""
     out = []
     for segmented, residual in zip(segmented_records, getattr(outcome, which), strict=True):
         name = outcome.fit.problem.model.outputs[c]
@@ -209,7 +209,7 @@ def _rms(parts: Sequence[Array]) -> float:
 
 
 def _speed(part: Array, segmented: SegmentedRecord) -> Array:
-    """Rate of a residual after a short running mean."""
+    """Time derivative of a residual after a short moving average."""
     width = max(3, int(segmented.measured.shape[1] // 12) | 1)
     if part.size < 3 * width:
         return np.zeros(0)
@@ -225,7 +225,7 @@ def how_far_rows(
     primary: str,
     seed: int,
 ) -> HowFar:
-    """Gap on held-out data as tabulated, calibrated and with effects, by metric and channel."""
+    """Gap on held-out data by metric and channel: tabulated, calibrated, and with effects."""
     before, after = accepted.before, accepted.after
     outputs = before.fit.problem.model.outputs
     rows = []
@@ -298,7 +298,7 @@ def _fraction(old: float, new: float, noise: float) -> float:
 
 
 def _blocks(parts: Sequence[Array], size: int) -> Array:
-    """Sums of squares of blocks of samples, and their magnitudes, (blocks, 2)."""
+    """Sum of squares and number of samples of each block, (blocks, 2)."""
     out = []
     for p in parts:
         for at in range(0, p.size, size):
@@ -308,7 +308,7 @@ def _blocks(parts: Sequence[Array], size: int) -> Array:
 
 
 def _draws(old: Array, new: Array, noise: float, seed: int) -> tuple[float, float, float]:
-    """95 % band of the closed fraction and one-sided p by block bootstrap."""
+    """95 % interval of the closed fraction and one-sided p, by block bootstrap."""
     generator = np.random.default_rng(seed)
     index = generator.integers(0, len(old), size=(1000, len(old)))
     size = np.sum(old[index, 1], axis=1)
@@ -359,7 +359,7 @@ def _closed(
     which: str,
     seed: int,
 ) -> tuple[float, float, float]:
-    """Closed fraction over all channels, in noise standard deviations, with its band."""
+    """Closed fraction over all channels, in noise standard deviations, with its 95 % interval."""
     old: list[Array] = []
     new: list[Array] = []
     for outcome, out in ((before, old), (after, new)):

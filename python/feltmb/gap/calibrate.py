@@ -1,4 +1,4 @@
-"""Null law of the largest score: asymptotic, corrected by refits of simulated model records."""
+"""Null distribution of the largest score: asymptotic, corrected by refits of simulated records."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class Null:
-    """Family-wise law of the largest T under the model."""
+    """Family-wise null distribution of the largest score T, if no effect is missing."""
 
     threshold: float
-    """T that the largest one exceeds with probability alpha."""
+    """Value that the largest T exceeds with probability alpha."""
     maxima: Array
-    """Sorted draws of the largest T, asymptotic."""
+    """Sorted draws of the largest T from the asymptotic distribution."""
     stretch: float
-    """Factor by which refitted bootstrap records exceed the asymptotic law, at least 1."""
+    """Factor between the bootstrap and the asymptotic distribution of the largest T, at least 1."""
     replicates: int
 
     def p(self, statistic: float) -> float:
-        """Family-wise p of one T."""
+        """Family-wise p value of one T."""
         count = int(np.sum(self.maxima * self.stretch >= statistic))
         return (1.0 + count) / (1.0 + self.maxima.size)
 
@@ -48,17 +48,22 @@ def calibrate(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Null:
-    """Draw b ~ N(0, G) for the asymptotic law; refit simulated records for its correction.
+    """Compute the null distribution of the largest score.
 
-    Each replicate is simulated from the fitted model with the noise of the sensors, fitted again
-    with priors that are drawn about the fitted parameters, and screened: as far as the priors say,
-    and no farther, is the truth of a model without the effect from what was tabulated. (With the
-    priors where they were, each replicate would repeat the strain that a true cause puts on them.)
-    The law is scaled by the mean of its largest T relative to the asymptotic law (Bartlett's idea:
-    a mean needs far fewer replicates than a tail). The mean comes from differences: each replicate
-    is scored twice, after its fit and by the linear model at the fitted parameters, which the
-    asymptotic law describes. The difference is zero where the model is linear, so that chance in
-    few replicates does not scale the law.
+    The asymptotic distribution follows from draws b ~ N(0, G).
+
+    It is corrected by a parametric bootstrap. Each replicate is simulated from the fitted model
+    with the noise of the sensors. It is then fitted again, with priors whose means are drawn about
+    the fitted parameters, and its candidates are scored. The means are drawn because the true
+    parameters of a model without the effect differ from the tabulated values as much as the priors
+    permit. With unchanged priors, every replicate would repeat the prior deviations that a true
+    cause produces.
+
+    The correction is the ratio of the mean largest T of the replicates to the asymptotic mean
+    (Bartlett's idea): a mean needs far fewer replicates than a tail. Each replicate is scored
+    twice: after its fit, and by the linear model at the fitted parameters. The asymptotic
+    distribution describes the second score, so the mean of the differences gives the correction.
+    The differences are zero for a linear model, whatever the noise of the replicates.
     """
     threshold, maxima = family_threshold(scores, alpha, seed=seed)
     if replicates < 1 or not np.any(scores.testable):
@@ -99,7 +104,7 @@ def _largest(fit: Fit, candidates: tuple[Candidate, ...]) -> float:
 
 
 def _with_priors_about(fit: Fit, generator: np.random.Generator) -> Model:
-    """The model as it would be tabulated if the fitted parameters were true."""
+    """Copy of the model with prior means drawn about the fitted parameters."""
     model = copy.copy(fit.problem.model)
     drawn = list(model.parameters)
     for i in fit.problem.free:
@@ -114,7 +119,7 @@ def _with_priors_about(fit: Fit, generator: np.random.Generator) -> Model:
 def _noisy(
     segmented: SegmentedRecord, outputs: Array, linear: Linear, generator: np.random.Generator
 ) -> SegmentedRecord:
-    """The segmented record that the model with noise of outputs and inputs would have given."""
+    """A simulated segmented record: the model with noise of its outputs and inputs."""
     drawn = generator.standard_normal(segmented.measured.shape)
     if linear.by_input.shape[2]:
         push = generator.standard_normal((segmented.count, linear.by_input.shape[2]))

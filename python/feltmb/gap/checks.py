@@ -1,4 +1,4 @@
-"""DataChecks: clocks, missing values, resolution and noise of records before anything is fitted."""
+"""Data checks before any fit: clocks, missing values, resolution and noise of records."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ from feltmb.units import conversion_factor
 
 __all__ = ["ChannelCheck", "DataChecks", "check_records"]
 
-#: Samples from which equal numbers are a copy; readings of a few digits may repeat.
+#: Number of equal samples from which two records count as copies. Shorter sequences of readings
+#: with few digits may be equal by chance.
 LEAST_COPY = 8
 #: Differences of values below this share of their spread are errors of arithmetic.
 LEAST_STEP = 1e-9
@@ -38,7 +39,7 @@ LEAST_STEP = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelCheck:
-    """What is known of one channel of one record."""
+    """Results of the data checks for one channel of one record."""
 
     record: str
     channel: str
@@ -49,39 +50,40 @@ class ChannelCheck:
     spread: float
     """Standard deviation of the signal [unit]."""
     sigma: float
-    """Noise in use, resolution included [unit]."""
+    """Standard deviation of the noise that is used, resolution included [unit]."""
     method: str
-    """Where sigma comes from: "sensor", "repeats", "rest", "differences", "prediction"."""
+    """Source of sigma: "sensor", "repeats", "rest", "differences", "prediction"."""
     correlation_time: float
-    """Of the noise [s]."""
+    """Correlation time of the noise [s]."""
     averaged: int
-    """Samples whose mean the noise is like [1]; 1: it forgets itself exponentially, or is white."""
+    """Number of samples of the moving average that the noise resembles [1]; 1: the noise is white
+    or has an exponential correlation."""
     quantum: float
-    """Smallest step seen [unit]; 0: none."""
+    """Smallest step between values, i.e. the resolution [unit]; 0: not found."""
     clipped: float
-    """Share of samples that sit at the extremes of the channel [1]."""
+    """Share of samples at the largest or smallest value of the channel [1]."""
     drift: float
-    """Low-frequency wander of the rest segment, in sigma."""
+    """Low-frequency drift of the segment at rest, in sigma."""
     white: float = 0.0
-    """Share of the variance that is white where the rest is told to be colored [1]."""
+    """Share of the noise variance that is white, if the sensor states colored noise [1]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DataChecks:
-    """Outcome of the data checks."""
+    """Result of the data checks of all records."""
 
     channels: tuple[ChannelCheck, ...]
     problems: tuple[str, ...]
-    """What makes records unusable as they are."""
+    """Faults because of which the records cannot be used."""
     warnings: tuple[str, ...]
     repeatability: tuple[tuple[str, str, float], ...]
     """(label, channel, standard deviation between repeats [unit])."""
     estimated: bool
-    """Whether some sigma had to be estimated from the data."""
+    """Whether sigma of a channel was estimated from the data."""
 
     @checked
     def noise(self, record: str) -> dict[str, Noise]:
-        """Noise by channel of a record."""
+        """Noise of each channel of a record."""
         return {
             c.channel: Noise(c.sigma, c.correlation_time, c.averaged, c.white)
             for c in self.channels
@@ -96,9 +98,9 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
     Parameters
     ----------
     records
-        All of them: repeats are found by their label.
+        All records; repeats are recognized by their label.
     outputs
-        Channels that matter; default: all.
+        Channels that are checked; default: all.
     """
     if not records:
         raise DataError("no records: expected at least one")
@@ -167,12 +169,12 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
 def without_copies(
     records: Sequence[Record], hold_out: Sequence[str] = ()
 ) -> tuple[tuple[Record, ...], tuple[str, ...]]:
-    """Records without those that hold the numbers of another one, and what is said of them.
+    """Remove records that are copies of another record, and describe what was removed.
 
-    A copy is no second measurement, and would prove what it was fitted to. Of a record that is
-    held out and its copy the first is kept.
+    A copy is not a second measurement; as a held-out record it would confirm what was fitted to it.
+    Of equal records, a held-out one is kept, else the first one.
     """
-    kept: dict[int, Record] = {}  # by place, as one record may be given twice
+    kept: dict[int, Record] = {}  # by index, because the same record may be given twice
     told = []
     held = [r.name in hold_out or r.role == "held_out" for r in records]
     for i in sorted(range(len(records)), key=lambda i: not held[i]):
@@ -187,7 +189,7 @@ def without_copies(
 
 
 def _same_numbers(one: Record, other: Record) -> bool:
-    """Whether inputs and outputs, of some length, of which an output moves, are the same."""
+    """Whether two records have equal inputs and outputs over a sufficient length with motion."""
     same = one.outputs.keys() == other.outputs.keys() and one.inputs.keys() == other.inputs.keys()
     if not same or one.samples < LEAST_COPY:
         return False
@@ -198,12 +200,12 @@ def _same_numbers(one: Record, other: Record) -> bool:
 
 
 def check_against(model: Model, records: Sequence[Record]) -> DataChecks:
-    """Check records for a model: units and lengths, in addition to the checks without a model.
+    """Check records against a model: units, array lengths, and the checks without a model.
 
     Raises
     ------
     DataError
-        All that makes the records unusable, in one message.
+        The faults because of which the records cannot be used, all in one message.
     """
     checks = check_records(records, model.outputs)
     problems = [*checks.problems, *faults_against(model, records)]
@@ -213,7 +215,7 @@ def check_against(model: Model, records: Sequence[Record]) -> DataChecks:
 
 
 def with_sigma(record: Record, noise: Mapping[str, Noise]) -> Record:
-    """A record whose sensors say the noise that was found where they say none."""
+    """Copy of a record; sensors without a stated noise get the noise that was found."""
     sensors = {
         name: replace(s, sigma=noise[name].sigma) if s.sigma is None and name in noise else s
         for name, s in record.sensors.items()
@@ -222,7 +224,7 @@ def with_sigma(record: Record, noise: Mapping[str, Noise]) -> Record:
 
 
 def faults_against(model: Model, records: Sequence[Record]) -> list[str]:
-    """Faults of records whose units, lengths or start states do not fit the model."""
+    """Faults of records whose units, array lengths or start states do not match the model."""
     problems = []
     states = [s.name for s in model.states()]
     for record in records:
@@ -251,7 +253,7 @@ def faults_against(model: Model, records: Sequence[Record]) -> list[str]:
 
 
 def _same(unit: str, other: str) -> bool:
-    """Whether two ways to write a unit mean the same; 1 stands for what is not said."""
+    """Whether two unit texts mean the same unit; 1 stands for an unspecified unit."""
     try:
         return unit == other or conversion_factor(unit, other) == 1.0
     except (InvalidParameter, ValueError):
@@ -259,7 +261,7 @@ def _same(unit: str, other: str) -> bool:
 
 
 def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:
-    """One noise a sensor: where it was estimated, the quietest record speaks for all of them."""
+    """One noise per sensor: of several estimates, the smallest is used for all records."""
     out = []
     for c in channels:
         if c.method in ("rest", "differences", "prediction"):
@@ -279,21 +281,22 @@ def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:
 def _colored(
     channels: list[ChannelCheck], records: Sequence[Record], warnings: list[str]
 ) -> list[ChannelCheck]:
-    """Color of the noise that data sheets tell, corrected where the records at rest say other."""
+    """Correct the noise color of data sheets where the records at rest contradict it."""
     by_name = {r.name: r for r in records}
     sensors: dict[tuple[object, ...], list[ChannelCheck]] = {}
     for c in channels:
         steps = np.diff(by_name[c.record].time)
         interval = float(np.median(steps))
         fine = c.quantum**2 / 12.0 < COARSE * c.sigma**2
-        # Of what is white in part, both parts are told.
+        # Only sensors without a stated white share: otherwise both parts of the noise are
+        # specified.
         if (
             c.method == "sensor"
             and fine
             and not c.white
             and np.allclose(steps, interval, rtol=1e-3, atol=0.0)
         ):
-            # Clocks of one camera may differ in the last digit.
+            # The clocks of one camera may differ in the last digit.
             sheet = (c.channel, c.sigma, c.correlation_time, f"{interval:.6g}")
             sensors.setdefault(sheet, []).append(c)
     found: dict[int, Noise] = {}
@@ -336,7 +339,7 @@ def _clock(record: Record, problems: list[str], warnings: list[str]) -> None:
 
 
 def _repeatability(records: Sequence[Record], warnings: list[str]) -> dict[tuple[str, str], float]:
-    """Standard deviation between repeats of one run, by label and channel."""
+    """Standard deviation between repeats of one run, for each label and channel."""
     groups: dict[str, list[Record]] = {}
     for r in records:
         if r.repeats:
@@ -424,8 +427,9 @@ def _grid(values: Array, spread: float) -> float:
 def _predicted(values: Array, inputs: Mapping[str, Array], reach: int = 4) -> float | None:
     """Error of the best linear prediction of a sample from its neighbors and the inputs.
 
-    The noise of a sample is unknown to all others, so that no prediction can beat it: an upper
-    bound, which is close where the signal is too fast for differences.
+    The noise of a sample is independent of all other samples, so that no prediction can have a
+    smaller error. The value is therefore an upper bound of the noise. It is close where the signal
+    is too fast for the method of differences.
     """
     n = values.size
     columns = [np.roll(values, k) for k in range(-reach, reach + 1) if k != 0]
@@ -445,10 +449,10 @@ def _predicted(values: Array, inputs: Mapping[str, Array], reach: int = 4) -> fl
 
 
 def _estimate(values: Array, spread: float) -> tuple[float, str, float]:
-    """Noise from the quietest stretches.
+    """Estimate the noise from the parts of a signal that move least.
 
-    Third differences annul what is locally a parabola; white noise of variance s^2 leaves 20 s^2.
-    The lower tenth of blocks stands for rest, where the machine adds least.
+    Third differences remove a local parabola; white noise of variance s^2 leaves 20 s^2. The lower
+    tenth of all blocks is used, because the machine contributes least there.
     """
     n = values.size
     if n < 12 or spread == 0.0:
@@ -461,7 +465,7 @@ def _estimate(values: Array, spread: float) -> tuple[float, str, float]:
     low_noise = float(np.quantile(parts, 0.1))
     if (
         low_noise < QUIET_BLOCKS * everywhere
-    ):  # noise is the same everywhere: what exceeds it is the machine
+    ):  # the noise is uniform: larger values come from the motion of the machine
         method, sigma = "rest", low_noise * (1.0 + 1.0 / np.sqrt(block))
     else:
         method, sigma = "differences", everywhere

@@ -1,4 +1,4 @@
-"""The color of a sensor's noise, from where its records are at rest."""
+"""Estimates the color of a sensor's noise from the parts of its records at rest."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from feltmb.gap.criteria import AT_REST, COLOR_GAIN, LEAST_BLOCKS, SAME_SPREAD
 
 __all__ = ["color_at_rest", "still_blocks"]
 
-#: Samples of a block, and degrees of the polynomial that is taken for motion: the color must not
-#: depend on it.
+#: Samples of a block, and degrees of the polynomial that represents the motion. The estimated color
+#: must not depend on the degree.
 BLOCK, DEGREES = 32, (2, 5)
-#: Averages [samples] that are tried, and the correlation times [samples] that they must beat: a
-#: machine that moves a little looks like noise that forgets itself, but is not blind at the
-#: frequencies where an average is.
+#: Lengths of moving averages [samples] that are tried, and correlation times [samples] of
+#: first-order noise that an average must be more likely than. A machine that moves a little looks
+#: like first-order noise, but its spectrum has no zeros, unlike that of an average.
 AVERAGES = (2, 3, 4, 5, 6)
 TIMES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 
 
 def still_blocks(values: Array, sigma: float) -> Array:
-    """Blocks of samples that a parabola explains but for noise, (k, BLOCK) [unit].
+    """Blocks of samples that are a parabola plus noise, (k, BLOCK) [unit].
 
     Parameters
     ----------
@@ -44,21 +44,21 @@ def still_blocks(values: Array, sigma: float) -> Array:
 
 
 def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noise:
-    """Noise as the mean over several samples that blocks at rest show, or that of the data sheet.
+    """Noise as a moving average of samples if blocks at rest show it, else the data sheet.
 
-    Restricted likelihood of the blocks (a polynomial each and one variance are taken out). An
-    average is accepted under two conditions. It is more likely than the noise of the data sheet and
-    than first-order noise of several correlation times, for every degree of the polynomial. It has
-    the standard deviation of the data sheet.
+    Uses the restricted likelihood of the blocks: a polynomial for each block and one common
+    variance are eliminated. An average is accepted under two conditions. For every degree of the
+    polynomial it is more likely than the noise of the data sheet and than first-order noise of
+    several correlation times. Its standard deviation agrees with the data sheet.
 
     Parameters
     ----------
     blocks
-        From :func:`still_blocks`, of all records of one sensor.
+        Result of :func:`still_blocks` for all records of one sensor.
     interval
-        Between samples [s].
+        Sample interval [s].
     sheet
-        What the data sheet says.
+        Noise according to the data sheet.
     """
     table = np.concatenate(blocks) if blocks else np.zeros((0, BLOCK))
     if len(table) < LEAST_BLOCKS:
@@ -79,25 +79,25 @@ def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noi
 
 @functools.cache
 def _contrasts(degree: int) -> Array:
-    """Orthonormal columns that no polynomial touches, (BLOCK, BLOCK - degree - 1).
+    """Orthonormal columns orthogonal to all polynomials, (BLOCK, BLOCK - degree - 1).
 
-    Their covariance is all that a restricted likelihood sees.
+    A restricted likelihood depends on the samples only through these columns.
     """
     t = np.linspace(-1.0, 1.0, BLOCK)
     return np.asarray(np.linalg.svd(np.vander(t, degree + 1))[0][:, degree + 1 :])
 
 
 def _covariance(noise: Noise, interval: float) -> Array:
-    """Covariance of the samples of a block, in units of the variance."""
+    """Covariance of the samples of a block, relative to the variance."""
     distance = np.abs(np.arange(BLOCK)[:, None] - np.arange(BLOCK)[None, :])
     if noise.averaged > 1:
         return noise.correlation(distance)
-    # Beyond these samples are as good as uncorrelated, or move as one.
+    # Beyond these limits the samples are practically uncorrelated, or fully correlated.
     return np.asarray(np.exp(-distance / np.clip(noise.correlation_time / interval, 1e-2, 1e6)))
 
 
 def _likelihood(seen: Array, cover: Array, degree: int) -> tuple[float, float]:
-    """Restricted log likelihood of blocks, and the standard deviation at which it is largest."""
+    """Maximum of the restricted log likelihood of blocks, and its standard deviation."""
     contrasts = _contrasts(degree)
     cover = contrasts.T @ cover @ contrasts
     variance = float(np.sum(seen.T * np.linalg.solve(cover, seen.T))) / seen.size

@@ -1,12 +1,12 @@
-"""Which part of the machine: unknown forces at its ports, tested and recovered.
+"""Locates the gap in the machine: tests and recovers unknown forces at the ports of a model.
 
-At every port a force w(t) is thought of, a Gaussian process (Matern 3/2) given by a few knots in
-each segment. With H its effect on the reduced rows of the segment (feltmb.fit.filter), u = H'r and
-G = H'H, the variance-component score is
+At every port an unknown force w(t) is assumed: a Gaussian process (Matern 3/2), given by a few
+knots in each segment. With H its effect on the reduced rows of the segment (feltmb.fit.filter), u =
+H'r and G = H'H, the variance-component score is
 
     U = 1/2 sum over segments (u' C u - tr(C G)),   Var U = 1/2 sum tr((C G)^2),
 
-and the force is recovered as (C^-1 / s^2 + G)^-1 u with s^2 of the largest likelihood.
+and the estimate of the force is (C^-1 / s^2 + G)^-1 u, where s^2 maximizes the likelihood.
 """
 
 from __future__ import annotations
@@ -45,35 +45,35 @@ class _Seen:
 
 @dataclass(frozen=True, eq=False)
 class _Tested:
-    """A port with the unknown force tested at one fit."""
+    """Test of one port for an unknown force, for one fit."""
 
     fit: Fit
     parts: list[_Seen]
     z: float
     variance: float
     gain: float
-    """Log likelihood that the force brings."""
+    """Gain of log likelihood by the force."""
     explained: float
 
     @property
     def p(self) -> float:
-        """Probability of such a gain by chance."""
+        """Probability of at least this gain by chance."""
         return float(stats.chi2.sf(2.0 * self.gain, 1) / 2.0) if self.gain > 0.0 else 0.5
 
 
 def component_table(
     fit: Fit, tight: Fit | None = None, level: float = PLACE_LEVEL
 ) -> tuple[ComponentRow, ...]:
-    """Test every port of the model for an unknown force, the strongest first.
+    """Test every port of the model for an unknown force; the strongest row is first.
 
     Parameters
     ----------
     fit
-        The model with the continuity defects that suit it.
+        The model fitted with continuity defects as large as it needs.
     tight
-        The same with the tightest gaps. Loose gaps take up a weak force, so that the test sees it
-        there; with loose ones the states are those of the machine, and the force is recovered
-        there, if it shows.
+        The model fitted with the tightest continuity defects. Loose defects absorb a weak force, so
+        that the test is done with both fits. The force is recovered from the loose fit if it is
+        significant there, because the states of that fit are closer to the machine.
     """
     ports = fit.problem.model.ports
     if not ports or not fit.gap_sd.size:
@@ -95,7 +95,8 @@ def component_table(
             clear = loose.p < level / len(ports)
             shown = loose if clear else row
             trace, signature = _recover(shown.fit, port, shown.parts, shown.variance, prior)
-            # Along the way of a model that cannot follow, a force takes the form of its detours.
+            # In a fit that cannot follow the records, the force has the form of the errors of the
+            # states.
             signature = signature if clear else "too weak to determine its form"
         out.append(
             ComponentRow(
@@ -114,7 +115,7 @@ def component_table(
 
 
 def _tested(fit: Fit, prior: Array) -> list[_Tested]:
-    """All ports of a fit."""
+    """Test all ports with one fit."""
     ports = fit.problem.model.ports
     seen: list[list[_Seen]] = [[] for _ in ports]
     excess = 0.0
@@ -142,7 +143,7 @@ def _tested(fit: Fit, prior: Array) -> list[_Tested]:
 
 
 def _with_forces(fit: Fit, i: int) -> tuple[Linear, int]:
-    """Linearization of a segmented record with the knots of all ports as further columns."""
+    """Linearization of a segmented record; the knots of all port forces are added columns."""
     problem, segmented, place = fit.problem, fit.problem.segmented_records[i], fit.point.places[i]
     ports = problem.model.ports
     versions = 1 + len(ports) * KNOTS
@@ -178,7 +179,7 @@ def _with_forces(fit: Fit, i: int) -> tuple[Linear, int]:
 
 
 def _best_variance(u: Array, g: Array, prior: Array) -> tuple[float, float, float]:
-    """Variance with the largest likelihood, log likelihood gained, fall of the sum of squares."""
+    """Most likely variance, its gain of log likelihood, and its drop of the sum of squares."""
     size = float(np.einsum("wii->", prior @ g)) / max(len(u), 1)
     if not size > 0.0:
         return 0.0, 0.0, 0.0
@@ -200,7 +201,7 @@ def _best_variance(u: Array, g: Array, prior: Array) -> tuple[float, float, floa
 def _recover(
     fit: Fit, port: Port, parts: list[_Seen], variance: float, prior: Array
 ) -> tuple[dict[str, dict[str, list[float]]], str]:
-    """Force traces by record, and what they look like against position and speed."""
+    """Estimated force over time by record, and its form relative to position and speed."""
     states = [s.name for s in fit.problem.model.states()]
     inverse = np.linalg.inv(prior + 1e-8 * np.eye(len(prior))) / variance
     traces: dict[str, dict[str, list[float]]] = {}
@@ -239,10 +240,10 @@ def _at_knots(fit: Fit, i: int) -> Array:
 
 
 def _likeness(seen: Array) -> str:
-    """What a force, its standard deviation, position and speed (n, 4) look like together.
+    """Describe the form of a force; columns: force, its standard deviation, position, speed (n, 4).
 
-    What is in proportion to position or speed the parameters of the model have taken up: other
-    laws are compared without that part of them.
+    The parameters of the model have absorbed the part of the force that is proportional to position
+    or speed. Other laws are therefore compared without such a part.
     """
     force, sd, q, v = seen[np.all(np.isfinite(seen), axis=1) & (seen[:, 1] > 0.0)].T
     weight = 1.0 / np.maximum(sd, 1e-300)

@@ -22,16 +22,16 @@ class Criterion:
     unit: str
     reason: str
     data: str
-    """Data that determined the value."""
+    """Source of the value: data, or a statistical argument."""
     test: str
     """Test of the decision, below ``tests/python``."""
 
 
 CRITERIA: list[Criterion] = []
 
-#: A number that follows from statistics needs no data.
+#: The number follows from statistics and needs no data.
 _STATISTICS = "none; the value follows from statistics"
-#: No measurement of the value was stored.
+#: No measurement that determined the value was stored.
 _JUDGED = "judgment; no measurement was stored"
 _SEED_24 = "development half of seed 20261124, 306 blind cases"
 
@@ -143,7 +143,7 @@ CLOSE_ALARM = _number(
     _JUDGED, "gap/test_diagnose.py",
 )  # fmt: skip
 
-# ---------------------------------------------------------------- the noise and the rest
+# ---------------------------------------------------------------- noise and unexplained residual
 
 AS_GIVEN = _number(
     "AS_GIVEN", 1.15, "noise of the sensor",
@@ -440,7 +440,7 @@ TRUST_UNKNOWN = _number(
     "gap/test_rules.py",
 )  # fmt: skip
 
-# ---------------------------------------------------------------- what is told beside it
+# ---------------------------------------------------------------- other reported results
 
 LARGE_MOVE = _number(
     "LARGE_MOVE", 0.1, "share of the gap",

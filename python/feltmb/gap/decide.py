@@ -1,4 +1,4 @@
-"""The verdict: what the facts allow to be said, and no more."""
+"""Derives the verdict from the results of the diagnosis; it claims no more than they prove."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ from feltmb.gap.tolerance import prior_deviations_told
 
 __all__ = ["Decision", "Facts", "decide"]
 
-#: Share of the cases in which the first of the ranking was right, of what its evidence promised, by
-#: verdict: evidence weighs the causes of the library against each other and cannot see what is not
-#: in it. From 306 blind cases of the development half of seed 20261124
-#: (docs/validation/2026-11_gap_blind_bench.md).
+#: Calibration of the stated probability, by verdict: the share of cases in which the first of the
+#: ranking was correct, relative to its posterior probability. The posterior only compares causes of
+#: the library; it cannot see a cause outside it. From 306 blind cases of the development half of
+#: seed 20261124 (docs/validation/2026-11_gap_blind_bench.md).
 TRUST = {
     Verdict.NAMED: TRUST_NAMED,
     Verdict.DATA_PROBLEM: TRUST_DATA,
@@ -52,7 +52,7 @@ TRUST = {
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """All that the verdict may rest on."""
+    """Everything that the verdict depends on."""
 
     checks: DataChecks
     search: Search
@@ -64,34 +64,35 @@ class Facts:
     how_far: HowFar
     where: Where
     rest: Fit | None
-    """The accepted model fitted with the tightest gaps."""
+    """The accepted model, fitted with the tightest continuity defects."""
     first: Search
-    """The search with the noise of the sensors alone."""
+    """The search with only the noise of the sensors."""
     misfit: Misfit
-    """What the model leaves in that search."""
+    """Unexplained residual of the model in the search ``first``."""
     sizes: Sizes
     """Magnitudes of the fitted effects."""
     leftover: float
-    """Largest score of the other effects after the accepted ones, over its family-wise bar."""
+    """Largest score of the other effects after acceptance, relative to its family-wise
+    threshold."""
     unexplained: bool
-    """Whether effects were judged against an unexplained residual as well as noise."""
+    """Whether an unexplained residual was added to the noise when effects were judged."""
     apart: bool = False
-    """Whether the fit moved the parameters, all together, further than noise would."""
+    """Whether the fit changed the parameters, jointly, by more than noise would."""
     calibrated: tuple[Calibrated, ...] = ()
-    """Parameters that the fit moved."""
+    """Parameters that the fit changed."""
     closest: Closest | None = None
-    """Tested set that comes closest to the held-out records."""
+    """The tested set with the smallest gap on the held-out records."""
     enough: bool = False
-    """Whether the fitted model is as good as was said to be good enough."""
+    """Whether the fitted model is within ``Options.good_enough``."""
     enough_left: bool = False
-    """The same with what was accepted."""
+    """Whether the model with the accepted effects is within ``Options.good_enough``."""
     beyond: float | None = None
-    """Sum of squares, of its expectation, of a gap that only the held-out records show."""
+    """Sum of squares over its expectation, if only the held-out records show a gap; else None."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """The verdict with its words."""
+    """The verdict and its text."""
 
     verdict: Verdict
     statement: str
@@ -100,23 +101,24 @@ class Decision:
     confidence: float
     belief: Posterior
     closest: Closest | None = None
-    """What came closest, and why it is not proven; only where nothing is named."""
+    """The closest tested set, and why it is not proven; only if no effect is named."""
 
 
 def decide(facts: Facts) -> Decision:
-    """Weigh the facts; see docs/explanation/gap.md for the rules in words."""
+    """Derive the verdict from the facts; docs/explanation/gap.md states the rules."""
     search, accepted = facts.search, facts.accepted
     p = facts.p
     hint = p < facts.alpha
     best = accepted.best
     gap = not facts.enough and (_refuted(facts) or (hint and best is not None))
     if gap and (_refuted(facts) or facts.unexplained):
-        # Beside an unexplained residual "nothing" means: that residual and no more.
+        # Here, "nothing" stands for the unexplained residual without an effect. That is an unknown
+        # cause.
         none = facts.belief.none
         belief = replace(facts.belief, none=0.0, other=facts.belief.other + none)
         facts = replace(facts, belief=belief)
     if not gap and facts.beyond is not None:
-        # What the fitted records say of a gap does not hold for those that reach further.
+        # The held-out records contradict what the fitted records say about a gap.
         belief = replace(facts.belief, none=0.0, other=facts.belief.none + facts.belief.other)
         return _silent(
             replace(facts, belief=belief),
@@ -158,7 +160,7 @@ def decide(facts: Facts) -> Decision:
 
 
 def _calibrated(facts: Facts) -> Decision:
-    """No gap is left: as tabulated, or with parameters that moved."""
+    """Decision without a gap: the model as tabulated, or with calibrated parameters."""
     fit = facts.search.model_fit
     ratio = f"sum of squares {fit.chi2 / fit.dof:.2f} of its expectation"
     rest = f"{ratio}, largest score family-wise p = {facts.p:.2g}"
@@ -184,7 +186,7 @@ def _calibrated(facts: Facts) -> Decision:
 
 
 def _moved(facts: Facts) -> str:
-    """What calibration moved, in sentences; empty: nothing further than noise does."""
+    """Sentences about the parameters that calibration changed; empty: no significant change."""
     sure = [r for r in facts.calibrated if r.sure]
     if not facts.apart and not sure:
         return ""
@@ -200,9 +202,9 @@ def _moved(facts: Facts) -> str:
 
 
 def _another(facts: Facts, *, complete: bool = False) -> str:
-    """That it may be another machine, where several numbers are beyond their tolerances.
+    """Sentence: this may be another machine, because several parameters exceed their tolerances.
 
-    ``complete``: no effect is missing beside these numbers.
+    ``complete``: apart from these parameters, no effect is missing.
     """
     far = [r for r in facts.calibrated if r.beyond]
     if len(far) < 2:
@@ -221,7 +223,7 @@ def _another(facts: Facts, *, complete: bool = False) -> str:
 
 
 def _closest(closest: Closest | None) -> str:
-    """What came closest, in words."""
+    """Sentence about the closest tested set."""
     if closest is None:
         return ""
     sizes = ", ".join(
@@ -236,12 +238,12 @@ def _closest(closest: Closest | None) -> str:
 
 
 def _refuted(facts: Facts) -> bool:
-    """Whether the model cannot be right, whatever is wrong with it."""
+    """Whether the records refute the model, whatever the cause."""
     return facts.misfit.left or facts.p <= REFUTED
 
 
 def _silent(facts: Facts, verdict: Verdict, text: str) -> Decision:
-    """A verdict that names nothing."""
+    """A decision that names no effect."""
     belief = facts.belief.trusted(TRUST[verdict])
     confidence = {
         Verdict.NO_GAP: belief.none,
@@ -259,7 +261,7 @@ def _name(facts: Facts) -> Decision:
     data = {t.name for t in best.fit.included if t.effect.kind in ("sensor", "input")}
     sets = [set(best.names), *(set(r.names) for r in accepted.rivals)]
     sure = tuple(n for n in best.names if all(n in s for s in sets))
-    # Where rivals do as well as the best set, rounding must not say which one is told first.
+    # If rivals are as good as the best set, rounding must not determine their order.
     as_good = [set(r.names) for r in accepted.rivals if r.evidence > best.evidence - SAME]
     first = set(best.names).union(*as_good)
     unsure = sorted(set().union(*sets) - set(sure), key=lambda n: (n not in first, n))
@@ -295,7 +297,7 @@ def _name(facts: Facts) -> Decision:
         verdict = Verdict.ONE_OF
         text = f"One of {others}; these records cannot tell which. {closed}"
     elif all(n in data for n in (*sure, *unsure)) and not left:
-        # With an unexplained residual it is not said that the machine is as modeled.
+        # With an unexplained residual, the text must not state that the machine is as modeled.
         verdict = Verdict.DATA_PROBLEM
         text = f"The records, not the machine: {told}. {closed}"
     else:
@@ -317,7 +319,7 @@ def _name(facts: Facts) -> Decision:
 
 
 def _widens(far: HowFar) -> bool:
-    """Whether the held-out gap grows significantly."""
+    """Whether the gap on held-out records grows significantly."""
     return far.high < 0.0 and far.after > NO_GAP_RATIO * far.before
 
 
@@ -326,7 +328,7 @@ def _band(far: HowFar) -> str:
 
 
 def _closing(facts: Facts, names: tuple[str, ...]) -> str:
-    """What these effects do for the held-out records, in words."""
+    """Sentence: the change of the held-out gap by these effects."""
     far = facts.how_far
     gap = far.before
     if not math.isfinite(gap):
@@ -340,7 +342,7 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
 
 
 def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
-    """What holds where the best set does not deserve to be named."""
+    """Decision if the best set is not certain enough to be named."""
     if _refuted(facts):
         text = (
             f"There is a gap ({_signs(facts)}), but no effect is sure; nearest {_list(hinted)} "
@@ -360,7 +362,7 @@ def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
 
 
 def _signs(facts: Facts) -> str:
-    """What says that there is a gap."""
+    """Evidence for a gap, as text."""
     first = facts.first
     text = f"sum of squares {_ratio(first):.3g} of its expectation"
     other = facts.misfit.other
@@ -377,7 +379,7 @@ def _ratio(search: Search) -> float:
 
 
 def _variability(facts: Facts) -> str:
-    """Held-out rest against noise, by channel, in words."""
+    """Largest held-out residual of a channel relative to its noise, as text."""
     rows = [r for r in facts.how_far.rows if r.metric == facts.how_far.metric and r.noise > 0.0]
     if not rows:
         return "more than noise"

@@ -1,4 +1,4 @@
-"""The diagnosis: checks, fit, where, which, proof, verdict."""
+"""The diagnosis: data checks, fit, place of the gap, search, held-out proof, verdict."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 __all__ = ["Options", "diagnose", "fit_model", "prepare"]
 
 Progress = Callable[[str, int, int], None]
-#: Rounds in which the unexplained residual is estimated again.
+#: Number of times that the unexplained residual is estimated again.
 ROUNDS = 4
 
 
@@ -106,32 +106,33 @@ class Options:
     alpha: float = 0.01
     """Family-wise rate of false alarms."""
     segment: float | None = None
-    """Length of shooting segments [s]; None: that of the model, else chosen from the data."""
+    """Length of segments [s]; None: the length of the model, else chosen from the data."""
     max_effects: int = 4
     width: int = 4
-    """Sets that survive each screen."""
+    """Number of sets that are refitted after each screening."""
     bootstrap: int = 12
-    """Refits of simulated model records for the null law; 0: asymptotic only."""
+    """Refits of simulated records for the null distribution; 0: asymptotic only."""
     restarts: int = 3
     seed: int = 0
     least_share: float = 0.03
-    """Share of the largest held-out gain of a set below which an effect is not significant: an
-    error of a sixth in the force of a law leaves a thirtieth of its gain to an effect that
-    compensates its form."""
+    """Share of the largest held-out gain in a set. An effect with less is not significant: an error
+    of a sixth in the force of a law leaves a thirtieth of its gain to an effect that compensates
+    the error."""
     segmented_level: float = 0.01
-    """Gap between segments of the segmented metric, as a share of the spread of the states."""
+    """Continuity defect of the segmented metric, as a share of the spread of the states."""
     fit: FitSettings | None = None
-    """How hard fits try; replaces ``restarts`` and ``seed`` there."""
+    """Settings of the fits; ``restarts`` and ``seed`` replace those of these settings."""
     resume: Path | None = None
-    """Folder for finished fits: a cut-off run continues from them."""
+    """Folder for finished fits; an interrupted diagnosis continues from them."""
     good_enough: Mapping[str, float] = field(default_factory=dict)
-    """Practical floor by output or by unit (``{"m": 2e-4}``) [SI]: added to the noise of these
-    channels, and a fit whose rest is below both together leaves no gap."""
+    """Practical accuracy by output or by unit (``{"m": 2e-4}``) [SI]. It is added to the noise of
+    these channels; a fit whose residual is below both together leaves no gap."""
     profile: bool = False
-    """Whether the magnitude of each named effect is held at six values beside its fit, with all
-    else fitted again: its 95 % interval without the linear model of the fit."""
+    """Whether the likelihood profile of the magnitude of each named effect is computed: the
+    magnitude is fixed at six values beside the estimate, and everything else is fitted again. The
+    95 % interval of the profile does not use the linear model of the fit."""
     advice: bool = True
-    """Whether experiments are predicted that would separate what is still confused."""
+    """Whether experiments are predicted that would separate confused effects."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -151,14 +152,14 @@ class Options:
 def _ready(
     model: Model, records: Sequence[Record], hold_out: Sequence[str] = ()
 ) -> tuple[Model, tuple[Record, ...], DataChecks, tuple[str, ...]]:
-    """The model and the part of the records that it can use, what the data checks say, and copies.
+    """Prepare the model and the records; also return the data checks and notes about copies.
 
-    ``hold_out``: names of records that are kept where they have a copy.
+    ``hold_out``: names of records that are kept if they have a copy.
 
     Raises
     ------
     DataError
-        All that makes the records unusable, in one message.
+        The faults because of which the records cannot be used, all in one message.
     """
     records, copies = without_copies(records, hold_out)
     checks = check_against(model, records)
@@ -182,7 +183,7 @@ def _ready(
 def prepare(
     model: Model, records: Sequence[Record], checks: DataChecks, segment: float | None
 ) -> tuple[SegmentedRecord, ...]:
-    """Cut records into segments with the noise that the data checks found."""
+    """Cut records into segments, with the noise of the data checks."""
     return tuple(segment_record(model, r, checks.noise(r.name), segment) for r in records)
 
 
@@ -211,14 +212,15 @@ def _investigate(
     progress: Progress | None,
     known: Search | None = None,
 ) -> Search:
-    """Fit the model and search the effects with the noise of the segmented records.
+    """Fit the model and search for effects, with the noise of the segmented records.
 
-    ``known``: a search with far less noise. The model is fitted from its fit, and from its priors
-    only if that does not explain the records. The search begins with its best set of each size.
+    ``known``: a search with much less noise. The fit starts from the fit of that search, and from
+    the priors only if the first start does not explain the records. The new search starts with the
+    best set of each size of that search.
     """
     problem, label = Problem(model, segmented_records, store=store), "the model alone"
     watch = current()
-    watch.misfit = None  # other noise, another scale
+    watch.misfit = None  # the noise has changed, and so has the scale
     watch.enter(FIT)
     if known is None:
         led = lead(problem, effects, settings, most=options.max_effects, progress=progress)
@@ -273,10 +275,10 @@ def _alone(
     progress: Progress | None,
     label: str,
 ) -> Fit | None:
-    """The fit of the model alone; None: it was not led.
+    """The fit of the model alone; None: ``lead`` gave no fits.
 
-    It tries no other starts where it explains the records, or where a set of effects does and it,
-    from there, does not.
+    No further starts are tried in two cases: the model explains the records, or a set of effects
+    explains them and the model alone, started there, does not.
     """
     if not led:
         return None
@@ -298,9 +300,9 @@ def _explained(
     checks: DataChecks,
     progress: Progress | None,
 ) -> Search | None:
-    """The first search with the set found beside an unexplained residual, if it leaves none.
+    """The first search with the set found with an unexplained residual, if it explains the records.
 
-    Where the model is far off, linear scores may pass over a cause that explains all.
+    If the model is far from the records, linear scores may miss a cause that explains everything.
     """
     if found.best is None:
         return None
@@ -331,32 +333,34 @@ def diagnose(
     budget: float | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Report:
-    """Diagnose the gap between a model and measurements: its place, its cause, how far it shrinks.
+    """Diagnose the gap between a model and measurements: its place, its cause, and its reduction.
 
     Parameters
     ----------
     model
         The model; see :class:`feltmb.fit.Model`.
     effects
-        Causes that it lacks; each is exactly the model at magnitude zero.
+        Candidate causes that the model lacks; with magnitude zero, each is exactly the model.
     records
         Measured runs.
     hold_out
-        Names of records that prove what the others suggest. None: the records whose role is
-        "held_out"; without such, some are chosen (see :func:`split_records`).
+        Names of the held-out records, which are used for the proof only. None: the records with the
+        role "held_out"; if there are none, some are chosen (see :func:`split_records`).
     options, progress
-        ``progress(p)`` is told a :class:`feltmb.fit.Progress` now and then, from any thread.
+        ``progress(p)`` is called now and then, from any thread, with a
+        :class:`feltmb.fit.Progress`.
     budget
-        Time after which the best answer by then is reported, with what was not tried [s]. What is
-        being simulated when four fifths of it are over comes to its end, then comes the proof: a
-        budget of a few simulations is exceeded.
+        Time limit [s]. The report then has the best result so far and lists what was not tried.
+        Fits stop after four fifths of the time, and the held-out proof follows. Simulations that
+        have started are completed, so that the limit may be exceeded by a few simulations.
     stop
-        Asked now and then; once it says True, it is as if the budget were spent.
+        Function that is called now and then; when it returns True, the diagnosis ends as if the
+        time limit were reached.
 
     Raises
     ------
     DataError, InvalidParameter
-        Records or arguments cannot be used.
+        Records or arguments are invalid.
     """
     if budget is not None and not budget > 0.0:
         raise InvalidParameter(f"budget = {budget!r} s, expected > 0")
@@ -455,8 +459,8 @@ def _diagnosed(
         new = None if watch.stopping() else discrepancy_of(found, plain, settings)
         if new is None or (rest_noise is not None and converged(rest_noise, new)):
             break
-        # Nothing in the library explains all of it: effects must now beat the unexplained residual,
-        # which shrinks with every effect that is found.
+        # The library does not explain all of the gap: effects must now be better than the
+        # unexplained residual, which shrinks with every effect that is found.
         before = (found, rest_noise, segmented_records, held_segmented_records)
         rest_noise = new
         segmented_records = tuple(with_noise(model, s, new) for s in plain)
@@ -464,7 +468,7 @@ def _diagnosed(
         found = _investigate(
             model, segmented_records, usable, options, settings, store, progress, found
         )
-        if watch.stopping():  # the search before is whole
+        if watch.stopping():  # the previous search is complete
             found, rest_noise, segmented_records, held_segmented_records = before
         model = found.model_fit.problem.model
     if rest_noise is not None and not watch.stopping():
@@ -522,8 +526,8 @@ def _diagnosed(
     checks = replace(checks, warnings=(*checks.warnings, *refuted_tolerances(fit)))
     lap("how far")
     watch.say("where the gap lies")
-    # With the noise of the sensors: an unexplained residual that is taken for noise hides where it
-    # lies.
+    # The place of the gap is determined with the noise of the sensors: an unexplained residual that
+    # counts as noise would hide it.
     tight = None if model.chaotic else first.tight_fit
     seen = tight or first.bare
     cells, onset = ledger(seen)
@@ -553,8 +557,8 @@ def _diagnosed(
     reference = reference.among(judged)
     alarm = float(np.max(reference.singles())) if reference.candidates else 0.0
     bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
-    # A correction can only raise the bar: it matters for what passed it by little, and where
-    # nothing else says that the model is wrong.
+    # A correction can only raise the threshold. It matters only for a score slightly above the
+    # threshold, and only if there is no other evidence against the model.
     close = bar < alarm < CLOSE_ALARM * bar
     bare_misfit = misfit(first.bare, first.tight_fit, estimated=checks.estimated)
     close = close and not bare_misfit.left
@@ -574,7 +578,7 @@ def _diagnosed(
         if others:
             after = score_fit(rest or accepted.best.fit, others)
             limit, _ = family_threshold(after, options.alpha, seed=options.seed)
-            # Robust as well: what one segment alone asks for is not a trend.
+            # The robust score must be significant too: a single segment is not a trend.
             both = np.minimum(after.singles(), after.robust())
             form = form_of(accepted.best.evidence - found.tight_evidence)
             least = max(limit, 2.0 * form)
@@ -694,7 +698,7 @@ def _diagnosed(
 
 
 def _check_units(model: Model, tabulated: Outcome, metric: str) -> None:
-    """Refuse records in another unit than they say: no fit would come to anything."""
+    """Raise an error if records are in a different unit than stated: no fit would be useful."""
     records = tabulated.fit.problem.segmented_records
     runs = [
         (s.record, rest, {n: x.sigma for n, x in zip(model.outputs, s.noise, strict=True)})
@@ -710,7 +714,7 @@ def _check_units(model: Model, tabulated: Outcome, metric: str) -> None:
 
 
 def _inherit(checks: DataChecks, whole: DataChecks, records: Sequence[Record]) -> DataChecks:
-    """Blocks of a record take the noise that was found for all of it."""
+    """Blocks of a record inherit the noise that was found for the whole record."""
     by_name = {(c.record, c.channel): c for c in whole.channels}
     channels = []
     for c in checks.channels:
@@ -740,7 +744,7 @@ def _inherit(checks: DataChecks, whole: DataChecks, records: Sequence[Record]) -
 
 
 def _floored(checks: DataChecks, floors: Mapping[str, float], model: Model) -> DataChecks:
-    """The checks with a practical floor added to the noise of some channels."""
+    """The data checks with the practical accuracy added to the noise of some channels."""
     if not floors:
         return checks
     units = {c.unit for c in checks.channels}
@@ -758,7 +762,7 @@ def _floored(checks: DataChecks, floors: Mapping[str, float], model: Model) -> D
 
 
 def _with_other_noise(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> Fit:
-    """The same fit, judged by segmented records with another noise."""
+    """Evaluate a fit, unchanged, with another noise."""
     if fit.problem.segmented_records is sensed:
         return fit
     problem = replace(fit.problem, segmented_records=sensed)
@@ -766,7 +770,7 @@ def _with_other_noise(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> Fit:
 
 
 def _within(fit: Fit) -> bool:
-    """Whether what a fit leaves in every channel is no more than the noise that was given."""
+    """Whether the residual of a fit is within the given noise in every channel."""
     records = fit.problem.segmented_records
     for c, _ in enumerate(fit.problem.model.outputs):
         total = expected = 0.0
@@ -780,7 +784,7 @@ def _within(fit: Fit) -> bool:
 
 
 def _provenance(fit: Fit, records: Sequence[Record]) -> str:
-    """Which diagnosis numbers are from, without a clock: the same records give the same words."""
+    """Text that identifies the diagnosis; it has no time, so that equal records give equal text."""
     names = list(dict.fromkeys(r.name for r in records))
     shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
     dates = sorted({str(r.conditions["date"]) for r in records if "date" in r.conditions})
@@ -794,10 +798,10 @@ def _recolored(
     settings: FitSettings,
     store: Store | None,
 ) -> dict[str, float] | None:
-    """Correlation times [s] of noise with which the model explains the records; None: of no use.
+    """Correlation times [s] of noise that would explain the residual; None: they do not.
 
-    They must leave nothing to explain, and be more likely than white noise with an unknown force or
-    signal, or with the best set of effects.
+    With this noise the model must explain the records. It must also be more likely than white noise
+    with an unknown force or signal, and than the best set of effects.
     """
     fit = first.model_fit
     white = misfit(fit, first.tight_fit, estimated=False)
@@ -840,7 +844,7 @@ def _rescaled(
 
 
 def _with_factor(checks: DataChecks, factor: dict[str, float]) -> DataChecks:
-    """The checks with the noise that was estimated with the rest."""
+    """The data checks with larger noise of some channels, and warnings about it."""
     channels = tuple(
         replace(c, sigma=c.sigma * factor[c.channel]) if c.channel in factor else c
         for c in checks.channels
@@ -854,12 +858,12 @@ def _with_factor(checks: DataChecks, factor: dict[str, float]) -> DataChecks:
 
 
 def _log_weights(segmented_records: Sequence[SegmentedRecord]) -> float:
-    """Contribution of the magnitude of the noise to a log likelihood."""
+    """Contribution of the noise standard deviations to a log likelihood."""
     return sum(float(np.sum(np.log(s.weight[s.valid]))) for s in segmented_records)
 
 
 def _with_color(checks: DataChecks, color: dict[str, float]) -> DataChecks:
-    """The checks with the noise that the fit of the model found."""
+    """The data checks with correlated noise of some channels, and warnings about it."""
     channels = tuple(
         replace(c, correlation_time=color[c.channel]) if c.channel in color else c
         for c in checks.channels
@@ -881,10 +885,9 @@ def _beyond(
     store: Store | None,
     say: Callable[[str], None],
 ) -> float | None:
-    """Sum of squares, of its expectation, that the model leaves of the held-out records alone.
+    """Sum of squares over its expectation of the model, fitted to the held-out records alone.
 
-    Only where they show a gap that is none of the parameters: not even fitted to them does the
-    model explain them. Else None.
+    Returned only if the held-out records show a gap that no parameter values explain, else None.
     """
     model = accepted.before.fit.problem.model
     which = "segmented" if model.chaotic else "open_loop"
@@ -904,7 +907,7 @@ def _beyond(
 
 
 def _primary(model: Model, accepted: object, segmented_records: Sequence[SegmentedRecord]) -> str:
-    """The metric that people read first: open loop, unless that is chaotic or fails."""
+    """The main metric: open loop, unless the model is chaotic or a simulation fails."""
     before, after = accepted.before, accepted.after  # type: ignore[attr-defined]
     if model.chaotic:
         return "segmented"
@@ -926,10 +929,10 @@ def fit_model(
 ) -> Fit:
     """Fit the model without effects to all records: parameters with intervals.
 
-    The notes of the fit hold the warnings of the data checks, and what of the records is not used.
-    ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.
-    ``progress``, ``budget`` [s] and ``stop`` are those of :func:`diagnose`; a fit that was stopped
-    says so in its notes.
+    The notes of the fit hold the warnings of the data checks and the parts of the records that are
+    not used. ``resume`` is a folder for finished optimizations, from which an interrupted fit
+    continues. ``progress``, ``budget`` [s] and ``stop`` have the meaning of :func:`diagnose`; the
+    notes state whether the fit was stopped.
 
     Parameters
     ----------
@@ -942,9 +945,9 @@ def fit_model(
     settings
         Settings of the fit.
     progress
-        Function that is told how far the fit is.
+        Function that is called with the progress of the fit.
     resume
-        Folder with an earlier run that is continued.
+        Folder of an earlier run that continues.
     budget
         Time after which the fit stops [s].
     stop

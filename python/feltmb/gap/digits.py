@@ -1,4 +1,4 @@
-"""Numbers with as many digits as their interval has something to say of."""
+"""Rounds numbers to the digits that their uncertainty supports."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import math
 
 __all__ = ["digits"]
 
-#: Digits at most.
+#: Largest number of digits.
 MOST = 10
 
 
 def digits(value: float, sd: float, least: int) -> int:
-    """Significant digits of a number that show two of its standard deviation, at least some."""
+    """Number of significant digits that resolves two standard deviations, at least ``least``."""
     if not (math.isfinite(value) and math.isfinite(sd) and 0.0 < sd < abs(value)):
         return least
     shown = math.floor(math.log10(abs(value))) - math.floor(math.log10(sd)) + 2

@@ -1,4 +1,4 @@
-"""What is left after the best set: noise of another color, or an unexplained residual to beat."""
+"""Residual of the best set as noise: another noise color, or an unexplained residual."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """What is left in a channel, as noise."""
+    """Residual of a channel, described as noise."""
 
     sigma: float
     """Standard deviation [unit]."""
     correlation_time: float | None
-    """[s]; None: no more than noise is left, of the color that each record's sensor has."""
+    """Correlation time [s]; None: only noise is left, with the color of each record's sensor."""
 
 
 def discrepancy_of(
     search: Search, sensed: tuple[SegmentedRecord, ...], settings: FitSettings
 ) -> dict[str, Discrepancy] | None:
-    """Residual of the best set by channel, as noise with a correlation time; None: only noise.
+    """Describe the residual of the best set by channel, as correlated noise; None: only noise.
 
-    A library that explains the records needs nothing of this. Where it does not, sensor noise
-    alone would make every effect significant that correlates with the rest.
+    If the library explains the records, this is not needed. If it does not, every effect that
+    correlates with the residual would be significant against the noise of the sensors alone.
 
     Parameters
     ----------
@@ -76,10 +76,11 @@ def discrepancy_of(
 def color_of_discrepancy(
     search: Search, sensed: tuple[SegmentedRecord, ...]
 ) -> dict[str, float] | None:
-    """Correlation time [s] by channel of what the model leaves; None: it is white, or no noise.
+    """Correlation time [s] of the residual by channel; None: the residual is white or is no noise.
 
-    Only where sensors tell white noise, and what is left is no larger than they say: then it is the
-    color that is in question, first-order noise of the correlation that neighbors have.
+    Applies only if the sensors state white noise and the residual is not larger than stated. Then
+    the color is in question, and first-order noise with the correlation of neighboring samples is
+    assumed.
     """
     fit = search.tight_fit or search.model_fit
     parts = _residuals(fit)
@@ -95,7 +96,7 @@ def color_of_discrepancy(
             continue
         if np.nanmean(np.concatenate([v for v, _ in rest]) ** 2) > AS_GIVEN**2:
             return None
-        # Pairs of neighbors, both measured, and how far apart they are.
+        # Pairs of neighboring measured samples, and their distance in time.
         pairs = np.concatenate([np.column_stack([v[1:], v[:-1], dt]) for v, dt in rest])
         late, early, lag = pairs[np.isfinite(pairs).all(axis=1)].T
         power = 0.5 * float(late @ late + early @ early)
@@ -164,10 +165,10 @@ def _renoised(model: Model, segmented: SegmentedRecord, new: dict[str, Noise]) -
 
 
 def converged(old: dict[str, Discrepancy], new: dict[str, Discrepancy]) -> bool:
-    """Whether the rest has stopped to shrink.
+    """Whether the unexplained residual no longer shrinks.
 
-    One that grows has stopped as well: with more noise allowed, a smaller set is found, which
-    leaves more, and so on to a model that explains nothing.
+    A growing residual counts as converged as well. With more noise, a smaller set is found, which
+    leaves a larger residual, and so on until the model explains nothing.
     """
     return all(new[n].sigma > STILL_SHRINKS * old[n].sigma for n in old)
 

@@ -1,4 +1,4 @@
-"""Pictures of the report as SVG: a map of where, bars of which, a waterfall of how far."""
+"""Figures of the report as SVG: map of the gap, bars of the ranking, waterfall of the gap."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ if TYPE_CHECKING:
 __all__ = ["bars", "force_traces", "ledger_map", "profile_curve", "waterfall"]
 
 WIDTH = 9.0  # inches
-#: Letters of a name, and drawn records of a force.
+#: Largest number of letters of a name, and of records whose force is drawn.
 LONGEST_NAME, MOST_RECORDS = 38, 3
 
 
 def _svg(figure: Figure, name: str, tips: Mapping[str, str] | None = None) -> str:
-    """A figure for a page, the same bytes each time; ``tips`` by id are shown over elements."""
+    """SVG text of a figure, reproducible byte by byte; ``tips``: tooltips by id of an element."""
     import matplotlib as mpl
 
     buffer = io.StringIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
-    # Within a page no addresses: they are of name spaces, which HTML knows, and of a license.
+    # The page must not contain addresses; HTML needs neither the XML namespaces nor the license.
     addresses = r"<metadata>.*?</metadata>|\s+xmlns(?::\w+)?=\"[^\"]*\""
     text = re.sub(addresses, "", text, flags=re.DOTALL)
     text = text[text.index("<svg") :]
@@ -54,13 +54,13 @@ def _svg(figure: Figure, name: str, tips: Mapping[str, str] | None = None) -> st
 
 
 def _shade(z: float) -> tuple[float, float, float]:
-    """White to dark orange on a logarithmic scale of the excess."""
+    """Color from white to dark orange, on a logarithmic scale of the excess."""
     share = min(1.0, max(0.0, math.log10(1.0 + max(z, 0.0)) / 3.0))
     return 1.0 - 0.41 * share, 1.0 - 0.81 * share, 1.0 - share
 
 
 def _rows(ax: Axes, names: Sequence[str]) -> None:
-    """One named row an entry, the first on top."""
+    """Label one row for each entry, the first at the top."""
     style_axes(ax)
     ax.grid(visible=False)
     ax.set_yticks(range(len(names)), [plain_text(n[:LONGEST_NAME]) for n in names], fontsize=NORMAL)
@@ -71,7 +71,7 @@ def _rows(ax: Axes, names: Sequence[str]) -> None:
 def ledger_map(
     cells: Sequence[LedgerCell], onset: Mapping[str, float], name: str = "map of the gap in time"
 ) -> str:
-    """Channel of every record against time; color is the excess, framed where significant."""
+    """Map of residuals: channels of records over time. Color: excess; frame: significant."""
     from matplotlib.patches import Rectangle
 
     records = list(dict.fromkeys(c.record for c in cells))
@@ -126,14 +126,14 @@ def bars(
         value = f"{r.magnitude:.{digits(r.magnitude, r.sd, 4)}g}"
         text = f"{note}{r.posterior:.0%}; {value} ± {1.96 * r.sd:.2g}{unit}"
         ax.text(r.posterior + 0.01, i, plain_text(text), va="center", fontsize=NORMAL)
-    ax.set_xlim(0.0, 1.8)  # room for the magnitudes
+    ax.set_xlim(0.0, 1.8)  # space for the magnitudes
     ax.set_xticks([0.0, 0.5, 1.0], ["0", "50 %", "100 %"])
     ax.spines["left"].set_visible(False)
     return _svg(figure, "probability of each effect", tips)
 
 
 def waterfall(how_far: HowFar) -> str:
-    """From the gap as it is to the noise: calibration, each effect, what is left."""
+    """Waterfall from the tabulated gap to the noise: calibration, each effect, residual."""
     steps = how_far.waterfall
     top = steps[0][1]
     if not top > 0.0 or not math.isfinite(top):
@@ -160,7 +160,7 @@ def waterfall(how_far: HowFar) -> str:
 
 
 def force_traces(row: ComponentRow) -> str:
-    """Unknown force of one component over time with its band, one panel a record."""
+    """Unknown force of one component over time with its interval, one panel for each record."""
     if not row.trace:
         return ""
     shown = list(row.trace.items())[:MOST_RECORDS]
@@ -175,7 +175,7 @@ def force_traces(row: ComponentRow) -> str:
 
 
 def profile_curve(profile: Profile) -> str:
-    """Rise of the sum of squares beside the fitted magnitude, and what the linear model says."""
+    """Rise of the sum of squares about the fitted magnitude, with the linear model of the fit."""
     figure = new_figure(0.6 * WIDTH, 2.6)
     ax = figure.subplots()
     unit = profile.unit

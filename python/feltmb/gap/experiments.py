@@ -1,11 +1,11 @@
-"""What to measure next: the run or the sensor that would separate what these records confuse.
+"""Next experiments: the run or sensor that would separate effects which the records confuse.
 
-The model, at the parameters that were fitted, predicts each experiment; what it would add to
-the signatures of the two rivals is added to what the records at hand hold:
+The model with fitted parameters predicts each experiment. Its contribution to the signatures of the
+two rivals is added to the contribution of the existing records:
 
     G = E' M E over all rows,   P(confuse) = Phi(-1/2 |e_a - e_b| phi)   (see feltmb.gap.advise)
 
-Only the normal equations of the new run are made; those of the records are kept.
+Only the normal equations of the new run are computed; those of the records are reused.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from feltmb.gap.search import Search
 
 __all__ = ["advise"]
 
-#: Rivals that advice is given for.
+#: Number of rivals that get advice.
 MOST_RIVALS = 3
-#: Other ways to play a record: name, factor of the inputs, factor of the time.
+#: Variations of a record: name, factor of the inputs, factor of the time.
 WAYS = (
     ("the same again", 1.0, 1.0),
     ("half the input", 0.5, 1.0),
@@ -44,14 +44,14 @@ WAYS = (
 
 @dataclass(frozen=True)
 class _Attempt:
-    """An experiment and what it would leave of the confusion."""
+    """An experiment and the confusion that would remain after it."""
 
     text: str
     then: float
 
 
 def advise(search: Search, accepted: Accepted) -> tuple[Advice, ...]:
-    """The best of several experiments for every alternative to the accepted set."""
+    """The best of several experiments for each alternative to the accepted set."""
     best = accepted.best
     if best is None:
         return ()
@@ -103,14 +103,14 @@ def _advice(fit: Fit, a: Candidate, b: Candidate, size: float) -> Advice:
 
 
 def _plans(fit: Fit) -> Iterator[tuple[str, SegmentedRecord]]:
-    """Experiments like the records at hand: other ways to play, less noisy or further sensors."""
+    """Experiments similar to the records: varied inputs, less noise, more sensors."""
     model = fit.problem.model
     segmented_records = fit.problem.segmented_records
     for segmented in segmented_records:
         record = segmented.record
         for what, strength, stretch in WAYS:
             if record.input_mode == "motion" and strength != 1.0:
-                continue  # a travel has its stops: it can be run through faster, not further
+                continue  # a displacement is limited by stops: it can be made faster but not larger
             changed = replace(
                 record,
                 name=f"{record.name}, {what}",
@@ -139,7 +139,7 @@ def _plans(fit: Fit) -> Iterator[tuple[str, SegmentedRecord]]:
 def _predicted(
     fit: Fit, like: SegmentedRecord, record: Record, sensors: Mapping[str, Sensor]
 ) -> SegmentedRecord | None:
-    """The experiment as the fitted model predicts it; None where it cannot be simulated."""
+    """Prediction of the experiment by the fitted model; None if it cannot be simulated."""
     model: Model = fit.problem.model
     try:
         plan = planned(model, record, sensors, fit.point.theta)
@@ -162,13 +162,13 @@ def _predicted(
 def _of_one(
     fit: Fit, segmented: SegmentedRecord, included: tuple[Candidate, Candidate]
 ) -> Array | None:
-    """Normal equations of one planned run over parameters and the two effects."""
+    """Normal equations of one planned run for the parameters and the two effects."""
     problem = replace(fit.problem, segmented_records=(segmented,), included=(), store=None)
     point: Point = problem.start(theta=fit.point.theta)
     gap_sd = fit.level * problem.scale(point)
     normal = problem.normal(point, problem.linear(point, included), gap_sd)
     reduced = _eliminated(normal)
-    for c, i in enumerate(problem.free):  # the priors are among the records already
+    for c, i in enumerate(problem.free):  # the records already contain the priors
         sd = problem.model.parameters[i].sd
         if np.isfinite(sd):
             reduced[c, c] -= 1.0 / sd**2
@@ -176,7 +176,7 @@ def _of_one(
 
 
 def _eliminated(normal: Normal) -> Array:
-    """The matrix over the shared globals, sensor nuisances of the records projected out."""
+    """Matrix of the shared parameters; the sensor nuisances of the records are projected out."""
     own, rest = slice(0, normal.shared), slice(normal.shared, None)
     matrix = normal.matrix
     if matrix.shape[0] == normal.shared:
@@ -187,7 +187,7 @@ def _eliminated(normal: Normal) -> Array:
 
 
 def _confusion(matrix: Array, a: Candidate, b: Candidate, size: float) -> float:
-    """Chance to take a for b at a magnitude of a [its unit]; both are last of the globals."""
+    """Probability of mistaking a for b at a magnitude of a [its unit]; the two last globals."""
     at = matrix.shape[0] - 2
     s, e = slice(0, at), slice(at, None)
     absorbed = solve_scaled(matrix[s, s], matrix[s, e])

@@ -1,4 +1,4 @@
-"""What a diagnosis found: where, which, how far, next, and the model with effects."""
+"""Result types of a diagnosis: place, causes, held-out gap, advice, and the model with effects."""
 
 from __future__ import annotations
 
@@ -39,96 +39,100 @@ __all__ = [
 
 
 class Verdict(StrEnum):
-    """What the engine commits itself to."""
+    """Verdict of a diagnosis."""
 
     NO_GAP = "NO GAP"
-    """The model explains the records within noise and repeatability, with its tabulated numbers."""
+    """The tabulated model explains the records within noise and run-to-run variability."""
     CALIBRATED = "NO STRUCTURAL GAP, CALIBRATED"
-    """So it does once the parameters of ``report.calibrated`` have moved; nothing is missing."""
+    """The model explains the records with the fitted values in ``report.calibrated``; no effect is
+    missing."""
     NAMED = "NAMED"
     """The effects in ``report.named`` explain the gap, proven on held-out data."""
     ONE_OF = "ONE OF"
-    """One effect of ``report.one_of`` does; these records cannot tell which."""
+    """One effect of ``report.one_of`` explains the gap; the records cannot determine which."""
     NAMED_UNKNOWN_REST = "NAMED + RESIDUAL REMAINS"
-    """As NAMED, but a significant gap is left that nothing tested explains."""
+    """As NAMED, but a significant gap remains that no tested effect explains."""
     UNKNOWN = "UNKNOWN"
-    """There is a gap, and nothing tested explains it."""
+    """There is a gap, and no tested effect explains it."""
     TOO_WEAK = "TOO WEAK"
-    """A hint that does not reach significance, or no held-out record can prove it."""
+    """There is a sign of a gap, but it is not significant, or no held-out record can prove it."""
     DATA_PROBLEM = "DATA PROBLEM"
-    """Sensors, inputs or clocks explain it at least as well as the machine does."""
+    """Faults of sensors, inputs or clocks explain the gap at least as well as effects in the
+    machine."""
 
 
-#: Verdicts by which model and named effects explain the records.
+#: Verdicts with which the model and its named effects explain the records.
 EXPLAINED = frozenset({Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.NAMED})
-#: Verdicts that ask for no cause outside the model.
+#: Verdicts that need no cause outside the model.
 QUIET = frozenset({Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.TOO_WEAK})
 
 
 @dataclass(frozen=True, kw_only=True)
 class AsItIs:
-    """The gap of the model with its tabulated numbers in one channel, before any fit."""
+    """Gap of the model with its tabulated numbers in one channel, before any fit."""
 
     channel: str
     unit: str
     gap: float
-    """Root mean square over all records [unit]; infinite where the simulation fails."""
+    """Root mean square over all records [unit]; infinite if a simulation fails."""
     noise: float
-    """Of the sensor [unit]."""
+    """Standard deviation of the noise of the sensor [unit]."""
     multiple: float
     """``gap / noise`` [1]"""
     spread: float
-    """Standard deviation of what was measured [unit]."""
+    """Standard deviation of the measured signal [unit]."""
     failed: tuple[str, ...] = ()
-    """Records that the model cannot simulate to their end."""
+    """Records that the model cannot simulate to the end."""
 
     @property
     def worse_than_constant(self) -> bool:
-        """Whether a constant would be nearer to the records than the model is."""
+        """Whether a constant would be closer to the records than the model."""
         return self.gap > self.spread
 
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrated:
-    """A parameter that the fit moved by more than two posterior standard deviations."""
+    """A parameter that the fit changed by more than two posterior standard deviations."""
 
     name: str
     component: str
     part: str
-    """What people call it."""
+    """Name of the part for people."""
     unit: str
     tabulated: float
-    """From [unit]."""
+    """Tabulated value [unit]."""
     value: float
-    """To [unit]."""
+    """Fitted value [unit]."""
     sd: float
     """Posterior standard deviation [unit]."""
     low: float
-    """95 % interval [unit]."""
+    """Lower end of the 95 % interval [unit]."""
     high: float
     deviations: float
-    """How far it moved, in posterior standard deviations."""
+    """Change in posterior standard deviations."""
     prior_deviations: float | None
-    """The same in those of its prior; None: nothing was known of it."""
+    """Change in prior standard deviations; None: the parameter has no prior."""
     at_limit: bool
-    """Whether it sits at a limit that it may not pass."""
+    """Whether the value is at a limit of the parameter."""
     share: float
-    """Share of the squared gap of the tabulated model that it explains, all records [1]; NaN: not
-    computed, or there is no gap above the noise."""
+    """Share of the squared gap of the tabulated model that the change explains, all records [1];
+    NaN: not computed, or no gap above the noise."""
     sure: bool
-    """Whether it moved further than noise alone moves one of all parameters (``alpha``)."""
+    """Whether the change is significant at the family-wise level ``alpha`` over all parameters."""
     alone: float = math.nan
-    """What the records alone say, where its tolerance holds it back [unit]; else NaN."""
+    """Estimate from the records alone, if the tolerance holds the fitted value back [unit]; else
+    NaN."""
     alone_sd: float = math.nan
-    """Standard deviation of that [unit]."""
+    """Standard deviation of ``alone`` [unit]."""
     beyond: bool = False
-    """Whether it is beyond its tolerance; see :func:`~feltmb.gap.tolerance.beyond_tolerance`."""
+    """Whether the value exceeds its tolerance; see
+    :func:`~feltmb.gap.tolerance.beyond_tolerance`."""
     text: str = ""
-    """How far it moved, in a sentence."""
+    """Description of the change in one sentence."""
 
     @property
     def notes(self) -> str:
-        """Its tolerance and its share of the gap, in brackets."""
+        """Tolerance and share of the gap, in brackets."""
         notes = []
         if self.prior_deviations is not None:
             far = abs(self.prior_deviations)
@@ -146,78 +150,78 @@ class Closest:
 
     effects: tuple[str, ...]
     magnitudes: tuple[float, ...]
-    """[units of the effects]"""
+    """Magnitude of each effect [units of the effects]."""
     units: tuple[str, ...]
     closed: float
-    """Share of the held-out gap of the fitted model that it would close [1]."""
+    """Share of the held-out gap of the fitted model that the set would close [1]."""
     low: float
-    """95 % interval."""
+    """Lower end of the 95 % interval of ``closed`` [1]."""
     high: float
     why: str
-    """Why it is not proven."""
+    """Reason why it is not proven."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LedgerCell:
-    """One channel in one time segment."""
+    """Residual of one channel in one time segment."""
 
     record: str
     channel: str
     start: float
-    """[s]"""
+    """Start of the segment [s]."""
     end: float
-    """[s]"""
+    """End of the segment [s]."""
     samples: int
     rms: float
-    """Residual [unit of the channel]."""
+    """Root mean square of the residual [unit of the channel]."""
     sigma: float
-    """What noise alone would leave [unit]."""
+    """Root mean square that noise alone would leave [unit]."""
     z: float
-    """(chi2 - n) / sqrt(2 n), n the effective number of samples."""
+    """(chi2 - n) / sqrt(2 n), where n is the effective number of samples."""
     p: float
     significant: bool
-    """By Benjamini-Yekutieli over all cells."""
+    """Significance according to Benjamini-Yekutieli over all cells."""
     lag1: float
-    """Autocorrelation of the whitened residual over one bin."""
+    """Autocorrelation of the whitened residual at a lag of one bin."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EventRow:
-    """One event of one channel: how much earlier or faster the machine is than the model."""
+    """One event of one channel: time and speed of the machine compared with the model."""
 
     record: str
     event: str
     channel: str
     time: float
-    """Measured [s]."""
+    """Measured time of the event [s]."""
     delay: float
     """Measured minus simulated time [s]."""
     delay_se: float
     speed: float
-    """Measured [unit/s]."""
+    """Measured speed at the event [unit/s]."""
     speed_error: float
-    """Measured minus simulated [unit/s]."""
+    """Measured minus simulated speed [unit/s]."""
     speed_error_se: float
     significant: bool
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComponentRow:
-    """A place in the machine, and whether an unknown force acts there."""
+    """A port of the model, and whether an unknown force acts there."""
 
     component: str
     port: str
     unit: str
     statistic: float
-    """Variance-component score, standardized."""
+    """Standardized variance-component score."""
     p: float
     significant: bool
     explained: float
-    """Share of the gap that such a force could explain [1]."""
+    """Share of the gap that a force at this port could explain [1]."""
     trace: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
     """Record -> {"time", "force", "sd", "position", "speed"} for the strongest places."""
     signature: str = ""
-    """What the trace looks like (sign of speed, loop, ...)."""
+    """Likely form of the force (sign of speed, loop, ...)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,12 +232,13 @@ class Where:
     events: tuple[EventRow, ...]
     components: tuple[ComponentRow, ...]
     onset: Mapping[str, float]
-    """Record -> first moment of the gap [s], only records that have one: where the accepted effects
-    begin to show in the model, or else where the sum of squares exceeds its expectation."""
+    """Record -> start of the gap [s], for records that have one: the time at which the accepted
+    effects begin to show in the model, or else at which the sum of squares exceeds its expectation.
+    """
     split: Mapping[str, Mapping[str, float]]
     """Channel -> shares of the squared gap: "time", "amplitude", "rest" [1]."""
     remains: tuple[LedgerCell, ...] = ()
-    """The ledger of the model with what was named; empty where nothing was."""
+    """The residuals of the model with the named effects; empty if no effect is named."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -243,13 +248,13 @@ class ShapeNumber:
     name: str
     value: float
     low: float
-    """95 % interval; the value itself where it was not fitted."""
+    """Lower end of the 95 % interval; the value itself if it was not fitted."""
     high: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ranked:
-    """One candidate."""
+    """One candidate effect in the ranking."""
 
     effect: str
     component: str
@@ -258,30 +263,31 @@ class Ranked:
     unit: str
     shape: Any
     magnitude: float
-    """Refitted if ``refitted``, else one step from the model fit [unit]."""
+    """Refitted magnitude if ``refitted``, else the estimate after one step from the model fit
+    [unit]."""
     sd: float
     low: float
-    """95 % interval."""
+    """Lower end of the 95 % interval [unit]."""
     high: float
     refitted: bool
     statistic: float
-    """Score test T, ~ chi2 with 1 degree of freedom if the effect is absent."""
+    """Score test T, ~ chi2 with 1 degree of freedom if the effect is absent [1]."""
     robust: float
-    """The same with the cluster-robust variance."""
+    """Score test with the cluster-robust variance [1]."""
     p: float
-    """Family-wise, over all effects, shapes and sets."""
+    """Family-wise p value over all effects, shapes and sets."""
     posterior: float
-    """Probability that it is part of the cause."""
+    """Posterior probability that the effect is part of the cause [1]."""
     noncentrality: float
-    """Detectability at its scale: expected sqrt(T) at magnitude = scale."""
+    """Signal-to-noise ratio at its scale: expected sqrt(T) for magnitude = scale [1]."""
     smallest: float
-    """Smallest magnitude that these records can show [unit]; inf: they show none."""
+    """Smallest magnitude that these records can detect [unit]; inf: none."""
     confusable: tuple[str, ...]
-    """Effects that these records cannot tell from it."""
+    """Effects that these records cannot distinguish from it."""
     named: bool
     remedy: str = ""
     numbers: tuple[ShapeNumber, ...] = ()
-    """Numbers of the shape."""
+    """Numbers of the shape of the effect."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -292,7 +298,7 @@ class RankedSet:
     magnitudes: tuple[float, ...]
     statistic: float
     evidence: float
-    """Log evidence against the model."""
+    """Log evidence relative to the model (natural logarithm)."""
     posterior: float
     refitted: bool
 
@@ -304,11 +310,11 @@ class Which:
     effects: tuple[Ranked, ...]
     sets: tuple[RankedSet, ...]
     none: float
-    """Posterior of: the model suffices."""
+    """Posterior probability that the model without effects suffices [1]."""
     other: float
-    """Posterior of: something that is not in the library."""
+    """Posterior probability of a cause that is not in the library [1]."""
     classes: tuple[tuple[str, ...], ...]
-    """Effects that these records cannot tell apart."""
+    """Groups of effects that these records cannot distinguish."""
 
     def __getitem__(self, name: str) -> Ranked:
         for row in self.effects:
@@ -317,34 +323,36 @@ class Which:
         raise no_such("ranked effect", name, (row.effect for row in self.effects))
 
 
-#: A sum of squares below that of the fit by more than this is reported: twice the log evidence
-#: within which two fits count as one.
+#: If a fit of the profile is better than the original fit by more than this, it is reported. The
+#: value is twice the difference of log evidence below which two fits count as equal.
 LOWER = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """How the least sum of squares rises beside the fitted magnitude of an effect."""
+    """Profile of the magnitude of an effect: least sum of squares at fixed magnitudes."""
 
     effect: str
     unit: str
     magnitude: float
-    """Fitted [unit]."""
+    """Fitted magnitude [unit]."""
     sd: float
-    """Posterior standard deviation by the linear model of the fit [unit]."""
+    """Posterior standard deviation according to the linear model of the fit [unit]."""
     values: tuple[float, ...]
-    """Magnitudes at which all else was fitted again, the fitted one among them [unit]."""
+    """Magnitudes at which everything else was fitted again, the fitted one included [unit]."""
     rises: tuple[float, ...]
-    """Rise of the sum of squares there [1]; below 0: the fit had not come to its minimum."""
+    """Rise of the sum of squares at ``values`` [1]; below 0: the original fit was not at the
+    minimum."""
     low: float
-    """95 % interval, where the rise is 3.84 [unit]; infinite: not reached within 3 ``sd``."""
+    """Lower end of the 95 % interval: the rise is 3.84 there [unit]; infinite: not reached within 3
+    ``sd``."""
     high: float
     complete: bool = True
-    """False: it was stopped before all values were fitted."""
+    """False: the computation was stopped before all values were fitted."""
 
     @property
     def text(self) -> str:
-        """The interval in a sentence."""
+        """Sentence about the interval."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         ends = [
             f"{end:.4g}{unit}" if math.isfinite(end) else f"beyond {edge:.4g}{unit}"
@@ -369,71 +377,71 @@ class Profile:
 
 @dataclass(frozen=True, kw_only=True)
 class GapRow:
-    """A gap on held-out data by one metric."""
+    """Gap on held-out data in one metric."""
 
     metric: str
     """"segmented", "open loop", "with speed" or "events"."""
     channel: str
     unit: str
     before: float
-    """Model with fitted parameters [unit]."""
+    """Gap of the model with fitted parameters [unit]."""
     after: float
-    """The same with what was named [unit]."""
+    """Gap of the model with fitted parameters and named effects [unit]."""
     noise: float
     closed: float
     """(before - after) / (before - noise) [1]"""
     low: float
-    """95 % interval of ``closed`` by block bootstrap."""
+    """Lower end of the 95 % interval of ``closed``, by block bootstrap [1]."""
     high: float
     p: float
-    """One-sided: the effect does not improve held-out data."""
+    """One-sided p value of the hypothesis that the effects do not improve held-out data."""
     tabulated: float = math.nan
-    """Model with tabulated parameters [unit]; NaN: not computed."""
+    """Gap of the model with tabulated parameters [unit]; NaN: not computed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HowFar:
-    """How far the gap shrinks on held-out data."""
+    """Reduction of the gap on held-out data."""
 
     rows: tuple[GapRow, ...]
     waterfall: tuple[tuple[str, float], ...]
-    """("as tabulated", gap), ("calibration", what the fit of the parameters brings), then every
-    accepted effect with its order-free (Shapley) share, then ("unexplained", rest), ("noise",
-    noise and repeatability); in units of ``waterfall_unit``."""
+    """Bars of the waterfall: ("as tabulated", gap), ("calibration", reduction by the fit of the
+    parameters), then each accepted effect with its order-free (Shapley) share, then ("unexplained",
+    rest), ("noise", noise and run-to-run variability); in units of ``waterfall_unit``."""
     tabulated: float
     """Gap of the model with tabulated parameters, all channels together [``waterfall_unit``]."""
     before: float
-    """The same with fitted parameters."""
+    """Gap with fitted parameters [``waterfall_unit``]."""
     after: float
-    """The same with what was named."""
+    """Gap with fitted parameters and named effects [``waterfall_unit``]."""
     waterfall_unit: str
     metric: str
     """Metric of the waterfall and of ``closed``: "open loop" or "segmented"."""
     closed: float
-    """Share of the segmented held-out gap that is closed, all channels together [1]."""
+    """Closed share of the segmented held-out gap, all channels together [1]."""
     low: float
     high: float
     records: tuple[str, ...]
-    """Held-out records."""
+    """Names of the held-out records."""
     per_record: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Record -> (before, after), segmented, whitened."""
+    """Record -> (before, after): segmented gaps, whitened [1]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """Next step, or an experiment that would separate confused effects."""
+    """A next step, for example an experiment that would separate confused effects."""
 
     text: str
     separates: tuple[str, str] = ("", "")
-    """Rivals that an experiment would separate."""
+    """The two effects that an experiment would separate."""
     confusion_now: float = math.nan
-    """Probability to take one for the other, now [1]."""
+    """Present probability of confusing the two effects [1]."""
     confusion_then: float = math.nan
 
 
 @dataclass(frozen=True, kw_only=True)
 class NotTested:
-    """Something that was not tested, and why."""
+    """An effect that was not tested, and the reason."""
 
     name: str
     why: str
@@ -441,33 +449,33 @@ class NotTested:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelWithEffects:
-    """The model with the effects that were named, ready to simulate."""
+    """The model with fitted parameters and effects, ready for simulation."""
 
     original: Model
-    """What was diagnosed: the model with neither fitted parameters nor effects."""
+    """The diagnosed model, without fitted parameters and effects."""
     theta: Array
     included: tuple[Candidate, ...]
     magnitudes: Array
     starts: Mapping[str, Array] = field(default_factory=dict)
-    """Start state that the fit found, by record; order of ``original.states(included)``."""
+    """Fitted start state by record; in the order of ``original.states(included)``."""
     provenance: str = ""
-    """Which diagnosis the numbers are from, for files."""
+    """Text that identifies the diagnosis, for files."""
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Fitted parameters by name."""
+        """Value of each fitted parameter by name."""
         return {p.name: float(v) for p, v in zip(self.original.parameters, self.theta, strict=True)}
 
     @property
     def effects(self) -> dict[str, float]:
-        """Magnitudes by name of the effect."""
+        """Magnitude of each effect by name."""
         return {t.name: float(v) for t, v in zip(self.included, self.magnitudes, strict=True)}
 
     @checked
     def simulate(self, record: Record, start: Array | None = None) -> dict[str, Array]:
-        """Outputs over a whole record, by name, from a start state.
+        """Simulate a whole record from a start state; returns the outputs by name.
 
-        Default: the state that the fit found for the record, else the mean of its prior.
+        The default start state is the fitted one of the record, else the mean of its prior.
         """
         states = self.original.states(self.included)
         if start is None:
@@ -489,12 +497,12 @@ class ModelWithEffects:
 
     @checked
     def write(self, path: str | Path, *, force: bool = False) -> Path:
-        """Write the model with fitted parameters and effects into a file that loads again.
+        """Write the model with fitted parameters and effects to a file that can be loaded again.
 
         Raises
         ------
         InvalidParameter
-            The model is not made from a file, or an effect has no place in one.
+            The model does not come from a file, or the file format cannot represent an effect.
         """
         return self.original.write(
             Path(path),
@@ -512,43 +520,45 @@ class Findings:
 
     verdict: Verdict
     statement: str
-    """The verdict in a sentence or two."""
+    """The verdict in one or two sentences."""
     named: tuple[str, ...]
-    """Effects that were named (NAMED, NAMED + RESIDUAL REMAINS)."""
+    """Named effects (verdicts NAMED and NAMED + RESIDUAL REMAINS)."""
     one_of: tuple[str, ...]
-    """The class (ONE OF); () otherwise."""
+    """Effects that cannot be distinguished (verdict ONE OF); () otherwise."""
     confidence: float
-    """Posterior probability of what the verdict says [1]."""
+    """Posterior probability of the statement [1]."""
     as_it_is: tuple[AsItIs, ...]
-    """The gap of the model with tabulated numbers, by channel; the same whatever effects are
-    tested."""
+    """Gap of the model with tabulated numbers, by channel. It does not depend on the tested
+    effects."""
     calibrated: tuple[Calibrated, ...]
-    """What the fit of the parameters moved, largest share of the gap first."""
+    """Parameters that the fit changed, sorted by their share of the gap, largest first."""
     closest: Closest | None
-    """What came closest where nothing was named; None: no tested set comes closer."""
+    """The closest tested set if no effect is named; None: no tested set is closer than the
+    model."""
     where: Where
     which: Which
     how_far: HowFar
     next: tuple[Advice, ...]
     model: ModelWithEffects
-    """With fitted parameters and what was named."""
+    """The model with fitted parameters and named effects."""
     fitted: ModelWithEffects
-    """With fitted parameters alone."""
+    """The model with fitted parameters only."""
     tabulated: ModelWithEffects
-    """As it is, from the start states that suit it best."""
+    """The tabulated model, with the start states that fit the records best."""
     not_tested: tuple[NotTested, ...]
     refused: tuple[NotTested, ...]
     """Effects of the best set that are not named, and why: held-out records did not confirm them,
     or their probability is too low."""
     fit: Any
-    """The fit of the model (:class:`feltmb.fit.Fit`)."""
+    """Fit of the model (:class:`feltmb.fit.Fit`)."""
     checks: Any
-    """What the data checks found (:class:`feltmb.gap.DataChecks`)."""
+    """Result of the data checks (:class:`feltmb.gap.DataChecks`)."""
     profiles: tuple[Profile, ...] = ()
-    """Of the magnitudes of named effects, where asked for (``Options(profile=True)``)."""
+    """Profiles of the magnitudes of named effects, if requested (``Options(profile=True)``)."""
     no_profile: str = ""
-    """Why there is none, though it was asked for."""
+    """Reason why a requested profile is missing."""
     seconds: Mapping[str, float] = field(default_factory=dict)
-    """Time per stage; left out of the files, whose bytes depend on the input alone."""
+    """Time per stage [s]; not written to files, because their bytes must depend on the input
+    alone."""
     stopped: str = ""
-    """Stage in which it was stopped, and why; empty: it came to its end."""
+    """Stage in which the diagnosis was stopped, and why; empty: it was completed."""

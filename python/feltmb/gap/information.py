@@ -1,7 +1,8 @@
-"""What an experiment tells of parameters and effects, and what that is worth.
+"""Information of an experiment about parameters and effects, and the value of that information.
 
-Linearized at one place, an experiment j adds its matrix H_j over the parameters and the magnitudes
-of all candidates (in scales; states, sensors and run-to-run variability of the record eliminated):
+The model is linearized at one point. An experiment j then adds its matrix H_j over the parameters
+and the magnitudes of all candidates. Magnitudes are in scales; states, sensors and run-to-run
+variability of the record are eliminated:
 
     H = prior + sum_j H_j,    G = H_ee - H_ep H_pp^-1 H_pe
 
@@ -10,9 +11,9 @@ magnitude is free with the prior N(0, 1), and against the model alone is
 
     L_ab = m^2/2 (G_aa - G_ab^2 / (G_bb + 1)),    L_a0 = m^2/2 G_aa
 
-and with belief w the belief that a will get is p_a = w_a / (w_a + sum_b w_b exp(-L_ab)). The worth
-is the mean of p_a over what may be true. *Sizes* (D-optimal): 1/2 log det(1 + G), the expected gain
-of information on all magnitudes [log evidence].
+With prior probability w, the posterior probability of a will be p_a = w_a / (w_a + sum_b w_b
+exp(-L_ab)). The value of the experiment is the mean of p_a over all possible causes. *Sizes*
+(D-optimal): 1/2 log det(1 + G), the expected gain of information on all magnitudes [log evidence].
 """
 
 from __future__ import annotations
@@ -39,58 +40,58 @@ from feltmb.gap.planning import _noise, planned
 
 __all__ = ["Belief", "Information", "Knowledge", "information", "informations"]
 
-#: Magnitudes at which an effect is expected before there are data [scales].
+#: Magnitudes of an effect that are assumed before there are data [scales].
 MAGNITUDES = (0.5, 1.0, 2.0)
-#: Continuity defects that are allowed, as a share of the spread of the states: that of the
-#: segmented metric. With exact continuity a chaotic machine would promise to show a friction of
-#: 1e-7 N, by a linearization that holds no further.
+#: Permitted continuity defects, as a share of the spread of the states; equal to the segmented
+#: metric. With exact continuity, a linearization of a chaotic machine would predict that a friction
+#: of 1e-7 N is detectable. The linearization is not valid that far.
 LOOSE = 0.01
 
 
 @checked
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What one experiment tells; over the parameters of the model, then all candidates."""
+    """Information of one experiment, over the parameters of the model and then all candidates."""
 
     matrix: Array
     """Second derivative of -log likelihood, parameters in their units, magnitudes in scales."""
     right: Array
-    """Slope of the log likelihood at the tabulated numbers; 0 for what is only planned."""
+    """Gradient of the log likelihood at the tabulated values; 0 for a planned experiment."""
     square: float = 0.0
-    """Squared residual there."""
+    """Squared residual at the tabulated values."""
     samples: float = 0.0
-    """Measured values behind it."""
+    """Number of measured values."""
     kept: bool = False
-    """Whether it was worked out before, and kept."""
+    """Whether the result was read from the store instead of computed."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Belief:
-    """What may be true, before the next experiment."""
+    """Possible causes before the next experiment, with their probabilities."""
 
     weights: Mapping[str, float]
-    """By effect."""
+    """Probability of each effect."""
     none: float = 0.0
-    """That nothing is missing, or too little to be seen."""
+    """Probability that no effect is missing, or only one that is too weak to be detected."""
     magnitudes: Mapping[str, float] = field(default_factory=dict)
-    """By effect, as far as they were fitted [unit]."""
+    """Fitted magnitude by effect, if it was fitted [unit]."""
 
     @classmethod
     def even(cls, candidates: Sequence[Candidate], none: float = 0.1) -> Belief:
-        """As the library says, before any data."""
+        """Probabilities from the weights of the library, before any data."""
         weight = {t.name: t.effect.weight for t in candidates}
         total = sum(weight.values()) or 1.0
         return cls(weights={n: (1.0 - none) * w / total for n, w in weight.items()}, none=none)
 
     @classmethod
     def of_report(cls, report: Mapping[str, Any]) -> Belief:
-        """From ``report.json`` of a diagnosis.
+        """Probabilities from ``report.json`` of a diagnosis.
 
         Raises
         ------
         InvalidParameter
-            It is no report.
+            The object is not such a report.
         """
         try:
             which = report["which"]
@@ -114,13 +115,14 @@ class Belief:
         return cls(weights=weights, none=none, magnitudes=fitted)
 
     def over(self, candidates: Sequence[Candidate]) -> Array:
-        """Weights of candidates (of the best shape each); a reserve is kept for all of them."""
+        """Probabilities of candidates (best shape of each effect), with a reserve for all."""
         prior = np.array([t.effect.weight for t in candidates])
         prior = prior / max(float(np.sum(prior)), 1e-300)
         own = np.array([self.weights.get(t.name, 0.0) for t in candidates])
         total = float(np.sum(own)) + self.none
         own = own / total if total > 0.0 else prior
-        # Where nothing seems to be missing, each effect may be there below what was seen.
+        # If nothing seems to be missing, each effect may still exist below its detectable
+        # magnitude.
         reserve = RESERVE + (1.0 - RESERVE) * (self.none / total if total > 0.0 else 0.0)
         out = (1.0 - reserve) * own / max(float(np.sum(own)), 1e-300) + reserve * prior
         return np.asarray(out / np.sum(out))
@@ -133,7 +135,7 @@ def information(
     *,
     store: Store | None = None,
 ) -> Information | None:
-    """What a record tells, or would; None: it cannot be simulated.
+    """Information of a measured or planned record; None: the record cannot be simulated.
 
     The outputs of the record count as measured.
     """
@@ -195,7 +197,7 @@ def informations(
 
 
 def _identity(model: Model) -> str | None:
-    """All that a mechanism is made of: its tables and options. None: functions, not comparable."""
+    """Definition of a mechanism: its tables and options. None: functions cannot be compared."""
     raw = getattr(getattr(model.core, "action", None), "raw", None)
     if raw is None:
         return None
@@ -264,7 +266,7 @@ def _of_model(
     own = problem.model
     matrix, right = np.array(normal.matrix), np.array(normal.right)
     free = [own.parameters[i] for i in problem.free]
-    for c, p in enumerate(free):  # priors are counted once, not with every record
+    for c, p in enumerate(free):  # priors must be counted once, not with every record
         if np.isfinite(p.sd) and p.name in {q.name for q in model.parameters}:
             matrix[c, c] -= 1.0 / p.sd**2
             right[c] -= (p.value - point.theta[problem.free[c]]) / p.sd**2
@@ -301,7 +303,7 @@ class Knowledge:
     matrix: Array
     right: Array
     before: Array | None = None
-    """Gram matrix that the belief already knows of."""
+    """Gram matrix of the data that the probabilities in ``belief`` already include."""
     square: float = 0.0
     samples: float = 0.0
 
@@ -313,7 +315,7 @@ class Knowledge:
         belief: Belief,
         known: Sequence[Information] = (),
     ) -> Knowledge:
-        """Priors of the parameters, and the experiments that were made."""
+        """Start from the priors of the parameters and the experiments that were made."""
         n, k = len(model.parameters), len(candidates)
         if not k:
             raise InvalidParameter("plan: there are no effects to tell apart")
@@ -327,7 +329,7 @@ class Knowledge:
         return replace(out, before=out.gram)
 
     def plus(self, one: Information) -> Knowledge:
-        """With another experiment."""
+        """Add an experiment."""
         return replace(
             self,
             matrix=self.matrix + one.matrix,
@@ -337,7 +339,7 @@ class Knowledge:
         )
 
     def part(self, name: str, sd: float) -> Information:
-        """What a test of a part by itself tells."""
+        """Information of a test of one part by itself."""
         at = [p.name for p in self.model.parameters].index(name)
         matrix = np.zeros_like(self.matrix)
         matrix[at, at] = 1.0 / sd**2
@@ -351,11 +353,11 @@ class Knowledge:
 
     @property
     def gram(self) -> Array:
-        """G of the candidates, magnitudes in scales; parameters are projected out."""
+        """Matrix G of the candidates, magnitudes in scales; parameters are projected out."""
         pp, pe, ee = self._split
         out = ee - pe.T @ solve_scaled(pp, pe)
         out = 0.5 * (out + out.T)
-        # What is left of columns that parameters imitate is rounding.
+        # If parameters imitate a column, the remainder is rounding.
         noise = 1e-9 * np.maximum(np.diag(ee), 1e-300)
         bad = np.diag(out) < noise
         out[bad, :] = 0.0
@@ -373,7 +375,8 @@ class Knowledge:
     def magnitudes(self) -> Array:
         """Magnitudes at which each candidate is expected [scales], (m, k).
 
-        What would have shown in the records at hand, and did not, can be there below that only.
+        An effect that is not visible in the existing records can only be below its detectable
+        magnitude.
         """
         out = np.tile(np.array(MAGNITUDES)[:, None], (1, len(self.candidates)))
         if self.before is not None:
@@ -384,9 +387,10 @@ class Knowledge:
         return out
 
     def beliefs(self, most: int = 1) -> Array:
-        """Belief that each candidate would get if it were true, (k,).
+        """Posterior probability that each candidate would get if it were true, (k,).
 
-        ``most``: in it and those that are most like it, a class of so many.
+        ``most``: the probability of a class of this size, i.e. of the candidate and those that are
+        most similar to it.
         """
         weights = self.belief.over(self.candidates)
         none = max(self.belief.none, 1e-3)
@@ -408,7 +412,7 @@ class Knowledge:
         return np.asarray(total / len(sizes))
 
     def names(self) -> float:
-        """Expected belief in the true cause [1]: T-optimality over all that may be true."""
+        """Expected posterior probability of the true cause [1] (T-optimality)."""
         return float(self.belief.over(self.candidates) @ self.beliefs())
 
     def sizes(self) -> float:
@@ -417,11 +421,14 @@ class Knowledge:
         return 0.5 * float(np.linalg.slogdet(np.eye(len(g)) + g)[1])
 
     def confusion(self) -> Array:
-        """Chance to take one candidate for another at one scale, (k, k + 1); last: for nothing."""
+        """Probability of mistaking a candidate (row) for another at one scale, (k, k + 1).
+
+        The last column is the probability of mistaking it for no effect.
+        """
         return np.asarray(stats.norm.cdf(-np.sqrt(0.5 * self.evidence())))
 
     def smallest(self) -> Array:
-        """Smallest magnitude that shows [unit], (k,); inf: never."""
+        """Smallest detectable magnitude [unit], (k,); inf: not detectable."""
         strength = np.sqrt(np.diag(self.gram))
         scale = np.array([t.effect.scale for t in self.candidates])
         with np.errstate(divide="ignore"):
@@ -440,11 +447,12 @@ class Knowledge:
         ]
 
     def helpful_part(self, candidate: int) -> tuple[int, float, float] | None:
-        """Parameter whose own measurement would show a candidate best.
+        """Parameter whose separate measurement would most improve the detection of a candidate.
 
-        Its index, to what it should be known [unit]: half of what these records leave of it, which
-        is four fifths of all that knowing it exactly brings, but no better than a tenth of its
-        tolerance. Third, the smallest magnitude that would show then [unit]. None: none helps.
+        Returns its index, the standard deviation [unit] that the measurement needs, and the
+        smallest detectable magnitude [unit] after it; None: no parameter helps. The needed standard
+        deviation is half of the present one, because that gives four fifths of the improvement by
+        exact knowledge. It is at least a tenth of the tolerance.
         """
         pp, pe, _ = self._split
         n = len(self.model.parameters)
@@ -464,7 +472,7 @@ class Knowledge:
         return at, float(known_to[at]), DETECTABLE * scale / math.sqrt(own + gain[at])
 
     def linear_belief(self) -> Belief:
-        """What the data say by one step from the tabulated numbers, one effect at a time."""
+        """Probabilities by one step from the tabulated values, one effect at a time."""
         pp, pe, _ = self._split
         n = len(self.model.parameters)
         absorbed = solve_scaled(pp, np.column_stack([pe, self.right[:n]]))
@@ -504,7 +512,7 @@ def record_of(
     mode: Any = "force",
     input_sigma: Mapping[str, float] | None = None,
 ) -> Record:
-    """A run that could be made, with the outputs that the model gives.
+    """A possible run, with the outputs of the model.
 
     Raises
     ------

@@ -1,9 +1,10 @@
-"""Where a search begins if the model is far off: sets of effects led along the records.
+"""Start of a search if the model is far off: sets of effects are fitted to growing records.
 
-Once a mechanism lets go earlier or later than the machine did, its motion is no longer nearly
-linear in anything. A model that lacks a cause is then fitted to a place where no score says
-anything of that cause. So the search follows time: the beginnings of the records are fitted first,
-and where the model ceases to explain them, the effects are scored at what explained them so far.
+If a mechanism releases a part earlier or later than the machine did, its motion is no longer nearly
+linear in any parameter. A model that lacks a cause then converges to a point at which no score
+indicates that cause. The search therefore follows time. The beginnings of the records are fitted
+first. When the model no longer explains a longer beginning, the effects are scored with the fit of
+the shorter one.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from feltmb.gap.tolerance import by_few_numbers
 
 __all__ = ["lead"]
 
-#: Iterations of each set in each stage, and the sets that go on to the next stage.
+#: Iterations of each set in each stage, and number of sets that enter the next stage.
 ITERATIONS, WIDTH = 8, 3
-#: The last stages as shares of the records, and the sum of squares over the number of samples from
-#: which a motion is near.
+#: Last stages as shares of the records, and the ratio of sum of squares to number of samples below
+#: which a motion counts as near the records.
 HORIZONS, NEAR = (0.5, 0.65, 0.8, 0.9), 4.0
-#: The records grow by this factor up to the first of these stages, from this share on at least.
+#: Growth factor of the records up to the first of these stages, and the shortest share.
 GROWTH, SHORTEST = 1.5, 0.1
 NO_GAPS = np.zeros(0)
 
@@ -45,10 +46,10 @@ def lead(
     most: int = 4,
     progress: Progress | None = None,
 ) -> list[Fit]:
-    """Fits to the whole records, best evidence first, among them that of the model alone.
+    """Fits to the whole records, largest evidence first; the fit of the model alone is included.
 
-    Empty where the fit of the model begins near its end, or where continuity defects keep it from
-    tearing.
+    Empty if the first simulation of the model is already near the records, or if states with
+    continuity defects keep the fit near them.
     """
     model, start = problem.model, problem.start()
     known = all(np.isfinite(model.parameters[i].sd) for i in problem.free)
@@ -73,7 +74,7 @@ def lead(
         begins = {c.key: (c.fit.problem, c.fit.point) for c in stage.best(WIDTH)}
     out = [c.fit for c in stage.found.values()]
     if () not in stage.found:
-        # The model from where the best set is, and from where it was left.
+        # Start the model alone from the best set, and from its own last fit.
         best = stage.best(1)[0].fit
         limited = replace(settings, worth=worth_of(best))
         fits = [
@@ -86,7 +87,7 @@ def lead(
 
 
 def _until(problem: Problem, share: float) -> Problem:
-    """The problem with a beginning of its records alone."""
+    """The problem with only the first part of each record."""
     if share >= 1.0:
         return problem
     records = tuple(s.until(round(share * s.record.samples)) for s in problem.segmented_records)
@@ -94,7 +95,7 @@ def _until(problem: Problem, share: float) -> Problem:
 
 
 def _shares(problem: Problem, start: Point) -> list[float]:
-    """Shares of the records, from one at whose end the motion at the priors is still near."""
+    """Shares of the records for the stages. At the end of the first one, the motion is near."""
     shares = [*HORIZONS, 1.0]
     while shares[0] > SHORTEST:
         first = _until(problem, shares[0])
@@ -106,7 +107,7 @@ def _shares(problem: Problem, start: Point) -> list[float]:
 
 
 class _Stage:
-    """Sets of effects fitted to the beginnings of the records."""
+    """Sets of effects that are fitted to the beginnings of the records."""
 
     def __init__(
         self,
@@ -124,19 +125,20 @@ class _Stage:
             self._fit(self._here(base), point)
 
     def best(self, count: int) -> list[CandidateSet]:
-        """The best sets, as far as they are rivals."""
+        """The best sets whose evidence is near the largest one."""
         ranked = sorted(self.found.values(), key=lambda c: -c.evidence)
         return [c for c in ranked[:count] if c.evidence > ranked[0].evidence - NEAR_BEST]
 
     def widen(self, most: int) -> None:
-        """Add effects to the best set until it explains what is there, or nothing helps."""
+        """Add effects to the best set until it explains the records, or until no effect helps."""
         while True:
             (best,) = self.best(1)
             if plausible(best.fit) or len(best.names) >= most or current().stopping():
                 return
-            if by_few_numbers(best.fit, most):  # what they stand for is asked at the whole fit
+            if by_few_numbers(best.fit, most):  # the fit to the whole records decides
                 return
-            # Where what came before was explained, not where the fit to this went astray.
+            # Score at the fit to the shorter records, which were explained; the present fit may be
+            # astray.
             problem, point = self.begins[best.key]
             base = self._here(problem)
             at = finish(base, replace(point, memo={}), 1.0, NO_GAPS)

@@ -1,4 +1,4 @@
-"""What experiments are allowed: limits of inputs, tests of parts, sensors (``limits.toml``)."""
+"""Permitted experiments: limits of inputs, tests of parts, sensors (``limits.toml``)."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ __all__ = ["FurtherSensor", "InputLimits", "Limits", "PartTest", "read_limits", 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class InputLimits:
-    """Within which one input may move. It begins at 0, or at the limit that is nearest to it."""
+    """Limits of one input. It starts at 0, or at the limit closest to 0."""
 
     least: float = 0.0
-    """[unit]"""
+    """Smallest value [unit]."""
     most: float
-    """[unit]"""
+    """Largest value [unit]."""
     rate: float = math.inf
-    """Largest change in a second [unit/s]."""
+    """Largest rate of change [unit/s]."""
     acceleration: float = math.inf
-    """Largest change of the rate in a second [unit/s^2]."""
+    """Largest second derivative [unit/s^2]."""
     unit: str = "1"
     sigma: float = 0.0
-    """Noise of what is recorded of it [unit]."""
+    """Standard deviation of the noise of the recorded input [unit]."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -54,11 +54,14 @@ class InputLimits:
 
     @property
     def start(self) -> float:
-        """Value before anything moves [unit]."""
+        """Value at the start [unit]."""
         return min(max(0.0, self.least), self.most)
 
     def shortest(self, change: float) -> float:
-        """Least time of a smooth step of this height [s]; see :func:`~feltmb.gap.profiles.ease`."""
+        """Shortest duration of a smooth step of this height [s].
+
+        See :func:`~feltmb.gap.profiles.ease`.
+        """
         height = abs(change)
         return max(1.875 * height / self.rate, math.sqrt(5.7735 * height / self.acceleration))
 
@@ -66,14 +69,14 @@ class InputLimits:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class PartTest:
-    """A test of one part by itself: a weighing, a compression test, a torque, a spring rate."""
+    """A test of one part by itself, for example weighing, compression, torque, or spring rate."""
 
     parameter: str
-    """Parameter of the model that it measures."""
+    """Parameter of the model that the test measures."""
     sd: float
-    """How well it will be known [unit of the parameter]."""
+    """Standard deviation of the parameter after the test [unit of the parameter]."""
     cost: float = 1.0
-    """In experiments."""
+    """Cost of the test, in experiments."""
     how: str = ""
 
     def __post_init__(self) -> None:
@@ -117,23 +120,23 @@ class FurtherSensor:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What experiments are allowed."""
+    """Permitted experiments."""
 
     inputs: Mapping[str, InputLimits]
-    """By input; the first is moved unless it is said otherwise, one at a time."""
+    """Limits by input. One input moves at a time; by default it is the first one."""
     duration: float
     """Longest experiment [s]."""
     sample_rate: float = 2000.0
-    """Samples a second [Hz]."""
+    """Sample rate of the record [Hz]."""
     rest: float = 0.0
-    """Pause before the next experiment, for whoever or whatever runs it [s]."""
+    """Pause before the next experiment, for the operator or the machine [s]."""
     lead: float = 0.01
-    """Time before anything moves [s]."""
+    """Time at the start of a record before the input moves [s]."""
     parts: tuple[PartTest, ...] = ()
     sensors: Mapping[str, float] = field(default_factory=dict)
-    """Noise by output that is measured [its unit]; empty: those of the records."""
+    """Noise of each output that can be measured [its unit]; empty: the sensors of the records."""
     further: tuple[FurtherSensor, ...] = ()
-    """Sensors that could be had in addition, each at its cost."""
+    """Sensors that can be added, each at its cost."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -159,12 +162,12 @@ class Limits:
             raise InvalidParameter("limits: " + "; ".join(faults))
 
     def check(self, model: Model) -> None:
-        """Check that the model has the inputs, outputs and parameters that are named here.
+        """Check that the model has the inputs, outputs and parameters that the limits name.
 
         Raises
         ------
         InvalidParameter
-            Inputs, outputs or parameters that it does not have, all at once.
+            Names of inputs, outputs or parameters that the model does not have, all in one message.
         """
         faults = _strangers(
             model,
@@ -184,7 +187,7 @@ def _strangers(
     parts: Iterable[str],
     further: Iterable[str],
 ) -> dict[tuple[str, str], str]:
-    """What the model does not have, by table and name."""
+    """Names in the limits that the model does not have, by table."""
     known = [p.name for p in model.parameters]
     faults = {
         ("parts", t): f"part {t}: no parameter of {model.name}; there are {', '.join(known)}"
@@ -255,13 +258,13 @@ class _LimitsFile(_Times):
     further_sensors: list[_Further] = Field(default_factory=list)
 
 
-#: Stand for inputs and times that have faults of their own, while the rest is checked.
+#: Placeholders for invalid inputs and times, so that the rest can be checked.
 _ANY = {"": InputLimits(most=1.0)}
 _ANY_TIMES = {"duration": 1.0, "sample_rate": 1000.0, "rest": 0.0, "lead": 0.0}
 
 
 def _names_in(raw: Mapping[str, Any]) -> tuple[list[str], list[str], list[str], list[str]]:
-    """Inputs, sensors, parts and further sensors that a file names, whatever else is wrong."""
+    """Names of inputs, sensors, parameters and further sensors in a file with possible faults."""
     tables = [t if isinstance(t, dict) else {} for t in (raw.get("inputs"), raw.get("sensors"))]
 
     def named(table: str, key: str) -> list[str]:
@@ -289,14 +292,14 @@ def _per(unit: str, power: int) -> str:
 def read_limits(path: str | Path, model: Model) -> Limits:
     """Read ``limits.toml``: the limits of experiments with a model.
 
-    Numbers are in SI, or texts with a unit (``"20 N"``, ``"2 kN/s"``, ``"0.02 mm"``; a share may be
-    ``"2 %"``).
+    Numbers are in SI units, or texts with a unit (``"20 N"``, ``"2 kN/s"``, ``"0.02 mm"``; a share
+    may be ``"2 %"``).
 
     Raises
     ------
     DataError
-        All faults of the file at once: names that the model does not have, keys and kinds, numbers.
-        The numbers of an entry whose name is unknown are not looked at: their unit is not known.
+        All faults of the file in one message: unknown names, then keys and types, then numbers. The
+        numbers of an unknown name are not checked, because their unit is unknown.
     """
     read = TableReader(path, _LimitsFile)
     strange = _strangers(model, *_names_in(read.raw))

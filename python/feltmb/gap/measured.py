@@ -1,4 +1,4 @@
-"""Tests of single parts as data: what a weighing or a compression test says of a parameter.
+"""Tests of single parts as data, for example the weight or the stiffness of one part.
 
 ::
 
@@ -71,8 +71,8 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
     Raises
     ------
     DataError
-        All faults of the file at once: names that the model does not have, keys and kinds, numbers.
-        The numbers of an entry whose name is unknown are not looked at: their unit is not known.
+        All faults of the file in one message: unknown names, then keys and types, then numbers. The
+        numbers of an unknown name are not checked, because their unit is unknown.
     """
     read = TableReader(path, _MeasuredFile)
     units = {p.name: p.unit for p in model.parameters}
@@ -105,9 +105,9 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
 
 @checked
 def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
-    """The model with the values and uncertainties of tests of parts.
+    """Copy of the model with the values and uncertainties of tests of parts.
 
-    Several tests of one parameter count together.
+    Several tests of one parameter are combined.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
         told.setdefault(m.parameter, []).append(m)
     for name, tests in told.items():
         p, best = parameters[name], min(m.sd for m in tests)
-        weights = [(best / m.sd) ** 2 for m in tests]  # at most 1: no square is out of range
+        weights = [(best / m.sd) ** 2 for m in tests]  # at most 1, so that no square overflows
         value = sum(w * m.value for w, m in zip(weights, tests, strict=True)) / sum(weights)
         if not p.lower <= value <= p.upper:
             faults.append(
@@ -145,7 +145,7 @@ def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
 
 @checked
 def measured_toml(measured: Sequence[Measured], path: str | Path, *, force: bool = False) -> Path:
-    """Write tests of parts so that :func:`read_measured` returns them.
+    """Write tests of parts to a file that :func:`read_measured` can read.
 
     Parameters
     ----------

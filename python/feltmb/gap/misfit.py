@@ -1,4 +1,4 @@
-"""Whether a fit leaves more than noise, whatever causes it."""
+"""Tests whether a fit leaves more than noise, whatever the cause."""
 
 from __future__ import annotations
 
@@ -13,33 +13,35 @@ __all__ = ["Misfit", "form_of", "misfit"]
 
 
 def form_of(explained: float) -> float:
-    """What such effects leave is their form up to this [units of log evidence]."""
+    """Log evidence that errors in the form of the fitted effects can produce."""
     return FORM**2 * max(0.0, explained)
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """What a fit leaves."""
+    """Residual of a fit compared with noise."""
 
     left: bool
-    """Whether that is more than noise."""
+    """Whether the residual is more than noise."""
     excess: float
-    """Sum of squares beyond its expectation, in standard deviations."""
+    """Sum of squares minus its expectation, in standard deviations."""
     other: float
-    """Log evidence for something unknown."""
+    """Log evidence for an unknown cause."""
 
 
 def misfit(
     fit: Fit, tight: Fit | None, *, estimated: bool, bar: float = EXCESS, explained: float = 0.0
 ) -> Misfit:
-    """What a fit leaves, and whether that is more than noise.
+    """Test whether the residual of a fit is more than noise.
 
-    ``explained`` is the gain of log evidence of the effects in the fit. What is left must be more
-    than ``criteria.FORM`` of that motion: no law is right to the last digit, nor is an integrator.
+    ``explained`` is the gain of log evidence by the effects in the fit. The residual must exceed
+    what a model-form error of ``criteria.FORM`` of that motion produces, because neither a law nor
+    an integrator is exact.
 
-    The unknown are forces at every segment's joint, or, where a fit has no continuity defects, a
-    smooth signal in every output. Where the noise itself was estimated from the records, an excess
-    within a third of it is not held against the model.
+    The unknown cause is represented by forces at the joint of every segment; in a fit without
+    continuity defects, it is a smooth signal in every output. If the noise was estimated from the
+    records, it may be wrong by a third: a ratio of the sum of squares to its expectation below
+    ``criteria.MISFIT_RATIO`` is attributed to it.
     """
     reference = tight if tight is not None else fit
     if estimated and reference.chi2 / reference.dof < MISFIT_RATIO:

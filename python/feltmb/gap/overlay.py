@@ -1,4 +1,4 @@
-"""Model beside records before anything is fitted: how far apart they are, channel by channel."""
+"""Compares model and records before any fit, channel by channel."""
 
 from __future__ import annotations
 
@@ -22,40 +22,41 @@ if TYPE_CHECKING:
 
 __all__ = ["GapBefore", "GapBeforeRow", "check", "wrong_units"]
 
-#: Longest shift that is looked for, as a share of the record.
+#: Longest time shift that is tried, as a share of the record.
 LONGEST_SHIFT = 0.25
-#: Channels that are drawn in one picture.
+#: Number of channels in one figure.
 MOST_PANELS = 24
 
 
 @dataclass(frozen=True, kw_only=True)
 class GapBeforeRow:
-    """One channel of one record compared with the model as it is."""
+    """Comparison of one channel of one record with the tabulated model."""
 
     record: str
     channel: str
     unit: str
     samples: int
-    """That both have [1]."""
+    """Number of samples that the record and the model both have [1]."""
     rms: float
-    """Root mean square of record - model [unit]."""
+    """Root mean square of record minus model [unit]."""
     largest: float
     """Largest difference, with its sign [unit]."""
     at: float
-    """When it occurs [s]."""
+    """Time of the largest difference [s]."""
     noise: float
     """Standard deviation of the noise [unit]."""
     correlation: float
-    """Of record and model [1]; NaN where one of them does not move."""
+    """Correlation of record and model [1]; NaN if one of them is constant."""
     delay: float
-    """By how much the record is late, where that alone explains at least half of the squared
-    difference [s]; NaN: it does not."""
+    """Delay of the record, if a delay alone explains at least half of the squared difference [s];
+    else NaN."""
     factor: float
-    """Record over model, where that alone explains at least half of it [1]; NaN: it does not."""
+    """Ratio of record to model, if a factor alone explains at least half of the squared difference
+    [1]; else NaN."""
 
     @property
     def in_noise(self) -> float:
-        """The rms in standard deviations of the noise [1]."""
+        """Root mean square of the difference in standard deviations of the noise [1]."""
         return self.rms / self.noise if self.noise > 0.0 else float("nan")
 
     @property
@@ -66,34 +67,34 @@ class GapBeforeRow:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GapBefore:
-    """The gap as it is: records, and the model with its tabulated numbers under their inputs."""
+    """Records and the tabulated model, simulated with the inputs of the records."""
 
     model: str
     rows: tuple[GapBeforeRow, ...]
     checks: DataChecks
     records: tuple[Record, ...]
-    """In the coordinates of the model."""
+    """Records in the coordinates of the model."""
     simulated: Mapping[str, Mapping[str, Array]]
-    """Outputs of the model by record and channel, on the clock of the record."""
+    """Outputs of the model by record and channel, at the times of the record."""
     notes: tuple[str, ...]
-    """What was done to the records, what the numbers look like."""
+    """Notes about changes to the records, and hints about the differences."""
 
     @checked
     def plot(self) -> Figure:
-        """Record and model over time, and their difference, a row of panels for each channel."""
+        """Plot record and model over time, and their difference; one row of panels per channel."""
         return _figure(self)
 
 
 @checked
 def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
-    """Simulate the inputs of records with the tabulated parameters of a model and compare.
+    """Simulate the inputs of records with the tabulated parameters and compare the outputs.
 
     Nothing is fitted: each record is simulated once.
 
     Raises
     ------
     DataError
-        The records cannot be used with this model.
+        The records are invalid for this model.
     """
     if isinstance(records, Record):
         records = [records]
@@ -127,7 +128,7 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
 
 
 def _simulate(model: Model, record: Record) -> dict[str, Array]:
-    """Outputs over the whole record, from the start that the model expects."""
+    """Outputs over the whole record, from the expected start state of the model."""
     whole = np.array([[0, record.samples - 1]])
     theta = np.array([p.value for p in model.parameters])
     starts = model.guess(record, whole)
@@ -175,7 +176,7 @@ def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:
 
 
 def _factor(x: Array, y: Array) -> float:
-    """Factor by which the model would explain most; NaN if that is less than half of the gap."""
+    """Factor with which the model explains most; NaN if less than half of the gap."""
     size = float(y @ y)
     if not size > 0.0:
         return float("nan")
@@ -185,7 +186,7 @@ def _factor(x: Array, y: Array) -> float:
 
 
 def _delay(time: Array, measured: Array, model: Array) -> float:
-    """Shift of the model by which it would explain most [s]; NaN if less than half of the gap."""
+    """Time shift with which the model explains most [s]; NaN if less than half of the gap."""
     both = np.isfinite(measured) & np.isfinite(model)
     count = int(min(time.size, 4096))
     if both.sum() < 8:
@@ -196,7 +197,7 @@ def _delay(time: Array, measured: Array, model: Array) -> float:
     y = np.interp(clock, time[both], model[both])
     most = int(LONGEST_SHIFT * count)
     padded = np.concatenate([np.full(most, y[0]), y, np.full(most, y[-1])])
-    # Sums of squares of all shifts at once: x^2 - 2 x y + y^2, the product by convolution.
+    # Sums of squares of all shifts at once: x^2 - 2 x y + y^2, with the product by convolution.
     from scipy.signal import fftconvolve
 
     product = fftconvolve(padded, x[::-1], mode="valid")
@@ -226,14 +227,15 @@ _UNITS = (
 
 
 def _unit_of(row: GapBeforeRow) -> str:
-    """Which wrong unit a factor looks like; empty: none."""
+    """Description of the wrong unit that would produce a factor; empty: none."""
     return next((text for f, text in _UNITS if abs(row.factor / f - 1.0) < NEAR_UNIT), "")
 
 
 def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]) -> str:
-    """Faults of units as one sentence; empty if there are none.
+    """Description of wrong units in one sentence; empty if there are none.
 
-    Only where every parameter is known to within a factor, and all records of a channel agree.
+    Reported only if every parameter has a finite tolerance below a factor, and all records of a
+    channel agree.
 
     Parameters
     ----------
@@ -264,7 +266,7 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
 
 
 def _hints(rows: Sequence[GapBeforeRow]) -> list[str]:
-    """What shifts and factors look like."""
+    """Hints about the likely cause of time shifts and factors."""
     notes = []
     for r in rows:
         if text := _unit_of(r):

@@ -29,19 +29,19 @@ MARK = {
 
 
 def number(value: object, digits: int = 4) -> str:
-    """Some digits; a dash for what is not there."""
+    """Format a number with a few digits; a dash for a missing value."""
     if not isinstance(value, (int, float)) or not math.isfinite(value):
         return "-"
     return f"{value:.{digits}g}"
 
 
 def percent(value: float) -> str:
-    """Share as percent."""
+    """Format a share as percent."""
     return f"{value:.0%}" if math.isfinite(value) else "-"
 
 
 def together(fit: Fit, least: float = 0.8, most: int = 12) -> list[tuple[str, str, float]]:
-    """Pairs of fitted numbers that the records hardly tell apart: names and correlation [1]."""
+    """Pairs of fitted numbers that the records hardly separate: names and correlation [1]."""
     names = [i.name for i in fit.intervals()]
     covariance = fit.covariance
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -58,9 +58,9 @@ def together(fit: Fit, least: float = 0.8, most: int = 12) -> list[tuple[str, st
 
 
 def page(report: Findings, viewers: str = "") -> str:
-    """HTML text; nothing is loaded from elsewhere, all text is escaped.
+    """HTML text of the report; it loads nothing from elsewhere, and all text is escaped.
 
-    ``viewers`` is HTML with the records beside the model, made where runs can be drawn.
+    ``viewers`` is HTML that shows the records beside the model, for models whose runs can be drawn.
     """
     import jinja2
     from markupsafe import Markup

@@ -1,4 +1,4 @@
-"""A picture of a report for notebooks; the pages of the command line have their own."""
+"""Figure of a report for notebooks; the command line has figures of its own."""
 
 from __future__ import annotations
 

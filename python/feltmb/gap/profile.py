@@ -1,4 +1,4 @@
-"""Profile of the magnitude of a named effect: how fast the fit gets worse beside the best value."""
+"""Likelihood profile of the magnitude of a named effect."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from feltmb.gap.findings import Profile
 
 __all__ = ["profile_of"]
 
-#: Magnitudes at which all else is fitted again, in posterior standard deviations from the fit.
+#: Magnitudes at which everything else is fitted again, in posterior standard deviations from the
+#: fit.
 PLACES = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)
-#: Root of the rise of the sum of squares at the ends of a 95 % interval of one number.
+#: Square root of the rise of the sum of squares at the ends of a 95 % interval.
 ENDS = 1.96
 
 
@@ -26,23 +27,23 @@ def profile_of(
     settings: FitSettings,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Profile:
-    """Hold the magnitude of an included effect at some values and fit all else again.
+    """Fix the magnitude of an included effect at some values and fit everything else again.
 
-    With S(m) the least sum of squares (priors included) where the magnitude is m, the profile is
-    S(m) - S(fit); m is in the 95 % interval where it is below 1.96^2 (Wilks 1938). A parabola is
-    what the linear model of the fit promises: where the profile departs from it, so does the true
-    interval from the one by standard deviations.
+    S(m) is the least sum of squares (priors included) for the magnitude m. The profile is S(m) -
+    S(fit); m is within the 95 % interval if the profile is below 1.96^2 (Wilks 1938). The linear
+    model of the fit predicts a parabola. If the profile differs from it, the true interval differs
+    from the interval by standard deviations.
 
     Parameters
     ----------
     fit
         A fit in which the effect is included.
     effect
-        Its name.
+        Name of the effect.
     settings
-        How hard fits try.
+        Settings of the fits.
     progress
-        ``progress(text, done, count)`` is told each of the fits.
+        ``progress(text, done, count)`` is called for each fit.
     """
     k = [t.name for t in fit.included].index(effect)
     candidate, at = fit.included[k], float(fit.point.magnitudes[k])
@@ -53,7 +54,7 @@ def profile_of(
     problem = replace(fit.problem, held=(k,), store=None)
     found = [(at, 0.0)]
     complete = True
-    # Outwards, each from the fit beside it.
+    # Outwards, each value starting from the neighboring fit.
     for side in (sorted(v for v in values if v > at), sorted(v for v in values if v < at)[::-1]):
         point = fit.point
         for value in side:
@@ -86,7 +87,10 @@ def profile_of(
 def _ends(
     sizes: Array, rises: Array, at: float, bounds: tuple[float, float]
 ) -> tuple[float, float]:
-    """Where the signed root of the rise, a line for a parabola, comes to the ends."""
+    """Magnitudes at the ends of the interval, by interpolation of the signed root of the rise.
+
+    The root is linear for a parabola.
+    """
     roots = np.sign(sizes - at) * np.sqrt(np.maximum(rises, 0.0))
     ends = []
     for sign, limit in ((-1.0, bounds[0]), (1.0, bounds[1])):
@@ -94,7 +98,7 @@ def _ends(
         own = np.argsort(sign * sizes[beyond])
         r, v = sign * roots[beyond][own], sizes[beyond][own]
         over = np.flatnonzero(r >= ENDS)
-        if not over.size:  # not reached: up to a limit that may not be passed, or unknown
+        if not over.size:  # not reached: the end is a limit of the magnitude, or unknown
             ends.append(float(limit) if v[-1] == limit else sign * np.inf)
             continue
         i = over[0]

@@ -1,10 +1,10 @@
-"""Held-out proof: what an effect does for records that it was not fitted to.
+"""Held-out proof: the effect of a change on records that were not used in the fit.
 
-Start states and the sensor nuisances of a record are estimated again. For the gaps in units of
-the channels, parameters and magnitudes are frozen. For the comparison of models they carry the
-uncertainty that the fit left them: the log predictive density of every segment, given the segments
-before it, is a proper score; a model that trades noise for freedom cannot win, and one that is
-right is not refuted because a held-out record sees its parameters better than the fit did.
+Start states and the sensor nuisances of a record are estimated again. For gaps in units of the
+channels, parameters and magnitudes are fixed. For the comparison of models they have the
+uncertainty of the fit. The score is the log predictive density of every segment, given the segments
+before it, which is a proper score. A more flexible model does not win by fitting noise. A correct
+model is not refuted because a held-out record determines its parameters better than the fit did.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["HeldOut", "Outcome", "Paired", "compare", "evaluate", "one_run", "re
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One model on the held-out segmented records."""
+    """Result of one model for the held-out segmented records."""
 
     fit: Fit
     density: Array
@@ -38,7 +38,7 @@ class Outcome:
 
     @cached_property
     def segmented(self) -> tuple[Array, ...]:
-        """Residual by record, (n, ny) in units of the channels: states re-estimated a little."""
+        """Residual by record, (n, ny) in units of the channels, with re-estimated start states."""
         fit = self.fit
         if fit.gap_sd.size and not np.isclose(self.segmented_level, fit.level):
             fit = polish(fit.problem, fit.point, self.segmented_level, self.settings)
@@ -46,7 +46,7 @@ class Outcome:
 
     @cached_property
     def tight(self) -> Fit:
-        """With segments that are tied to one another: its start states are those of one run."""
+        """Residual with tightly connected segments: their start states are those of one run."""
         fit, tightest = self.fit, self.settings.levels[-1]
         if fit.gap_sd.size and fit.level > tightest:
             settings = replace(self.settings, chain=True)
@@ -56,11 +56,11 @@ class Outcome:
 
     @cached_property
     def open_loop(self) -> tuple[Array, ...]:
-        """The same for one simulation of the whole record from the first state."""
+        """Residual of one simulation of the whole record from the first state."""
         return tuple(one_run(self.tight))
 
     def part(self, rows: slice) -> Outcome:
-        """The same for some of the records."""
+        """Result for a part of the records."""
         fit = self.fit
         problem = replace(fit.problem, segmented_records=fit.problem.segmented_records[rows])
         point = replace(fit.point, places=fit.point.places[rows], memo={})
@@ -69,14 +69,14 @@ class Outcome:
     def gap(
         self, segmented_records: Sequence[SegmentedRecord], which: str, only: int | None = None
     ) -> float:
-        """Whitened root mean square over all channels, of all records or one [sigma]."""
+        """Whitened root mean square over all channels, of all records or of one [sigma]."""
         total, count = self.squares(segmented_records, which, only)
         return float(np.sqrt(total / max(count, 1)))
 
     def squares(
         self, segmented_records: Sequence[SegmentedRecord], which: str, only: int | None = None
     ) -> tuple[float, int]:
-        """Whitened sum of squares, infinite where a simulation fails, and the number of samples."""
+        """Whitened sum of squares (infinite if a simulation fails), and the number of samples."""
         total, count = 0.0, 0
         pairs = list(zip(segmented_records, getattr(self, which), strict=True))
         for segmented, residual in pairs if only is None else [pairs[only]]:
@@ -92,12 +92,12 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Held-out segmented records with the scale of gaps at which the fit converged."""
+    """Held-out segmented records, with the continuity defects at which the fit converged."""
 
     segmented_records: tuple[SegmentedRecord, ...]
     state_scale: Array
     sensed: tuple[SegmentedRecord, ...]
-    """The same with the noise of the sensors alone: unit and noise floor of gaps."""
+    """The records with the noise of the sensors only: the unit and noise floor of gaps."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +105,9 @@ class Paired:
     """Held-out comparison of two models."""
 
     gain: float
-    """Sum of log predictive density gained, divided by the inflation."""
+    """Gain of the sum of log predictive densities, divided by the inflation."""
     p: float
-    """One-sided p of the block bootstrap over segments: no gain."""
+    """One-sided p of the hypothesis of no gain, by block bootstrap over segments."""
     by_record: dict[str, float]
 
 
@@ -119,9 +119,9 @@ def evaluate(
     segmented_level: float,
     like: Outcome | None = None,
 ) -> Outcome:
-    """A fitted model on held-out segmented records.
+    """Evaluate a fitted model on held-out segmented records.
 
-    ``like``: another model whose start states are used if the own start states fail.
+    ``like``: another model whose start states are used if the estimated ones fail.
     """
     base = replace(
         model.problem,
@@ -133,8 +133,9 @@ def evaluate(
     fit = polish(base, _converge(base, model), model.level, way)
     density = _density(base, fit, model)
     if fit.gap_sd.size and not fit.explains:
-        # Gaps that are tight enough for the records of the fit may tear another motion, a repeated
-        # impact say: then no model can be told from another by it. Looser ones have their price.
+        # Continuity defects that were right for the fitted records may be too tight for another
+        # motion, for example with a repeated impact. Models could then not be compared. Larger
+        # defects have a cost.
         looser = [v for v in settings.levels if 1.5 * model.level < v < 1.0]
         tries = [(level, fit.point) for level in looser]
         if like is not None:
@@ -150,7 +151,7 @@ def evaluate(
 
 
 def _density(base: Problem, fit: Fit, model: Fit) -> Array:
-    """Log predictive density by segment, globals from the posterior of the fit."""
+    """Log predictive density by segment, with the posterior distribution of the parameters."""
     loose = replace(base, frozen=False)
     normal = loose.normal(fit.point, loose.linear(fit.point), fit.gap_sd, keep_heads=True)
     count = normal.shared
@@ -165,7 +166,7 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
     root = (vectors * np.sqrt(np.maximum(values, 0.0))) * sd[:, None]
     root[~known] = 0.0
     total = normal.matrix.shape[0]
-    # Columns in units of the posterior: prior N(0, I) for all of them.
+    # Columns are in posterior standard deviations, so that the prior of all of them is N(0, I).
     units = np.zeros((total, total))
     units[:count, :count] = root
     at = count
@@ -194,7 +195,7 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
         for gram, log_det, head, head_log_det in zip(
             chain.grams, chain.log_dets, *chain.heads, strict=True
         ):
-            # All that was seen, with this segment as the last one of its record.
+            # All data so far, with this segment as the last one of its record.
             high = height + mine.T @ head[:-1, :-1] @ mine
             if not np.all(np.isfinite(high)):
                 return np.full(sum(s.count for s in base.segmented_records), -1e6)
@@ -203,16 +204,16 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
             seen += 0.5 * float(side @ solve_scaled(high, side) - np.linalg.slogdet(high)[1])
             out.append(seen - before)
             before = seen
-            # The same segment with the gap to the next one.
+            # The same segment with its continuity defect to the next one.
             height = height + mine.T @ gram[:-1, :-1] @ mine
             right = right + mine.T @ gram[:-1, -1]
             known_so_far += -0.5 * gram[-1, -1] - log_det - gaps
-        known_so_far += gaps  # the last segment has none
+        known_so_far += gaps  # the last segment has no next one
     return np.array(out)
 
 
 def _converge(problem: Problem, model: Fit) -> Point:
-    """Start states of new records: from loose gaps to those of the model."""
+    """Start states of new records: from loose continuity defects to those of the model."""
     point = problem.start(magnitudes=model.point.magnitudes, theta=model.point.theta)
     extra = [t for t in machine_candidates(problem.included) if t.effect.hidden]
     if extra:
@@ -227,7 +228,7 @@ def _converge(problem: Problem, model: Fit) -> Point:
 
 
 def residuals_by_segment(fit: Fit) -> list[Array]:
-    """Residual by record, (n, ny), each segment from its own start state."""
+    """Residual by record, (n, ny), where each segment starts from its own state."""
     out = []
     problem = fit.problem
     for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
@@ -243,7 +244,7 @@ def residuals_by_segment(fit: Fit) -> list[Array]:
 
 
 def one_run(fit: Fit) -> list[Array]:
-    """Residual by record, (n, ny), simulated in one go from the first start state."""
+    """Residual by record, (n, ny), of one simulation from the first start state."""
     problem = fit.problem
     out = []
     for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
@@ -270,7 +271,7 @@ def compare(
     *,
     seed: int = 0,
 ) -> Paired:
-    """Does ``after`` predict held-out segments better than ``before``."""
+    """Test whether ``after`` predicts held-out segments better than ``before``."""
     gain = after.density - before.density
     gain = np.where(np.isfinite(gain), gain, 0.0) / inflation
     edges = np.cumsum([0, *(s.count for s in segmented_records)])
@@ -283,7 +284,7 @@ def compare(
     sums = np.zeros(draws)
     for a, b in itertools.pairwise(edges):
         n = int(b - a)
-        block = 2 if n >= 10 else 1  # neighbors are not quite independent
+        block = 2 if n >= 10 else 1  # neighboring segments are not quite independent
         starts = generator.integers(0, n, size=(draws, -(-n // block)))
         index = (starts[..., None] + np.arange(block)) % n
         sums += np.sum(gain[a:b][index.reshape(draws, -1)[:, :n]], axis=1)

@@ -1,4 +1,4 @@
-"""Refitting sets of effects: what the linear ranking promises is tried in full."""
+"""Nonlinear refits of sets of effects that the linear scores rank high."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ __all__ = [
     "worth_of",
 ]
 
-#: Note of a model that an effect led out of a wrong local minimum.
+#: Note of a model fit that left a wrong local minimum because it was started from an effect.
 REFITTED = "fitted again from the fit with an effect"
 
 
 @dataclass(frozen=True, eq=False)
 class CandidateSet:
-    """A refitted set."""
+    """A set of effects with its fit."""
 
     fit: Fit
     evidence: float
@@ -45,14 +45,15 @@ class CandidateSet:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Names in a fixed order."""
+        """Sorted names, which identify the set."""
         return tuple(sorted(self.names))
 
 
 def full_evidence(fit: Fit, total_weight: float) -> float:
-    """Log evidence of a fit: states, parameters and magnitudes integrated out, prior of the set.
+    """Log evidence of a fit, including the prior of its set of effects.
 
-    The prior of a magnitude is N(0, max(scale, magnitude)^2).
+    States, parameters and magnitudes are integrated out. The prior of a magnitude is N(0,
+    max(scale, magnitude)^2).
     """
     matrix = fit.normal.matrix.copy()
     value = fit.log_evidence
@@ -66,20 +67,20 @@ def full_evidence(fit: Fit, total_weight: float) -> float:
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     eigen = np.linalg.eigvalsh(matrix / np.outer(size, size))
     log_det = float(np.sum(np.log(np.maximum(eigen, 1e-12)))) + 2.0 * float(np.sum(np.log(size)))
-    # The priors of the parameters are the same for all fits to the same records.
+    # All fits to the same records have the same priors of the parameters.
     return value - 0.5 * log_det + prior_of(fit.included, total_weight)
 
 
 def plausible(fit: Fit) -> bool:
-    """Whether a fit explains the records with parameters that their priors allow as a whole."""
+    """Whether a fit explains the records with parameters that their joint prior permits."""
     far = fit.prior_deviation
     return fit.explains and float(np.sum(far**2)) < far.size + 4.0 * np.sqrt(2.0 * far.size)
 
 
 def worth_of(best: Fit | None) -> float:
-    """Sum of squares from which another fit cannot be a rival of the best one.
+    """Sum of squares above which another fit cannot be a rival of the best one.
 
-    If the best set does not explain the records, every set is tried.
+    Infinite if the best set does not explain the records, so that every set is tried.
     """
     return np.inf if best is None or not plausible(best) else best.cost + 2.0 * NEAR_BEST
 
@@ -87,11 +88,11 @@ def worth_of(best: Fit | None) -> float:
 def refit(
     base: Fit, included: tuple[Candidate, ...], magnitudes: Array, settings: FitSettings
 ) -> Fit:
-    """Nonlinear fit with included effects, warm-started; tightened while that helps.
+    """Nonlinear fit with included effects, started from ``base``; tightened as long as that helps.
 
-    Records in one go are fitted again from the priors, with new effects as large as one would
-    expect to meet, where the warm start comes to less than half of what its linear model promised:
-    the model without the effect is in another local minimum.
+    If a fit without continuity defects reaches less than half of the improvement that its linear
+    model predicts, the model without the effect is in another local minimum. The fit is then
+    repeated from the priors, and new effects start at their expected magnitude.
     """
     problem = base.problem.with_candidates(included)
     start, promised = _reachable(problem, base, included, magnitudes)
@@ -111,9 +112,9 @@ def refit(
 def refit_at(
     problem: Problem, point: Point, level: float, settings: FitSettings, *, patient: bool = False
 ) -> Fit:
-    """Fit from a good start; the gap level is made tighter while that helps.
+    """Fit from a good start; tighten the continuity defects as long as that helps.
 
-    ``patient``: a tighter level is given all iterations before it is said not to help.
+    ``patient``: a tighter level gets all iterations before it counts as no improvement.
     """
     fit = polish(problem, point, level, settings)
     if not fit.gap_sd.size:
@@ -136,9 +137,9 @@ def refit_at(
 def _reachable(
     problem: Problem, base: Fit, included: tuple[Candidate, ...], magnitudes: Array
 ) -> tuple[Point, float]:
-    """The warm start, and what a linear model promises from there of the sum of squares.
+    """Start point from ``base``, and the improvement that its linear model predicts.
 
-    Its new magnitudes are cut back where one linear step promised too much.
+    New magnitudes are reduced if the linear step is too large.
     """
     old = {t.name: s for t, s in zip(base.included, base.point.magnitudes, strict=True)}
     kept = np.array([old.get(t.name, 0.0) for t in included])
@@ -158,10 +159,10 @@ def _reachable(
 
 
 def from_priors(fit: Fit, settings: FitSettings) -> Fit:
-    """A doubtful fit once more, its parameters back at their priors, its segments where they are.
+    """Repeat a doubtful fit with its parameters at their priors and its segments unchanged.
 
-    Doubtful is a fit that did not converge, or whose parameters lie far from their priors: they may
-    still hold what the model without the effect needed.
+    A fit is doubtful if it did not converge, or if its parameters are far from their priors. Such
+    parameters may still have the values that the model without the effect needed.
     """
     problem = fit.problem
     known = [i for i in problem.free if np.isfinite(problem.model.parameters[i].sd)]
@@ -179,9 +180,10 @@ def from_priors(fit: Fit, settings: FitSettings) -> Fit:
 
 
 def taken_over(fit: Fit) -> Point:
-    """The model from where a set is.
+    """Start point of the model without effects, taken from the fit of a set.
 
-    A parameter takes over, to first order, what the set has of the effect that is more of it.
+    If an effect of the set increases a parameter, the parameter is changed so that it replaces the
+    effect to first order.
     """
     problem, matrix = fit.problem, fit.normal.matrix
     point = problem.carry(fit.point, (), np.zeros(0))
@@ -197,19 +199,20 @@ def taken_over(fit: Fit) -> Point:
 
 
 def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
-    """The fit with the tightest gaps; None where it has them, or cannot be simulated with them."""
+    """The fit with the tightest defects; None if it has them or cannot be simulated with them."""
     if not fit.gap_sd.size or fit.level <= settings.levels[-1]:
         return None
     problem, tightest = fit.problem, settings.levels[-1]
     point = fit.point
     way = settings.coarser(0.3, iterations=12)
     for level in settings.levels[:-1]:
-        if level < 0.99 * fit.level:  # all at once would tear a motion that hits something
+        if level < 0.99 * fit.level:  # a single step would make the simulation fail at impacts
             point = at_level(problem, point, level, None, way, 12).point
     tight = polish(problem, point, tightest, replace(settings, chain=True))
 
     def doubtful() -> bool:
-        # Where the loose gaps explain nothing, there is a gap whatever the tight ones do.
+        # If the loose fit does not explain the records, the result of the tight one does not
+        # matter.
         return fit.explains and not tight.log_evidence > fit.log_evidence - DOUBT
 
     def other(start: Point) -> None:
@@ -218,8 +221,8 @@ def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
         if again.cost < tight.cost or not np.isfinite(tight.cost):
             tight = again
 
-    # What looks like an unknown force may be a segment that is stuck: one simulation through all
-    # segments knows no gaps to begin with, and a slower descent may not tear.
+    # A segment in a local minimum can look like an unknown force. Two other starts may avoid this:
+    # one simulation through all segments, which has no defects at first, and a slower tightening.
     if doubtful():
         other(chained(problem, fit.point))
     if doubtful():
@@ -231,10 +234,11 @@ def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
 
 
 def freed(model: Fit, fits: Sequence[Fit], settings: FitSettings) -> Fit | None:
-    """The model fitted again from where fits with effects are, if it gets further from there.
+    """The model fitted again from the fits with effects, if that gives a better fit.
 
-    A model that is stuck makes any effect look like a cause that merely opens another way down;
-    taken from there without the effect, it must do as badly as before.
+    If the model alone is in a local minimum, an effect may look like a cause only because it leads
+    out of it. Therefore the model without the effect is also started from there; if the effect is a
+    real cause, this does not help.
     """
     best = model
     for led in fits:

@@ -1,4 +1,4 @@
-"""The report of a diagnosis, and its files: JSON and HTML, the same bytes for the same input."""
+"""Report of a diagnosis and its files, JSON and HTML; equal input gives equal bytes."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Report(Findings):
 
     @checked
     def write(self, folder: str | Path, *, force: bool = False) -> tuple[Path, Path]:
-        """Write report.html and report.json into a folder."""
+        """Write report.html and report.json to a folder."""
         return write_report(self, Path(folder), force=force)
 
 
@@ -93,7 +93,7 @@ def plain(value: Any) -> Any:
 
 
 def report_json(report: Findings) -> dict[str, Any]:
-    """Report as one JSON object in the order of the page; times of computation are left out."""
+    """Report as one JSON object in the order of the page; computation times are omitted."""
     fit = report.fit
     return {
         "feltmb": __version__,
@@ -133,9 +133,9 @@ def report_json(report: Findings) -> dict[str, Any]:
 def write_report(
     report: Findings, folder: Path, *, force: bool = False, viewers: str = ""
 ) -> tuple[Path, Path]:
-    """Write report.html and report.json into a folder.
+    """Write report.html and report.json to a folder.
 
-    ``viewers`` is HTML with the records beside the model, see :func:`feltmb.gap.page.page`.
+    ``viewers`` is HTML that shows the records beside the model, see :func:`feltmb.gap.page.page`.
     """
     make_folder(folder)
     text = json.dumps(report_json(report), indent=1, ensure_ascii=False)

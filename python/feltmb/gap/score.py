@@ -1,13 +1,13 @@
-"""All candidate causes from one fit: the score test with everything else projected out.
+"""Score tests of all candidate causes from one fit, with all other unknowns projected out.
 
-With whitened residual r, derivatives S by parameters, states and nuisances, and E_k by the
-magnitude of a candidate (times its scale), M = I - S (S'S)^-1 S':
+Let r be the whitened residual, S its derivatives by parameters, states and nuisances, E_k the
+derivative by the magnitude of a candidate (times its scale), and M = I - S (S'S)^-1 S'. Then
 
     b = E' M r,   G = E' M E,   T_k = b_k^2 / G_kk,   T_A = b_A' G_AA^-1 b_A
 
-T is chi-square if the candidate is absent; phi_A = G_AA^-1 b_A is its magnitude after one step, and
-sqrt(G_kk) the noncentrality per scale. States are eliminated by segment (feltmb.fit.filter),
-what is left is small algebra, so that thousands of sets cost milliseconds.
+T is chi-square distributed if the candidate is absent. phi_A = G_AA^-1 b_A is the magnitude after
+one step, and sqrt(G_kk) the noncentrality per scale. States are eliminated segment by segment
+(feltmb.fit.filter). The remaining algebra is small, so that thousands of sets cost milliseconds.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Scores:
     b: Array
     gram: Array
     raw: Array
-    """Diagonal of E'E before anything but the states is projected out."""
+    """Diagonal of E'E after elimination of the states only."""
     segment_scores: Array
     """Contributions of the segments of all segmented records to b, (segments, k)."""
     segment_grams: Array
@@ -52,7 +52,7 @@ class Scores:
     segment_of: tuple[tuple[int, int], ...]
     """(segmented record, segment) of each row."""
     inflation: float
-    """Residual sum of squares by its degrees of freedom, at least 1."""
+    """Ratio of the residual sum of squares to its degrees of freedom, at least 1."""
 
     @property
     def strength(self) -> Array:
@@ -61,12 +61,12 @@ class Scores:
 
     @property
     def testable(self) -> Array:
-        """Whether enough of the signature survives the nuisances."""
+        """Whether enough of the signature remains after the projection."""
         diagonal = np.diag(self.gram)
         return np.asarray((diagonal > LEAST_SURVIVING * self.raw) & (diagonal > 1e-12))
 
     def among(self, effects: Sequence[Effect]) -> Scores:
-        """The same of some effects alone."""
+        """Scores of a part of the candidates."""
         kept = [i for i, t in enumerate(self.candidates) if any(t.effect is e for e in effects)]
         return replace(
             self,
@@ -79,7 +79,7 @@ class Scores:
         )
 
     def one_step(self) -> Array:
-        """Magnitudes after one step, one candidate at a time, signs obeyed [scales]."""
+        """Magnitudes after one step, one candidate at a time, permitted signs only [scales]."""
         diagonal = np.where(self.testable, np.diag(self.gram), np.inf)
         size = self.b / diagonal
         for i, t in enumerate(self.candidates):
@@ -88,7 +88,7 @@ class Scores:
         return np.asarray(size)
 
     def singles(self) -> Array:
-        """T of every candidate; 0 where the sign forbids it."""
+        """T of each candidate; 0 if its sign is not permitted."""
         size = self.one_step()
         return np.asarray(np.maximum(2.0 * size * self.b - size**2 * np.diag(self.gram), 0.0))
 
@@ -102,7 +102,7 @@ class Scores:
         return np.asarray(np.divide(gain, variance, out=np.zeros_like(gain), where=variance > 0.0))
 
     def correlation(self) -> Array:
-        """G_kl / sqrt(G_kk G_ll): 1 cannot be told apart."""
+        """G_kl / sqrt(G_kk G_ll); candidates with the value 1 cannot be distinguished."""
         size = np.where(self.testable, self.strength, np.inf)
         out = self.gram / np.outer(size, size)
         np.fill_diagonal(out, 1.0)
@@ -111,18 +111,18 @@ class Scores:
 
 @dataclass(frozen=True)
 class ScoredSet:
-    """A set of included effects with its linear test."""
+    """A set of candidates with its linear score test."""
 
     index: tuple[int, ...]
     magnitudes: tuple[float, ...]
-    """One step, in scales."""
+    """Magnitudes after one step [scales]."""
     statistic: float
     evidence: float
-    """Log Bayes factor against the model, prior of the set included."""
+    """Log Bayes factor relative to the model, prior of the set included."""
 
 
 def all_candidates(effects: Sequence[Effect], without: Sequence[str] = ()) -> tuple[Candidate, ...]:
-    """Every effect with every shape."""
+    """Candidates of all effects with all their shapes."""
     return tuple(Candidate(e, s) for e in effects if e.name not in without for s in e.shapes)
 
 
@@ -134,7 +134,7 @@ def score_fit(fit: Fit, candidates: tuple[Candidate, ...]) -> Scores:
     known = len(problem.free) + len(problem.included)
     k = len(candidates)
     e = np.arange(known, known + k)
-    # What sits at a limit and would go beyond it can take up nothing.
+    # A parameter at a limit that would have to cross it cannot absorb a signature.
     open_ = np.flatnonzero(~problem.pressed(fit.point, normal))
     s = np.concatenate([open_, np.arange(normal.shared, normal.right.size)])
     scale = np.array([t.effect.scale for t in candidates])
@@ -177,10 +177,10 @@ def score_fit(fit: Fit, candidates: tuple[Candidate, ...]) -> Scores:
 
 
 def set_evidence(b: Array, gram: Array, magnitudes: Array, inflation: float) -> float:
-    """Log Bayes factor of a set against none, prior sd = max(scale, magnitude).
+    """Log Bayes factor of a set relative to none, with prior sd = max(scale, magnitude).
 
-    A declared scale that is too small is thereby not punished by the square of its error; one that
-    is too large pays the usual logarithm.
+    A scale that is declared too small thus costs less than the square of its error. One that is too
+    large costs the usual logarithm.
     """
     width = np.maximum(1.0, np.abs(magnitudes))
     inner = np.eye(b.size) + gram * np.outer(width, width) / inflation
@@ -190,7 +190,7 @@ def set_evidence(b: Array, gram: Array, magnitudes: Array, inflation: float) -> 
 
 
 def fitted_numbers(candidate: Candidate) -> int:
-    """Numbers of the shape of a candidate that are not those of any shape of its list."""
+    """Number of values of a shape that were fitted, i.e. differ from every shape in the list."""
     shapes = [s if isinstance(s, tuple) else (s,) for s in candidate.effect.shapes]
     own = candidate.shape if isinstance(candidate.shape, tuple) else (candidate.shape,)
     listed = {repr(s) for s in shapes}
@@ -200,7 +200,7 @@ def fitted_numbers(candidate: Candidate) -> int:
 
 
 def prior_of(included: Sequence[Candidate], total_weight: float) -> float:
-    """Log prior of a set: every effect costs the magnitude of the library and of its shapes."""
+    """Log prior of a set, from the weights of its effects and the number of their shapes."""
     value = 0.0
     for t in included:
         value += math.log(t.effect.weight / total_weight) - math.log(len(t.effect.shapes))
@@ -211,7 +211,7 @@ def prior_of(included: Sequence[Candidate], total_weight: float) -> float:
 def screen_sets(
     scores: Scores, *, largest: int = 3, pairs_from: int = 60, triples_from: int = 16
 ) -> list[ScoredSet]:
-    """All singles, and pairs and triples of the most promising ones, best evidence first."""
+    """All single effects and promising pairs and triples, sorted by evidence."""
     usable = np.flatnonzero(scores.testable)
     if usable.size == 0:
         return []
@@ -228,11 +228,11 @@ def screen_sets(
             low, high = scores.candidates[j].effect.bounds
             scale = scores.candidates[j].effect.scale
             if not low / scale <= size <= high / scale or size == 0.0:
-                return  # on its limit: a smaller set says the same
+                return  # at its limit: a smaller set is equivalent
         length = np.sqrt(np.diag(gram))
         rho = gram / np.outer(length, length)
         if len(i) > 1 and np.linalg.eigvalsh(rho)[0] < DEPENDENT:
-            return  # cannot be told apart
+            return  # cannot be distinguished
         statistic = float(b @ magnitudes)
         prior = prior_of([scores.candidates[j] for j in i], total)
         evidence = set_evidence(b, gram, magnitudes, scores.inflation) + prior
@@ -240,7 +240,8 @@ def screen_sets(
 
     for j in usable:
         consider((int(j),))
-    # A pair can hide what neither shows alone: choose partners by T, and by T given the best.
+    # A pair may be significant although none of its effects is. Partners are therefore chosen by T,
+    # and by T given the best effect.
     best = int(usable[np.argmax(single[usable])])
     pivot = scores.gram[best, best]
     rest_b = scores.b - scores.gram[:, best] * scores.b[best] / pivot
@@ -266,9 +267,9 @@ def screen_sets(
 def family_threshold(
     scores: Scores, alpha: float, *, draws: int = 20000, seed: int = 0
 ) -> tuple[float, Array]:
-    """Level that the largest T of all candidates exceeds with probability alpha under the null.
+    """Value that the largest T of all candidates exceeds with probability alpha under the null.
 
-    Also the sorted maxima of the draws b ~ N(0, G), signs obeyed.
+    Also returns the sorted maxima of the draws b ~ N(0, G), with permitted signs only.
     """
     usable = np.flatnonzero(scores.testable)
     if usable.size == 0:

@@ -1,4 +1,4 @@
-"""The search for the set of effects that records ask for: screen, refit, add, drop and swap."""
+"""Search for the set of effects that explains the records: screen, refit, add, drop, swap."""
 
 from __future__ import annotations
 
@@ -42,41 +42,42 @@ __all__ = ["Search", "in_refined_steps", "search", "with_larger_noise"]
 
 Progress = Callable[[str, int, int], None]
 
-#: Effects that are tried in the place of another.
+#: Number of effects that are tried in place of another one.
 SWAPS = 3
-#: Sum of squares by which a set may end above one that it holds: half of it is log evidence.
+#: Tolerance of the sum of squares by which a set may exceed a set that it contains; half of it is
+#: log evidence.
 NESTED = 1.0
-#: Note of a model that does best with the tightest gaps, though the descent left them.
+#: Note of a model that is best with the tightest defects, although tightening had left that fit.
 CLOSED = "gaps closed again"
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What the search over sets found."""
+    """Result of the search over sets of effects."""
 
     model_fit: Fit
     scores: Scores
-    """At the model's own gap level."""
+    """Scores at the continuity defects of the model fit."""
     tight: Scores | None
-    """At the tightest level, if that is another one."""
+    """Scores at the tightest continuity defects; None if the model fit already has them."""
     tight_fit: Fit | None
     sets: tuple[CandidateSet, ...]
-    """Refitted sets, best evidence first."""
+    """Refitted sets, sorted by evidence, best first."""
     model_evidence: float
     failed: tuple[tuple[str, str], ...]
     held: Fit | None = None
-    """The model held within the tolerance that the best set goes beyond, if it does."""
+    """The model fitted within the tolerance that the best set exceeds; None if it exceeds none."""
     skipped: tuple[str, ...] = ()
-    """Effects in sets that were to be refitted when the search was stopped."""
+    """Effects of sets that were not refitted because the search was stopped."""
 
     @property
     def bare(self) -> Fit:
-        """What the model can do without effects."""
+        """The best fit of the model without effects."""
         return self.held or self.model_fit
 
     @property
     def tight_evidence(self) -> float:
-        """Log evidence of the model that closes its continuity defects."""
+        """Log evidence of the model with the tightest continuity defects."""
         if self.tight_fit is None:
             return self.model_evidence
         value = full_evidence(self.tight_fit, 1.0)
@@ -84,7 +85,7 @@ class Search:
 
     @property
     def best(self) -> CandidateSet | None:
-        """Best refitted set that beats the model, if there is one."""
+        """Best refitted set that is better than the model; None: there is none."""
         if self.sets and self.sets[0].evidence > self.model_evidence:
             return self.sets[0]
         return None
@@ -101,22 +102,21 @@ def search(
     reseeds: int = 3,
     led: Sequence[Fit] = (),
 ) -> Search:
-    """Screen, refit the survivors, then add, drop and swap until nothing helps.
+    """Screen the candidates, refit the best ones, then add, drop and swap until nothing helps.
 
-    ``most`` effects make the largest set; of the ranked sets and of the ranked single effects
-    ``width`` are refitted. ``reseeds``: times that the search may begin again because a set has led
-    the model out of a wrong local minimum. ``led``: sets that were fitted before, see
-    :func:`~feltmb.gap.lead.lead`.
+    ``most``: largest number of effects in a set. ``width``: number of ranked sets, and of ranked
+    single effects, that are refitted. ``reseeds``: how often the search may start again because a
+    set led the model out of a wrong local minimum. ``led``: fits of :func:`~feltmb.gap.lead.lead`.
     """
     while True:
         better: Fit | None = tighten(model, settings)
         hunt = _Hunt(model, better, effects, settings, most, width, progress)
         for fit in led:
             if fit.included:
-                # As near to its end as the sets that it is compared with.
+                # Converged as well as the sets that it is compared with.
                 hunt._keep(refit_at(fit.problem, fit.point, fit.level, hunt.quick))
         if better is not None and reseeds and better.log_evidence > model.log_evidence + 1.0:
-            # The descent of the gaps had left the local minimum in which they close.
+            # Tightening had left the local minimum that has the tightest defects.
             notes = (*model.notes, CLOSED)
             better = replace(better, levels=model.levels, notes=notes)
         else:
@@ -129,17 +129,17 @@ def search(
 def in_refined_steps(
     found: Search, settings: FitSettings, *, progress: Progress | None = None
 ) -> Search:
-    """The search with its best sets fitted again, if they ask for refined steps of the integrator.
+    """The search with its best sets fitted again, if they need a smaller step of the integrator.
 
-    Steps that are fine enough for the model may be too coarse for an effect, dry friction say:
-    what they do wrong would look like one more cause.
+    A step that is small enough for the model may be too large for an effect, for example dry
+    friction. The search would attribute its error to one more cause.
     """
     while found.best is not None and not current().stopping():
         coarse = found.best.fit.problem.model
         model = coarse.refined(_jobs(found.best.fit, settings))
         if model is coarse:
             break
-        # Refined steps move shapes, which may ask for refined steps again.
+        # Smaller steps change the fitted shapes, which may need smaller steps again.
         found = _again(found, _with_model(model), settings, "refined steps", progress)
     return found
 
@@ -201,7 +201,8 @@ def _again(
     hunt.start = full_evidence(hunt.model_fit, hunt.total)
     hunt.failed.update(found.failed)
     hunt.skipped.update(dict.fromkeys(found.skipped))
-    # Larger sets may only explain what coarse steps did wrong: they have to come from the best one.
+    # Larger sets may only compensate the error of large steps; they are built again from the best
+    # set.
     for c in found.sets:
         best = found.sets[0]
         if len(c.names) <= len(best.names) and c.evidence > best.evidence - NEAR_BEST:
@@ -220,9 +221,9 @@ def _again(
 
 
 def _jobs(fit: Fit, settings: FitSettings) -> list[Batch]:
-    """What the machine of a fit simulates: records from their start where its gaps are closed.
+    """Simulations that correspond to a fit; whole records if the continuity defects are closed.
 
-    There the error of the steps adds up from segment to segment.
+    In a whole record, the error of the steps accumulates over the segments.
     """
     included = machine_candidates(fit.included)
     magnitudes = np.array([fit.point.magnitudes[fit.included.index(t)] for t in included])
@@ -243,7 +244,7 @@ def _jobs(fit: Fit, settings: FitSettings) -> list[Batch]:
 
 
 class _Hunt:
-    """One search, from one fit of the model."""
+    """One search that starts from one fit of the model."""
 
     def __init__(
         self,
@@ -257,7 +258,8 @@ class _Hunt:
     ) -> None:
         self.model_fit, self.tight_fit = model, tight
         self.settings, self.most, self.width, self.progress = settings, most, width, progress
-        # Sets are ranked by whole units of log evidence: a twentieth of one is near enough.
+        # Differences of log evidence below 1 do not matter for the ranking: 0.05 is accurate
+        # enough.
         self.quick = settings.coarser(0.1, iterations=15)
         self.total = sum(e.weight for e in effects)
         self.candidates = all_candidates(effects)
@@ -271,7 +273,7 @@ class _Hunt:
         self.traces: Scores | None = None
 
     def run(self, *, may_restart: bool) -> Fit | None:
-        """Search; a fit of the model that does better, if the search led there."""
+        """Run the search; return a better fit of the model if the search found one."""
         self._tell("score")
         self.scores = score_fit(self.model_fit, self.candidates)
         self.tight = None if self.tight_fit is None else score_fit(self.tight_fit, self.candidates)
@@ -279,7 +281,7 @@ class _Hunt:
         fits = [self.model_fit] + ([] if self.tight_fit is None else [self.tight_fit])
         self.explained = all(f.explains for f in fits)
         self.near = self._nearby()
-        # The model was fitted from there when the set was led.
+        # ``near`` was fitted in ``lead``, and the model was fitted from there already.
         may_restart = may_restart and self.near is None
         self._screen()
         if current().stopping():
@@ -295,7 +297,7 @@ class _Hunt:
         return None
 
     def found(self) -> Search:
-        """What the search found."""
+        """Result of the search."""
         ordered = tuple(sorted(self.done.values(), key=lambda c: (-c.evidence, c.key)))
         return Search(
             self.model_fit,
@@ -316,7 +318,7 @@ class _Hunt:
         return max(self.done.values(), key=lambda c: c.evidence)
 
     def _keep(self, fit: Fit) -> CandidateSet:
-        """Note a fit, if its set has no better one."""
+        """Store a fit unless its set has a better one."""
         current().fitted(fit.chi2 / fit.dof)
         found = CandidateSet(fit, full_evidence(fit, self.total))
         known = self.done.get(found.key)
@@ -325,7 +327,7 @@ class _Hunt:
         return found
 
     def _attempt(self, base: Fit, chosen: tuple[Candidate, ...], magnitudes: Array) -> None:
-        """Refit a set from a fit that is near it."""
+        """Refit a set, starting from a similar fit."""
         if current().stopping():
             self.skipped.update((t.name, None) for t in chosen)
             return
@@ -340,7 +342,7 @@ class _Hunt:
             self.failed[" + ".join(_key(chosen))] = "could not be simulated"
 
     def _screen(self) -> None:
-        """Refit the sets, and the single effects, that the linear ranking promises most of."""
+        """Refit the sets and the single effects with the largest linear evidence."""
         near, scores = self.model_fit, self.scores
         if self.near is not None:
             near, scores = self.near, score_fit(self.near, self.candidates)
@@ -349,8 +351,7 @@ class _Hunt:
         if self.tight is not None and self.tight_fit is not None:
             base = replace(self.tight_fit, level=self.model_fit.level)
             self._extend(base, self.tight, self.width)
-        # The best singles are always among the refitted, so that a class is judged on equal
-        # included effects.
+        # The best single effects are always refitted, so that similar effects are compared equally.
         for at in (scores, self.tight):
             if at is None:
                 continue
@@ -372,9 +373,9 @@ class _Hunt:
                     break
 
     def _nearby(self) -> Fit | None:
-        """The model with the parameters of a set that explains the records, where its fit does not.
+        """The model with the parameters of a set that explains the records, if the model does not.
 
-        Scores at a poor fit of the model say little of what explains the records.
+        Scores at a poor fit of the model say little about the cause.
         """
         if self.explained or not self.done or not plausible(self._best().fit):
             return None
@@ -383,13 +384,13 @@ class _Hunt:
         return finish(base.problem, bare, best.level, best.gap_sd[: len(base.gap_sd)])
 
     def _least(self, base: Fit, at: Scores) -> float:
-        """Linear evidence below which a set beside a base is not refitted."""
-        if base is self.near:  # a set explains the records: only rivals of it
+        """Linear evidence below which an addition to a fit is not refitted."""
+        if base is self.near:  # a set explains the records: refit only its rivals
             return max((s.evidence for s in screen_sets(at, largest=1)), default=0.0) - NEAR_BEST
         return PROMISE if self.explained or (base.included and plausible(base)) else -np.inf
 
     def _extend(self, base: Fit, at: Scores, count: int) -> None:
-        """Refit what the base holds and the sets that rank best beside it."""
+        """Refit a base with the additions that have the largest linear evidence."""
         for chosen, magnitudes in self._survivors(base, at, count):
             mark = tuple(sorted((t.name, repr(t.shape)) for t in chosen))
             if mark not in self.tried:
@@ -399,14 +400,15 @@ class _Hunt:
     def _survivors(
         self, base: Fit, at: Scores, count: int
     ) -> list[tuple[tuple[Candidate, ...], Array]]:
-        """Best sets by linear evidence, added to what the base holds."""
+        """Additions to a base with the largest linear evidence, as sets with magnitudes."""
         out = []
         have = {t.name for t in base.included}
         seen: set[tuple[str, ...]] = set()
         least = self._least(base, at)
-        # What a set that explains the records lacks is asked from its own fit.
+        # Additions to a set that explains the records are searched at the fit of that set, not
+        # here.
         whole = set(self._best().names) if base is self.near else None
-        # Linear scores there hold for what is as small as that set.
+        # Linear scores are valid here for sets that are not larger than that set.
         most = self.most - len(base.included) if whole is None else len(whole)
         for s in screen_sets(at, largest=max(1, min(3, most))):
             if s.evidence < least:
@@ -427,7 +429,7 @@ class _Hunt:
         return out
 
     def _freed(self) -> Fit | None:
-        """The model from where the best sets are, if it does better from there."""
+        """The model started from the best sets, if that gives a better fit."""
         best = sorted(self.done.values(), key=lambda c: -c.evidence)[:2]
         fits = [c.fit for c in best if c.evidence > self.start]
         return freed(self.model_fit, fits, self.quick)
@@ -456,13 +458,13 @@ class _Hunt:
                     break
 
     def _vary(self, best: CandidateSet) -> None:
-        """Try the best set without each of its effects, and with another in its place."""
+        """Refit the best set without each of its effects, and with another effect in its place."""
         for k, candidate in enumerate(best.fit.included):
             rest = tuple(t for t in best.fit.included if t is not candidate)
             others = np.delete(best.fit.point.magnitudes, k)
             if rest and _short(self.done.get(_key(rest)), best, k):
                 self._attempt(best.fit, rest, others)
-            # A screen at a poor model may have overlooked what could stand in its place.
+            # Scores at a poor fit of the model may have missed an effect that could replace it.
             for like, share in _alike(self.tight or self.traces or self.scores, candidate):
                 swapped = (*rest, like)
                 size = np.clip(share * best.fit.point.magnitudes[k], *like.effect.bounds)
@@ -472,7 +474,7 @@ class _Hunt:
                 self._attempt(best.fit, swapped, np.append(others, size))
 
     def _shrink(self) -> None:
-        """Leave effects of the best set out as long as that helps."""
+        """Remove effects from the best set as long as that helps."""
         while True:
             best = self._best()
             for k in range(len(best.fit.included) if len(best.fit.included) > 1 else 0):
@@ -482,7 +484,7 @@ class _Hunt:
                 return
 
     def _shape(self, c: CandidateSet) -> None:
-        """Fit the shapes of a set where those of the lists may not be enough."""
+        """Fit the shapes of a set, if the values of the lists may be too coarse."""
         if c.key in self.shaped or not any(movable(t.effect) for t in c.fit.included):
             return
         if current().stopping():
@@ -501,13 +503,13 @@ class _Hunt:
 
         fit = between(c.fit, make, lambda f: full_evidence(f, self.total))
         again = self._keep(refit_at(fit.problem, fit.point, fit.level, self.quick))
-        # Tighter gaps see more of the shape.
+        # Smaller continuity defects determine the shape better.
         if again.evidence > c.evidence and again.fit.level < c.fit.level:
             self.shaped.discard(c.key)
             self._shape(again)
 
     def _finish(self) -> None:
-        """Make sure that the best set is not a stuck fit."""
+        """Check whether the best set is in a local minimum."""
         if not self.done or current().stopping():
             return
         fit = self._best().fit
@@ -517,11 +519,11 @@ class _Hunt:
         self._keep(from_priors(fit, self.quick))
 
     def _nest(self) -> None:
-        """No set ends above one that it holds: it is fitted again from the end of that one.
+        """Refit every set whose sum of squares exceeds that of a set that it contains.
 
-        Effects of magnitude zero change nothing, so that a larger set can always do as well. One
-        that still ends above has an effect that is not the model at magnitude zero: it is taken out
-        and told.
+        An effect of magnitude zero must change nothing, so that a larger set can always be as good.
+        The refit starts from the smaller set. If the larger set is still worse, it has an effect
+        that is not the model at magnitude zero. The set is removed and reported.
         """
         for c in sorted(self.done.values(), key=lambda c: (len(c.names), c.key)):
             inner = min(self._held_by(c), key=lambda fit: fit.cost, default=None)
@@ -545,7 +547,7 @@ class _Hunt:
             )
 
     def _held_by(self, c: CandidateSet) -> list[Fit]:
-        """Fits of the model alone and of sets that a set holds, at its gaps."""
+        """Fits of the model and of sets that a set contains, with equal continuity defects."""
         own = {t.name: repr(t.shape) for t in c.fit.included}
         fits = [self.model_fit, *(other.fit for other in self.done.values())]
         return [
@@ -563,13 +565,13 @@ def _key(included: Sequence[Candidate]) -> tuple[str, ...]:
 
 
 def _holds(c: CandidateSet, included: Sequence[Candidate]) -> bool:
-    """Whether a set holds included effects with just these shapes."""
+    """Whether a set contains candidates with exactly these shapes."""
     shapes = {t.name: repr(t.shape) for t in c.fit.included}
     return all(shapes.get(t.name) == repr(t.shape) for t in included)
 
 
 def _alike(scores: Scores, candidate: Candidate) -> list[tuple[Candidate, float]]:
-    """Effects whose trace is most like that of a candidate, and their magnitude for one of it."""
+    """Effects with a similar signature, and their magnitude per magnitude of the candidate."""
     own = [i for i, t in enumerate(scores.candidates) if t.name == candidate.name]
     i = max(
         own,
@@ -597,10 +599,11 @@ def _alike(scores: Scores, candidate: Candidate) -> list[tuple[Candidate, float]
 
 
 def _short(known: CandidateSet | None, best: CandidateSet, k: int) -> bool:
-    """Whether the best set without its candidate k is still to be fitted from there.
+    """Whether the best set without its candidate k must still be fitted from the best set.
 
-    So it is where its known fit falls short of what the best one predicts to first order: half the
-    square of the magnitude over its deviation is lost. Such a fit is in another local minimum.
+    This holds if there is no such fit yet. It also holds if the known fit is worse than the best
+    fit predicts to first order: half the square of the magnitude over its standard deviation is
+    lost. Such a fit is in another local minimum.
     """
     if known is None:
         return True

@@ -1,7 +1,7 @@
-"""Shapes between those of an effect's list: a width, level or time is fitted like a magnitude.
+"""Fits the shapes of effects, for example a width, level or time, between the values of the list.
 
-The list is a coarse net: a play that is half as wide as its nearest entry leaves a residual, and
-the search would compensate this residual with effects that do not exist.
+The list is coarse. If the true backlash is half as wide as the nearest value, a residual remains,
+and the search would compensate it with effects that do not exist.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from feltmb.gap.score import score_fit
 
 __all__ = ["between", "movable", "moved_shape", "off_grid", "shape_number"]
 
-#: Factor by which a shape may leave the range of its list.
+#: Factor by which a fitted shape may exceed the range of its list.
 BEYOND = 5.0
-#: Steps to a bracket of the top, and within it.
+#: Number of steps to bracket the maximum, and within the bracket.
 STEPS, FINER = 3, 6
 #: Relative accuracy of a shape.
 CLOSE = 0.002
-#: Log evidence of what cannot be simulated.
+#: Log evidence of a fit that cannot be simulated.
 WORST = 1e30
 
 Make = Callable[[Fit, tuple[Candidate, ...]], Fit]
 
 
 def movable(effect: Effect) -> tuple[int, ...]:
-    """Places of the shape whose number may take any value: (0,) where the shape is one number.
+    """Indices of the numbers of a shape that may take any value: (0,) if the shape is one number.
 
-    Such are positive floats of which the list has two or more values; whole numbers, zeros, words
-    and what the list holds only once stay as they are.
+    These are positive floats of which the list has two or more values. Integers, zeros, texts and
+    constants are not fitted.
     """
     rows = [s if isinstance(s, tuple) else (s,) for s in effect.shapes]
     if len({len(r) for r in rows}) != 1:
@@ -48,7 +48,7 @@ def movable(effect: Effect) -> tuple[int, ...]:
 
 
 def off_grid(fit: Fit) -> bool:
-    """Whether a second shape of one of its effects would help a fit: the true one is elsewhere."""
+    """Whether a second shape of an effect improves a fit, so that the true one is not listed."""
     included = [
         Candidate(t.effect, s)
         for t in fit.included
@@ -60,25 +60,26 @@ def off_grid(fit: Fit) -> bool:
         return False
     scores = score_fit(fit, tuple(included))
     gram = np.where(scores.testable, np.diag(scores.gram), np.inf)
-    # A mixture may need a negative share of either, so that signs do not count.
+    # A mixture may need a negative share of one shape; signs are therefore ignored.
     return bool(np.max(scores.b**2 / gram) > 2.0 * (FITTED_SHAPE + WORTH_SHAPE))
 
 
 def _adds(effect: Effect) -> bool:
-    """Whether two shapes of it add up; those of an effect that the model itself knows may not."""
+    """Whether two shapes of an effect can be added, which effects of the model itself cannot."""
     ways = (effect.rate, effect.regressor, effect.observe, effect.excite)
     return any(w is not None for w in ways)
 
 
 def between(fit: Fit, make: Make, value: Callable[[Fit], float]) -> Fit:
-    """The fit with the shapes of its effects moved to where its value is largest.
+    """The fit with the shapes of its effects moved to the maximum of ``value``.
 
     Parameters
     ----------
     fit
-        A set of effects, fitted.
+        Fit of a set of effects.
     make
-        ``make(near, included)``: fits the same effects with other shapes, from a fit that is near.
+        ``make(near, included)``: fits the same effects with other shapes, starting from the fit
+        ``near``.
     value
         Log evidence of a fit.
     """
@@ -90,7 +91,7 @@ def between(fit: Fit, make: Make, value: Callable[[Fit], float]) -> Fit:
 
 
 def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], float]) -> Fit:
-    """The best fit along the logarithm of one number: a bracket by steps, then Brent's method."""
+    """The best fit over the logarithm of one number: a bracket by steps, then Brent's method."""
     from scipy.optimize import minimize_scalar
 
     effect = fit.included[k].effect
@@ -110,7 +111,7 @@ def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], floa
             values[x] = value(fits[x]) if math.isfinite(fits[x].cost) else -WORST
         return -values[x]
 
-    # Half of the way to the next of the list, so that both sides of its net are seen.
+    # Half of the distance to the next value of the list, so that both sides are covered.
     step = 0.5 * float(np.min(np.diff(np.log(listed))))
     left, top, right = max(here - step, low), here, min(here + step, high)
     for _ in range(STEPS):
@@ -131,14 +132,14 @@ def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], floa
 
 
 def shape_number(shape: Any, place: int) -> float:
-    """One number of a shape."""
+    """One number of a shape, by index."""
     return float(shape[place]) if isinstance(shape, tuple) else float(shape)
 
 
 def moved_shape(shape: Any, place: int, number: float) -> Any:
-    """Copy of the shape with one changed number."""
+    """Copy of a shape with one changed number."""
     if not isinstance(shape, tuple):
         return number
-    if hasattr(shape, "_make"):  # a named tuple keeps its names
+    if hasattr(shape, "_make"):  # a named tuple keeps its type
         return shape._make((*shape[:place], number, *shape[place + 1 :]))
     return (*shape[:place], number, *shape[place + 1 :])

@@ -1,4 +1,4 @@
-"""A first call of every effect that is written in Python: its faults are told before the fit."""
+"""Simulates every effect once before the fit, so that faults in its Python code are found early."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from feltmb.fit.observe import machine_candidates, observe_jobs
 
 __all__ = ["try_effects"]
 
-#: Samples that are simulated: enough for a filter of a sensor.
+#: Number of simulated samples: enough for the filter of a sensor.
 SAMPLES = 32
 
 
 def try_effects(model: Model, effects: Sequence[Effect], record: Record) -> None:
-    """Simulate the beginning of a record without effects, then with each of them.
+    """Simulate the first samples of a record without effects, then with each of them.
 
     Raises
     ------
     InvalidParameter
-        The model cannot be simulated, or effects whose callable raises or returns what cannot be
-        used, all of them.
+        The model cannot be simulated, or a callable of an effect raises or returns an invalid
+        value. All faulty effects are in one message.
     """
     with calling(f"model {model.name}: its simulation"):
         bare = observe_jobs(model, record, _begin(model, None, record)).outputs
@@ -45,11 +45,11 @@ def try_effects(model: Model, effects: Sequence[Effect], record: Record) -> None
 
 
 def _fault(model: Model, candidate: Candidate, record: Record, bare: Array) -> str:
-    """What is wrong with a candidate, or nothing; ``bare``: outputs without it."""
+    """Fault of a candidate, as text; empty: none. ``bare``: outputs without it."""
     e = candidate.effect
     try:
         if e.excite is not None:
-            # The changed record checks lengths; a whole run would cost too much.
+            # Changing the record checks the lengths; a whole simulation would be too slow.
             with calling("its excite"):
                 change = e.excite(record, _size(e), candidate.shape)
                 same = record.with_inputs(e.excite(record, 0.0, candidate.shape))
@@ -76,7 +76,7 @@ def _fault(model: Model, candidate: Candidate, record: Record, bare: Array) -> s
 
 
 def _check_numbers(model: Model, record: Record, bare: Array) -> None:
-    """The model must give numbers at its priors, from its start or from one that it guesses."""
+    """Check that the model gives finite numbers at its priors, from a given or estimated start."""
     if _runs(bare):
         return
     segments = np.array([[0, min(SAMPLES, record.samples) - 1]])
@@ -91,20 +91,20 @@ def _check_numbers(model: Model, record: Record, bare: Array) -> None:
 
 
 def _runs(outputs: Array) -> bool:
-    """Whether there are numbers beyond the start."""
+    """Whether there are finite values after the first sample."""
     later = outputs[:, 1:] if outputs.shape[1] > 1 else outputs
     return bool(np.any(np.isfinite(later)))
 
 
 def _alike(one: Array, other: Array) -> bool:
-    """Equal but for rounding."""
+    """Whether two arrays are equal except for rounding."""
     finite = np.abs(other[np.isfinite(other)])
     size = float(np.max(finite)) if finite.size else 0.0
     return bool(np.allclose(one, other, rtol=1e-9, atol=1e-9 * size, equal_nan=True))
 
 
 def _begin(model: Model, candidate: Candidate | None, record: Record) -> Jobs:
-    """A few samples in three jobs: so many that a wrong shape does not fit by chance."""
+    """Three jobs with a few samples each; with three, a wrong shape cannot fit by chance."""
     last = min(SAMPLES, record.samples) - 1
     included = () if candidate is None else (candidate,)
     starts: Array = np.array([[s.start for s in model.states(machine_candidates(included))]] * 3)
@@ -118,6 +118,6 @@ def _begin(model: Model, candidate: Candidate | None, record: Record) -> Jobs:
 
 
 def _size(effect: Effect) -> float:
-    """The expected magnitude, on the side that is permitted."""
+    """Expected magnitude with a permitted sign."""
     size = -effect.scale if effect.sign < 0 else effect.scale
     return float(np.clip(size, *effect.bounds))

@@ -1,17 +1,17 @@
-"""Whether the residual of a fit without gaps is smoother than noise: a gap that nothing explains.
+"""Tests whether the residual of a fit without continuity defects is smoother than noise.
 
-A sum of squares weighs all frequencies alike, but what a model lacks moves slowly and noise does
-not. The alternative to noise is an unknown smooth signal in every channel, a Gaussian process of
-Matern 3/2 with one length for all, in units of the noise of its channel. With B its cosines,
-whitened as the records are, A the whitened derivatives by all that was fitted, M the normal matrix
-with the priors and r the residual,
+A sum of squares gives all frequencies the same weight, but a missing cause changes slowly and noise
+does not. The alternative to noise is an unknown smooth signal in every channel: a Gaussian process
+of type Matern 3/2 with one length for all channels, in units of the noise of its channel. Let B be
+its cosines, whitened as the records are, A the whitened derivatives by all fitted quantities, M the
+normal matrix with the priors, and r the residual. Then
 
     u = B'r,   G = B'B - B'A M^-1 A'B,
     log K = 1/2 s^2 v'(I + s^2 H)^-1 v - 1/2 log det(I + s^2 H),   v = L'u,   H = L'G L
 
-is the log Bayes factor of the amplitude s, L the roots of the process' spectrum. Of it the largest
-over a few lengths and amplitudes is taken. Where segments may leave gaps between them, these do the
-same (see :func:`feltmb.gap.decide.misfit`).
+is the log Bayes factor of the amplitude s, where L contains the square roots of the spectrum of the
+process. The result is the maximum over a few lengths and amplitudes. In a fit with continuity
+defects, the defects have the same function (see :func:`feltmb.gap.misfit.misfit`).
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ from feltmb.gap.criteria import SLOW_COLOR
 
 __all__ = ["smooth_discrepancy"]
 
-#: Lengths that are tried, in shares of the record.
+#: Lengths that are tried, as shares of the record.
 LENGTHS = (0.01, 0.03, 0.1, 0.3)
-#: Most cosines of a channel in a segment, and of all.
+#: Largest number of cosines of a channel in a segment, and of all channels and segments.
 MOST, IN_ALL = 40, 900
-#: Share of a signal below which what the fit leaves of it is rounding.
+#: If a fit leaves less than this share of a signal, the remainder is rounding.
 ROUNDING = 1e-9
 
 
 @functools.lru_cache(maxsize=8)
 def smooth_discrepancy(fit: Fit) -> float:
-    """Log Bayes factor of an unknown smooth signal against noise, at its best amplitude and length.
+    """Largest log Bayes factor of an unknown smooth signal against noise.
 
     Parameters
     ----------
     fit
-        Any fit; with its parameters free to take the signal up.
+        A fit; its parameters can absorb a part of the signal.
 
     Returns
     -------
     float
-        [1], at least 0. Under noise alone twice it is above x with half the chance of a chi-square
-        of one degree of freedom, for each length. 0 too where there are more channels times
-        segments than ``IN_ALL``.
+        Maximum over amplitudes and lengths [1], at least 0. Under noise alone, for each length,
+        twice this value exceeds x with half the probability of a chi-square variable with one
+        degree of freedom. 0 also if the number of channels times segments exceeds ``IN_ALL``.
     """
     problem = fit.problem
     normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
@@ -92,10 +92,10 @@ def smooth_discrepancy(fit: Fit) -> float:
 def _best(u: Array, gram: Array, whole: Array, omega: Array, length: float) -> float:
     """Largest log Bayes factor over amplitudes for one length [s].
 
-    ``whole``: squares of the columns before anything fitted was taken out of them; what is left of
-    a signal that the fit can take up altogether is rounding.
+    ``whole``: squares of the columns before the fitted quantities were projected out. If the fit
+    can absorb a signal completely, the remainder is rounding.
     """
-    spread = 1.0 / (1.0 + (omega * length) ** 2 / 3.0)  # the root of the spectrum
+    spread = 1.0 / (1.0 + (omega * length) ** 2 / 3.0)  # square root of the spectrum
     values, vectors = np.linalg.eigh(spread[:, None] * gram * spread)
     kept = values > ROUNDING * float(np.max(spread**2 * whole))
     if not kept.any():

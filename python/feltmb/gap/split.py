@@ -1,4 +1,4 @@
-"""Records to fit, and records to hold out."""
+"""Splits records into fitted and held-out records."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ def split_records(
     masked: bool = False,
     left_out: Sequence[str] = (),
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
-    """Records to fit and records to hold out.
+    """Split records into fitted and held-out records.
 
-    Named ones; else those whose role says so; else, of three or more records, every third; else
-    every record is cut into five blocks of which the second and fourth are held out. ``masked``:
-    the records are not cut; they keep all times, and the outputs of the other blocks are removed.
-    ``left_out``: why records were left out before, for messages.
+    Records named in ``hold_out`` are held out; else those with the role "held_out"; else every
+    third of three or more records. Otherwise every record is cut into five blocks, and the second
+    and fourth are held out. ``masked``: the records are not cut; both parts keep all times, and the
+    outputs of the other blocks are removed. ``left_out``: reasons why records were removed before,
+    for messages.
     """
     if isinstance(hold_out, str):
         hold_out = [hold_out]
@@ -72,7 +73,7 @@ def split_records(
 def _with_values(
     kept: Sequence[Record], held: Sequence[Record]
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
-    """Both sides, each with something measured in it."""
+    """Check that both parts contain measured values."""
     for side, what in ((kept, "to fit"), (held, "to hold out")):
         if not any(np.isfinite(y).any() for r in side for y in r.outputs.values()):
             names = ", ".join(r.name for r in side) or "none is left"

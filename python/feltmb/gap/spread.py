@@ -1,8 +1,8 @@
-"""Uncertainty of magnitudes and shapes together.
+"""Joint uncertainty of magnitudes and fitted shapes.
 
-A shape that was fitted is a number of the model like a magnitude, and often trades against it: a
-clearance that is wider at a stiffness that is lower. Its column is a difference of residuals, by
-the logarithm of the shape.
+A fitted shape is a number of the model like a magnitude, and the two are often correlated: a wider
+clearance with a lower stiffness may fit as well. The derivative by the logarithm of the shape is
+computed as a difference of residuals.
 """
 
 from __future__ import annotations
@@ -23,24 +23,25 @@ from feltmb.gap.shape import movable, moved_shape, shape_number
 
 __all__ = ["Spread", "spread"]
 
-#: Step of the difference, of the logarithm of a shape.
+#: Step of the difference, in the logarithm of a shape.
 STEP = 0.01
-#: Standard deviation of its prior: the lists of shapes are some factors wide.
+#: Prior standard deviation of that logarithm; the lists of shapes span a few factors.
 WIDE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Standard deviations of the magnitudes of a fit, and of the logarithms of its shapes."""
+    """Standard deviations of the magnitudes of a fit and of the logarithms of its shapes."""
 
     magnitudes: Array
-    """(k,), in the order of the included effects [their units]."""
+    """Standard deviations of the magnitudes, (k,), in the order of the included effects [their
+    units]."""
     shapes: dict[tuple[int, int], float]
-    """(candidate, place of the number in its shape) -> standard deviation of its logarithm [1]."""
+    """(candidate, index of the number in its shape) -> standard deviation of its logarithm [1]."""
 
 
 def spread(fit: Fit) -> Spread:
-    """Standard deviations of what was fitted, shapes that may take any value among it."""
+    """Standard deviations of the fitted magnitudes and of the shapes that can take any value."""
     count = len(fit.problem.free)
     places = [(k, i) for k, candidate in enumerate(fit.included) for i in movable(candidate.effect)]
     matrix = fit.normal.matrix
@@ -57,7 +58,7 @@ def spread(fit: Fit) -> Spread:
 
 
 def _columns(fit: Fit, k: int, place: int) -> list[tuple[Array, Array]]:
-    """By record: minus the change of the residual (W, m), and change of the ends (W - 1, nx)."""
+    """By record: minus the derivative of the residual (W, m), and of the ends (W - 1, nx)."""
     up, down = (_seen(fit, k, place, math.exp(s)) for s in (STEP, -STEP))
     out = []
     for (high, end), (low, start) in zip(up, down, strict=True):
@@ -68,7 +69,7 @@ def _columns(fit: Fit, k: int, place: int) -> list[tuple[Array, Array]]:
 
 
 def _seen(fit: Fit, k: int, place: int, factor: float) -> list[tuple[Array, Array]]:
-    """Residuals and gaps with one shape at another value."""
+    """Residuals and continuity defects with one changed shape."""
     included = list(fit.included)
     number = shape_number(included[k].shape, place) * factor
     included[k] = Candidate(included[k].effect, moved_shape(included[k].shape, place, number))
@@ -89,7 +90,7 @@ def _seen(fit: Fit, k: int, place: int, factor: float) -> list[tuple[Array, Arra
 
 
 def _with(linear: Linear, columns: list[tuple[Array, Array]], at: int) -> Linear:
-    """A linearization with further columns behind those of the magnitudes."""
+    """A linearization with more columns after those of the magnitudes."""
     outputs = np.stack([c[0] for c in columns], axis=2)
     ends = np.zeros((*linear.ends_by_global.shape[:2], len(columns)))
     if ends.shape[1]:

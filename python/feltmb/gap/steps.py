@@ -1,4 +1,4 @@
-"""What to do next with a report, beside experiments that separate rivals."""
+"""Recommended next steps of a report, apart from experiments that separate rivals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A diagnosis that was stopped: what was not tried, and what may still be said."""
+"""Results of a stopped diagnosis: what was not tried, and which statements remain valid."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["cut_short", "left_out"]
 
 
 def left_out(found: Search, effects: Sequence[Effect]) -> tuple[NotTested, ...]:
-    """Effects that were scored, but are in no set that was fitted."""
+    """Effects that have a score but are in no fitted set."""
     fitted = {name for c in found.sets for name in c.names} | {name for name, _ in found.failed}
     why = "was scored to first order, but not refitted: the search was stopped before"
     return tuple(NotTested(name=e.name, why=why) for e in effects if e.name not in fitted)
@@ -30,7 +30,7 @@ def cut_short(
     effects: int,
     sizes: Sizes,
 ) -> Decision:
-    """The decision with what the stop leaves open.
+    """The decision, limited to what holds after the stop.
 
     An unfinished fit of the model proves nothing. A named effect is kept only if no untested
     effect could replace it.

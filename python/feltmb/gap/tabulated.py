@@ -1,4 +1,4 @@
-"""The model with its tabulated numbers, and what calibration moved."""
+"""The model with its tabulated values, and the changes by calibration."""
 
 from __future__ import annotations
 
@@ -32,9 +32,11 @@ __all__ = [
     "tabulated_outcome",
 ]
 
-#: Standard deviation of a start, of the scale of its state, from which it has to be looked for.
+#: If the prior standard deviation of a start state exceeds this share of its scale, the start is
+#: estimated first.
 KNOWN_START = 0.3
-#: Rows whose share of the gap is computed; two simulations of the records each.
+#: Number of parameters whose share of the gap is computed; each costs two simulations of the
+#: records.
 SHARED = 16
 
 
@@ -44,10 +46,10 @@ def tabulated_outcome(
     settings: FitSettings,
     segmented_level: float,
 ) -> Outcome:
-    """The model with its tabulated numbers on records, before any fit.
+    """The model with its tabulated values on records, before any fit.
 
-    Where a record starts and what its sensors add are no numbers of the model: they are estimated,
-    as they are for every model that is compared. Effects have no part in it.
+    Start states and sensor nuisances are not parameters of the machine. They are estimated, as for
+    every model that is compared. Effects are not included.
     """
     theta = np.array([p.value for p in model.parameters], dtype=np.float64)
     return outcome_at(model, segmented_records, theta, settings, segmented_level)
@@ -69,7 +71,7 @@ def outcome_at(
         priors = [problem.start_prior(s)[1] for s in problem.segmented_records]
         most = KNOWN_START * np.array([s.scale for s in model.states()])
         if all(np.all(sd <= most) for sd in priors):
-            point = chained(problem, point)  # one run from there is the gap: little is to be found
+            point = chained(problem, point)  # one simulation gives the gap
         else:
             point = estimate_states(problem, point, tightest)
     fit = polish(problem, point, tightest, replace(quick, chain=True))
@@ -118,10 +120,10 @@ def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:
 
 
 def moved_together(fit: Fit, alpha: float) -> bool:
-    """Whether the fit moved the parameters further than noise would, all of them together.
+    """Whether the fit changed the parameters, jointly, by more than noise would.
 
-    A Wald test of the tabulated values with the posterior covariance. What differs from run to run
-    is no number of the machine, and what it adds to a gap is repeatability.
+    A Wald test of the tabulated values with the posterior covariance. Parameters of run-to-run
+    variability are not properties of the machine and are omitted.
     """
     rows = of_the_machine(fit)
     interval = np.array([_deviations(i) for _, _, _, i in rows])
@@ -139,7 +141,7 @@ def moved_together(fit: Fit, alpha: float) -> bool:
 
 
 def of_the_machine(fit: Fit) -> list[tuple[int, int, Parameter, Interval]]:
-    """Free parameters that stand for something in the machine: place among the free ones, index."""
+    """Free parameters that are properties of the machine: position among the free ones, index."""
     parameters = fit.problem.model.parameters
     return [
         (k, i, parameters[i], interval)
@@ -151,16 +153,16 @@ def of_the_machine(fit: Fit) -> list[tuple[int, int, Parameter, Interval]]:
 def calibrated_rows(
     fit: Fit, before: Sequence[Outcome], after: Sequence[Outcome], which: str, alpha: float
 ) -> tuple[Calibrated, ...]:
-    """Parameters that a fit moved by more than two posterior deviations, largest share first.
+    """Parameters that a fit changed by more than two posterior deviations, largest share first.
 
     Parameters
     ----------
     before, after
-        The model with tabulated and with fitted numbers, on the records whose gap is shared out:
-        all of them, since the held-out ones may hardly show a part. The first says what the
-        tolerances are.
+        The model with tabulated and with fitted values, on the records whose gap is divided among
+        the parameters. These are all records, because a parameter may have little influence on the
+        held-out ones. ``before`` contains the tolerances.
     alpha
-        Family-wise rate at which noise alone would have moved one of the parameters.
+        Family-wise probability that noise alone changes one of the parameters this much.
     """
     told = before[0].fit.problem.model.parameters
     rows = [(i, told[i], interval) for _, i, _, interval in of_the_machine(fit)]
@@ -207,7 +209,7 @@ def _row(p: Parameter, interval: Interval, share: float, *, sure: bool) -> Calib
 
 
 def _alone(p: Parameter, interval: Interval) -> tuple[float, float]:
-    """What the records alone say of a parameter that its tolerance holds back; else NaN."""
+    """Estimate from the records alone if the tolerance holds a parameter back; else NaN."""
     seen = interval.contraction
     if not (0.0 < interval.prior_sd < math.inf and seen > 0.0):
         return math.nan, math.nan
@@ -220,7 +222,7 @@ def _alone(p: Parameter, interval: Interval) -> tuple[float, float]:
 
 
 def _text(p: Parameter, row: Calibrated) -> str:
-    """What happened to a parameter, as a person says it."""
+    """Sentence about the change of a parameter."""
     subject = p.label or f"Parameter {p.name}" + (f" ({p.component})" if p.component else "")
     if row.prior_deviations is None:
         unit = "" if p.unit == "1" else f" {p.unit}"
@@ -248,7 +250,7 @@ def _text(p: Parameter, row: Calibrated) -> str:
 
 
 def _amount(change: float, wide: float, unit: str) -> str:
-    """A change with half its 95 % interval, to the digits that the interval has."""
+    """A change with half its 95 % interval, rounded to the digits that the interval supports."""
     if not (math.isfinite(wide) and wide > 0.0):
         return f"{abs(change):.3g} {unit}".strip()
     places = min(max(0, 1 - math.floor(math.log10(wide))), 9)
@@ -266,8 +268,8 @@ def _shares(
 ) -> dict[int, float]:
     """Share of the squared gap that each parameter explains.
 
-    The mean of what it brings as the first of all to be moved, and as the last: parameters that
-    stand in for each other share what they explain together.
+    The mean of two values: the gain of the parameter if it is changed first, and if it is changed
+    last. Parameters that can replace each other thus share what they explain together.
     """
     if not which:
         return {}
@@ -290,25 +292,25 @@ def _shares(
 
 
 def _together(outcomes: Sequence[Outcome], metric: str) -> float:
-    """Squared gap on the records of several outcomes [sigma^2]."""
+    """Squared gap over the records of several outcomes [sigma^2]."""
     parts = [o.squares(o.fit.problem.segmented_records, metric) for o in outcomes]
     return sum(p[0] for p in parts) / max(sum(p[1] for p in parts), 1)
 
 
 def _moved_to(outcome: Outcome, theta: Array, metric: str) -> Outcome:
-    """The same with other parameters from the same start states."""
+    """The outcome with other parameters and the same start states."""
     fit = outcome.tight
     moved = replace(fit, point=replace(fit.point, theta=theta, memo={}))
     seen = one_run(moved) if metric == "open_loop" else residuals_by_segment(moved)
     other = Outcome(moved, outcome.density, outcome.settings, outcome.segmented_level)
-    vars(other)[metric] = tuple(seen)  # instead of states that are estimated again
+    vars(other)[metric] = tuple(seen)  # replaces states that would be estimated again
     return other
 
 
 def fitted_starts(fit: Fit, tight: Fit | None, settings: FitSettings) -> dict[str, Array]:
-    """Start states with which a single run follows each record of a fit.
+    """Start states from which a single simulation follows each record of a fit.
 
-    ``tight``: the same fitted with the tightest gaps, whose start states are near.
+    ``tight``: the fit with the tightest continuity defects, whose start states are close.
     """
     if not fit.gap_sd.size:
         return found_starts(fit)
@@ -321,7 +323,7 @@ def fitted_starts(fit: Fit, tight: Fit | None, settings: FitSettings) -> dict[st
 
 
 def found_starts(*fits: Fit) -> dict[str, Array]:
-    """Start state that fits found, by record; its first block stands for a record."""
+    """Fitted start state by record; the first block of a record is used."""
     out: dict[str, Array] = {}
     for fit in fits:
         if not fit.gap_sd.size and not any(p.starts.size for p in fit.point.places):

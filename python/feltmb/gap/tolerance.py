@@ -1,4 +1,4 @@
-"""Where a tolerance ends: what a parameter may be off before that is called a cause."""
+"""Distinguishes a parameter within its tolerance from a parameter error that is a cause."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ __all__ = [
     "without_several",
 ]
 
-#: Note of a model whose parameters were held within their tolerance.
+#: Note of a model whose parameters were limited to their tolerance.
 HELD = "parameters held within their tolerance"
-#: Note of a model with parameters whose tolerance the records refute.
+#: Note of a model with parameters whose tolerance the records contradict.
 RELEASED = "the records refute the tolerance of {}: the fit does not use it"
 
 
 def beyond_tolerance(deviation: float, contraction: float) -> bool:
-    """Whether a parameter is beyond its tolerance.
+    """Whether a parameter exceeds its tolerance.
 
-    If a tolerance s is right, the change of its parameter by a fit is normal with the variance
-    s^2 - sd^2 = s^2 contraction, where sd is the posterior standard deviation. The change relative
-    to s alone would be too small a measure: a prior as narrow as the information of the records
-    holds the parameter back by half. A change within s is never beyond it.
+    If a tolerance s is right, the change of its parameter by a fit is normal with the variance s^2
+    - sd^2 = s^2 contraction, where sd is the posterior standard deviation. The change must not be
+    compared with s alone: if the prior is as narrow as the information of the records, it halves
+    the change. A change smaller than s never exceeds the tolerance.
 
     Parameters
     ----------
     deviation
-        Change by the fit, in standard deviations s of the prior.
+        Change by the fit, in prior standard deviations s.
     contraction
         ``1 - (sd / s)^2``
     """
@@ -57,7 +57,7 @@ def beyond_tolerance(deviation: float, contraction: float) -> bool:
 
 
 def beyond_prior(fit: Fit) -> dict[str, float]:
-    """Parameters beyond their tolerance, and their deviation in prior standard deviations.
+    """Parameters that exceed their tolerance, and their change in prior standard deviations.
 
     Parameters of run-to-run variability and of inputs between samples do not belong to the machine
     and are omitted.
@@ -75,9 +75,10 @@ def beyond_prior(fit: Fit) -> dict[str, float]:
 
 
 def besides_tolerances(fit: Fit, effects: Sequence[Effect]) -> list[Effect]:
-    """Effects except those that only increase a parameter within its tolerance.
+    """Effects except those that only change a parameter within its tolerance.
 
-    The score of such an effect is what its parameter is off, which ``TOLERATED`` judges.
+    The score of such an effect measures the error of its parameter, which is compared with
+    ``TOLERATED`` instead.
     """
     far = beyond_prior(fit)
     return [e for e in effects if not e.tolerance_parameter or e.tolerance_parameter in far]
@@ -93,12 +94,13 @@ def prior_deviations_told(fit: Fit) -> str:
 
 
 def within_tolerance(found: Search, settings: FitSettings) -> Search:
-    """The search, with the model held within the tolerance that its best set goes beyond.
+    """The search with the model limited to the tolerance that its best set exceeds.
 
-    A let-off button of which 0.2 mm are regulation is a parameter; the fit of the model moves it
-    as far as the records ask. The effect "let-off button" is then as likely as the prior of the
-    parameter says, but held-out records are predicted as well without it. They are to be compared
-    with what the model can do within ``TOLERATED`` standard deviations.
+    Example: the position of a let-off button, regulated to 0.2 mm, is a parameter. The fit of the
+    model changes it as far as the records require. The effect "let-off button" then gets the
+    probability that the prior of the parameter implies, but without it held-out records are
+    predicted equally well. The effect must be compared with the model limited to ``TOLERATED``
+    standard deviations.
     """
     best = found.best
     if best is None:
@@ -123,12 +125,12 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
 
 
 def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search | None:
-    """The search, with the model fitted without tolerances that the records refute.
+    """The search with the model fitted without the tolerances that the records contradict.
 
     A wrong prior must not bias the reported value: with a tolerance of 20 % and records that
     determine a friction to 22 %, 200 % would become 90 %. An effect that does not exist must not
-    compensate this error either. None: no parameter is beyond its tolerance, the model does not
-    explain the records without it, or other effects explain them as well.
+    compensate this error either. None in three cases: no parameter exceeds its tolerance; the model
+    without the tolerances does not explain the records; other effects explain them as well.
     """
     far = beyond_prior(found.model_fit)
     start, freed = found.model_fit, set(far)
@@ -145,13 +147,13 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
     own = level = full_evidence(fit, 1.0)
     known = found.model_fit.problem.model.parameters
     for p, x in zip(known, fit.point.theta, strict=True):
-        if p.name in freed:  # as if the departure were the magnitude of an effect
+        if p.name in freed:  # as if the change were the magnitude of an effect
             level -= 0.5 + math.log(max(1.0, abs(x - p.value) / p.sd)) + math.log(len(known))
-    if start is not found.model_fit:  # the best set is the same explanation in other words
+    if start is not found.model_fit:  # the best set is an equivalent explanation
         assert found.best is not None
         level = max(level, found.best.evidence)
     others = [c for c in found.sets if not _moves(c.fit, freed)]
-    # What is more of these parameters is no rival of them, what helps beside is.
+    # A set that also changes these parameters is no rival; an addition to them that helps is one.
     for c in found.sets:
         if c.fit is not start and c.evidence > level - (0.0 if _moves(c.fit, freed) else RIVAL):
             return None
@@ -169,10 +171,10 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
 
 
 def by_few_numbers(fit: Fit, most: int) -> bool:
-    """Whether a fit explains the records, but for some parameters beyond their tolerances.
+    """Whether a fit explains the records, with only some parameters beyond their tolerances.
 
-    The others are where their priors allow them to be, as a whole: a fit that takes all of them
-    away from there imitates what the model lacks.
+    The other parameters must be within their joint prior. A fit that changes all parameters
+    imitates a missing cause.
     """
     few = beyond_prior(fit)
     if not fit.explains or not 0 < len(few) <= most:
@@ -184,13 +186,13 @@ def by_few_numbers(fit: Fit, most: int) -> bool:
 
 
 def without_several(fit: Fit, settings: FitSettings) -> Fit:
-    """The fit of the model, without tolerances where several are refuted at once.
+    """The fit of the model; without tolerances if the records contradict several of them.
 
-    The records are then of another machine, or of another state of it. Effects are searched from
-    this fit, because no set of effects can correct several wrong numbers at once.
+    The records then belong to another machine, or to another state of it. Effects are searched from
+    this fit, because no set of effects can correct several wrong values at once.
     """
     far = beyond_prior(fit)
-    # With continuity defects, these may explain the records in place of the model.
+    # Continuity defects could explain the records instead of the model.
     torn = fit.gap_sd.size > 0 and fit.level > settings.levels[-1]
     if len(far) < 2 or torn or not fit.explains:
         return fit
@@ -201,7 +203,7 @@ def without_several(fit: Fit, settings: FitSettings) -> Fit:
 def without_tolerances(
     fit: Fit, names: Collection[str], start: Point, settings: FitSettings
 ) -> Fit:
-    """A fit of the model as if nothing were known of some parameters."""
+    """Fit of the model without priors for some parameters."""
     model = copy.copy(fit.problem.model)
     model.parameters = tuple(
         replace(p, sd=math.inf, scale=p.size) if p.name in names else p for p in model.parameters
@@ -213,12 +215,12 @@ def without_tolerances(
 
 
 def refuted_tolerances(fit: Fit) -> list[str]:
-    """What is said of tolerances that were left out of a fit."""
+    """Notes of a fit about tolerances that were not used."""
     return [n for n in fit.notes if n.startswith(RELEASED.partition("{")[0])]
 
 
 def more_of_tolerances(best: CandidateSet | None, far: Collection[str]) -> bool:
-    """Whether a set holds nothing but more of parameters that are beyond their tolerance."""
+    """Whether a set only has effects that change parameters beyond their tolerance."""
     included = () if best is None else best.fit.included
     return bool(included) and all(t.effect.tolerance_parameter in far for t in included)
 
@@ -228,7 +230,7 @@ def _moves(fit: Fit, names: Collection[str]) -> bool:
 
 
 def _held(model: Model, names: Collection[str]) -> Model:
-    """The model with narrower limits of some parameters."""
+    """The model with limits at the tolerance for some parameters."""
     out = copy.copy(model)
     out.parameters = tuple(_limited(p) if p.name in names else p for p in model.parameters)
     return out

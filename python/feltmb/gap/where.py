@@ -1,4 +1,4 @@
-"""Where the gap lies: ledger of channels and segments, events, time and amplitude."""
+"""Locates the gap: residuals by channel and segment, events, time and amplitude."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ __all__ = ["event_ledger", "first_act", "ledger", "onset_of", "split_gap"]
 
 
 def ledger(fit: Fit, level: float = CELL_LEVEL) -> tuple[tuple[LedgerCell, ...], dict[str, float]]:
-    """Residual by channel and segment against noise, and the onset by record [s].
+    """Residual by channel and segment compared with noise, and the onset by record [s].
 
-    Cells are tested by chi-square of the whitened residual, states re-estimated, with
-    Benjamini-Yekutieli control of the false discovery rate at ``level``. The degrees of freedom
-    that the states take are subtracted by their leverage.
+    Each cell is tested with the chi-square of the whitened residual and re-estimated states, with
+    Benjamini-Yekutieli control of the false discovery rate at ``level``. The degrees of freedom of
+    the states are subtracted according to their leverage.
     """
     problem = fit.problem
     normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
@@ -80,7 +80,7 @@ def ledger(fit: Fit, level: float = CELL_LEVEL) -> tuple[tuple[LedgerCell, ...],
 def onset_of(
     segmented: SegmentedRecord, chains: Sequence[object], w: int, c: int, ny: int, fit: Fit
 ) -> float:
-    """First moment in a significant cell whose sum of squares exceeds its expectation [s]."""
+    """First time in a significant cell at which the sum of squares exceeds its expectation [s]."""
     chain = chains[fit.problem.segmented_records.index(segmented)]
     values = chain.rows[w][:, -1].reshape(-1, ny)[:, c]  # type: ignore[attr-defined]
     excess = np.cumsum(values**2 - 1.0)
@@ -89,19 +89,19 @@ def onset_of(
     first = int(segmented.segments[w, 0])
     if high.size == 0:
         return float(segmented.record.time[first])
-    # From there back to where the sum began to rise.
+    # From there, go back to the time at which the sum began to rise.
     at = int(high[0])
     low = int(np.argmin(excess[: at + 1])) if at > 0 else 0
     return float(segmented.record.time[min(first + low, segmented.record.samples - 1)])
 
 
 def first_act(fit: Fit) -> dict[str, float]:
-    """First moment of each record at which the effects of a fit show [s].
+    """First time in each record at which the effects of a fit are visible [s].
 
-    The fit is simulated with its effects and without, at the same parameters and from the same
-    start; they show where an output differs by ``ONSET_SHARE`` of its noise and of the largest
-    difference. A sum of squares needs many samples before it shows, the model knows when its
-    effect begins. Records that the effects leave alone are left out.
+    The fit is simulated with and without its effects, with the same parameters and start states. An
+    effect is visible when an output changes by ``ONSET_SHARE`` of its noise and of its largest
+    change. This is earlier than the sum of squares shows it, because that needs many samples.
+    Records without such a change are omitted.
     """
     problem = fit.problem
     found = {}
@@ -128,7 +128,7 @@ def first_act(fit: Fit) -> dict[str, float]:
 
 
 def _lag1(values: Array, bins: int = 12) -> float:
-    """Autocorrelation over one of about a dozen bins."""
+    """Autocorrelation at a lag of one bin; a segment has about a dozen bins."""
     size = max(1, values.size // bins)
     count = values.size // size
     if count < 3:
@@ -139,7 +139,7 @@ def _lag1(values: Array, bins: int = 12) -> float:
 
 
 def _shows(p: Array, level: float) -> Array:
-    """Which probabilities show an effect: Benjamini-Yekutieli control of false discoveries."""
+    """Significant p values according to Benjamini-Yekutieli."""
     from scipy import stats
 
     if p.size == 0:
@@ -148,7 +148,7 @@ def _shows(p: Array, level: float) -> Array:
 
 
 def _simulated(fit: Fit) -> list[Array]:
-    """Outputs along every record (n, ny), segments joined."""
+    """Simulated outputs of every record (n, ny); the segments are joined."""
     problem = fit.problem
     out = []
     for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
@@ -163,9 +163,9 @@ def _simulated(fit: Fit) -> list[Array]:
 
 
 def split_gap(fit: Fit) -> Mapping[str, Mapping[str, float]]:
-    """Shares of the squared gap by channel that a shift in time or a factor would explain.
+    """Shares of the squared gap by channel that a time shift or a factor would explain.
 
-    e(t) = -tau dy/dt + a y + rest, tau and a fitted by segment.
+    e(t) = -tau dy/dt + a y + rest, where tau and a are fitted for each segment.
     """
     problem = fit.problem
     sums = {name: np.zeros(4) for name in problem.model.outputs}
@@ -208,7 +208,7 @@ def _explained(e: Array, columns: list[Array]) -> float:
 
 
 def event_ledger(fit: Fit, level: float = PLACE_LEVEL) -> tuple[EventRow, ...]:
-    """Events of the model, or the steepest changes of each channel if it has none."""
+    """Compare the events of the model; without events, the steepest changes of each channel."""
     problem = fit.problem
     rows = []
     for segmented, joined in zip(problem.segmented_records, _simulated(fit), strict=True):
@@ -253,7 +253,7 @@ def event_ledger(fit: Fit, level: float = PLACE_LEVEL) -> tuple[EventRow, ...]:
 def _steepest(
     time: Array, joined: Array, segmented: SegmentedRecord, most: int = 4
 ) -> list[tuple[str, float, int]]:
-    """The largest bends of each channel of the simulation, apart by at least a segment."""
+    """Largest second derivatives of each channel, at least one segment apart."""
     out = []
     apart = float(
         np.median(
@@ -265,7 +265,7 @@ def _steepest(
         if not segmented.valid[:, :, c].any():
             continue
         bend = np.abs(np.gradient(np.gradient(joined[:, c], time), time))
-        for first in segmented.segments[1:, 0]:  # joints between segments are no events
+        for first in segmented.segments[1:, 0]:  # joints between segments are not events
             bend[max(first - 2, 0) : first + 3] = 0.0
         bend = np.nan_to_num(bend)
         taken: list[float] = []
@@ -281,7 +281,7 @@ def _steepest(
 def _local_shift(
     segmented: SegmentedRecord, model: Array, measured: Array, time: float, c: int
 ) -> tuple[float, float, float, float, float] | None:
-    """Shift and change of speed around a moment by local regression, with standard errors."""
+    """Time shift and speed change near a time, by local regression, with standard errors."""
     clock = segmented.record.time
     reach = max(6, int(segmented.measured.shape[1] // 4))
     at = int(np.argmin(np.abs(clock - time)))

@@ -1,9 +1,10 @@
-"""How often a diagnosis is right on a user's own machine: his effects, withheld one at a time.
+"""Tests a diagnosis on the user's own machine: the effects of the library are withheld in turn.
 
-Each case draws the parameters of the model from their priors, gives the machine one effect of the
-library with a magnitude from its prior, and simulates the user's own inputs with the noise that his
-sensors have. The diagnosis sees the records only. Machine and model share their equations, so that
-the answer is an upper bound: a real machine differs from its model in more than one effect.
+Each case draws the parameters of the model from their priors and gives the simulated machine one
+effect of the library, with a magnitude from its prior. The inputs are those of the user, and the
+noise is that of the user's sensors. The diagnosis only gets the records. Machine and model share
+their equations, so that the result is an upper bound: a real machine differs from its model in more
+than one effect.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from feltmb.gap.findings import QUIET, Findings, Verdict
 
 __all__ = ["OUTCOMES", "Withheld", "WithheldCase", "outcome_of", "withhold"]
 
-#: What may become of a case, the best first.
+#: Possible outcomes of a case, best first.
 OUTCOMES = ("right", "rest", "class", "unknown", "silent", "wrong", "failed")
 
 Progress = Callable[[int, int, "WithheldCase"], None]
@@ -49,22 +50,22 @@ class WithheldCase:
     effect: str
     """Name of the effect; empty: nothing was withheld."""
     magnitude: float
-    """[unit]"""
+    """True magnitude [unit]."""
     unit: str
     signal_to_noise: float
-    """Norm of what the effect changes in the records over the noise of the sensors [1]."""
+    """Norm of the change of the records by the effect, in standard deviations of the noise [1]."""
     outcome: str
     """One of :data:`OUTCOMES`, see :func:`outcome_of`."""
     verdict: str
     named: tuple[str, ...]
     one_of: tuple[str, ...]
     first: str
-    """First of the ranking."""
+    """First effect of the ranking."""
     confidence: float | None
-    """None where the diagnosis failed."""
+    """Confidence of the diagnosis [1]; None: the diagnosis failed."""
     seconds: float
     error: str = ""
-    """Why the diagnosis failed."""
+    """Message of a failed diagnosis."""
 
 
 @checked
@@ -75,7 +76,7 @@ class Withheld:
     cases: tuple[WithheldCase, ...]
 
     def share(self, outcome: str, *, clear: bool = True) -> tuple[float, float, float, int]:
-        """Share of an outcome among the cases with an effect, 95 % interval (Wilson), cases.
+        """Share of an outcome among cases with an effect, 95 % interval (Wilson), cases.
 
         Parameters
         ----------
@@ -95,7 +96,7 @@ class Withheld:
         return _share([c.outcome != "right" for c in self.cases if not c.effect])
 
     def rows(self) -> list[dict[str, Any]]:
-        """One row an effect: cases, median signal-to-noise ratio, number of each outcome."""
+        """One row per effect: cases, median signal-to-noise ratio, number of each outcome."""
         out = []
         for name in dict.fromkeys(c.effect for c in sorted(self.cases, key=lambda c: c.number)):
             own = [c for c in self.cases if c.effect == name]
@@ -106,7 +107,7 @@ class Withheld:
         return out
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Results as plain data for JSON."""
         shares = {word: self.share(word) for word in OUTCOMES}
         return {
             "feltmb": __version__,
@@ -133,12 +134,13 @@ def _plain(share: tuple[float, float, float, int]) -> dict[str, float | int | No
 
 
 def outcome_of(effect: str, report: Findings) -> str:
-    """What a diagnosis is worth, given the withheld effect.
+    """Classify the result of a diagnosis, given the withheld effect.
 
-    ``right``: it is named, and nothing else; without an effect, no gap is claimed. ``rest``: it is
-    named, beside an unexplained rest, and nothing else was withheld. ``class``: it is among those
-    that cannot be told apart. ``unknown``: a gap is told, without a name. ``silent``: no gap is
-    claimed. ``wrong``: something is named that is not there, or a gap without an effect.
+    ``right``: only the effect is named; without an effect, no gap is claimed. ``rest``: the effect
+    is named and an unexplained residual remains, although nothing else was withheld. ``class``: the
+    effect is one of several that cannot be distinguished. ``unknown``: a gap is claimed, but no
+    name. ``silent``: no gap is claimed. ``wrong``: a wrong effect is named, or a gap is claimed
+    without an effect.
     """
     silent = report.verdict in QUIET
     if not effect:
@@ -168,27 +170,27 @@ def withhold(
     folder: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Withheld:
-    """Withhold effects of a library in turn and count how often a diagnosis is correct.
+    """Withhold effects of a library in turn and count how often the diagnosis is correct.
 
     Parameters
     ----------
     model, effects, records
-        As for :func:`feltmb.gap.diagnose`. Of the records the inputs, clocks, sensors and noise
-        are used; what was measured is replaced.
+        As in :func:`feltmb.gap.diagnose`. Inputs, times, sensors and noise of the records are used;
+        the measured outputs are replaced.
     cases
-        Number of cases; default: one without an effect and one for each effect. They take turns.
+        Number of cases; default: one without an effect and one for each effect, in turn.
     seed
-        All that is random comes from it and from the number of the case.
+        Seed of all random numbers, together with the number of the case.
     only
-        Names of the effects that are withheld; default: all. All of them are offered.
+        Names of the effects that are withheld; default: all. The diagnosis always gets all effects.
     hold_out
-        Records that prove what the others suggest, as for :func:`feltmb.gap.diagnose`.
+        Held-out records, as in :func:`feltmb.gap.diagnose`.
     options
-        Of the diagnosis.
+        Options of the diagnosis.
     folder
-        Where finished cases are kept, a file each; cases that are there are not done again.
+        Folder for finished cases, one file each; finished cases are not computed again.
     progress
-        ``progress(done, total, case)`` after every case.
+        ``progress(done, total, case)`` is called after every case.
 
     Raises
     ------
@@ -281,27 +283,27 @@ def _drawn(effect: Effect, rng: np.random.Generator) -> tuple[Candidate, float]:
     shape = effect.shapes[int(rng.integers(len(effect.shapes)))]
     low, high = effect.bounds
     magnitude = float(effect.scale * rng.standard_normal())
-    if not low <= magnitude <= high:  # half of a normal law
+    if not low <= magnitude <= high:  # half-normal distribution
         magnitude = -magnitude
     return Candidate(effect, shape), float(np.clip(magnitude, low, high))
 
 
 def _within(p: Parameter, z: float) -> float:
-    """A value of a parameter z prior standard deviations off; one without a prior stays."""
+    """Parameter value at z prior standard deviations, within limits; unchanged without a prior."""
     sd = p.sd if math.isfinite(p.sd) else 0.0
     return min(max(p.value + sd * z, p.lower), p.upper)
 
 
 @dataclass(frozen=True)
 class _Machine:
-    """A model whose records are made instead of measured."""
+    """A model that generates records instead of measurements."""
 
     model: Model
     records: tuple[Record, ...]
     starts: tuple[Array, ...]
     """States at the first sample of each record."""
     free: tuple[Array, ...]
-    """Standard deviations of these."""
+    """Prior standard deviations of the start states."""
     noise: DataChecks
 
     @classmethod
@@ -328,7 +330,7 @@ class _Machine:
             starts.append(np.array([mean.get(s.name, s.start) for s in states]))
             free.append(np.array([sd.get(s.name, s.start_sd) for s in states]))
         if any(np.any(np.isinf(f)) for f in free):
-            # Nobody knows where the records begin: they begin where the fitted model does.
+            # The true start states are unknown: the states of the fitted model are used.
             segmented_records = prepare(ready.model, ready.records, checks, None)
             fit = fit_problem(Problem(ready.model, segmented_records), FitSettings(restarts=0))
             for k, place in enumerate(fit.point.places):
@@ -340,7 +342,7 @@ class _Machine:
     def records_with(
         self, candidate: Candidate | None, magnitude: float, rng: np.random.Generator
     ) -> tuple[list[Record], float]:
-        """Records of a machine with an effect, and its signal-to-noise ratio in them."""
+        """Records of a machine with an effect, and the signal-to-noise ratio of the effect."""
         theta = np.array([_within(p, rng.standard_normal()) for p in self.model.parameters])
         shown, square = [], 0.0
         for record, start, free in zip(self.records, self.starts, self.free, strict=True):
@@ -398,7 +400,7 @@ class _Machine:
         return {name: outputs[:, i] for i, name in enumerate(self.model.outputs)}
 
     def _seen(self, record: Record, name: str, y: Array, rng: np.random.Generator) -> Array:
-        """What a sensor with unknown errors and noise shows."""
+        """Readings of a sensor with unknown errors and noise."""
         sensor = record.sensors[name]
         if sensor.delay_sd > 0.0:
             lag = np.array([sensor.delay_sd * rng.standard_normal()])
@@ -416,7 +418,7 @@ class _Machine:
 
 
 def _case_of(store: Store, number: int) -> WithheldCase | None:
-    """A finished case; None if there is none that is whole and as it was written."""
+    """A finished case from its file; None if the file is missing, incomplete or changed."""
     kept = store.get(f"case_{number}")
     if kept is None:
         return None
@@ -432,7 +434,7 @@ def _digest(
     hold_out: Sequence[str] | None,
     options: Options,
 ) -> str:
-    """Hash of what cases depend on; equations and effects count by what they give."""
+    """Hash of everything that the cases depend on; equations and effects count by their results."""
     model = machine.model
     parts: list[Any] = [
         package_digest(),

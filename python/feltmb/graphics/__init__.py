@@ -1,1 +1,1 @@
-"""Pictures of runs and mechanisms: plots, the viewer in a browser, animations."""
+"""Figures of runs and mechanisms: plots, the viewer in a browser, animations."""

@@ -1,7 +1,7 @@
-"""Moving picture of a run as GIF; the moving picture in HTML is :mod:`feltmb.graphics.viewer`.
+"""Animation of a run as GIF; :mod:`feltmb.graphics.viewer` makes an animation in HTML.
 
-The mechanism is made again from the parameters that the run holds, and drawn as
-:func:`feltmb.graphics.plot.mechanism` draws it.
+The mechanism is made again from the parameters in the run, and drawn like
+:func:`feltmb.graphics.plot.mechanism`.
 """
 
 from __future__ import annotations
@@ -66,32 +66,32 @@ def animate(
     Parameters
     ----------
     run
-        Must hold all coordinates and its parameters.
+        Run with all coordinates and its parameters.
     path
-        Ends in ``.gif``.
+        File with the suffix ``.gif``.
     fps
-        Pictures a second, 1 to 50. A GIF times its pictures in steps of 10 ms; the nearest is used
-        and the motion sampled accordingly, so that ``slowness`` holds.
+        Frames per second, 1 to 50. The delay between frames of a GIF is a multiple of 10 ms. The
+        nearest one is used and the motion is sampled accordingly, so that ``slowness`` is exact.
     slowness
-        How many times slower than the machine.
+        Ratio of the duration of the animation to the duration of the motion.
     window
-        First and last time [s]; default: from the first to the last motion.
+        First and last time [s]; default: from the first to the last motion of the run.
     force
-        Replace an existing file.
+        Whether an existing file is replaced.
     progress
-        Called with the finished fraction, 0 to 1.
+        Function that is called with the completed share, 0 to 1.
 
     Returns
     -------
     Path
-        The file written.
+        The written file.
 
     Raises
     ------
     InvalidParameter
-        An argument is out of range, the name ends otherwise, or the run lacks coordinates.
+        An argument is out of range, the file has another suffix, or the run lacks coordinates.
     FileExists
-        The file exists and ``force`` is not given.
+        The file exists and ``force`` is false.
     """
     path = Path(path)
     if path.suffix.lower() != ".gif":
@@ -140,7 +140,8 @@ def _write_gif(
         image = Image.fromarray(pixels)
         if palette is None:
             palette = _palette(image)
-        # One palette for all, no dither: unchanged parts stay unchanged and cost nothing.
+        # One palette for all frames and no dithering: unchanged parts remain unchanged and need no
+        # data.
         pictures.append(image.quantize(palette=palette, dither=Image.Dither.NONE))
         if progress is not None:
             progress((i + 1) / len(film.time))
@@ -161,18 +162,18 @@ def _write_gif(
 
 
 def _palette(image: Any) -> Any:
-    """Colors of the first picture, and those that it may lack or have only nearly."""
+    """Colors of the first frame, and further colors that it may lack."""
     from matplotlib.colors import to_rgb
     from PIL import Image
 
     found = image.quantize(colors=112, dither=Image.Dither.NONE).getpalette()[: 3 * 112]
-    # Almost white is white: the background must be one color.
+    # Almost white becomes white: the background must be one color.
     for i in range(0, len(found), 3):
         if min(found[i : i + 3]) > 247:
             found[i : i + 3] = [255, 255, 255]
     for color in ("#FFFFFF", RED, PURPLE, INK, BLACK, SURFACE, FELT):
         rgb = np.array(to_rgb(color))
-        # Also half-way to white, for smooth edges.
+        # Also colors half-way to white, for smooth edges.
         for share in (1.0, 0.5):
             found += [int(v) for v in np.round(255.0 * (share * rgb + (1.0 - share)))]
     palette = Image.new("P", (1, 1))
@@ -181,7 +182,7 @@ def _palette(image: Any) -> Any:
 
 
 def _pictures(film: Film, slowness: float) -> Any:
-    """Yield RGB pictures (height, width, 3); what does not move is drawn once."""
+    """Yield RGB frames (height, width, 3); fixed parts are drawn only once."""
     from matplotlib.collections import LineCollection
     from matplotlib.transforms import Affine2D
 
@@ -198,7 +199,7 @@ def _pictures(film: Film, slowness: float) -> Any:
     ax.set_ylim(low[1], high[1])
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_axis_off()
-    # Text and lines of the pictures are those of a small figure.
+    # Text and lines of the frames are those of a small figure.
     name = run_name(film.run)
     figure.text(0.01, 1.0 - 0.07 / height, name, fontsize=NORMAL, va="top", fontweight="bold")
     draw_fixed(ax, action, drawn, film.limits, with_string=False)
@@ -284,7 +285,7 @@ def _arrow_lines(arrows: list[tuple[Array, Array]], unit: float) -> list[Array]:
 
 
 def _speed_inset(film: Film, figure: Any, ax: Any) -> Any:
-    """Curve of the speed of the striker in a free corner; its marker, or None."""
+    """Curve of the striker's speed in a free corner; returns its marker, or None."""
     if film.speed is None:
         return None
     points = np.vstack(

@@ -1,4 +1,4 @@
-"""What of a run moves: poses, forces, straps and string at the times of pictures."""
+"""Moving parts of a run at the times of frames: poses, forces, straps and string."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ STRING_POINTS = 48
 
 
 def time_window(run: Run, window: tuple[float, float] | None, what: str) -> tuple[float, float]:
-    """First and last time [s] to show; default: from the first to the last motion."""
+    """First and last time [s] that are shown; default: from the first to the last motion."""
     if len(run.time) < 2:
         raise InvalidParameter(f"{what}: the run has {len(run.time)} samples, expected 2 or more")
     if window is None:
@@ -53,7 +53,7 @@ def time_window(run: Run, window: tuple[float, float] | None, what: str) -> tupl
 
 
 class Film:
-    """Everything that moves, at the times of the pictures.
+    """All moving parts at the times of the frames.
 
     Attributes
     ----------
@@ -62,9 +62,9 @@ class Film:
     q : ndarray (n_pictures, n_coordinates)
         Coordinates [rad, m] of the mechanism.
     scene : Scene
-        Shapes; ``limits`` are the corners [m] of what they cover.
+        Shapes; ``limits`` are the corners [m] of the covered area.
     contacts : list of int
-        Numbers of the contacts that carry force, ``forces`` [N] and ``sides`` by number.
+        Numbers of the contacts with a force; ``forces`` [N] and ``sides`` by number.
     finger : ndarray (n_pictures,) or None
         Force [N].
     """
@@ -77,7 +77,7 @@ class Film:
         self.action = action
         self.time = times
         self.q = np.column_stack([self.sample(name) for name in action.coordinates])
-        # A few poses tell how far the contacts travel along their surfaces.
+        # A few poses are sufficient for the range of the contacts along their surfaces.
         some = np.unique(np.linspace(0, len(times) - 1, poses).astype(int))
         self.some = [self.q[i] for i in some]
         self.scene = scene(action, self.some)
@@ -96,32 +96,32 @@ class Film:
 
     @cached_property
     def speed(self) -> Array | None:
-        """Speed of the point that strikes, over the run's own times [m/s]; None without one."""
+        """Speed of the striking point at the times of the run [m/s]; None if there is none."""
         return striker_speed(self.run)
 
     def sample(self, name: str) -> Array:
-        """Output of the run at the times of the pictures."""
+        """Output of the run at the times of the frames."""
         return np.asarray(np.interp(self.time, self.run.time, self.run[name]))
 
     def poses(self, i: int) -> dict[str, Pose]:
-        """Place and angle of every body at picture ``i``."""
+        """Position and angle of every body in frame ``i``."""
         return body_poses(self.action, self.q[i])
 
     def _sides(self, number: int) -> tuple[float, ...]:
-        """Signs along the contact's normal of the forces on those of its bodies that can move."""
+        """Signs of the forces on the movable bodies of a contact, along its normal."""
         config = self.action.config
         pair = [config.surfaces[n] for n in config.contacts[f"{number:02d}"].surfaces]
         x, y, nx, ny, _ = contact_rows(self.action, self.q[0])[number]
         poses = self.poses(0)
 
         def depth(k: int) -> float:
-            """How far the center of a circle lies on the side that the normal points to."""
+            """Distance of the center of a circle from the surface, on the side of the normal."""
             if pair[k].kind != "circle":
                 return -math.inf
             center = to_ground(poses[pair[k].body], np.array([pair[k].point]))[0]
             return float((center[0] - x) * nx + (center[1] - y) * ny)
 
-        # The normal of the core points into the body of the circle.
+        # The normal of the core points into the body with the circle.
         circle = 0 if depth(0) > depth(1) else 1
         signs = []
         if self.scene.group[pair[circle].body] >= 0:
@@ -131,13 +131,13 @@ class Film:
         return tuple(signs)
 
     def arrow_length(self, force: float) -> float:
-        """Length [m] of an arrow; the root keeps small forces visible."""
+        """Length [m] of an arrow; a square root keeps small forces visible."""
         if self.largest <= 0 or force <= 1e-3 * self.largest:
             return 0.0
         return 45.0 * self.scene.unit * math.sqrt(force / self.largest)
 
     def arrows(self, i: int, poses: dict[str, Pose]) -> list[tuple[Array, Array]]:
-        """Tail and head [m] of the forces on bodies that move, at picture ``i``."""
+        """Start and end [m] of the forces on movable bodies in frame ``i``."""
         out: list[tuple[Array, Array]] = []
         rows = contact_rows(self.action, self.q[i])
         for number in self.contacts:
@@ -158,7 +158,7 @@ class Film:
         return out
 
     def straps(self, i: int, poses: dict[str, Pose]) -> list[Array]:
-        """Curves (n, 2) [m] of the straps at picture ``i``."""
+        """Curves (n, 2) [m] of the straps in frame ``i``."""
         bent = bent_beams(self.action, self.q[i])
         return [strap_curve(a, b, free) for _, a, b, free in strap_ends(self.action, poses, bent)]
 

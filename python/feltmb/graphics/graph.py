@@ -1,10 +1,10 @@
 """Linear graph of a mechanism, thesis section 4.1.2 and Fig. 4.3.
 
-Nodes are points: the datum of the ground, the center of mass of each body, and the points where
-joints, springs, contacts, straps, string and finger act. Edges are elements: what is known of each
-is one relation between its through variable (force, torque) and its across variable (displacement).
-Which points are joined by which elements, the topology, is the incidence matrix; the mechanics of
-the elements does not enter it.
+Nodes are points: the datum of the ground, the center of mass of each body, and the points at which
+joints, springs, contacts, straps, string and finger act. Edges are elements; each has one relation
+between its through variable (force, torque) and its across variable (displacement). The topology,
+i.e. which elements connect which points, is the incidence matrix. It does not depend on the
+mechanics of the elements.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ __all__ = ["EDGE_KINDS", "Edge", "LinearGraph", "Node", "draw_graph", "graph"]
 
 DATUM = "ground"
 
-#: Kinds of edges in the order in which a tree prefers them: the coordinates of the joints then
-#: describe all motion, and what carries forces that depend on motion is left to the cotree.
+#: Kinds of edges in the order of their priority for the tree. The coordinates of the joints then
+#: describe all motion, and elements whose forces depend on motion are in the cotree.
 EDGE_KINDS = (
     "joint",
     "body_fixed_vector",
@@ -51,11 +51,11 @@ class Node:
     Attributes
     ----------
     name : str
-        Unique: the body for a center of mass, ``body:point`` for other points.
+        Unique name: the body for a center of mass, ``body:point`` for other points.
     kind : str
         ``datum``, ``mass_center``, ``joint``, ``contact``, ``strap``, ``string`` or ``finger``.
     body : str
-        Body that the point is fixed to; ``string`` for the point under the hammer.
+        Body to which the point is fixed; ``string`` for the point below the hammer.
     """
 
     name: str
@@ -74,12 +74,12 @@ class Edge:
     kind : str
         One of ``EDGE_KINDS``.
     label : str
-        For the reader.
+        Text for people.
     detail : str
-        Kind of joint (``revolute``, ``prismatic``, ``weld``) or of a body ``beam``,
-        ``flexible beam``; else empty.
+        Kind of a joint (``revolute``, ``prismatic``, ``weld``); ``beam`` or ``flexible beam`` for
+        such a body; else empty.
     mass, inertia : float
-        Of a body [kg, kg m^2]; else 0.
+        Mass and inertia of a body [kg, kg m^2]; else 0.
     """
 
     name: str
@@ -106,7 +106,7 @@ class LinearGraph:
         Raises
         ------
         InvalidParameter
-            There is no such kind.
+            The kind does not exist.
         """
         if kind not in EDGE_KINDS:
             raise InvalidParameter(
@@ -116,7 +116,7 @@ class LinearGraph:
 
     @cached_property
     def incidence(self) -> Array:
-        """Incidence matrix (nodes, edges): +1 where an edge leaves a node, -1 where it arrives."""
+        """Incidence matrix (nodes, edges): +1 if an edge leaves a node, -1 if it enters it."""
         row = {node.name: i for i, node in enumerate(self.nodes)}
         matrix = np.zeros((len(self.nodes), len(self.edges)))
         for j, edge in enumerate(self.edges):
@@ -156,15 +156,15 @@ class LinearGraph:
 
     @cached_property
     def cotree(self) -> tuple[int, ...]:
-        """Indices of the edges that are not in the tree, the chords."""
+        """Indices of the edges that are not in the tree (chords)."""
         inside = set(self.tree)
         return tuple(j for j in range(len(self.edges)) if j not in inside)
 
     @cached_property
     def cutsets(self) -> Array:
-        """Fundamental cutset matrix (nodes - 1, edges): one balance of forces for a tree edge.
+        """Fundamental cutset matrix (nodes - 1, edges): one force balance for each tree edge.
 
-        The columns of the tree hold the unit matrix.
+        The columns of the tree are the unit matrix.
         """
         reduced = self.incidence[1:]
         matrix = np.linalg.solve(reduced[:, list(self.tree)], reduced)
@@ -172,7 +172,7 @@ class LinearGraph:
 
     @cached_property
     def circuits(self) -> Array:
-        """Fundamental circuit matrix (chords, edges): one closed loop of displacements for a chord.
+        """Fundamental circuit matrix (chords, edges): one closed loop for each chord.
 
         The columns of the chords are the unit matrix.
         """
@@ -221,7 +221,7 @@ class _Builder:
         self.edges: list[Edge] = []
 
     def point(self, body: str, point: str, kind: str) -> str:
-        """Node of a point of a body, joined to its center of mass (the datum) by a rigid arm."""
+        """Node of a point of a body; a rigid arm connects it to the center of mass (or datum)."""
         name = f"{body}:{point}"
         if name not in self.nodes:
             self.nodes[name] = Node(name, kind, body)
@@ -236,12 +236,12 @@ def _point_of_string(surface: str, struck: str) -> str:
 
 
 def graph(action: Action) -> LinearGraph:
-    """Linear graph of a mechanism: its topology, without what is switched off.
+    """Linear graph of a mechanism: its topology, without parts that are switched off.
 
-    Every body gives an edge from the datum to its center of mass, every joint, contact, spring and
-    strap an edge between points, every point of a body an arm to its center of mass. The ground's
-    points have arms from the datum. A modal string joins the ground and the point of the string
-    that the hammer meets, and those of its other surfaces.
+    Every body is an edge from the datum to its center of mass. Every joint, contact, spring and
+    strap is an edge between points. Every point of a body has an arm to its center of mass, and
+    points of the ground have arms from the datum. A modal string connects the ground to the point
+    of the string below the hammer, and to the points of its other surfaces.
     """
     config = action.config
     b = _Builder()
@@ -309,7 +309,7 @@ def graph(action: Action) -> LinearGraph:
 
 # --- drawing -------------------------------------------------------------------------------------
 
-#: Node kind -> color, and whether it is a center that bears a name.
+#: Node kind -> color, and whether it is a center with a name.
 _NODE_LOOK = {
     "datum": ("#222222", True),
     "mass_center": ("#222222", True),
@@ -320,7 +320,7 @@ _NODE_LOOK = {
     "finger": ("#0072B2", False),
 }
 
-#: Edge kind -> color, dash, name for the reader.
+#: Edge kind -> color, dash, name for people.
 _EDGE_LOOK: dict[str, tuple[str, Literal["-", "--", ":"], str]] = {
     "joint": ("#222222", "-", "joint"),
     "body_fixed_vector": ("#999999", "-", "rigid arm"),
@@ -334,7 +334,7 @@ _EDGE_LOOK: dict[str, tuple[str, Literal["-", "--", ":"], str]] = {
 
 
 def _links(g: LinearGraph) -> dict[tuple[str, str], int]:
-    """How many elements join two bodies."""
+    """Number of elements that connect two bodies."""
     body = {node.name: node.body for node in g.nodes}
     count: dict[tuple[str, str], int] = {}
     for edge in g.edges:
@@ -345,7 +345,7 @@ def _links(g: LinearGraph) -> dict[tuple[str, str], int]:
 
 
 def _crossings(order: list[str], links: dict[tuple[str, str], int]) -> float:
-    """Cost of an order of bodies on a circle: crossing links, and long ones."""
+    """Cost of an order of bodies on a circle: crossing and long connections."""
     place = {name: i for i, name in enumerate(order)}
     n = len(order)
     pairs = [
@@ -383,7 +383,7 @@ def _circle_order(g: LinearGraph) -> list[str]:
 
 
 def _layout(g: LinearGraph) -> dict[str, tuple[float, float]]:
-    """Bodies on a circle around the datum, their points around them toward what they meet."""
+    """Bodies on a circle around the datum; their points are on the sides of their connections."""
     order = _circle_order(g)
     body = {node.name: node.body for node in g.nodes}
     n = max(len(order), 1)
@@ -400,7 +400,7 @@ def _layout(g: LinearGraph) -> dict[str, tuple[float, float]]:
         if edge.kind not in ("body", "body_fixed_vector"):
             partner[edge.tail].append(edge.head)
             partner[edge.head].append(edge.tail)
-            # Elements between the same two bodies lie in opposite order around the two.
+            # Elements between the same two bodies have opposite orders at the two bodies.
             sign = 1.0 if rank[body[edge.tail]] < rank[body[edge.head]] else -1.0
             turn.setdefault(edge.tail, 1e-4 * sign * j)
             turn.setdefault(edge.head, -1e-4 * sign * j)
@@ -426,7 +426,7 @@ def _layout(g: LinearGraph) -> dict[str, tuple[float, float]]:
 
 
 def _spread_angles(wanted: list[tuple[float, str]]) -> list[tuple[float, str]]:
-    """Angles near the wanted ones that keep an even least distance on the circle."""
+    """Angles close to the wanted ones, with a minimum distance on the circle."""
     if len(wanted) < 2:
         return wanted
     order = sorted(wanted)
@@ -448,9 +448,9 @@ def _spread_angles(wanted: list[tuple[float, str]]) -> list[tuple[float, str]]:
 
 
 def draw_graph(action: Action) -> Figure:
-    """Draw the linear graph: datum in the middle, bodies around it; tree edges are thick.
+    """Plot the linear graph: datum in the center, bodies around it; tree edges are thick.
 
-    Contacts bear their numbers, bodies their names.
+    Contacts are labeled with their numbers, bodies with their names.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import FancyArrowPatch
@@ -480,7 +480,7 @@ def draw_graph(action: Action) -> Figure:
         key = tuple(sorted((edge.tail, edge.head)))
         turn = parallel.get(key, 0)
         parallel[key] = turn + 1
-        # Bodies run beside the arms and joints on the straight way, springs beside their joints.
+        # Edges of bodies are beside the straight arms and joints, springs are beside their joints.
         bend = {"body": 0.12, "spring": 0.35, "applied_force": -0.12}.get(edge.kind, 0.0)
         thick = j in inside
         ax.add_patch(
@@ -530,7 +530,7 @@ def draw_graph(action: Action) -> Figure:
         if big:
             label = "ground" if node.kind == "datum" else action.config.bodies[node.body].label
             x, y = place[node.name]
-            # Outside of the circle of bodies, where no other body is.
+            # Outside the circle of bodies, where no other body is.
             away = math.hypot(x, y) or 1.0
             blocked = any(
                 (px - x) * x + (py - y) * y > 0.7 * away

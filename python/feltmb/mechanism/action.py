@@ -1,4 +1,4 @@
-"""A mechanism read from data: the object that everything else works with."""
+"""A mechanism read from data: the central object of the package."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Action", "load_action"]
 
-#: Tables of laws that came later than the first results: where they are not given, hashes stay.
+#: Tables of laws that are newer than the first results; files without them keep their hash.
 _LATER_LAWS = {law.table for name, law in CORE_LAWS.items() if name in LAWS} - {
     *("", "memory", "hunt_crossley", "stulov")
 }
@@ -47,7 +47,7 @@ def load_action(name_or_path: str | Path) -> Action:
     Raises
     ------
     InvalidParameter
-        Listing all faults of the file at once.
+        The file has faults; all of them are in the message.
     """
     path = resolve(name_or_path)
     return Action(load_raw(path, resolve), origin=path.name)
@@ -55,14 +55,14 @@ def load_action(name_or_path: str | Path) -> Action:
 
 @checked
 class Action:
-    """A mechanism read from data. Immutable; safe to share between threads.
+    """A mechanism read from data. It is immutable and safe to share between threads.
 
     Parameters
     ----------
     raw
         The tables of a mechanism file.
     origin
-        Name used in messages, usually the file's.
+        Name in messages, usually the name of the file.
     """
 
     def __init__(self, raw: Mapping[str, Any], origin: str = "mechanism"):
@@ -90,7 +90,7 @@ class Action:
         return html_table(repr(self), ("contact", "where", "surfaces", "law"), rows)
 
     def plot(self) -> Figure:
-        """Draw the mechanism at rest.
+        """Plot the mechanism at rest.
 
         Returns
         -------
@@ -122,28 +122,28 @@ class Action:
 
     @property
     def raw(self) -> dict[str, Any]:
-        """The tables of the file, with units and sources; a copy."""
+        """Copy of the tables of the file, with units and sources."""
         return copy.deepcopy(self._raw)
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of all parameters in SI units, without names for people, notes, sources."""
+        """SHA-256 of all parameters in SI units, without labels, notes and sources."""
         tables = self.config.model_dump(mode="json", exclude={"name", "about", "source"})
-        reading = tables.pop("reading")  # of it only what changes the numbers of a run
+        reading = tables.pop("reading")  # only entries that change the results of a run
         roles = ("strike_contact", "let_off_contact", "check_contacts", "key_point")
         tables["summary"] = {name: reading[name] for name in roles}
         if reading["rows"]:
             tables["rows"] = reading["rows"]
         for table in ("motor", "dashpots"):
             if not tables[table]:
-                del tables[table]  # as before there were any: results keep their hash
+                del tables[table]  # as before this entry existed: results keep their hash
         if tables["string"] and tables["string"]["count"] == 1:
-            del tables["string"]["count"]  # likewise
+            del tables["string"]["count"]  # for the same reason
         if tables["string"] and not tables["string"]["other_surfaces"]:
             del tables["string"]["other_surfaces"]
         for surface in tables["surfaces"].values():
             if surface["end"] is None:
-                del surface["end"]  # as before there were surfaces with ends
+                del surface["end"]  # as before surfaces could have ends
         for key, contact in self.config.contacts.items():
             for table in _LATER_LAWS:
                 if getattr(contact, table) == type(contact).model_fields[table].default:
@@ -159,15 +159,15 @@ class Action:
         Parameters
         ----------
         values
-            ``{"string.modes": 80}``. A bare number is taken in the unit that the file gives for
-            that entry; a text may carry its own, ``"10.5 mm"``. ``*`` stands for any key
-            (``"contacts.*.law"``), the name of a body for ``bodies.NAME`` (``"shank.rigid"``),
-            ``.x .y`` or ``.0 .1`` for a component of a point.
+            ``{"string.modes": 80}``. A number without a unit has the unit of the entry in the file;
+            a text may have a unit, ``"10.5 mm"``. ``*`` means any key (``"contacts.*.law"``), the
+            name of a body means ``bodies.NAME`` (``"shank.rigid"``), and ``.x .y`` or ``.0 .1`` is
+            a component of a point.
 
         Raises
         ------
         InvalidParameter
-            A path that does not exist, or a value out of range.
+            A path does not exist, or a value is out of range.
         """
         changed = self._with_numbers(values) or Action(
             apply_values(self._raw, values, "with_values"), self.origin
@@ -181,13 +181,13 @@ class Action:
         ----------
         laws
             Law by the key of the contact: ``{"06": law("callback", function=f)}``. The tables of
-            the contact stay as they are and have no effect; pickling is refused, and a file
-            written from the copy names the contacts in a remark.
+            the contact are kept but have no effect. The copy cannot be pickled, and a file written
+            from it names these contacts in a comment.
 
         Raises
         ------
         InvalidParameter
-            A contact that does not exist, or something that is no law.
+            A contact does not exist, or a value is not a law.
         """
         given = {**self._laws, **laws}
         for key, own in given.items():
@@ -203,7 +203,7 @@ class Action:
         return changed
 
     def _assembled(self) -> Any:
-        """The mechanism of the core with the laws that no file holds."""
+        """Mechanism of the core, including laws that a file cannot contain."""
         description = describe(self.config)
         contacts = description.contacts
         for contact in contacts:
@@ -214,7 +214,7 @@ class Action:
         return _core.assemble(description)
 
     def _with_numbers(self, values: Mapping[str, Any]) -> Action | None:
-        """Copy that shares all that did not change; None where a whole check is called for."""
+        """Copy that shares all unchanged parts; None if a complete check is needed."""
         try:
             raw, touched = apply_numbers(self._raw, values)
             config = self.config
@@ -224,7 +224,7 @@ class Action:
                 config = config.model_copy(update={table: parts})
             mechanism = _core.assemble(describe(config, dict(self._described)))
         except (ValidationError, InvalidParameter, ValueError, TypeError, KeyError):
-            return None  # the way through the file says what is wrong
+            return None  # the complete check reports the fault
         changed = Action.__new__(Action)
         changed._raw, changed.origin, changed._laws = raw, self.origin, {}
         changed.config, changed.mechanism = config, mechanism
@@ -232,13 +232,13 @@ class Action:
 
     @cached_property
     def _described(self) -> dict[int, tuple[Any, Any]]:
-        """Parts of the description by the part of the file that they came from."""
+        """Parts of the description, by the part of the file from which they were made."""
         known: dict[int, tuple[Any, Any]] = {}
         describe(self.config, known)
         return known
 
     def to_toml(self) -> str:
-        """Text of a file that loads as this mechanism."""
+        """Text of a file that defines this mechanism."""
         import tomlkit
 
         text = tomlkit.dumps(self._raw)
@@ -253,17 +253,17 @@ class Action:
 
     @property
     def rest_pose(self) -> npt.NDArray[np.float64]:
-        """Coordinates at rest under gravity [rad, m], found by an equilibrium solve."""
+        """Coordinates at rest under gravity [rad, m], computed by an equilibrium solve."""
         pose: npt.NDArray[np.float64] = self._equilibrium["q"].copy()
         return pose
 
     @property
     def rest_iterations(self) -> int:
-        """Iterations that the equilibrium solve took."""
+        """Number of iterations of the equilibrium solve."""
         return int(self._equilibrium["iterations"])
 
     def quantities(self) -> Iterator[tuple[str, Any, str, str]]:
-        """Every number of the file: dotted path, value, unit, source or status."""
+        """Every number of the file: dotted path, value, unit, and source or status."""
         yield from _walk(self._raw, "")
 
 

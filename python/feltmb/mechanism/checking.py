@@ -1,4 +1,4 @@
-"""Everything that is wrong with a mechanism file, in one round."""
+"""Finds all faults of a mechanism file at once."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _table(raw: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 
 
 def _events_behind(name: str, events: Mapping[str, Any]) -> set[str]:
-    """Events that must have happened, or not, before ``name`` is known."""
+    """Events on which the event ``name`` depends, by ``after``, ``before`` or ``unless``."""
     behind: set[str] = set()
     ahead = [name]
     while ahead:
@@ -54,7 +54,7 @@ def _events_behind(name: str, events: Mapping[str, Any]) -> set[str]:
 
 
 def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
-    """Names that point nowhere; looked for in the raw file so that they join the other faults."""
+    """References to names that do not exist, in the raw file, to report them with other faults."""
     faults: list[str] = []
     bodies = {"ground", *_table(raw, "bodies")}
     surfaces = set(_table(raw, "surfaces"))
@@ -160,7 +160,7 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
     return faults
 
 
-#: Numbers of a summary that follow from the parts that contacts and points play.
+#: Values of a summary that follow from the roles of contacts and points.
 _OWN_ROWS = (
     *("impact_time", "impact_speed", "rebound_speed", "string_contact_duration", "let_off_gap"),
     *("max_string_force", "max_string_force_time", "check_gap", "check_gap_swing", "key_travel"),
@@ -168,7 +168,7 @@ _OWN_ROWS = (
 
 
 def _reading_faults(config: MechanismFile, outputs: Collection[str]) -> list[str]:
-    """Outputs that ``[reading]`` names and the mechanism does not have."""
+    """Outputs in ``[reading]`` that the mechanism does not have."""
     reading = config.reading
     named = [(f"reading.rows.{name}.output", row.output) for name, row in reading.rows.items()]
     named += [
@@ -186,12 +186,12 @@ def _reading_faults(config: MechanismFile, outputs: Collection[str]) -> list[str
     return faults
 
 
-#: Names beside those of the outputs in the file of a run.
+#: Names in the file of a run in addition to the outputs.
 _IN_FILES = ("time", "end_state", "end_memory", "string.eta")
 
 
 def _output_faults(outputs: Sequence[str]) -> list[str]:
-    """Names of outputs that no file can hold, or that two of them share."""
+    """Output names that a file cannot contain, or that are used twice."""
     faults = [
         f"output {name!r}: the name of a coordinate, point or strap must hold no '/'"
         for name in outputs
@@ -204,13 +204,13 @@ def _output_faults(outputs: Sequence[str]) -> list[str]:
     ]
 
 
-#: Where the parameters of a law stand in a contact; others stand in the contact itself.
+#: Places of the parameters of a law in a contact; all others are entries of the contact.
 _LAW_TABLE = {name: law.table for name, law in CORE_LAWS.items() if name in LAWS and law.table} | {
     "micromechanical": "micromechanical"
 }
 
 
-#: Entries of laws that stand in the contact itself.
+#: Parameters of laws that are entries of the contact.
 _IN_CONTACT = list(
     dict.fromkeys(
         key
@@ -223,7 +223,7 @@ _IN_CONTACT = list(
 
 
 def spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
-    """``law = { name = ..., ... }`` as ``law = name`` with the parameters where they belong."""
+    """Convert ``law = { name = ..., ... }`` to ``law = name`` and its parameters."""
     contacts = {}
     for key, node in _table(raw, "contacts").items():
         law = node.get("law") if isinstance(node, Mapping) else None
@@ -251,7 +251,7 @@ def spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
 
 
 def _as_written(line: str, contacts: Mapping[str, Any]) -> str:
-    """A fault in the parameters of ``law = { ... }``, at the place where they were written."""
+    """A fault in the parameters of ``law = { ... }``, with the path in the file."""
     where = line.split(":")[0].split(".")
     if len(where) > 3 and where[2] in _LAW_TABLE.values():
         node = contacts.get(where[1])
@@ -261,7 +261,7 @@ def _as_written(line: str, contacts: Mapping[str, Any]) -> str:
 
 
 def _pair_radii(config: MechanismFile, contact: Contact) -> tuple[float | None, float | None]:
-    """Relative radius of a pair of surfaces and, on a string, that of the string [m]."""
+    """Relative radius of a pair of surfaces and, for a string, the radius of the string [m]."""
     pair = [config.surfaces[name] for name in contact.surfaces if name in config.surfaces]
     curvature = sum(
         0.0
@@ -277,7 +277,7 @@ def _pair_radii(config: MechanismFile, contact: Contact) -> tuple[float | None, 
 
 
 def _pair_fault(config: MechanismFile, key: str) -> str | None:
-    """A pair that no contact is defined for, told in place of what it has no radius for."""
+    """Fault of a pair that no contact supports; it replaces faults about missing radii."""
     contact = config.contacts[key]
     pair = [(config.surfaces[n].kind, n) for n in contact.surfaces if n in config.surfaces]
     if len(pair) != 2 or any(kind == "circle" for kind, _ in pair):
@@ -290,7 +290,7 @@ def _pair_fault(config: MechanismFile, key: str) -> str | None:
 
 
 def _with_radii(config: MechanismFile) -> MechanismFile:
-    """Radii that the areas of layers leave out are those of the pair."""
+    """The tables of layers, with missing radii of areas taken from the pair."""
     contacts = {}
     for key, contact in config.contacts.items():
         layer = contact.micromechanical
@@ -312,7 +312,7 @@ def _with_radii(config: MechanismFile) -> MechanismFile:
 
 
 def missing_law_faults(node: Mapping[str, Any], where: str) -> list[str]:
-    """What the law chosen in a raw table needs and does not find there."""
+    """Entries that the law of a raw table needs and that are missing."""
     law = node.get("law", "felt_memory")
     if law == "micromechanical":
         needed = ["micromechanical"]
@@ -323,7 +323,7 @@ def missing_law_faults(node: Mapping[str, Any], where: str) -> list[str]:
     return [f"{where}.{key}: is missing; law {law!r} needs it" for key in needed if key not in node]
 
 
-#: What each kind of surface needs beside its point.
+#: Required entries of each kind of surface, besides its point.
 _GEOMETRY = {
     "line": ("normal",),
     "circle": ("radius",),
@@ -332,7 +332,7 @@ _GEOMETRY = {
     "segment": ("end",),
     "concave_arc": ("radius", "arc"),
 }
-#: All of them, and those that a kind may have besides.
+#: All such entries, and further permitted ones of each kind.
 _ALL_GEOMETRY, _MAY_HAVE = ("normal", "radius", "arc", "end"), {"segment": ("radius",)}
 
 
@@ -376,7 +376,7 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
 
 
 def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:
-    """What is wrong with single entries and with the names between them; the checked tables."""
+    """Faults of single entries and of references between them; and the checked tables."""
     faults: list[str] = []
     raw_laws, raw = _table(raw, "contacts"), spread_laws(dict(raw), faults)
     parsed: MechanismFile | None = None
@@ -389,12 +389,12 @@ def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:
     for path in _paths_of_none(raw):
         if not any(f.startswith(f"{path}:") for f in faults):
             faults.append(f"{path}: got None, expected a value; leave the key out for its default")
-    # Radii come from the pair, which a fault may have left without any.
+    # Radii come from the pair, which may be missing because of a fault.
     return list(dict.fromkeys(faults)), parsed if faults or parsed is None else _with_radii(parsed)
 
 
 def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
-    """What is wrong with the whole, as the core tells it; the mechanism of the core."""
+    """Faults of the complete mechanism, as the core reports them; and the mechanism of the core."""
     description, faults = describe_with_faults(config)
     keys = [f.partition(":")[0].removeprefix("contacts.") for f in faults]
     faults = [
@@ -406,7 +406,7 @@ def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
     except InvalidParameter as error:
         lines = str(error).splitlines()
         found = [line.strip() for line in lines[1:]] or lines
-        if faults:  # contacts are left out of the description
+        if faults:  # contacts are omitted from the description
             found = [f for f in found if "no contact uses its surface" not in f]
         return faults + found, None
     if not faults:
@@ -416,7 +416,7 @@ def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
 
 
 def _hidden_faults(raw: Mapping[str, Any]) -> list[str]:
-    """Faults that the core finds in what the schema lets pass of a faulty file."""
+    """Faults that the core finds in the valid part of a faulty file."""
     found = without_faults(raw, lambda tables: _parse(tables)[0])
     if found is None:
         return []
@@ -425,7 +425,7 @@ def _hidden_faults(raw: Mapping[str, Any]) -> list[str]:
     if parsed is None:
         return []
     bodies = {path.split(".")[1] for path in dropped if path.startswith("bodies.")}
-    # A body that lost an entry may lack a mass only because of that.
+    # A body without its faulty entry may lack a mass only for this reason.
     return [
         f
         for f in _assemble(parsed)[0]
@@ -436,11 +436,11 @@ def _hidden_faults(raw: Mapping[str, Any]) -> list[str]:
 
 
 def validate(raw: Mapping[str, Any], origin: str) -> tuple[MechanismFile, Any]:
-    """The checked file and the mechanism of the core."""
+    """Check a file; return it with the mechanism of the core."""
     faults, config = _parse(raw)
     mechanism = None
     if faults or config is None:
-        if len(faults) < MOST_FAULTS:  # more would not be told
+        if len(faults) < MOST_FAULTS:  # more would not be reported
             faults += _hidden_faults(raw)
     else:
         faults, mechanism = _assemble(config)

@@ -1,9 +1,9 @@
-"""The numbers of a mechanism by dotted path, in SI, and mechanisms with some of them changed.
+"""The numbers of a mechanism by dotted path, in SI, and mechanisms with changed values.
 
-A path is that of ``--set``: ``bodies.key.mass`` or ``key.mass``, ``contacts.06.loading.a``,
-``bodies.key.position.x``, ``contacts.*.alpha``. Unlike ``Action.with_values``, which takes what a
-file would say, values here are in SI, and a changed mechanism is made in a fraction of a
-millisecond: what did not change is shared.
+A path is the same as for ``--set``: ``bodies.key.mass`` or ``key.mass``, ``contacts.06.loading.a``,
+``bodies.key.position.x``, ``contacts.*.alpha``. In contrast to ``Action.with_values``, values are
+in SI units. A changed mechanism is made in a fraction of a millisecond, because unchanged parts are
+shared.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from feltmb.units.quantity import shortened, unit_of
 
 __all__ = ["Parameter", "all_parameters", "find_parameters", "mechanism_with"]
 
-#: Tables of a mechanism whose numbers are parameters of its equations.
+#: Tables whose numbers are parameters of the equations of motion.
 TABLES = (
     *("gravity", "bodies", "surfaces", "contacts", "springs", "straps", "string", "finger"),
     "points",
 )
-#: Numbers that count or choose; there is no derivative by them.
+#: Integers and choices, which have no derivative.
 _COUNTS = frozenset({"modes", "count", "axial_shapes", "lateral_shapes"})
 _AXES = ("x", "y")
 
-#: Size of a parameter whose value is zero, by unit: what a change of it is measured against.
+#: Size of a parameter with the value zero, by unit; changes are relative to it.
 _SIZE_AT_ZERO = {
     "m": 1e-3,
     "rad": 1e-2,
@@ -65,12 +65,12 @@ class Parameter:
     path
         Full dotted path.
     value
-        SI.
+        Value in SI units.
     unit
-        SI unit of the value, ``1`` for a pure number.
+        SI unit of the value; ``1`` for a dimensionless number.
     size
-        What a change is measured against: the magnitude of the value, or a small length, angle and
-        so on where the value is zero; SI, > 0.
+        Reference of relative changes, SI units, > 0: the absolute value, or a small length, angle
+        and so on if the value is zero.
     """
 
     path: str
@@ -90,7 +90,7 @@ def _children(node: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _unit(config: MechanismFile, parents: list[Any], names: list[str]) -> str:
-    """SI unit of the field that a chain of names ends at."""
+    """SI unit of the field at the end of a chain of names."""
     for depth in range(len(names) - 1, -1, -1):
         owner = parents[depth]
         if not isinstance(owner, BaseModel):
@@ -99,7 +99,7 @@ def _unit(config: MechanismFile, parents: list[Any], names: list[str]) -> str:
         unit = unit_of(type(owner), field, _joint(config, parents[: depth + 1]))
         if unit is not None:
             return unit
-        if field == "stiffness":  # of a power law
+        if field == "stiffness":  # exponent of a power law
             exponent = getattr(owner, "exponent", 1.0)
             return "N/m" if exponent == 1.0 else f"N/m^{exponent:g}"
         if field == "strike_point":
@@ -109,7 +109,7 @@ def _unit(config: MechanismFile, parents: list[Any], names: list[str]) -> str:
 
 
 def _joint(config: MechanismFile, owners: list[Any]) -> str:
-    """Kind of the joint that a table belongs to, by itself or by its coordinate, or ``contact``."""
+    """Kind of the joint of a table, from the table or its coordinate, or ``contact``."""
     for owner in reversed(owners):
         if isinstance(owner, Contact):
             return "contact"
@@ -140,7 +140,7 @@ def _walk(
 def all_parameters(action: Action) -> list[Parameter]:
     """Every number that the equations of motion may depend on, in the order of the file.
 
-    Numbers of laws and shapes that are not in use are among them: their derivative is zero.
+    Numbers of unused laws and shapes are included; their derivative is zero.
     """
     return list(_listed(action))
 
@@ -154,12 +154,12 @@ def _listed(action: Action) -> tuple[Parameter, ...]:
 
 
 def find_parameters(action: Action, paths: str | Iterable[str]) -> list[Parameter]:
-    """Parameters by path; ``*`` stands for any part of one name, a body's for ``bodies.NAME``.
+    """Parameters by path. ``*`` means any part of a name, a body's name means ``bodies.NAME``.
 
     Raises
     ------
     InvalidParameter
-        Listing every path that names no real number.
+        Some paths name no real number; all of them are in the message.
     """
     known = {p.path: p for p in all_parameters(action)}
     out: dict[str, Parameter] = {}
@@ -202,7 +202,7 @@ def _matches(action: Action, known: Mapping[str, Parameter], given: object) -> l
 
 
 def _with(node: Any, names: list[str], value: float) -> Any:
-    """Copy of a node with one number changed; all else is shared."""
+    """Copy of a node with one changed number; everything else is shared."""
     if not names:
         return value
     head, rest = names[0], names[1:]
@@ -215,7 +215,7 @@ def _with(node: Any, names: list[str], value: float) -> Any:
     new = _with(getattr(node, head), rest, value)
     if rest:
         return node.model_copy(update={head: new})
-    # The field's own limits (> 0 and so on) are checked as in a file.
+    # The limits of the field (> 0 and so on) are checked as in a file.
     fields = type(node).model_fields
     given = {fields[name].alias or name: getattr(node, name) for name in node.model_fields_set}
     return type(node).model_validate({**given, fields[head].alias or head: new})
@@ -224,19 +224,19 @@ def _with(node: Any, names: list[str], value: float) -> Any:
 def mechanism_with(
     action: Action, values: Mapping[str, float], known: dict[int, Any] | None = None
 ) -> _core.Mechanism:
-    """Mechanism for the core with other numbers.
+    """Mechanism for the core with changed numbers.
 
     Parameters
     ----------
     values
-        SI numbers by full path, as :func:`find_parameters` gives them.
+        Numbers in SI units by full path, as returned by :func:`find_parameters`.
     known
-        Parts made before, kept between calls; a table of its own for every action.
+        Cache of parts, kept between calls; one dictionary per action.
 
     Raises
     ------
     InvalidParameter
-        A value out of range.
+        A value is out of range.
     """
     config = action.config
     for path, value in values.items():

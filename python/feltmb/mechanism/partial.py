@@ -1,7 +1,7 @@
-"""Tables of a faulty file without their faults, so that the rest of it can be checked too.
+"""Removes faulty entries from the tables of a file, so that the rest can be checked too.
 
-The schema finds what is wrong with single entries, the core what is wrong with the whole. To tell
-both at once, the core gets the file without the entries that the schema refused.
+The schema finds faults of single entries, and the core finds faults of the complete mechanism. To
+report both at once, the core gets the file without the entries that the schema rejected.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 __all__ = ["without_faults"]
 
-#: Tables whose entries can be left out; what refers to them is left out in turn.
+#: Tables whose entries can be removed; entries that refer to them are removed in turn.
 _LOOSE = ("surfaces", "contacts", "springs", "straps", "points", "events")
 _SINGLE = ("string", "finger", "reading", "start_pose", "source", "about", "gravity")
 _ROUNDS = 20
@@ -22,19 +22,19 @@ _ROUNDS = 20
 def without_faults(
     raw: Mapping[str, Any], faults_of: Callable[[Mapping[str, Any]], Sequence[str]]
 ) -> tuple[dict[str, Any], set[str]] | None:
-    """Copy of a mechanism's tables without what is at fault.
+    """Copy of a mechanism's tables without the faulty entries.
 
     Parameters
     ----------
     raw
         Tables of a mechanism file.
     faults_of
-        Faults of such tables, each ``path: text``.
+        Function that returns the faults of such tables, each as ``path: text``.
 
     Returns
     -------
     (dict, set of str) or None
-        The tables and the dotted paths that were left out; None if no sound rest is found.
+        The tables, and the dotted paths that were removed; None if no valid rest is found.
     """
     rest = copy.deepcopy(dict(raw))
     dropped: set[str] = set()
@@ -51,7 +51,7 @@ def without_faults(
 
 
 def _drop(rest: dict[str, Any], where: str, dropped: set[str]) -> None:
-    """Leave out the entry that a path leads into, as little of it as may be."""
+    """Remove the entry to which a path leads, as little of it as possible."""
     match = re.match(r"(\w+)\.?(.*)", where)
     if match is None:
         return
@@ -66,7 +66,7 @@ def _drop(rest: dict[str, Any], where: str, dropped: set[str]) -> None:
             dropped.add(table)
         return
     assert isinstance(node, dict)
-    # Names may hold dots: the longest one that the path begins with.
+    # Names may contain dots: the longest name with which the path begins.
     name = path
     while name and name not in node:
         name = name.rpartition(".")[0]
@@ -74,7 +74,8 @@ def _drop(rest: dict[str, Any], where: str, dropped: set[str]) -> None:
         return
     inner = path[len(name) + 1 :]
     if table == "bodies" and isinstance(node[name], dict):
-        # What refers to a body stays: only the entry at fault goes, for its default.
+        # References to a body remain valid: only the faulty entry is removed, and its default
+        # applies.
         field = inner.partition(".")[0]
         if field in node[name]:
             del node[name][field]

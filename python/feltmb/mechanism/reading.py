@@ -1,4 +1,4 @@
-"""Mechanism files: found by name or path, on top of those that they extend."""
+"""Finds and reads mechanism files, including the files that they extend."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ __all__ = ["files_of", "load_raw", "packaged_actions", "resolve"]
 
 
 def packaged_actions() -> list[str]:
-    """Names of the data sets of mechanisms that come with the package."""
+    """Names of the packaged mechanisms."""
     return params.names()
 
 
 def resolve(name_or_path: str | Path) -> Path:
-    """File of a packaged mechanism, or the path itself."""
+    """File of a packaged mechanism; any other path is returned unchanged."""
     text = str(name_or_path)
     if text in packaged_actions():
         return params.folder() / f"{text}.toml"
@@ -48,9 +48,9 @@ def resolve(name_or_path: str | Path) -> Path:
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
-    """Files that a mechanism file is made of: itself, those that it extends, their felts.
+    """Files of a mechanism: itself, the files that it extends, and their felts.
 
-    As far as its faults let them be known; a file that is named and missing is among them.
+    As many as its faults permit to find; a missing file is included.
     """
     opened: list[Path] = []
     with contextlib.suppress(FeltmbError):
@@ -64,9 +64,9 @@ def load_raw(
     seen: tuple[Path, ...] = (),
     opened: list[Path] | None = None,
 ) -> dict[str, Any]:
-    """Tables of a file, on top of those that it extends; ``resolve`` finds a base by its name.
+    """Tables of a file merged with the tables that it extends; ``resolve`` finds a base by name.
 
-    ``opened`` gets the files, each before it is read.
+    Files are appended to ``opened`` before they are read.
     """
     if opened is not None:
         opened.append(path)
@@ -109,14 +109,14 @@ def load_raw(
 
 
 def without_paths(raw: dict[str, Any], origin: str) -> dict[str, Any]:
-    """The tables, if they name no file: those of a saved run hold the felts themselves."""
+    """The tables, if they refer to no file: tables of a saved run contain the felts."""
     return _felts_in_place(raw, None, origin)
 
 
 def _felts_in_place(
     raw: dict[str, Any], folder: Path | None, origin: str, opened: list[Path] | None = None
 ) -> dict[str, Any]:
-    """Felts that a file names by a path beside it become tables: the mechanism is then whole."""
+    """Replace references to felt files by their tables, so that the mechanism is complete."""
 
     def whole(node: Any) -> Any:
         if not isinstance(node, Mapping):

@@ -1,4 +1,4 @@
-"""Schema of mechanism files: what a table may hold, in what unit and range."""
+"""Schema of mechanism files: permitted entries with their units and ranges."""
 
 from __future__ import annotations
 
@@ -48,19 +48,19 @@ __all__ = [
 
 
 def _drop_meta(node: object) -> object:
-    """Let a table carry its own source, status and note."""
+    """Remove the source, status and note of a table."""
     if not isinstance(node, Mapping):
         return node
     return {k: v for k, v in node.items() if k not in ("source", "status", "note", "printed")}
 
 
 class _FromCore(Schema):
-    """A table with numbers of a struct of the core, see :func:`with_numbers`."""
+    """A table with the numbers of a structure of the core, see :func:`with_numbers`."""
 
     if TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """The numbers of the struct."""
+            """The numbers of the structure."""
 
 
 @with_numbers(_core.Friction)
@@ -69,7 +69,7 @@ class FrictionParameters(_FromCore):
 
     @property
     def core(self) -> _core.Friction:
-        """The friction as the core knows it."""
+        """The friction as an object of the core."""
         return to_core(_core.Friction, self)
 
 
@@ -120,7 +120,7 @@ class Surface(Schema):
 
 @with_laws(micromechanical=(LayerParameters | None, None))
 class LawChoice(Schema):
-    """A contact law with the parameters of all that may be chosen."""
+    """A contact law with the parameters of all available laws."""
 
     if TYPE_CHECKING:
         law: str
@@ -141,7 +141,7 @@ class Contact(LawChoice):
 
 @with_numbers(_core.TorsionSpringDescription, needed=("stiffness", "rest_angle"))
 class Spring(_FromCore):
-    """Spring on the coordinate of a joint, with damping and play if wanted."""
+    """Spring on the coordinate of a joint, with optional damping and play."""
 
     label: str = ""
     coordinate: str
@@ -150,7 +150,7 @@ class Spring(_FromCore):
 
 @with_numbers(_core.DashpotDescription, needed=("coefficient",))
 class Dashpot(_FromCore):
-    """Dashpot on a joint's coordinate, on one side of its motion only if so wanted."""
+    """Dashpot on a joint's coordinate, optionally for one direction of motion only."""
 
     label: str = ""
     coordinate: str
@@ -181,12 +181,12 @@ def _strike_point(node: object) -> object:
 class String(_FromCore):
     """Stiff string of thesis Table 4.1, or several equal ones (unisons) that are struck together.
 
-    ``diameter``, ``tension``, ``linear_density`` and ``young_modulus`` are those of one string.
-    ``count`` strings share the contact force equally and move alike: the striker sees ``count``
-    times the impedance of one, at the same frequencies and forms of vibration. The law of the
-    contact, the largest string force, the force on the bridge and the energy are of all of them.
-    Every contact with ``surface`` or one of ``other_surfaces`` touches the string, each at its own
-    place.
+    ``diameter``, ``tension``, ``linear_density`` and ``young_modulus`` are values of one string.
+    ``count`` strings share the contact force equally and move alike: the striker acts against
+    ``count`` times the impedance of one string, at the same frequencies and mode shapes. The law of
+    the contact, the largest string force, the force on the bridge and the energy are totals of all
+    strings. Every contact with ``surface`` or one of ``other_surfaces`` touches the string, each at
+    its own position.
     """
 
     kind: Literal["modal", "rigid_stop"] = "modal"
@@ -206,12 +206,12 @@ class Pad(Schema):
 
     @property
     def hunt_crossley(self) -> Pad:
-        """The pad as the table of its law."""
+        """The pad as a table of its law."""
         return self
 
 
 class Finger(Schema):
-    """Where the player's finger meets the mechanism."""
+    """Point at which the player's finger acts on the mechanism."""
 
     body: str
     point: Annotated[tuple[float, float], SIVector("m")]
@@ -236,7 +236,7 @@ class Point(Schema):
 
 
 def _way(direction: tuple[float, float]) -> tuple[float, float]:
-    """A direction of any length that can be brought to 1."""
+    """A direction as a vector of any length > 0, which is normalized."""
     length = math.hypot(*direction)
     if not 1e-6 <= length <= 1e6:
         raise ValueError(
@@ -246,7 +246,7 @@ def _way(direction: tuple[float, float]) -> tuple[float, float]:
 
 
 class NamedEvent(Schema):
-    """A named event: a contact change, or a travel of a tracking point."""
+    """A named event: a contact change, or a tracking point that reaches a travel."""
 
     contact: int | list[int] | None = None
     change: Literal["opens", "closes"] | None = None
@@ -261,11 +261,12 @@ class NamedEvent(Schema):
 
 
 class SummaryRow(Schema):
-    """A number of ``run.summary``: read off an output, or a time.
+    """A value of ``run.summary``: from an output, or a time.
 
-    Of an output: its value ``at`` an event, or the ``largest``, ``smallest``, ``mean`` or ``range``
-    of its samples between the events ``after`` and ``before``, or of all. A time: of the event
-    ``at``, or ``between`` two events. A run without the events that it needs has no such number.
+    A value of an output is its value ``at`` an event, or the ``largest``, ``smallest``, ``mean`` or
+    ``range`` of its samples between the events ``after`` and ``before``, or of all samples. A time
+    is the time of the event ``at``, or the time ``between`` two events. If a required event did not
+    happen, the run does not have the value.
     """
 
     text: str = ""
@@ -278,7 +279,7 @@ class SummaryRow(Schema):
 
 
 class ViewCurve(Schema):
-    """An output in a view, ``factor`` times larger than it is."""
+    """An output in a view, multiplied by ``factor``."""
 
     output: str
     label: str = ""
@@ -286,7 +287,7 @@ class ViewCurve(Schema):
 
 
 class View(Schema):
-    """A panel of plots and of the viewer; ``change``: from the start of the run."""
+    """A panel of plots and of the viewer; ``change``: relative to the start of the run."""
 
     title: str = ""
     change: bool = False
@@ -294,12 +295,12 @@ class View(Schema):
 
     @property
     def rows(self) -> list[ViewCurve]:
-        """The curves, those named alone with no more than their output."""
+        """The curves; a curve given by a name alone has only an output."""
         return [ViewCurve(output=c) if isinstance(c, str) else c for c in self.curves]
 
 
 class Striker(Schema):
-    """The point that strikes, and the direction in which it does."""
+    """Point that strikes, and its direction."""
 
     point: str
     direction: Annotated[tuple[float, float], SIVector("1"), AfterValidator(_way)]
@@ -307,7 +308,7 @@ class Striker(Schema):
 
     @property
     def axis(self) -> str:
-        """The coordinate along which it moves most, ``x`` or ``y``."""
+        """The coordinate with the largest share of the motion, ``x`` or ``y``."""
         x, y = self.direction
         return "x" if abs(x) >= abs(y) else "y"
 
@@ -316,17 +317,17 @@ class TouchEvents(Schema):
     """Names of the events by which the touch of an action is measured."""
 
     start: str | None = None
-    """The key starts."""
+    """The key starts to move."""
     landing: str | None = None
-    """The key meets its end of travel."""
+    """The key reaches its end of travel."""
     toe: str | None = None
-    """The jack meets what lets it off."""
+    """The jack meets the part that causes the let-off."""
     damper: str | None = None
     """The key meets the damper."""
 
 
 class Reading(Schema):
-    """What is read off a run: the parts that contacts, points and events play, numbers, views."""
+    """Interpretation of a run: roles of contacts, points and events; values; views."""
 
     strike_contact: int | None = None
     let_off_contact: int | None = None
@@ -339,7 +340,7 @@ class Reading(Schema):
 
 
 class Source(Schema):
-    """Where a data set comes from."""
+    """Source of a data set."""
 
     cite: str = ""
     status: str = ""

@@ -1,4 +1,4 @@
-"""From a validated mechanism file to the plain description that the core assembles."""
+"""Converts a validated mechanism file to the plain description that the core assembles."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def core_law(contact: LawChoice | Pad) -> _core.ContactLaw:
 def _core_body(name: str, b: Body) -> _core.BodyDescription:
     known: dict[str, Any] = {"name": name, "friction": b.friction.core}
     if b.kind == "beam":
-        # A rigid uniform rod: slender, the rotary inertia of its section neglected.
+        # A rigid uniform rod: slender, without the rotary inertia of its section.
         assert b.length is not None
         assert b.density is not None
         assert b.area is not None
@@ -112,8 +112,8 @@ def describe(
     Parameters
     ----------
     known
-        Parts made before, by the identity of the part of the file that they came from; what is
-        missing is added. Files that share parts are then described in a fraction of the time.
+        Cache of parts by the identity of the part of the file from which they were made; missing
+        parts are added. Files with common parts are then described in a fraction of the time.
     """
     description, faults = describe_with_faults(config, known)
     if faults:
@@ -124,7 +124,7 @@ def describe(
 def describe_with_faults(
     config: MechanismFile, known: dict[int, tuple[Any, Any]] | None = None
 ) -> tuple[_core.MechanismDescription, list[str]]:
-    """Description without the contacts whose laws cannot be made, and why they cannot."""
+    """Description without the contacts with invalid laws, and the faults of these laws."""
 
     def each(table: Mapping[str, Any], make: Callable[[str, Any], Any]) -> list[Any]:
         if known is None:

@@ -1,4 +1,4 @@
-"""Values of a file's tables changed by their dotted path."""
+"""Changes values in the tables of a file by their dotted path."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ __all__ = ["apply_numbers", "apply_values", "expand_path", "parse_setting", "pla
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
-    """Split ``"string.modes=80"`` into its path and its value, read as TOML, else as text."""
+    """Split ``"string.modes=80"`` into its path and its value, which is TOML or else text."""
     path, sign, value = text.partition("=")
     if not sign or not path.strip():
         raise InvalidParameter(f"--set {text!r}: expected PATH=VALUE, such as string.modes=80")
     try:
         return path.strip(), tomllib.loads(f"v = {value}")["v"]
-    except (ValueError, RecursionError):  # no TOML
+    except (ValueError, RecursionError):  # not TOML
         return path.strip(), value.strip()
 
 
 def expand_path(raw: Mapping[str, Any], path: str) -> list[list[str]]:
-    """Paths that ``path`` names: ``*`` matches any key; a body's name stands for bodies.NAME."""
+    """Paths that match ``path``: ``*`` is any key; a body's name means bodies.NAME."""
     parts = path.split(".")
     if parts[0] not in raw and parts[0] in raw.get("bodies", {}):
         parts = ["bodies", *parts]
-    # Coordinates hold a dot; they are keys of start_pose only.
+    # Coordinate names contain a dot; they are keys of start_pose only.
     if parts[0] == "start_pose" and len(parts) > 2:
         parts = ["start_pose", ".".join(parts[1:])]
     found: list[list[str]] = [[]]
@@ -75,7 +75,8 @@ def _set_one(raw: dict[str, Any], parts: list[str], value: Any, where: str) -> N
     elif is_quantity(node) and last not in META_KEYS:
         raise InvalidParameter(f"{where}: path {'.'.join(parts)!r} leads into a quantity")
     elif is_quantity(node.get(last)) and not isinstance(value, (Mapping, str)):
-        # A bare number keeps the unit of the entry; what was said of the old number is void.
+        # A number without a unit keeps the unit of the entry; source and note of the old value are
+        # removed.
         unit = node[last].get("unit", "1")
         node[last] = {"value": value, "unit": unit, "note": f"set by {where}"}
     else:
@@ -92,7 +93,7 @@ def _set_component(old: Any, key: str, value: Any, where: str, parts: list[str])
 
 
 def _in_unit_of(old: Any, value: Any) -> Any:
-    """A bare number in the unit of the text that it replaces: 16 for ``"15 g"`` is ``"16 g"``."""
+    """A bare number with the unit of the text that it replaces: 16 for ``"15 g"`` is ``"16 g"``."""
     if not isinstance(old, str) or isinstance(value, bool) or not isinstance(value, (int, float)):
         return value
     found = split_quantity(old)
@@ -102,7 +103,7 @@ def _in_unit_of(old: Any, value: Any) -> Any:
 
 
 def apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Tables with other values by dotted path; ``where`` names the caller in messages."""
+    """Tables with changed values by dotted path; ``where`` is the caller's name for messages."""
     if not isinstance(values, Mapping):
         raise InvalidParameter(f"{where}: got {shortened(repr(values))}, expected paths and values")
     out = copy.deepcopy(dict(raw))
@@ -127,9 +128,9 @@ _TABLES_OF_NUMBERS = ("bodies", "surfaces", "contacts", "springs", "straps", "po
 def apply_numbers(
     raw: Mapping[str, Any], values: Mapping[str, Any]
 ) -> tuple[dict[str, Any], list[tuple[str, str]]]:
-    """Tables with other numbers, sharing the rest, and the parts touched.
+    """Tables with changed numbers, which share the rest, and the changed parts.
 
-    ValueError if one of the values is more than a number of a part.
+    Raises ValueError if a value is not a single number of a part.
     """
     out = dict(raw)
     touched: list[tuple[str, str]] = []
@@ -150,11 +151,11 @@ def apply_numbers(
     return out, touched
 
 
-_DEEPEST = 50  # tables and lists within one another
+_DEEPEST = 50  # nested tables and lists
 
 
 def plain_data(node: Any, depth: int = 0) -> Any:
-    """Copy of a file's tables that holds nothing of NumPy."""
+    """Copy of a file's tables without NumPy objects."""
     if depth > _DEEPEST:
         raise InvalidParameter("tables are nested too deeply")
     if isinstance(node, Mapping):

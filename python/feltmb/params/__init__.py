@@ -1,4 +1,4 @@
-"""Packaged data sets: mechanisms here, strokes, studies, targets, felts in folders beside them."""
+"""Packaged data sets: mechanisms in this folder; strokes, studies, targets, felts in subfolders."""
 
 from importlib import resources
 from pathlib import Path
@@ -7,10 +7,10 @@ __all__ = ["folder", "names"]
 
 
 def folder(kind: str = "") -> Path:
-    """Folder of the packaged data of a kind, such as ``"strokes"``; empty for mechanisms."""
+    """Folder of the packaged data of a type, such as ``"strokes"``; empty for mechanisms."""
     return Path(str(resources.files("feltmb") / "params")) / kind
 
 
 def names(kind: str = "") -> list[str]:
-    """Names of the packaged TOML files of a kind, sorted."""
+    """Names of the packaged TOML files of a type, sorted."""
     return sorted(p.stem for p in folder(kind).glob("*.toml"))

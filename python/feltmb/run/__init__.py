@@ -1,1 +1,1 @@
-"""Runs: strokes, simulation, results, sweeps, studies and sensitivities of a mechanism."""
+"""Strokes and simulations of a mechanism: runs, sweeps, studies and sensitivities."""

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = ["summary_unit", "table_to_dataset"]
 
-#: Ending of the name of a number of ``Run.summary`` -> its SI unit; others are lengths.
+#: Suffix of the name of a number in ``Run.summary`` -> its SI unit; other numbers are lengths.
 ENDINGS = (
     ("_time", "s"),
     ("_duration", "s"),
@@ -31,17 +31,17 @@ def summary_unit(name: str) -> str:
 def table_to_dataset(
     table: pd.DataFrame, axes: Sequence[str], units: Mapping[str, str]
 ) -> xr.Dataset:
-    """Table as a dataset over its axes.
+    """Convert a table to a dataset over its axes.
 
     Parameters
     ----------
     table
-        One row a run.
+        One row for each run.
     axes
-        Columns that become dimensions. If the rows are not all combinations of their values, or a
-        value is no plain number or text, there is one dimension, ``member``.
+        Columns that become dimensions. The only dimension is ``member`` if the rows are not all
+        combinations of their values, or if a value is neither a number nor text.
     units
-        Unit of each column that has one.
+        Units by column, for columns that have one.
 
     Returns
     -------

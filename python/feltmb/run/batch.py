@@ -1,7 +1,7 @@
-"""Many strokes in one call: threads of the core, outcomes in order, memory that does not grow.
+"""Many strokes in one call, on threads of the core, in order and with limited memory.
 
-For a sweep with a table and a folder to resume from, use :func:`feltmb.sweep`; this is the bare
-engine for programs of one's own, fits and studies of thousands of strokes.
+For a sweep with a table, which can be interrupted and continued, use :func:`feltmb.sweep`. This
+module is for programs of the user: fits and studies with thousands of strokes.
 """
 
 from __future__ import annotations
@@ -39,25 +39,26 @@ def simulate_many(
     Parameters
     ----------
     strokes
-        Action and stroke, and options of this stroke alone if there are any. May be a generator: a
-        stroke is asked for when a thread is free. Actions that ``Action.with_values`` made from one
-        another share what did not change.
+        Action and stroke, and optionally options of this stroke alone. May be a generator: the next
+        stroke is requested when a thread is free. Actions that ``Action.with_values`` made from one
+        another share the unchanged parts.
     take
-        ``take(index, outcome)`` gets each outcome: the run, or the error that
-        :func:`feltmb.simulate` would have raised. Returning False, and nothing else, stops the
-        batch. What it does not keep is freed: no more than four outcomes a thread are in memory.
+        ``take(index, outcome)`` is called with each outcome: the run, or the error that
+        :func:`feltmb.simulate` would raise. If it returns False, the batch stops; any other value
+        continues it. Outcomes that it does not store are freed: at most four outcomes per thread
+        are in memory.
     jobs
-        Threads, at most four a core, and fewer where the system has no more; default: one a core.
-        Outcomes are the same, bit for bit, for any number.
+        Number of threads, at most four per core, or fewer if the system cannot start more; default:
+        one per core. Outcomes are identical, bit for bit, for any number.
     ordered
-        True: ``take`` is called in the order of the strokes, by one thread at a time. False: by
-        each thread as soon as its stroke is finished, maybe by several at once; one long stroke
-        then holds nothing up.
+        True: ``take`` is called in the order of the strokes, by one thread at a time. False: each
+        thread calls it as soon as its stroke is finished, so that calls may overlap; a long stroke
+        then delays nothing.
     stop
-        ``feltmb._core.StopFlag``; once it is set, by any thread, the batch ends at once.
+        ``feltmb._core.StopFlag``; when any thread sets it, the batch ends immediately.
     options, given
-        Of all strokes: :class:`feltmb.run.RunOptions`, and fields of it that replace its own; the
-        ledger is off unless asked for. ``summary_only=True`` is the quickest.
+        Options of all strokes: :class:`feltmb.run.RunOptions`, and single fields that replace its
+        values. The ledger is off by default. ``summary_only=True`` is fastest.
 
     Returns
     -------
@@ -67,7 +68,7 @@ def simulate_many(
     Raises
     ------
     InvalidParameter
-        Arguments are wrong. What is wrong with one stroke is its outcome.
+        An argument is invalid. A fault of one stroke is the outcome of that stroke.
     """
     count = 0 if jobs is None else int(jobs)
     if jobs is not None and count < 1:
@@ -75,7 +76,7 @@ def simulate_many(
     _refuse(given)
     chosen = replace(options or RunOptions(ledger=False), **given)
     under_way: dict[int, tuple[Any, ...]] = {}
-    faults: dict[int, FeltmbError] = {}  # of strokes that could not begin, by position
+    faults: dict[int, FeltmbError] = {}  # errors of strokes that could not start, by index
     handed = 0
     going = True
     guard = threading.Lock()

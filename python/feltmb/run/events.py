@@ -1,4 +1,4 @@
-"""Named events of a run: rules of the mechanism file applied to contact changes."""
+"""Named events of a run, found by rules of the mechanism file among contact changes."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ __all__ = ["Change", "name_events"]
 
 @dataclass(frozen=True)
 class Change:
-    """A contact that opens or closes, or a tracking point that reaches the travel of its event."""
+    """Opening or closing of a contact, or a tracking point that reaches the travel of an event."""
 
-    time: float  #: [s]
+    time: float  #: time [s]
     contact: int | None  #: contact number
     monitor: str | None  #: name of a point event
-    closes: bool  #: closes or rises
+    closes: bool  #: whether the contact closes, or the travel rises
 
 
 def _matches(change: Change, name: str, rule: NamedEvent) -> bool:
@@ -30,11 +30,12 @@ def _matches(change: Change, name: str, rule: NamedEvent) -> bool:
 
 
 def name_events(changes: Sequence[Change], rules: Mapping[str, NamedEvent]) -> dict[str, int]:
-    """Index of the change that each named event stands for; events that did not happen are absent.
+    """Index of the change that is each named event; events that did not happen are absent.
 
-    A rule picks the first or last matching change, after and before other named events, within a
-    time of the event it comes after, unless another event happened. If an event that it comes after
-    or before did not happen, neither did it.
+    A rule selects the first or last matching change, after and before other named events and within
+    a time after the former. With ``unless``, it applies only if that event did not happen. If an
+    event that the rule refers to with ``after`` or ``before`` did not happen, the event of the rule
+    did not happen either.
     """
     found: dict[str, int] = {}
     visiting: set[str] = set()

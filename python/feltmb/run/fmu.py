@@ -1,4 +1,4 @@
-"""Co-simulation units: a mechanism as an FMU that runs without Python (FMI 3.0 and 2.0)."""
+"""Mechanisms as co-simulation FMUs that run without Python (FMI 3.0 and 2.0)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from feltmb.run.stroke.strokes import MOTORS, PRESCRIBED, UNITS, Kind
 
 __all__ = ["export"]
 
-#: References of variables, as cpp/fmu/unit.hpp has them.
+#: Value references of variables, as in cpp/fmu/unit.hpp.
 _TIME, _INPUT, _TOLERANCE, _OUTPUTS, _PARAMETERS = 0, 1, 2, 1000, 100_000
 
 #: Exponents of kg, m, s, rad by symbol.
@@ -39,7 +39,7 @@ _BASE = {
 }
 _FACTOR = re.compile(r"([A-Za-z]+)(?:\^(\d+))?$")
 
-#: What an input is, for the description of its variable.
+#: Descriptions of the inputs, for their variables.
 _ABOUT = {
     "force": "force of the finger on the key, positive pressing",
     "motion": "motion of a finger that meets the key through its pad; 0 just touches it at rest",
@@ -76,46 +76,46 @@ def export(
     max_order: int | None = None,
     force: bool = False,
 ) -> Path:
-    """Write a mechanism as a co-simulation unit for this platform.
+    """Write a mechanism as a co-simulation FMU for this platform.
 
-    The unit holds the mechanism and a binary of its own; it needs no Python. All channels are
-    outputs, the input is one of the five kinds, and the numbers of the mechanism are parameters, of
-    which the rest pose follows. Its steps are those of :class:`feltmb.Machine`.
+    The FMU contains the mechanism and its own binary; it does not need Python. All channels are
+    outputs, and the input is one of the five kinds. The values of the mechanism are parameters, and
+    the rest pose follows from them. Its steps are the steps of :class:`feltmb.Machine`.
 
     Parameters
     ----------
     action
         Object, or name for :func:`load_action`.
     path
-        The unit, ``.fmu``.
+        File of the FMU, ``.fmu``.
     version
-        Of the interface.
+        Version of FMI.
     drive
-        Kind of the input; default: ``"force"``, or ``"torque"`` of a mechanism with a motor.
+        Kind of the input; default: ``"force"``, or ``"torque"`` for a mechanism with a motor.
     hold
-        Course of a force, a torque or a finger's motion over a step: ``"zero"`` is the value of the
-        input, ``"linear"`` a straight line to it from that of the last step, which lags by a step.
-        Default: linear for a motion, else zero. Motions that are prescribed reach the value at the
-        end of the step.
+        Time function of a force, a torque or a finger's motion within a step. ``"zero"``: constant
+        at the value of the input. ``"linear"``: a straight line from the value of the last step to
+        the value of the input, which is a delay of one step. Default: linear for a motion, else
+        zero. Prescribed motions reach the value at the end of the step.
     parameters
-        Names of the numbers that become parameters, ``*`` for any part; default: all.
+        Names of the values that become parameters, with ``*`` for any part; default: all.
     rtol, method, max_order
-        As in :class:`RunOptions`; ``rtol`` is a parameter of the unit, too.
+        As in :class:`RunOptions`; ``rtol`` is also a parameter of the FMU.
     force
         Replace an existing file.
 
     Returns
     -------
     Path
-        The file written.
+        The written file.
 
     Raises
     ------
     InvalidParameter
         An argument is out of range, a pattern matches no parameter, the mechanism has no finger or
-        motor for the input, or a law of it is a compiled function.
+        motor for the input, or one of its laws is a compiled function.
     FileExists
-        The file exists and ``force`` is not given.
+        The file exists and ``force`` is false.
     """
     path = Path(path)
     check_suffix(path, ".fmu")
@@ -175,7 +175,7 @@ def export(
                 (f"binaries/{folder}/{identifier}.so", binary.read_bytes()),
                 ("resources/machine.txt", machine.encode()),
             ):
-                # The same mechanism gives the same bytes.
+                # Equal mechanisms give equal bytes.
                 info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
                 info.compress_type = zipfile.ZIP_DEFLATED
                 info.external_attr = (0o755 if name.endswith(".so") else 0o644) << 16
@@ -185,7 +185,7 @@ def export(
 
 
 def _binary(version: str) -> tuple[Path, str]:
-    """The binary of units and the folder of a unit in which this platform looks for it."""
+    """The binary of FMUs, and the folder in an FMU for this platform."""
     machine = platform.machine()
     if not sys.platform.startswith("linux") or machine not in ("x86_64", "aarch64"):
         raise InvalidParameter(
@@ -208,7 +208,7 @@ def _parameters(
     wanted: str | Iterable[str],
     drive: Kind,
 ) -> list[_Variable]:
-    """The numbers of a mechanism that act under an input and match one of the patterns."""
+    """Values of a mechanism that have an influence with an input, and match a pattern."""
     patterns = [wanted] if isinstance(wanted, str) else list(wanted)
     used = [False] * len(patterns)
     idle = [False] * len(patterns)
@@ -221,7 +221,7 @@ def _parameters(
         used = [a or b for a, b in zip(used, matches, strict=True)]
         if not any(matches):
             continue
-        # A limit that is not permitted itself cannot be told.
+        # A limit that is itself not permitted cannot be stated.
         low = None if row["low_open"] else row["low"]
         high = None if row["high_open"] else row["high"]
         found.append(
@@ -257,7 +257,7 @@ def _attributes(values: Mapping[str, object]) -> str:
 
 
 def _exponents(unit: str) -> dict[str, int] | None:
-    """Exponents of the base units; None where one depends on a parameter."""
+    """Exponents of the base units; None if one depends on a parameter."""
     total = [0, 0, 0, 0]
     for place, part in enumerate(unit.split("/")):
         for factor in part.split():
@@ -298,7 +298,7 @@ _EXPERIMENT = '  <DefaultExperiment startTime="0.0" stopTime="0.4" stepSize="0.0
 def _description(
     version: str, name: str, identifier: str, token: str, variables: list[_Variable]
 ) -> str:
-    """The model description of FMI 2.0 or 3.0: they differ in names and in the structure."""
+    """Model description of FMI 2.0 or 3.0, which differ in names and structure."""
     third = version == "3.0"
     state = "FMUState" if third else "FMUstate"
     head = {
@@ -335,7 +335,7 @@ def _description(
             else f"    <ScalarVariable{own}><Real{real}/></ScalarVariable>"
         )
     lines += ["  </ModelVariables>", "  <ModelStructure>"]
-    # FMI 3.0 names an output by its reference, FMI 2.0 by its place, from 1.
+    # FMI 3.0 identifies an output by its reference, FMI 2.0 by its index, starting at 1.
     outputs = [(i, v.reference) for i, v in enumerate(variables, 1) if v.causality == "output"]
     for tag in ("Output", "InitialUnknown"):
         if third:

@@ -1,4 +1,4 @@
-"""A mechanism step by step: for controllers, haptic devices, co-simulation, learning agents."""
+"""Simulation of a mechanism step by step, for controllers, haptics, co-simulation, learning."""
 
 from __future__ import annotations
 
@@ -27,23 +27,24 @@ __all__ = ["Machine", "MachineState"]
 
 @dataclass(frozen=True, eq=False)
 class MachineState:
-    """All that the steps of a machine to come depend on; can be kept, compared and pickled.
+    """State that determines all following steps of a machine; it can be compared and pickled.
 
     Attributes
     ----------
     time : float
-        Of the machine's clock [s]. No step depends on it.
+        Time of the machine's clock [s]. Steps do not depend on it.
     y : ndarray
         Coordinates, their rates, states of contact laws, modal coordinates of strings and their
-        rates, as ``Run.end_state``.
+        rates, as in ``Run.end_state``.
     memory : ndarray
         Largest compression that each contact remembers [m].
     kind : str
         Kind of the last input.
     drive : tuple of float
-        Its value, rate, acceleration and mean rate over the last step, SI.
+        Value, rate and acceleration of the last input, and its mean rate over the last step, SI
+        units.
     mechanism : str
-        ``Action.hash`` of the mechanism that was in this state; empty: not known, not compared.
+        ``Action.hash`` of the mechanism in this state; empty: unknown, not compared.
     """
 
     time: float
@@ -69,10 +70,10 @@ class MachineState:
 
 
 def _numbers(name: str, given: Any, count: int) -> list[float]:
-    """A field of a state as ``count`` real numbers; that they make sense is the core's to say."""
+    """A field of a state as ``count`` real numbers; the core checks their meaning."""
     try:
         found = np.asarray(given)
-    except ValueError:  # rows of several lengths
+    except ValueError:  # rows of different lengths
         found = np.asarray("")
     if found.dtype.kind not in "fiu" or found.shape != (count,):
         raise InvalidParameter(
@@ -88,19 +89,19 @@ class Machine:
 
     A step depends on the state only, and not on the history of an integrator. The input may
     therefore jump, and the same state and input give the same result to the last bit. Only one
-    thread at a time may use a machine. A step releases the lock of the interpreter.
+    thread at a time may use a machine. A step releases the global interpreter lock.
 
     Parameters
     ----------
     action
         Object, or name for :func:`load_action`.
     hold
-        Course of a force, a torque or a finger's motion over a step: ``"zero"`` is the value given,
-        ``"linear"`` a straight line from the value of the last step.
+        Time function of a force, a torque or a finger's motion within a step. ``"zero"``: constant
+        at the given value. ``"linear"``: a straight line from the value of the last step.
     rtol, method, max_order, max_step, max_wall
-        As in :class:`RunOptions`; ``max_wall`` is that of one step.
+        As in :class:`RunOptions`; ``max_wall`` applies to one step.
     events
-        Find contact openings and closings.
+        Whether contact openings and closings are found.
     """
 
     def __init__(
@@ -149,9 +150,9 @@ class Machine:
         channels = self._stepper.channels
         #: Names of all channels, in the order of :attr:`values`.
         self.names: tuple[str, ...] = tuple(name for name, _, _ in channels)
-        #: Unit of each channel, SI, by name.
+        #: SI unit of each channel, by name.
         self.units: dict[str, str] = {name: unit for name, unit, _ in channels}
-        #: Text of each channel by name.
+        #: Description of each channel, by name.
         self.texts: dict[str, str] = {name: text for name, _, text in channels}
         self._place = {name: i for i, name in enumerate(self.names)}
 
@@ -159,7 +160,7 @@ class Machine:
         return f"<Machine {self.action.name!r} at {self.time:g} s>"
 
     def __copy__(self) -> Self:
-        """A machine of its own in the same state, as ``copy.deepcopy`` gives it too."""
+        """A separate machine in the same state, equal to the result of ``copy.deepcopy``."""
         other, own = self._in_this_state()
         other.__dict__.update(own)
         return other
@@ -171,7 +172,7 @@ class Machine:
         return other
 
     def _in_this_state(self) -> tuple[Self, dict[str, Any]]:
-        """A machine of the same class and state, and the attributes that a subclass added."""
+        """A machine of the same class and state, with the attributes that a subclass added."""
         other = object.__new__(type(self))
         Machine.__init__(other, self.action, **self._given)  # type: ignore[arg-type]
         Machine.restore(other, self.state())
@@ -195,27 +196,27 @@ class Machine:
 
     @property
     def values(self) -> npt.NDArray[np.float64]:
-        """All channels at this time, SI, in the order of :attr:`names`."""
+        """Present values of all channels, SI units, in the order of :attr:`names`."""
         return self._stepper.outputs()
 
     def reset(self) -> None:
-        """Set the rest pose and time zero, and reset the memory of felts."""
+        """Set the rest pose and time zero, and clear the memory of felts."""
         self._stepper.state = self._stepper.rest
 
     def read(self, channel: str, unit: str | None = None) -> float:
-        """Value of a channel at this time.
+        """Present value of a channel.
 
         Parameters
         ----------
         channel
             One of :attr:`names`, such as ``"hammer_tip.y"``.
         unit
-            Default: SI, as in :attr:`units`.
+            Unit of the result; default: SI, as in :attr:`units`.
 
         Raises
         ------
         InvalidParameter
-            There is no such channel, or it has another dimension.
+            The channel does not exist, or it has another dimension.
         """
         if channel not in self._place:
             near = difflib.get_close_matches(channel, self.names, n=3)
@@ -234,18 +235,19 @@ class Machine:
         return MachineState(time, y, np.asarray(memory), kind, tuple(drive), self.action.hash)
 
     def restore(self, state: MachineState, *, same_parts: bool = False) -> None:
-        """Go back, or over, to a state of this mechanism.
+        """Set a state of this mechanism.
 
         Parameters
         ----------
         same_parts
-            Take the state of another mechanism too. It must have the same parts in the same order;
-            only the numbers of states and memories are checked. Forces begin with a jump then.
+            Accept the state of another mechanism too. It must have the same parts in the same
+            order; only the numbers of states and memories are checked. Forces may then jump at the
+            start.
 
         Raises
         ------
         InvalidParameter
-            The state is of another mechanism, or is damaged.
+            The state belongs to another mechanism, or is damaged.
         """
         if not isinstance(state.kind, str) or state.kind not in UNITS:
             raise InvalidParameter(f"state: kind {state.kind!r} is none of {', '.join(UNITS)}")
@@ -278,41 +280,41 @@ class Machine:
         motor_motion: float | None = None,
         speed: float | None = None,
     ) -> tuple[Change, ...]:
-        """Advance by a step under one input.
+        """Advance by one step with one input.
 
         Parameters
         ----------
         dt
-            [s], > 0.
+            Step [s], > 0.
         force
-            Of the finger on the key [N], positive pressing.
+            Force of the finger on the key [N], positive pressing.
         motion
-            Of a finger that meets the key through its pad [m]; zero just touches the key at rest.
+            Displacement of a finger that presses the key through its pad [m]; at zero, it just
+            touches the key at rest.
         key_motion
-            Of the point under the finger itself at the end of the step [m], from its rest.
+            Displacement of the point under the finger from rest at the end of the step [m].
         torque
-            Of the mechanism's motor [N m].
+            Torque of the mechanism's motor [N m].
         motor_motion
-            Of its hub at the end of the step [rad], from its rest.
+            Angle of the hub of the motor from rest at the end of the step [rad].
         speed
-            Of a ``key_motion`` [m/s] or ``motor_motion`` [rad/s] at the end of the step; default:
-            that of a motion which is sampled with equal steps, in second order.
+            Speed of a ``key_motion`` [m/s] or ``motor_motion`` [rad/s] at the end of the step;
+            default: from equally spaced values of the motion, with second order.
 
         Returns
         -------
         tuple of Change
-            Contacts that opened or closed, and tracking points that passed their travel.
+            Contacts that opened or closed, and tracking points that reached their travel.
 
         Raises
         ------
         InvalidParameter
-            No input or more than one is given, it is out of range, or the mechanism has no finger
-            or motor for it.
+            No input or several inputs are given, the input is out of range, or the mechanism has no
+            finger or motor for it.
         IntegrationError
-            The solver stopped early; the machine is where it was before the step. ``error.partial``
-            is None.
+            The solver stopped early; the machine is unchanged. ``error.partial`` is None.
         KeyboardInterrupt
-            Interrupted by the user, likewise.
+            The user interrupted the step; the machine is unchanged.
         """
         inputs: dict[Kind, float | None] = {
             "force": force,

@@ -26,42 +26,42 @@ class RunOptions:
     Attributes
     ----------
     duration : float or None
-        [s], > 0; default: the stroke's own.
+        Duration [s], > 0; default: the duration of the stroke.
     rtol : float
-        Relative tolerance of the integrator, 1e-13 to 1e-2. Absolute tolerances follow from it,
-        state by state: rtol times 0.2 mm and 0.2 m/s at the contacts.
+        Relative tolerance of the integrator, 1e-13 to 1e-2. The absolute tolerance of each state
+        follows from it: rtol times 0.2 mm and 0.2 m/s at the contacts.
     method : str
-        ``"cvode"``: all states by CVODES (BDF), the modes of the string among them. ``"modal"``:
-        a string that nothing touches leaves the integrator and vibrates exactly, whatever its
-        frequencies and damping; needs a string with modes. ``"auto"``: modal where there is one.
-        Both agree within their errors (``run.stats["method"]`` names the one used).
+        ``"cvode"``: CVODES (BDF) integrates all states, including the modes of the string.
+        ``"modal"``: a string without contact is not integrated but vibrates exactly, for any
+        frequencies and damping; it needs a string with modes. ``"auto"``: modal for such a string.
+        The methods agree within their errors; ``run.stats["method"]`` is the method that was used.
     output_rate : float
-        Samples a second. Events and the largest string force are found on the dense output and do
-        not depend on it.
+        Sample rate of the outputs [Hz]. Events and the largest string force are found with dense
+        output and do not depend on it.
     ledger : bool
-        Integrate work and dissipation along with the motion (``run.energy``).
+        Whether work and dissipation are integrated with the motion (``run.energy``).
     events : bool
-        Find contact openings and closings (``run.events``, and most of ``run.summary``).
+        Whether contact openings and closings are found (``run.events``, and most of
+        ``run.summary``).
     summary_only : bool
-        Sample the outputs over the last 10 ms only, which the summary needs: quicker where
-        thousands of strokes are compared by their numbers. A run that stops early then has no
-        samples.
+        Whether outputs are sampled only over the last 10 ms, which the summary needs. This is
+        faster for comparisons of thousands of strokes. A run that stops early then has no samples.
     error : float or None
-        In place of ``rtol``: the largest error of a contact force over its peak that is asked for,
-        in (0, 0.1], after one strike on a string of 50 ms; the method's tolerance follows from it
-        (``run.provenance["options"]``). It is held for a hammer on a string; a whole action, which
-        bounces, may need more: compare with a tenth of it.
+        Replaces ``rtol``: largest permitted error of a contact force relative to its peak, in (0,
+        0.1], after one strike on a string of 50 ms. The tolerance of the method follows from it
+        (``run.provenance["options"]``). The error limit holds for a hammer on a string. A whole
+        action with bounces may have a larger error: compare with a tenth of the value.
     max_wall : float or None
-        Stop after this many seconds of wall time.
+        Limit of the wall time [s].
     max_step : float or None
         Largest step [s].
     max_order : int or None
-        Order limit of the BDF, 1 to 5; default: chosen by the lightly damped modes of strings and
-        members (docs/explanation/model.md, "Integrator").
+        Largest order of the BDF, 1 to 5; default: chosen from the lightly damped modes of strings
+        and members (docs/explanation/model.md, "Integrator").
     ledger_limit : float or None
-        Largest energy balance error as a fraction of the exchanged energy, above 0;
-        default 0.1 (``run.energy["residual_relative"]``). Beyond it the run has failed. Without a
-        ledger nothing is known, and nothing is limited. A large number, 1e9 say, is no limit.
+        Largest permitted energy balance error as a fraction of the exchanged energy, above 0;
+        default 0.1 (``run.energy["residual_relative"]``). A run with a larger error fails. Without
+        a ledger there is no limit. A large value, for example 1e9, also means no limit.
     """
 
     duration: float | None = None
@@ -87,32 +87,32 @@ class RunOptions:
 
 
 ALL_OPTIONS = tuple(f.name for f in fields(RunOptions))
-#: Options that a sweep and a study take from a file.
+#: Options that a sweep or a study can have in a file.
 OPTIONS = tuple(name for name in ALL_OPTIONS if name not in ("summary_only", "error"))
-#: Limits that are either a number above zero or absent, by unit.
+#: Optional limits that must be above zero, by unit.
 _LIMITS = {"max_wall": "s", "max_step": "s"}
 
 
 def options_given(options: RunOptions | Mapping[str, Any] | None) -> dict[str, Any]:
-    """Options by name, without those at their defaults."""
+    """Options by name, without those that have their default."""
     return options.changed() if isinstance(options, RunOptions) else dict(options or {})
 
 
 def check_options(options: Mapping[str, Any], *, known: tuple[str, ...] | None = None) -> None:
-    """Refuse options that no simulation could have.
+    """Reject invalid options.
 
     Parameters
     ----------
     options
-        Values by name; None stands for the default.
+        Values by name; None means the default.
     known
-        Names that may be given; default: any.
+        Permitted names; default: any.
 
     Raises
     ------
     InvalidParameter
-        A name is unknown; ``max_wall`` or ``max_step`` is no finite number above zero;
-        ``max_order`` is no whole number of 1 to 5.
+        A name is unknown, ``max_wall`` or ``max_step`` is not a finite number above zero, or
+        ``max_order`` is not an integer of 1 to 5.
     """
     for name in options:
         if known is not None and name not in known:

@@ -1,4 +1,4 @@
-"""Published numbers of a mechanism, to be set beside the summary of a run."""
+"""Published values of a mechanism, for comparison with the summary of a run."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ __all__ = ["Comparison", "compare_with_published"]
 
 @dataclass(frozen=True)
 class Comparison:
-    """One number of a run beside the published one."""
+    """A value of a run and the published value."""
 
     stroke: str
-    key: str  #: key of ``run.summary``
-    simulated: float | None  #: SI; None if the run does not have it
-    published: float  #: SI
+    key: str  #: key in ``run.summary``
+    simulated: float | None  #: value of the run, SI; None if the run does not have it
+    published: float  #: published value, SI
     unit: str
     source: str
 
@@ -34,7 +34,7 @@ class Comparison:
 def compare_with_published(run: Run) -> list[Comparison]:
     """Published values for the mechanism and stroke of a run; empty if there are none."""
     action = run.provenance.get("action")
-    if action not in params.names("published"):  # a saved run may hold any name
+    if action not in params.names("published"):  # the name in a saved run may be any text
         return []
     path = params.folder("published") / f"{action}.toml"
     name = run.provenance["stroke"]["name"]

@@ -1,10 +1,10 @@
-"""Slowly driven mechanism: what a technician does with one finger.
+"""Slow motion of a mechanism, as a technician moves it with one finger.
 
-Two ways. :func:`simulated_press` simulates a finger that goes down at a constant, slow speed, with
-everything that the model has. :func:`slow_press` leaves inertia out: at each finger travel the
-forces balance, Q(q, dq/dt) = 0 with dq/dt from the path itself (implicit Euler), the finger force
-being the multiplier of the prescribed travel; nothing oscillates, and with Coulomb friction the
-path does not depend on the speed. ``docs/validation/2026-11_regulation.md`` compares them.
+There are two methods. :func:`simulated_press` simulates a finger with a constant, slow speed, with
+the complete model. :func:`slow_press` neglects inertia: at each finger travel the forces are
+balanced, Q(q, dq/dt) = 0, where dq/dt follows from the path (implicit Euler) and the finger force
+is the multiplier of the prescribed travel. Nothing oscillates, and with Coulomb friction the path
+does not depend on the speed. ``docs/validation/2026-11_regulation.md`` compares the methods.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ __all__ = [
 FrictionMode = Literal["law", "saturated", "breakaway", "none"]
 MODES = ("law", "saturated", "breakaway", "none")
 
-#: Inertia is left out by masses this much lighter in a gravity this much stronger: every weight
-#: stays, to the last bit as it is a power of two, and centripetal forces vanish. Friction, felt,
-#: dashpots and damping see the real speeds, so that no law is scaled or written here again.
+#: Inertia is removed by smaller masses in a gravity that is larger by the same factor. All weights
+#: are unchanged, exactly, because the factor is a power of two, and centripetal forces vanish.
+#: Friction, felt, dashpots and damping have the true speeds, so that no law must be scaled.
 _LIGHTNESS = 2.0**-27
-#: Threshold of Coulomb friction without a speed of its own, as part of the press speed.
+#: Threshold speed of Coulomb friction in the modes without one, as a share of the press speed.
 _SHARP = 1e-3
-#: Speed of the modes without a speed, as part of the press speed: what needs a speed vanishes.
+#: Speed in the modes without a speed, as a share of the press speed: speed-dependent terms vanish.
 _STILL = 1e-4
-_FELT = 1e-3  # m; a coordinate scale moves a contact by this much
+_FELT = 1e-3  # m; a coordinate scale displaces a contact by this much
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +69,10 @@ class PressPath:
     normal_force : dict
         By contact number, ndarray (n,) [N].
     jumps : list of int
-        Rows that were reached by a jump: the path ended there (the jack slips out, the hammer
-        falls) and the row before is not continuous with it.
+        Rows after a jump: the path ended there (the jack slips out, the hammer falls), so that such
+        a row is not continuous with the row before.
     evaluations : int
-        Evaluations of the equations that the path took.
+        Number of evaluations of the equations.
     """
 
     travel: Array
@@ -84,7 +84,7 @@ class PressPath:
     evaluations: int
 
     def when(self, contact: int, *, closes: bool = True) -> float | None:
-        """Travel [m] at which a contact first closes (or opens, having been closed); None if never.
+        """Travel [m] at which a contact first closes (or opens after closing); None if never.
 
         Linear between the rows of the path.
         """
@@ -107,7 +107,7 @@ class PressPath:
 
 
 class SlowPress:
-    """Follows a mechanism along finger travels, row by row; see :func:`slow_press`."""
+    """Equilibria of a mechanism along finger travels, row by row; see :func:`slow_press`."""
 
     def __init__(
         self,
@@ -127,13 +127,14 @@ class SlowPress:
             raise InvalidParameter(f"slow press: mechanism {action.name!r} describes no finger")
         self.action = action
         self.speed = speed
-        # Of the path [m/s]: equilibria about to move, and without friction, have no speed.
+        # Speed of the path [m/s]: an equilibrium at the start of a motion, or without friction, has
+        # none.
         self._pace = speed if friction in ("law", "saturated") else speed * _STILL
         self.scale = np.asarray(action.mechanism.coordinate_scale)
         self.n = self.scale.size
         self.direction = np.asarray(action.config.finger.direction)
         opened = frozenset(open_contacts)
-        # From smooth to sharp: each stage starts from the one before.
+        # From smooth to sharp friction: each stage starts from the result of the previous one.
         self._stages = [
             _mechanism(action, self._pace, friction, blur, opened) for blur in (100.0, 10.0, 1.0)
         ]
@@ -146,22 +147,22 @@ class SlowPress:
         self.force = 0.0
         self.travel = 0.0
         self._origin = self.height(self.q)
-        self._rate = np.zeros(self.n)  # d q / d travel of the last step
+        self._rate = np.zeros(self.n)  # d q / d travel in the last step
         self._tau = 1.0
         self.jumped = False
 
     def height(self, q: Array) -> float:
-        """Finger point along the finger direction at a pose [m]."""
+        """Position of the finger point along the finger direction in a pose [m]."""
         x, y = _core.point_position(self._sharp, self._point, q)
         return float(self.direction[0] * x + self.direction[1] * y)
 
     def advance(self, travel: float) -> None:
-        """Go to a finger travel [m]; sets ``q``, ``force``, ``jumped``.
+        """Advance to a finger travel [m]; sets ``q``, ``force`` and ``jumped``.
 
         Raises
         ------
         ModelError
-            No equilibrium was found from here on.
+            No equilibrium was found beyond the present travel.
         """
         start = (self.q, self.travel, self._rate)
         step = travel - self.travel
@@ -171,13 +172,13 @@ class SlowPress:
         for parts in (4, 16):
             if all(self._try(start[1] + step * (k + 1) / parts) for k in range(parts)):
                 return
-            # What was reached so far is kept; the rest goes on with smaller steps.
+            # The steps so far are kept; the rest is done with smaller steps.
             start = (self.q, self.travel, self._rate)
             step = travel - self.travel
         self._jump(travel)
 
     def _try(self, travel: float) -> bool:
-        """One step along the path; false (and nothing changed) if it would have to jump."""
+        """One step along the path; False, without a change, if it needs a jump."""
         import numpy as np
 
         step = travel - self.travel
@@ -201,7 +202,7 @@ class SlowPress:
     def _settle(
         self, guess: Array, anchor: Array, force: float, travel: float, eta: float
     ) -> tuple[Array, float] | None:
-        """Equilibrium next to an anchor: tried at once, then with friction from smooth to sharp."""
+        """Equilibrium near an anchor: directly, or else with friction from smooth to sharp."""
         for start in (guess, anchor):
             found = self._solve(self._sharp, start, force, anchor, travel, eta)
             if found is not None:
@@ -214,13 +215,13 @@ class SlowPress:
         return found
 
     def _jump(self, travel: float) -> None:
-        """Fall to the next equilibrium as if in thick oil: steps with a viscous force eta dq."""
+        """Jump to the next equilibrium as in a viscous fluid: steps with a viscous force eta dq."""
         import numpy as np
 
         anchor, force = self.q, self.force
         eta = 1e4
         guess = anchor
-        self._tau = 1e-4 / self._pace  # as if the finger moved by 0.1 mm
+        self._tau = 1e-4 / self._pace  # as for a finger motion of 0.1 mm
         for _ in range(500):
             found = self._settle(guess, anchor, force, travel, eta)
             moved = math.inf
@@ -249,7 +250,7 @@ class SlowPress:
     def _solve(
         self, mechanism: Any, q: Array, force: float, anchor: Array, travel: float, eta: float
     ) -> tuple[Array, float] | None:
-        """Newton with line search for Q(q, (q - anchor)/tau) + F g = eta (q - anchor)."""
+        """Newton's method with line search for Q(q, (q - anchor)/tau) + F g = eta (q - anchor)."""
         import numpy as np
 
         n, scale, tau = self.n, self.scale, self._tau
@@ -268,7 +269,7 @@ class SlowPress:
             if size < 1e-8:
                 return q, force
             stiffness, damping = _core.jacobian_blocks(mechanism, q, (q - anchor) / tau, force)
-            # The finger force enters linearly.
+            # The equations are linear in the finger force.
             pull = (
                 _core.evaluate(mechanism, q, (q - anchor) / tau, force + 1.0)["force"]
                 - _core.evaluate(mechanism, q, (q - anchor) / tau, force)["force"]
@@ -297,7 +298,7 @@ class SlowPress:
         return (q, force) if size < 1e-6 else None
 
     def state(self) -> dict[int, tuple[float, float]]:
-        """Gap [m] and normal force [N] by contact number at the present pose."""
+        """Gap [m] and normal force [N] by contact number in the present pose."""
         import numpy as np
 
         out = _core.evaluate(self._sharp, self.q, np.zeros(self.n), self.force)
@@ -310,7 +311,7 @@ _POINT = "quasistatic finger"
 def _mechanism(
     action: Action, pace: float, friction: FrictionMode, blur: float, opened: frozenset[int]
 ) -> Any:
-    """The mechanism with weight but without inertia, and the finger as a point."""
+    """The mechanism with weight but without inertia; the finger is a point."""
     description = describe(action.config)
     finger = action.config.finger
     assert finger is not None
@@ -329,7 +330,7 @@ def _mechanism(
             beam.linear_density *= _LIGHTNESS
             body.beam = beam
         if body.coordinate:
-            # Slip of the joint a meter of finger travel.
+            # Rotation of the joint per meter of finger travel.
             reach = scale[body.coordinate] / _FELT
             given = action.config.bodies[body.name].friction
             where = f"bodies.{body.name}.friction"
@@ -341,7 +342,7 @@ def _mechanism(
         where = f"contacts.{contact.number:02d}.friction"
         contact.friction = _friction(data.friction, where, friction, pace, blur)
         if friction != "law":
-            # Without a speed felt follows its loading curve, the slow limit of eq. 4.22.
+            # At zero speed felt follows its loading curve, the slow limit of eq. 4.22.
             slow = {"alpha": data.alpha * 1e-3 * _STILL}
             contact.law = core_law(data.model_copy(update=slow))
         if contact.number in opened:
@@ -353,9 +354,9 @@ def _mechanism(
 def _friction(
     given: FrictionParameters, where: str, mode: FrictionMode, speed: float, blur: float
 ) -> _core.Friction:
-    """Friction of a mode: the law itself, but for the terms that the mode leaves out.
+    """Friction law of a mode: without the terms that the mode neglects.
 
-    ``speed``: typical of the sliding; ``blur``: the law turns over at this many times its speed.
+    ``speed``: typical sliding speed; ``blur``: factor of the threshold speed of the law.
     """
     friction = given.core
     if mode == "law":
@@ -369,7 +370,7 @@ def _friction(
 
 
 def _breakaway(given: _core.Friction, where: str) -> float:
-    """Largest force of the dry terms: what holds until it slides."""
+    """Largest dry friction force: the limit up to which nothing slides."""
     import numpy as np
 
     least, most = given.dry_speeds
@@ -399,21 +400,23 @@ def slow_press(
     travel
         Finger travels [m] from rest, positive pressing, in the order in which they are passed.
     speed
-        Finger speed [m/s] that friction, hysteresis and damping see, > 0.
+        Finger speed [m/s] for friction, hysteresis and damping, > 0.
     friction
         ``law``: thesis eq. A.1 with the viscous, quadratic and Stribeck terms, at the sliding
-        speeds of the path. ``saturated``: the same with a threshold speed of zero, Coulomb friction
-        with the coefficient A and the three terms. ``breakaway``: Coulomb friction with the largest
-        value of the dry terms, A (tanh x + B1 x / (1 + B2 x^4)) and Stribeck's. ``none``: no
-        friction. In the last three felt follows its loading curve, the slow limit of eq. 4.22. The
-        last two do not depend on ``speed``: dashpots and damping have no force in them.
+        speeds of the path. ``saturated``: the same terms with a threshold speed of zero, i.e.
+        Coulomb friction with the coefficient A and the three terms. ``breakaway``: Coulomb friction
+        with the largest value of the dry terms, A (tanh x + B1 x / (1 + B2 x^4)) and the Stribeck
+        term. ``none``: no friction. In the last three modes felt follows its loading curve, the
+        slow limit of eq. 4.22. The last two do not depend on ``speed``: dashpots and damping have
+        no force.
     open_contacts
-        Contacts by number that are switched off, such as the damper spoon under a raised pedal.
+        Numbers of contacts that are switched off, for example the damper spoon when the pedal is
+        pressed.
 
     Raises
     ------
     ModelError
-        No equilibrium beyond some travel.
+        There is no equilibrium beyond some travel.
     """
     import numpy as np
 
@@ -433,7 +436,7 @@ def path_of(
     jumps: list[int],
     evaluations: int,
 ) -> PressPath:
-    """Columns of the rows of a press."""
+    """Path from the rows of a press."""
     import numpy as np
 
     if not rows:
@@ -455,7 +458,7 @@ def path_of(
 
 @dataclass(frozen=True, eq=False)
 class SimulatedPress:
-    """A simulated slow press and, if asked for, release.
+    """A simulated slow press and, if requested, release.
 
     Attributes
     ----------
@@ -466,9 +469,9 @@ class SimulatedPress:
     force : ndarray (n_times,)
         Finger force on the key [N].
     gap : ndarray (n_times,)
-        Distance of hammer and string [m], the string undisplaced; negative: pressed beyond it.
+        Distance of hammer and undisplaced string [m]; negative: the hammer is beyond the string.
     turn : int
-        First sample of the release (the number of samples without one).
+        Index of the first sample of the release (number of samples if there is none).
     """
 
     run: Run
@@ -479,16 +482,16 @@ class SimulatedPress:
 
     @property
     def closest(self) -> float:
-        """Closest approach of the hammer to the string at rest, the let-off distance [m]."""
+        """Smallest distance of hammer and string at rest, i.e. the let-off distance [m]."""
         return float(self.gap[: self.turn].min())
 
     @property
     def closest_travel(self) -> float:
-        """Finger travel at the closest approach [m]."""
+        """Finger travel at the smallest distance [m]."""
         return float(self.travel[int(self.gap[: self.turn].argmin())])
 
     def gap_when(self, contact: int) -> float | None:
-        """Distance hammer - string [m] when a contact first closes; None if it never does."""
+        """Distance of hammer and string [m] when a contact first closes; None if never."""
         table = self.run.event_table
         for time, number, change in zip(
             table["time"], table["contact"], table["change"], strict=True
@@ -516,16 +519,16 @@ def simulated_press(
     Parameters
     ----------
     speed
-        [m/s], > 0.
+        s], > 0/Speed of the finger [m/s], > 0.
     travel
-        Of the finger [m], > 0: past the let-off and into the front punching.
+        Travel of the finger [m], > 0: beyond the let-off and into the front punching.
     release
-        Let the finger come up again at the same speed, after a rest of 0.2 s.
+        Whether the finger returns at the same speed, after a rest of 0.2 s.
 
     Raises
     ------
     InvalidParameter
-        The mechanism names no strike contact or no finger, or a number is out of range.
+        The mechanism has no strike contact or no finger, or a number is out of range.
     IntegrationError
         The solver stopped early.
     """
@@ -550,7 +553,7 @@ def simulated_press(
     stroke = motion_stroke(
         time, value, interpolation="linear", duration=time[-1] + 0.1, name="slow press"
     )
-    # 20 samples a millimeter of finger travel at least.
+    # At least 20 samples per millimeter of finger travel.
     run = simulate(action, stroke, None, rtol, ledger=False, output_rate=max(2000.0, 2e4 * speed))
     point = np.asarray(_finger_travel(action, run))
     gap = -run[f"contact{strike:02d}.compression"]
@@ -584,12 +587,12 @@ def _finger_travel(action: Action, run: Run) -> Array:
 
 @dataclass(frozen=True)
 class StaticLetOff:
-    """Let-off of a press without inertia."""
+    """Let-off in a press without inertia."""
 
-    gap: float  #: closest approach of hammer and string [m]
-    travel: float  #: finger travel there [m]
-    force: float  #: largest finger force up to there [N]
-    tripped: bool  #: the jack let go; false: the press ended first
+    gap: float  #: smallest distance of hammer and string [m]
+    travel: float  #: finger travel at the smallest distance [m]
+    force: float  #: largest finger force before it [N]
+    tripped: bool  #: whether there was a let-off; false: the press ended first
 
 
 def static_let_off(
@@ -601,17 +604,17 @@ def static_let_off(
     step: float = 1e-5,
     most_force: float = 60.0,
 ) -> StaticLetOff:
-    """Closest approach of the hammer in a press without inertia; see :func:`slow_press`.
+    """Smallest distance of hammer and string in a press without inertia; see :func:`slow_press`.
 
     Parameters
     ----------
     travel
         Finger travel at which the press ends [m].
     step
-        Of the finger travel once the hammer is within 8 mm of the string [m]; ten times longer
-        before.
+        Step of the finger travel when the hammer is within 8 mm of the string [m]; before, it is
+        ten times longer.
     most_force
-        The press ends at this force, the hammer then being blocked on the string [N].
+        Force at which the press ends because the hammer is blocked on the string [N].
     """
     strike = action.config.reading.strike_contact
     if strike is None:

@@ -1,4 +1,4 @@
-"""Infinite lines that touch something where nothing of their body is."""
+"""Finds infinite lines that are touched at a place where their body has no parts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 
 
 def _known_points(action: Action, body: str) -> Array:
-    """Points of a body that a file gives: joints, center of mass, surfaces, tracking points [m]."""
+    """Points of a body in a file: joints, center of mass, surfaces, tracking points [m]."""
     config = action.config
     points: list[tuple[float, float]] = []
     if body != "ground":
@@ -37,11 +37,11 @@ def _known_points(action: Action, body: str) -> Array:
 
 
 def unreached_lines(action: Action) -> list[str]:
-    """Warnings for lines that are touched at rest beyond all that the file says of their body.
+    """Warnings for lines that are touched at rest outside the known extent of their body.
 
-    A line is infinite. Where it carries something at rest, its body should be there: between the
-    points that the file gives of that body, joints, center of mass, surfaces and tracking points,
-    seen along the line. A segment ends where it ends.
+    A line is infinite. Where it carries a load at rest, its body should have material. The known
+    extent of the body along the line is given by its points in the file: joints, center of mass,
+    surfaces and tracking points. A line segment has a known extent.
     """
     config = action.config
     rest = action.rest_pose
@@ -78,7 +78,7 @@ def unreached_lines(action: Action) -> list[str]:
 
 
 def _in_body(action: Action, body: str, pose: Array, point: tuple[float, float]) -> Array:
-    """A point of the ground in the frame of a body."""
+    """A point of the ground, in the frame of a body."""
     if body == "ground":
         return np.array(point)
     x, y, angle = _core.body_poses(action.mechanism, pose)[body]

@@ -1,4 +1,4 @@
-"""What the mechanism of a run says about how the run is read: ``[reading]`` of its file."""
+"""Interpretation of a run according to ``[reading]`` of its mechanism file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["reading_of", "row_unit", "strike_words", "striker_speed"]
 
 
 def reading_of(run: Run) -> Reading:
-    """``[reading]`` of the mechanism of a run; an empty one if the run does not hold it."""
+    """``[reading]`` of the mechanism of a run; empty if the run does not contain it."""
     try:
         return Reading.model_validate(_tables(run).get("reading", {}))
     except ValidationError:
@@ -67,7 +67,7 @@ def row_unit(run: Run, name: str) -> str:
 
 
 def striker_speed(run: Run) -> npt.NDArray[np.float64] | None:
-    """Speed of the point that strikes, along its direction [m/s]; None without one."""
+    """Speed of the striking point along its direction [m/s]; None if there is none."""
     striker = reading_of(run).striker
     if striker is None or f"{striker.point}.vx" not in run:
         return None

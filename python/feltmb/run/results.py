@@ -1,7 +1,7 @@
 """Runs: named time series with units, events, summary, energy ledger, statistics, provenance.
 
-A :class:`Run` is data only; it knows no pianos. xarray and pandas are imported when their objects
-are asked for.
+A :class:`Run` only contains data and has no knowledge of pianos. xarray and pandas are imported
+when they are needed.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 __all__ = ["FILE_FORMAT", "Provenance", "Run", "let_off_words", "load_run"]
 
 FILE_FORMAT = 1
-MOST_NUMBERS = 100_000_000  # of a file: 800 MB, which is what reading takes
+MOST_NUMBERS = 100_000_000  # limit of a file: 800 MB in memory
 
 
 def let_off_words(summary: Mapping[str, float]) -> str:
-    """How a hammer that met the string left the jack without a let-off; "" if it did not."""
+    """Text: the hammer met the string while still on the jack; "" if it did not."""
     if "let_off_time" in summary or "impact_time" not in summary:
         return ""
     if "free_flight_time" in summary:
@@ -47,10 +47,10 @@ def let_off_words(summary: Mapping[str, float]) -> str:
 
 
 class Provenance(dict[str, Any]):
-    """Provenance whose expensive entries are computed at the first access.
+    """Provenance whose expensive entries are computed at their first access.
 
-    To write all parameters as TOML takes as long as several strokes; most runs of a sweep are
-    never asked for it.
+    Writing all parameters as TOML takes as long as several strokes, and most runs of a sweep do not
+    need it.
     """
 
     def __init__(self, entries: Mapping[str, Any], late: Mapping[str, Callable[[], Any]]):
@@ -65,11 +65,11 @@ class Provenance(dict[str, Any]):
         return key in self._late or super().__contains__(key)
 
     def get(self, key: str, default: Any = None) -> Any:
-        """Entry, or ``default``."""
+        """Value of an entry, or ``default``."""
         return self[key] if key in self else default  # noqa: SIM401
 
     def whole(self) -> dict[str, Any]:
-        """Plain table with all entries."""
+        """All entries as a plain dictionary."""
         return {**self, **{key: self[key] for key in self._late}}
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -78,7 +78,7 @@ class Provenance(dict[str, Any]):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a simulation gave.
+    """Result of a simulation.
 
     Attributes
     ----------
@@ -89,15 +89,15 @@ class Run:
     eta : ndarray (n_times, n_modes)
         Modal coordinates of the string [m kg^1/2]; see ``string_displacement``.
     summary : dict
-        Numbers of the run by name, SI units; a number that the run does not have is absent.
+        Values of the run by name, SI units; a value that the run does not have is absent.
     energy : dict
         Ledger [J]; see ``docs/explanation/model.md``.
     stats : dict
-        Work counts, wall time, states and contacts that limited the step most often.
+        Work counts, wall time, and the states and contacts that limited the step most often.
     provenance : dict
         Version, data set, hash and text of all parameters, stroke, options.
     status : str
-        ``done``, ``failed``, ``wall_time`` or ``interrupted``; ``message`` says why.
+        ``done``, ``failed``, ``wall_time`` or ``interrupted``; ``message`` states the reason.
     """
 
     time: Array
@@ -131,7 +131,7 @@ class Run:
 
     def _repr_html_(self) -> str:
         times = {name: value for name, value in self.summary.items() if name.endswith("_time")}
-        # Times in their order, then the other numbers.
+        # Times in chronological order, then the other values.
         names = [
             *sorted(times, key=times.__getitem__),
             *(n for n in self.summary if n not in times),
@@ -141,7 +141,7 @@ class Run:
 
     @checked
     def plot(self, kind: str = "overview") -> Figure:
-        """Draw a picture of the run.
+        """Plot the run.
 
         Parameters
         ----------
@@ -177,7 +177,7 @@ class Run:
 
     @checked
     def unit(self, name: str) -> str:
-        """Unit of an output."""
+        """Unit of an output, by name."""
         self[name]
         return self.units[self._place(name)]
 
@@ -188,7 +188,7 @@ class Run:
 
     @cached_property
     def data(self) -> xr.Dataset:
-        """Outputs over ``time`` [s]; every variable has the attributes units and long_name."""
+        """Outputs over ``time`` [s]; variables have the attributes ``units`` and ``long_name``."""
         import xarray as xr
 
         variables = {
@@ -210,12 +210,12 @@ class Run:
         )
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Outputs as a table: one row a sample, one column an output, the index is time [s].
+        """Outputs as a table: one row per sample, one column per output; the index is time [s].
 
         Returns
         -------
         DataFrame
-            ``attrs["units"]`` holds the unit of each column.
+            Table; ``attrs["units"]`` contains the unit of each column.
         """
         import pandas as pd
 
@@ -227,7 +227,7 @@ class Run:
 
     @cached_property
     def events(self) -> pd.DataFrame:
-        """One row an event, in time.
+        """One row for each event, in chronological order.
 
         Columns: ``event`` (name), ``time`` [s], ``contact`` (number, <NA> for a point event),
         ``change`` (closes, opens, passes), ``NAME.rate`` (speeds of all coordinates [rad/s, m/s]),
@@ -243,7 +243,7 @@ class Run:
 
     @checked
     def event_time(self, name: str) -> float | None:
-        """Time [s] of a named event, None if it did not happen."""
+        """Time [s] of a named event; None if it did not happen."""
         names = self.event_table.get("event", [])
         return float(self.event_table["time"][names.index(name)]) if name in names else None
 
@@ -254,7 +254,8 @@ class Run:
         Returns
         -------
         ndarray (n_times,) or (n_times, n_positions)
-            w = sum phi_j(y) eta_j, positive away from the hammer, thesis eqs 4.12, 4.15.
+            Displacement w = sum phi_j(y) eta_j, positive away from the hammer, thesis eqs 4.12,
+            4.15.
         """
         import numpy as np
 
@@ -262,7 +263,7 @@ class Run:
         return out[:, 0] if np.ndim(position) == 0 else out
 
     def bridge_force(self) -> Array:
-        """Force of the string on the bridge end [N], at the times of the run (n_times,)."""
+        """Force of the string on its bridge end [N], at the times of the run (n_times,)."""
         import numpy as np
 
         return np.asarray(self._string().bridge_force(np.ascontiguousarray(self.eta)))
@@ -274,7 +275,7 @@ class Run:
         Returns
         -------
         ndarray (n_positions, n_modes)
-            phi_j(y) of thesis eq. 4.12; times ``eta`` they give the displacement [m].
+            phi_j(y) of thesis eq. 4.12; their product with ``eta`` is the displacement [m].
         """
         import numpy as np
 
@@ -315,21 +316,21 @@ class Run:
         slowness: float = 1.0,
         force: bool = False,
     ) -> Path:
-        """Write the string as sound: 16 bit mono WAV, full scale at the largest value.
+        """Write the vibration of the string as sound: 16 bit mono WAV, scaled to its largest value.
 
         Parameters
         ----------
         position
-            Listen to the displacement here [m]; default: the force at the bridge end.
+            Position of the displacement that is written [m]; default: the force at the bridge end.
         rate
-            Samples a second of the file.
+            Sample rate of the file [Hz].
         slowness
-            2 plays at half the speed.
+            Factor of the duration; 2: half the speed.
 
         Notes
         -----
-        The samples of the run are interpolated linearly: partials above half its output rate are
-        lost; simulate with ``output_rate`` of at least ``rate`` for the full band.
+        The samples of the run are interpolated linearly, and partials above half of its output rate
+        are lost. Simulate with ``output_rate`` of at least ``rate`` for the full bandwidth.
         """
         from feltmb.run.sound import sampled, wav
 
@@ -362,15 +363,15 @@ class Run:
 
     @checked
     def save(self, path: str | Path, *, force: bool = False, compress: bool = True) -> Path:
-        """Write one NetCDF-4 file that ``load_run`` reads back, or a table of the outputs.
+        """Write one NetCDF-4 file that ``load_run`` can read, or a table of the outputs.
 
         Parameters
         ----------
         path
-            ``.nc`` (or ``.h5``): everything; ``.csv``: the outputs over time, names with their
+            File; ``.nc`` (or ``.h5``): everything; ``.csv``: the outputs over time, with names and
             units in the header.
         compress
-            False: a quarter of the time, half as large again.
+            False: writing takes a quarter of the time, and the file is half as large again.
         """
         from feltmb.files.netcdf import Variable, encode
 
@@ -425,7 +426,7 @@ class Run:
                 "largest compression that each contact remembers at the end",
             ),
         ]
-        # HDF5 does not survive a full disk: made in memory, written as bytes.
+        # HDF5 fails badly on a full disk: the file is made in memory and written as bytes.
         content = encode(variables, attributes, compress=compress)
 
         def write(target: Path) -> None:
@@ -435,7 +436,7 @@ class Run:
 
 
 def _run_faults(arrays: dict[str, Any], meta: dict[str, Any]) -> list[str]:
-    """What a file holds that no run can: read from outside, so nothing is taken on trust."""
+    """Faults of a file that make it unusable as a run; its content is not trusted."""
     import numpy as np
 
     faults = []
@@ -477,12 +478,12 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-#: Arrays of a saved run that are no outputs.
+#: Arrays of a saved run that are not outputs.
 _SPECIAL = ("time", "string.eta", "end_state", "end_memory")
 
 
 def _read_file(path: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, tuple[str, str]]]:
-    """Attributes, arrays, and unit and long name of each output in the order of the file."""
+    """Attributes, arrays, and unit and description of each output, in the order of the file."""
     import numpy as np
 
     arrays: dict[str, Any] = {}
@@ -520,7 +521,7 @@ def _read_file(path: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, tu
 
 
 def _plain(node: Any) -> Any:
-    """Tables of a saved run with texts that can be shown and written."""
+    """Tables of a saved run, with texts that can be displayed and written."""
     if isinstance(node, str):
         return plain_text(node)
     if isinstance(node, dict):
@@ -536,12 +537,12 @@ def _holds_text(values: list[Any]) -> bool:
 
 @checked
 def load_run(path: str | Path) -> Run:
-    """Read a run that ``Run.save`` wrote.
+    """Read a run that ``Run.save`` has written.
 
     Raises
     ------
     DataError
-        There is no such file, it is no NetCDF file, or it is no complete run.
+        The file does not exist, is not a NetCDF file, or does not contain a complete run.
     """
     import numpy as np
 

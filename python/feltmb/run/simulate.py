@@ -1,4 +1,4 @@
-"""From a mechanism and a stroke to a run."""
+"""Simulation of a mechanism with a stroke."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Evaluation:
     Attributes
     ----------
     mass_matrix : ndarray (n, n)
-        M, unit of energy over squared coordinate rates.
+        M; its units are energy divided by squared coordinate rates.
     force : ndarray (n,)
         Generalized force with gravity, springs, contacts, friction, finger and the quadratic
         velocity terms (thesis eq. 4.6) [N m, N].
@@ -62,12 +62,12 @@ class Evaluation:
 
     @cached_property
     def contacts(self) -> pd.DataFrame:
-        """Table by contact number.
+        """Table of contacts, by contact number.
 
-        Columns: ``compression`` [m] (negative: the gap), ``rate`` [m/s], ``normal_force`` [N],
-        ``slip_speed`` [m/s] and ``friction_force`` [N] (of the circle's body against the other
-        along the normal turned by +90 degrees), ``x y`` of the contact point [m],
-        ``normal_x normal_y``: unit normal into the circle's body.
+        Columns: ``compression`` [m] (negative: gap), ``rate`` [m/s], ``normal_force`` [N],
+        ``slip_speed`` [m/s], ``friction_force`` [N] (of the circle's body on the other, along the
+        normal rotated by +90 degrees), ``x y`` of the contact point [m], ``normal_x normal_y``:
+        unit normal into the circle's body.
         """
         import pandas as pd
 
@@ -83,14 +83,14 @@ class Evaluation:
 def evaluate(
     action: Action, q: npt.ArrayLike, qd: npt.ArrayLike, finger_force: float = 0.0
 ) -> Evaluation:
-    """Evaluate the equations of motion at a state, without integration; the string is at rest.
+    """Evaluate the equations of motion in a state, without integration; the string is at rest.
 
     Parameters
     ----------
     q, qd
         Mechanical coordinates [rad, m] and their rates, in the order of ``action.coordinates``.
     finger_force
-        [N], positive pressing.
+        Finger force [N], positive pressing.
     """
     if not np.isfinite(finger_force):
         raise InvalidParameter(f"evaluate: finger_force = {finger_force!r} N, must be finite")
@@ -124,27 +124,27 @@ def simulate(
     action, stroke
         Objects, or names for :func:`load_action` and :func:`load_stroke`.
     duration, rtol
-        As in ``options``, whose values they replace.
+        As in ``options``; they replace the values there.
     options
         See :class:`RunOptions`.
     start
-        Go on from the end of another run of the same mechanism, time starting at zero again;
-        default: the rest pose.
+        Run of the same mechanism whose end is the start state; time starts at zero again. Default:
+        the rest pose.
     progress
-        Called now and then with the simulated time [s]. A returned False interrupts the run;
-        anything else, None too, lets it go on.
+        Function that is called now and then with the simulated time [s]. If it returns False, the
+        run is interrupted; any other value, None included, continues it.
     given
-        Any other field of :class:`RunOptions`, which replaces that of ``options``.
+        Any other field of :class:`RunOptions`, which replaces the value in ``options``.
 
     Raises
     ------
     InvalidParameter
         An argument is out of range, or ``start`` belongs to another mechanism.
     IntegrationError
-        The solver stopped early, a result is no number, or the ledger is off by more than
+        The solver stopped early, a result is not a number, or the energy balance error exceeds
         ``ledger_limit``; ``error.partial`` is the run so far.
     KeyboardInterrupt
-        Interrupted by the user.
+        The user interrupted the simulation.
     """
     if isinstance(action, str):
         action = load_action(action)
@@ -179,9 +179,10 @@ def simulate(
 def prepare(
     action: Action, stroke: Stroke, given: RunOptions, start: Run | None = None
 ) -> tuple[_core.SimulationOptions, tuple[Any, ...]]:
-    """Options of the core, and its other arguments, as in :func:`simulate`.
+    """Options and other arguments of the core for a call of :func:`simulate`.
 
-    The arguments are the mechanism, the input, the start state, monitors and the memory of felt.
+    The other arguments are the mechanism, the input, the start state, monitors and the memory of
+    felt.
     """
     check_input(action, stroke)
     options = _core.SimulationOptions()
@@ -207,7 +208,7 @@ def prepare(
         names = action.mechanism.point_names
         options.lowest_points = [names.index(roles.key_point)]
     if given.summary_only and not any(row.output for row in roles.rows.values()):
-        # One sample more, whatever the rounding; a bad rate or duration is refused by the core.
+        # One additional sample in case of rounding; the core rejects an invalid rate or duration.
         early = _CHECK_WINDOW + 1.5 / options.output_rate if options.output_rate > 0.0 else 0.0
         options.outputs_from = max(0.0, options.duration - early)
 
@@ -224,13 +225,13 @@ def prepare(
 
 
 def check_input(action: Action, stroke: Stroke) -> None:
-    """What drives the mechanism must be there."""
+    """Check that the mechanism has the finger or motor of the input."""
     if any(stroke.value):
         refuse_kind(action, stroke.kind, f"stroke {stroke.name!r} is a {stroke.kind}")
 
 
 def refuse_kind(action: Action, kind: str, what: str) -> None:
-    """Refuse an input whose finger or motor the mechanism does not have."""
+    """Reject an input for which the mechanism has no finger or motor."""
     if kind in MOTORS:
         if action.config.motor is None:
             raise InvalidParameter(
@@ -275,7 +276,7 @@ def _start_state(action: Action, start: Run | None) -> tuple[Array, Array]:
 
 
 def _reals(run: Run, name: str) -> Array:
-    """The real numbers of an array of a run, which its owner may have replaced."""
+    """An array of a run as real numbers; its owner may have replaced it."""
     array = np.asarray(getattr(run, name))
     if array.ndim != 1 or array.dtype.kind not in "iuf":
         raise InvalidParameter(
@@ -286,7 +287,7 @@ def _reals(run: Run, name: str) -> Array:
 
 
 def start_monitors(action: Action, y: Array | None = None) -> list[Any]:
-    """Events of tracking points, by their travel from a state; default: from rest."""
+    """Events of tracking points by their travel from a state; default: from rest."""
     monitors = []
     n = len(action.coordinates)
     if y is None:
@@ -309,7 +310,7 @@ def start_monitors(action: Action, y: Array | None = None) -> list[Any]:
 
 
 def to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
-    """The run that the core's result is."""
+    """Convert a result of the core to a run."""
     monitor_names = [name for name, rule in action.config.events.items() if rule.point is not None]
     changes = list_changes(action, result.events, monitor_names)
     named = name_events(changes, action.config.events)
@@ -397,7 +398,7 @@ def list_changes(action: Action, events: Any, monitors: list[str]) -> list[Chang
     ]
 
 
-#: The core keeps no more events of one run.
+#: Largest number of events that the core stores for one run.
 _MOST_EVENTS = 100_000
 
 
@@ -513,7 +514,7 @@ def _add_rows(
     result: Any,
     out: dict[str, float],
 ) -> None:
-    """The rows of ``[reading]`` whose events happened."""
+    """Add the rows of ``[reading]`` whose events happened."""
     when = {name: changes[index].time for name, index in named.items()}
     for name, row in action.config.reading.rows.items():
         needed = [*(row.between or ()), row.at, row.after, row.before]
@@ -533,7 +534,7 @@ def _add_rows(
             out[name] = float(_TAKEN[str(row.take)](values[within]))
 
 
-#: Numbers that a row takes of the samples of an output.
+#: Statistics of the samples of an output that a row may have.
 _TAKEN: dict[str, Callable[[npt.NDArray[np.float64]], Any]] = {
     "largest": np.max,
     "smallest": np.min,
@@ -542,12 +543,12 @@ _TAKEN: dict[str, Callable[[npt.NDArray[np.float64]], Any]] = {
 }
 
 
-#: A hammer may leave the string and touch it again within this time of one strike [s].
+#: Contacts of hammer and string that follow each other within this time are one strike [s].
 _ONE_BLOW = 6e-3
 
 
 def find_strike(changes: list[Change], contact: int) -> tuple[int | None, int | None]:
-    """First closing of the strike contact and its last opening within one strike."""
+    """First closing of the strike contact, and its last opening within one strike."""
     on = next((i for i, c in enumerate(changes) if c.contact == contact and c.closes), None)
     if on is None:
         return None, None
@@ -560,14 +561,14 @@ def find_strike(changes: list[Change], contact: int) -> tuple[int | None, int | 
     return on, offs[-1] if offs else None
 
 
-#: The distance in check is the mean over the end of the run [s].
+#: The distance in check is a mean over this time at the end of the run [s].
 _CHECK_WINDOW = 0.010
 
 
 def _add_check(
     action: Action, named: Mapping[str, int], column: int, result: Any, out: dict[str, float]
 ) -> None:
-    """Distance hammer - string at rest in check: mean of the last 10 ms, the string undisplaced."""
+    """Distance of hammer and undisplaced string in check: mean of the last 10 ms."""
     name = action.mechanism.contact_names[column]
     columns = {n: i for i, n in enumerate(result.names)}
     if f"{name}.compression" not in columns or "check" not in named or result.time.size < 2:

@@ -1,4 +1,4 @@
-"""The string as sound: what is heard of a run, and WAV files of it."""
+"""The sound of the string: signals of a run, and WAV files."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ Array = npt.NDArray[np.float64]
 
 __all__ = ["RATE", "difference", "sampled", "wav"]
 
-#: Samples a second, unless another rate is asked for [Hz].
+#: Default sample rate [Hz].
 RATE = 44100
-#: Largest sample of a file, of 32767.
+#: Largest sample in a file; full scale is 32767.
 FULL_SCALE = 32000
 
 
 def sampled(time: Array, signal: Array, rate: int = RATE, slowness: float = 1.0) -> Array:
-    """Signal over times [s] at ``rate`` samples a second [Hz], between times linear.
+    """Signal over times [s], interpolated linearly at ``rate`` [Hz].
 
     Raises
     ------
     InvalidParameter
-        Rate or slowness out of range.
+        ``rate`` or ``slowness`` is out of range.
     """
     if not (0 < rate < 2**31 and 0 < slowness < float("inf")):
         raise InvalidParameter(
@@ -38,13 +38,13 @@ def sampled(time: Array, signal: Array, rate: int = RATE, slowness: float = 1.0)
             f"wav: slowness {slowness:g} at rate {rate} gives {length:.3g} samples, "
             "must be at most 1e9"
         )
-    # The spacing is that of the rate, whatever the length: samples of two runs are of one time.
+    # The spacing follows from the rate alone, so that samples of two runs have equal times.
     grid = time[0] + np.arange(max(2, int(length))) / (rate * slowness)
     return np.asarray(np.interp(grid, time, signal))
 
 
 def difference(first: Array, second: Array) -> Array:
-    """First less second; what is shorter is silent to the end of the other."""
+    """First minus second signal; the shorter one is extended by zeros."""
     out = np.zeros(max(len(first), len(second)))
     out[: len(first)] += first
     out[: len(second)] -= second
@@ -52,7 +52,7 @@ def difference(first: Array, second: Array) -> Array:
 
 
 def wav(sound: Array, rate: int = RATE) -> bytes:
-    """16 bit mono WAV file, full scale at the largest value."""
+    """16 bit mono WAV file, scaled to the largest value."""
     top = float(np.max(np.abs(sound)))
     scaled = np.round(sound / top * FULL_SCALE) if top > 0 else np.zeros(len(sound))
     file = io.BytesIO()

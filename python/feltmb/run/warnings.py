@@ -13,9 +13,9 @@ from feltmb.run.stroke import PRESCRIBED, Stroke
 
 __all__ = ["run_warnings"]
 
-#: Fraction of the loop of a felt by which the loop may be exceeded without a warning.
+#: Fraction by which the measured loop of a felt may be exceeded without a warning.
 PASSED = 1e-3
-#: Deflection of a member, over its length, beyond which its equations do not hold.
+#: Ratio of deflection to length of a member above which its equations are not valid.
 BENT = 0.25
 #: Rotation of a motor above which its arm swings and no longer presses [rad].
 SWING = math.pi / 4
@@ -24,7 +24,7 @@ SWING = math.pi / 4
 def run_warnings(
     action: Action, stroke: Stroke, options: Any, result: Any, energy: Mapping[str, Any]
 ) -> list[str]:
-    """Warnings where the accuracy, the input or the equations of a run are not valid."""
+    """Warnings about the accuracy, the input, or the validity of the equations of a run."""
     out = []
     residual = energy.get("residual_relative", 0.0)
     if residual > 1e-3:
@@ -77,7 +77,7 @@ def _of_input(stroke: Stroke, result: Any) -> list[str]:
 
 
 def _of_motor(action: Action, result: Any) -> list[str]:
-    """Whether the arm of a motor still presses what it should."""
+    """Whether the arm of a motor still presses the key."""
     motor = action.config.motor
     if motor is None or not result.time.size:
         return []
@@ -94,7 +94,7 @@ def _of_motor(action: Action, result: Any) -> list[str]:
 
 
 def _of_felts(action: Action, result: Any) -> list[str]:
-    """Felts that were pressed to where nothing is known of them."""
+    """Felts that were compressed beyond the range of their measurement."""
     out = []
     numbers = action.mechanism.contact_numbers
     largest = dict(zip(numbers, result.end_largest_compression, strict=True))

@@ -1,4 +1,4 @@
-"""Units and quantities: what files and options accept; inside feltmb everything is SI."""
+"""Units and quantities in files and options; inside feltmb all values are in SI units."""
 
 from feltmb.units.names import (
     ACCEPTED_UNITS,

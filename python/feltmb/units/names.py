@@ -1,9 +1,9 @@
-"""Units accepted at the door. Inside feltmb everything is SI.
+"""Accepted units. Inside feltmb all values are in SI units.
 
-A value in a file is a number (taken in the SI unit of its field), a text ``"10.5 mm"``, or a table
+A value in a file is a number (in the SI unit of its field), a text ``"10.5 mm"``, or a table
 ``{ value = 10.5, unit = "mm", source = "..." }``. Composite units are written with spaces or ``*``
 for products, ``/`` for one quotient and ``^`` for powers: ``"kg mm^2"``, ``"N m/rad"``,
-``"N/m^2.3"``. Powers may be written without the caret too: ``"mm2"``, ``"m/s2"``, ``"mm²"``.
+``"N/m^2.3"``. The caret is optional: ``"mm2"``, ``"m/s2"``, ``"mm²"``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ __all__ = [
     "split_quantity",
 ]
 
-#: name -> (factor to SI, exponents of m, kg, s, rad). Volts and degrees Celsius are not mechanics.
+#: name -> (factor to SI, exponents of m, kg, s, rad). Volts and degrees Celsius are not mechanical
+#: units.
 ACCEPTED_UNITS: dict[str, tuple[float, tuple[float, float, float, float]]] = {
     "1": (1.0, (0, 0, 0, 0)),
     "m": (1.0, (1, 0, 0, 0)),
@@ -62,7 +63,7 @@ ACCEPTED_UNITS: dict[str, tuple[float, tuple[float, float, float, float]]] = {
 }
 
 _FACTOR = re.compile(r"^(1(?=\^|$)|[A-Za-zµ%]+)(?:\^?([-+]?\d*\.?\d+))?$")
-_RAISED = str.maketrans({"²": "^2", "³": "^3", "μ": "µ"})  # the letter mu is not the sign micro
+_RAISED = str.maketrans({"²": "^2", "³": "^3", "μ": "µ"})  # the letter mu is not the micro sign
 
 
 def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
@@ -89,7 +90,7 @@ def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
 
 
 def dimension_text(si_unit: str) -> str:
-    """List of accepted ways to write a quantity whose SI unit is ``si_unit``."""
+    """Accepted forms of a quantity with the SI unit ``si_unit``, as text."""
     try:
         _, wanted = _parse(si_unit)
     except ValueError:
@@ -103,7 +104,7 @@ def dimension_text(si_unit: str) -> str:
 
 
 def conversion_factor(unit: str, si_unit: str) -> float:
-    """Factor that turns a value in ``unit`` into the SI unit of its field.
+    """Factor that converts a value in ``unit`` to the SI unit of its field.
 
     Parameters
     ----------
@@ -115,8 +116,8 @@ def conversion_factor(unit: str, si_unit: str) -> float:
     Raises
     ------
     InvalidParameter
-        The unit is unknown or has another dimension. Radians count as a dimension of their own
-        (an angle is no plain number), except that ``1/s`` and ``rad/s`` stay apart too.
+        The unit is unknown or has another dimension. Radians are a dimension of their own, because
+        an angle is not a plain number; therefore ``1/s`` and ``rad/s`` differ as well.
     """
     try:
         factor, dims = _parse(unit)
@@ -126,7 +127,7 @@ def conversion_factor(unit: str, si_unit: str) -> float:
         ) from None
     try:
         target, wanted = _parse(si_unit)
-    except ValueError:  # not of mechanics: nothing but itself is known to measure it
+    except ValueError:  # not a mechanical unit: it can only be converted to itself
         raise InvalidParameter(
             f"unit {unit!r} does not measure this quantity; expected {si_unit}"
         ) from None
@@ -139,16 +140,16 @@ def conversion_factor(unit: str, si_unit: str) -> float:
 
 
 def convert(value: float, unit: str, si_unit: str) -> float:
-    """``value`` in ``unit`` expressed in ``si_unit``; see :func:`conversion_factor`.
+    """Convert ``value`` from ``unit`` to ``si_unit``; see :func:`conversion_factor`.
 
     Parameters
     ----------
     value
         Number.
     unit
-        Its unit.
+        Unit of the value.
     si_unit
-        SI unit in which it is wanted.
+        SI unit of the result.
     """
     return value * conversion_factor(unit, si_unit)
 
@@ -157,7 +158,7 @@ _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.{
 
 
 def split_quantity(text: str) -> tuple[float, str] | None:
-    """Number and unit of a text such as ``"300 ms"``; None if it is none with a known unit."""
+    """Number and unit of a text such as ``"300 ms"``; None if there is no known unit."""
     match = _QUANTITY.match(text[:100])
     if match is None:
         return None
@@ -170,6 +171,6 @@ def split_quantity(text: str) -> tuple[float, str] | None:
 
 
 def si_value(text: str) -> float | None:
-    """The number that a text such as ``"300 ms"`` is in SI, whatever it measures; None if none."""
+    """Value in SI units of a text such as ``"300 ms"``, for any quantity; None if invalid."""
     found = split_quantity(text)
     return None if found is None else found[0] * _parse(found[1])[0]

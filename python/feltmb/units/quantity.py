@@ -1,4 +1,4 @@
-"""Numbers with units in files: parsing, and errors in one grammar.
+"""Numbers with units in files: parsing, and error messages of one form.
 
 Used by the schema of mechanisms and strokes. A quantity is a number in SI, a text ``"10.5 mm"`` or
 a table ``{ value, unit, source, status, note, printed, sd }``.
@@ -53,7 +53,7 @@ S = TypeVar("S", bound=BaseModel)
 
 META_KEYS = frozenset({"value", "unit", "source", "status", "note", "printed", "sd"})
 STATUS = ("measured", "published", "digitised", "assumed", "fitted", "computed", "regulated")
-# Possessive (++, *+): no text makes them go back, so that their time grows with its length alone.
+# Possessive (++, *+): without backtracking, the time is proportional to the length.
 _TEXT = re.compile(r"\s*+([-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?)(.*)", re.DOTALL)
 _FORBIDDEN = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
@@ -61,9 +61,10 @@ _FORBIDDEN = re.compile(
 
 
 class _Refusing(ModelMetaclass):
-    """A schema called with values refuses them as everything does: with :class:`InvalidParameter`.
+    """Base of schemas that raise :class:`InvalidParameter` when they are called with values.
 
-    What validates a whole file (``model_validate``) keeps pydantic's error, to list the faults.
+    The validation of a whole file (``model_validate``) keeps the exception of pydantic, to list the
+    faults.
     """
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
@@ -82,7 +83,7 @@ class Schema(BaseModel, metaclass=_Refusing):
     @field_validator("*", mode="before")
     @classmethod
     def _no_disguise(cls, value: object, info: ValidationInfo) -> object:
-        """Refuse what pydantic would turn into another kind: true is no 1, "80" is no 80."""
+        """Reject values that pydantic would convert to another type, such as "80" to 80."""
         _check_letters(value)
         field = cls.model_fields[str(info.field_name)]
         if not any(isinstance(m, BeforeValidator) for m in field.metadata):
@@ -91,9 +92,9 @@ class Schema(BaseModel, metaclass=_Refusing):
 
 
 def _check_letters(value: object) -> None:
-    """Raise ValueError for a text, or a name of a table, with letters that command a terminal.
+    """Raise ValueError for control characters in a text or in the name of a table.
 
-    They are no part of a name or a remark: a file name, a label, a page would carry them on.
+    They have no use in names or remarks, and would reach file names, labels and pages.
     """
     if isinstance(value, str):
         found = _FORBIDDEN.search(value)
@@ -112,7 +113,7 @@ def _check_letters(value: object) -> None:
 
 
 def _check_kind(annotation: Any, value: object) -> None:
-    """Raise ValueError where a flag, a number or a text stands for another of them."""
+    """Raise ValueError if a flag, a number or a text is given instead of another of these types."""
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin in (Union, UnionType):
         kinds = [a for a in inner if a is not NoneType]
@@ -142,12 +143,12 @@ def _check_kind(annotation: Any, value: object) -> None:
 
 
 def shortened(text: str, most: int = 80) -> str:
-    """Text for a message, cut where it would fill the screen."""
+    """Text for a message, shortened if it would fill the screen."""
     return text if len(text) <= most else text[: most - 3] + "..."
 
 
 def split_heading(cell: str) -> tuple[str, str | None]:
-    """Name and unit of a column's heading such as ``force [N]``; None: no unit is stated."""
+    """Name and unit of a column heading such as ``force [N]``; None: no unit is stated."""
     text = cell.strip()
     name, mark, unit = text.partition("[")
     if not mark or not text.endswith("]"):
@@ -175,7 +176,7 @@ def _number(value: object) -> float:
 def _factor(unit: object, si_unit: str) -> float:
     if not isinstance(unit, str):
         raise ValueError(f"got unit {shown(unit)}, expected a text such as {si_unit!r}")
-    if unit == si_unit:  # also one that is not of mechanics, such as that of a model's own power
+    if unit == si_unit:  # or a non-mechanical unit, such as the unit of a power of a user's model
         return 1.0
     try:
         return conversion_factor(unit, si_unit)
@@ -198,7 +199,7 @@ def _check_table(node: Mapping[str, Any]) -> None:
 
 
 def parse_scalar(node: object, si_unit: str) -> float:
-    """Value of a quantity in ``si_unit``. Raises ValueError saying what is wrong."""
+    """Value of a quantity in ``si_unit``; raises ValueError with the fault."""
     if isinstance(node, str):
         match = _TEXT.match(node)
         if match is None:
@@ -227,19 +228,19 @@ def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class _InUnit(BeforeValidator):
-    """Validator that remembers its unit."""
+    """Validator that stores its unit."""
 
     si_unit: str = ""
     by_joint: tuple[str, ...] = ()
 
 
 def SI(si_unit: str) -> BeforeValidator:
-    """Annotation of a float field: any accepted way to write it becomes ``si_unit``."""
+    """Annotation of a float field: any accepted form is converted to ``si_unit``."""
     return _InUnit(lambda node: parse_scalar(node, si_unit), si_unit=si_unit)
 
 
 def _parse_count(node: object) -> int:
-    """Whole number, bare or as a table with its source. Raises ValueError saying what is wrong."""
+    """Integer, bare or as a table with its source; raises ValueError with the fault."""
     value: object = node
     if isinstance(node, Mapping):
         _check_table(node)
@@ -252,7 +253,7 @@ def _parse_count(node: object) -> int:
 
 
 def Count() -> BeforeValidator:
-    """Annotation of an int field that may carry a source: a whole number or a quantity table."""
+    """Annotation of an int field that may have a source: an integer or a quantity table."""
     return BeforeValidator(_parse_count)
 
 
@@ -262,7 +263,7 @@ def SIVector(si_unit: str, length: int = 2) -> BeforeValidator:
 
 
 def JointSI(revolute: str, prismatic: str, contact: str | None = None) -> BeforeValidator:
-    """Annotation of a field whose unit depends on the joint, or contact, that it belongs to."""
+    """Annotation of a field whose unit depends on its joint or contact."""
     units = (revolute, prismatic, prismatic if contact is None else contact)
 
     def parse(node: object) -> float:
@@ -286,9 +287,9 @@ def _mark(model: type[BaseModel], field: str) -> _InUnit | None:
 
 
 def unit_of(model: type[BaseModel], field: str, joint: str = "revolute") -> str | None:
-    """SI unit of a field annotated by :func:`SI`, :func:`SIVector` or :func:`JointSI`, else None.
+    """SI unit of a field annotated by :func:`SI`, :func:`SIVector` or :func:`JointSI`; else None.
 
-    ``joint``: what it belongs to, ``revolute``, ``prismatic`` or ``contact``.
+    ``joint``: what the field belongs to: ``revolute``, ``prismatic`` or ``contact``.
     """
     mark = _mark(model, field)
     if mark is None or not mark.by_joint:
@@ -305,7 +306,7 @@ _LIMITS = {
 
 
 def _fields_at(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
-    """Names of the fields of the table in which ``loc`` lies; empty where they are free."""
+    """Names of the fields of the table that contains ``loc``; empty if any name is permitted."""
     current: Any = model
     for part in loc[:-1]:
         if isinstance(current, type) and issubclass(current, BaseModel):
@@ -325,7 +326,7 @@ def _fields_at(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
 
 
 def _plain_input(node: object) -> str:
-    """What a reader wrote, without the table around it."""
+    """Input without the surrounding table."""
     if is_quantity(node):
         assert isinstance(node, Mapping)
         unit = node.get("unit", "")
@@ -334,7 +335,7 @@ def _plain_input(node: object) -> str:
 
 
 MOST_FAULTS = 100
-"""Faults of a file that are told; of the others only their number."""
+"""Largest number of faults of a file in a message; for the others, only their number is stated."""
 
 
 def fault_text(origin: str, faults: Sequence[str], most: int = MOST_FAULTS) -> str:
@@ -349,7 +350,7 @@ def fault_text(origin: str, faults: Sequence[str], most: int = MOST_FAULTS) -> s
 def validated(
     model: type[S], raw: object, origin: str, error: type[FeltmbError] = InvalidParameter
 ) -> S:
-    """Tables as the schema has them; one error that lists all faults otherwise."""
+    """Tables as objects of the schema; otherwise one error with all faults."""
     try:
         return model.model_validate(raw)
     except ValidationError as fault:
@@ -357,9 +358,10 @@ def validated(
 
 
 def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """One line a fault: where, what was got, what is expected, a hint.
+    """One line for each fault: place, value, expectation, hint.
 
-    Beyond :data:`MOST_FAULTS`, which nobody is shown, a line says only where: hints take long.
+    Lines after :data:`MOST_FAULTS`, which are not shown, only have the place, because hints take
+    time.
     """
     lines: list[str] = []
     for item in error.errors(include_url=False):

@@ -1,4 +1,4 @@
-"""Units and headings of columns as instruments write them: ``Extension (mm)``, ``Time_s``."""
+"""Units and column headings in the notation of instruments: ``Extension (mm)``, ``Time_s``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from feltmb.units.names import ACCEPTED_UNITS, conversion_factor
 
 __all__ = ["PIXEL", "spelled_unit", "split_column"]
 
-#: Not a unit of anything until its size is told.
+#: Not a unit until its size is known.
 PIXEL = "px"
 
 _NAMES = {
@@ -36,8 +36,8 @@ _NAMES = {
 }
 _SPELLED = {word: unit for unit, words in _NAMES.items() for word in words.split()}
 _LENGTH, _FORCE = "m", "N"
-#: Words after which a bare unit may follow (``Time_s``), and what they measure. Elsewhere the end
-#: of a name is its own: ``force_in`` is no force in inches.
+#: Words after which a bare unit may follow (``Time_s``), and their quantity. Elsewhere, the end of
+#: a name is not a unit: ``force_in`` is not a force in inches.
 _QUANTITIES = {
     "s": "time t zeit temps tiempo",
     _FORCE: "force load kraft fz fy fx",
@@ -51,7 +51,7 @@ _BARE = re.compile(r"(.*?[^\s_,/])(?:\s*[_,/]\s*|\s+|\s+in\s+)([^\s_,/]+(?:/[^\s
 
 
 def spelled_unit(text: str) -> str | None:
-    """The accepted spelling of a unit; None where the text is no unit."""
+    """The accepted notation of a unit; None if the text is not a unit."""
     text = text.strip().strip("[]()").strip().rstrip(".")
     if not text:
         return None
@@ -60,16 +60,16 @@ def spelled_unit(text: str) -> str | None:
         return word
     try:
         conversion_factor(text, "1")
-    except ValueError as error:  # InvalidParameter is one
+    except ValueError as error:  # InvalidParameter is included
         return text if "does not measure" in str(error) else None
     return text
 
 
 def split_column(heading: str) -> tuple[str, str]:
-    """Name and unit of a column from the header of an instrument; the unit as written, "" if none.
+    """Name and unit of a column in the header of an instrument; "" if there is no unit.
 
-    ``force [N]``, ``Extension (mm)``, ``Time_s``, ``Force, N``, ``Load / kN``. What stands in
-    square brackets is a unit, known or not; what stands elsewhere only if it is a known one.
+    ``force [N]``, ``Extension (mm)``, ``Time_s``, ``Force, N``, ``Load / kN``. A text in square
+    brackets is a unit, known or not; elsewhere, only a known unit counts.
     """
     text = heading.strip()
     found = _BRACKETS.fullmatch(text)

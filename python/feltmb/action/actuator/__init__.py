@@ -1,6 +1,6 @@
-"""The key actuator of thesis chapter 5: alone, coupled to an action, and its design.
+"""The key actuator of thesis chapter 5: simulation alone, simulation with an action, and design.
 
-SI units, positive pressing. See ``docs/explanation/actuator.md``.
+SI units; pressing is positive. See ``docs/explanation/actuator.md``.
 """
 
 from feltmb.action.actuator.composing import compose, stand_alone

@@ -1,8 +1,8 @@
-"""Actuator and action in one system: motor torque in, stroke out.
+"""Actuator and action in one system: the input is the motor torque, the output is a stroke.
 
 The thesis replaced the action by an equivalent reaction and left the coupled system to future work
-(sections 5.3 and 6.2). Here hub, arm and tip join the action's mechanism as bodies; the tip presses
-the key through a contact of its own.
+(sections 5.3 and 6.2). Here hub, arm and tip become bodies of the action's mechanism. The tip
+presses the key through its own contact.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["compose", "stand_alone"]
 
-#: Names that the actuator brings along; a mechanism must not use them.
+#: Names that the actuator adds; a mechanism must not use them.
 HUB, ARM, TIP = "actuator_hub", "actuator_arm", "actuator_tip"
 COORDINATE = "actuator.hub"
 FINGER, KEY_TOP = "actuator_finger", "actuator_key_top"
@@ -29,25 +29,26 @@ FINGER, KEY_TOP = "actuator_finger", "actuator_key_top"
 
 @checked
 def compose(action: Action | str, actuator: Actuator | str, *, pad: str | None = None) -> Action:
-    """Mechanism of an action whose key an actuator presses.
+    """Mechanism of an action whose key is pressed by an actuator.
 
-    Bodies ``actuator_hub`` (revolute, coordinate ``actuator.hub``, positive pressing),
-    ``actuator_arm`` (flexible beam; several for an arm of several sections) and ``actuator_tip``
-    are added, the tip mass ``r`` across the arm toward the key, a contact between the finger and a
-    plane through the action's finger point, the damper of the actuator, and ``[motor]``. The arm is
-    level over the key at rest and comes from the player's side. The key's own stop and the whole
-    action take the places of the actuator's stop and equivalent reaction.
+    Adds the bodies ``actuator_hub`` (revolute, coordinate ``actuator.hub``, positive pressing),
+    ``actuator_arm`` (flexible beam; several for an arm of several sections) and ``actuator_tip``.
+    The tip mass has the distance ``r`` from the arm toward the key. A contact acts between the
+    finger and a plane through the action's finger point. The damper of the actuator and ``[motor]``
+    are added too. At rest the arm is horizontal above the key and comes from the player's side. The
+    key's own stop and the action replace the actuator's stop and equivalent reaction.
 
     Parameters
     ----------
     pad
-        Name in ``[mount.pads]`` of the actuator, such as ``pulp`` or ``felt``; default: its own.
+        Name in ``[mount.pads]`` of the actuator, such as ``pulp`` or ``felt``; default: the pad of
+        the actuator file.
 
     Raises
     ------
     InvalidParameter
-        The action has no finger or a motor already, the actuator no ``[mount]``, the pad is
-        unknown, or names clash.
+        The action has no finger or already has a motor, the actuator has no ``[mount]``, the pad is
+        unknown, or names are used twice.
     """
     action = load_action(action) if isinstance(action, str) else action
     actuator = load_actuator(actuator) if isinstance(actuator, str) else actuator
@@ -77,7 +78,7 @@ def compose(action: Action | str, actuator: Actuator | str, *, pad: str | None =
     raw = action.raw
     point, normal = _key_at_rest(action)
     direction = config.finger.direction
-    along = (direction[1], -direction[0])  # the arm: turning it counterclockwise presses
+    along = (direction[1], -direction[0])  # the arm: counterclockwise rotation presses
     end = [point[i] - mount.finger_height * direction[i] for i in (0, 1)]
     hub = [end[i] - actuator.reach * along[i] for i in (0, 1)]
     number = max([16, *(int(key) for key in config.contacts)]) + 1
@@ -105,10 +106,11 @@ def compose(action: Action | str, actuator: Actuator | str, *, pad: str | None =
 
 @checked
 def stand_alone(actuator: Actuator | str) -> Action:
-    """The actuator on its own stop as a mechanism, without an equivalent reaction.
+    """The actuator with its own stop as a mechanism, without an equivalent reaction.
 
-    The same physics as :func:`simulate_actuator` with other methods: geometrically exact joints,
-    arm by shape functions, multistep integration. Gravity is across the arm at angle zero.
+    It has the same physics as :func:`simulate_actuator` but other methods: geometrically exact
+    joints, shape functions of the arm, multistep integration. Gravity is perpendicular to the arm
+    at angle zero.
     """
     actuator = load_actuator(actuator) if isinstance(actuator, str) else actuator
     stop = actuator.config.stop
@@ -140,10 +142,10 @@ def stand_alone(actuator: Actuator | str) -> Action:
 
 
 def _key_at_rest(action: Action) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Finger point [m], and the outward normal of the key's top there in the frame of its body."""
+    """Finger point [m] and outward normal of the key's top there, in the frame of its body."""
     finger = action.config.finger
     assert finger is not None
-    # The finger's body turned since its angle was zero.
+    # Rotation of the finger's body since its angle was zero.
     x, y, angle = _core.body_poses(action.mechanism, action.rest_pose)[finger.body]
     c, s = math.cos(angle), math.sin(angle)
     px, py = finger.point
@@ -173,7 +175,7 @@ def _add_arm(raw: dict[str, Any], actuator: Actuator, hub: list[float], angle: f
         if mount is not None and mount.damping_time:
             bodies[name]["damping_time"] = mount.damping_time
         parent, position = name, [section.length, 0.0]
-    # An inertia m r^2 about the end of the arm: the mass sits r toward the key.
+    # Moment of inertia m r^2 about the end of the arm: the mass has the distance r toward the key.
     bodies[TIP] = {
         "label": "tip of the actuator",
         "parent": parent,

@@ -25,16 +25,16 @@ __all__ = ["Match", "MatchParameter", "match"]
 
 KINDS = ("stiffness", "damping", "torque")
 
-#: Forces are compared as means over this time [s]: what a load cell on a key resolves.
+#: Forces are compared as means over this time [s], the resolution of a load cell on a key.
 WINDOW = 1e-3
 _RATE = 10_000.0
-_STARTS = (0.3, 0.5, 0.7, 1.4, 2.0, 4.0)  # factors of the stiffness to start from besides 1
+_STARTS = (0.3, 0.5, 0.7, 1.4, 2.0, 4.0)  # further start values of the stiffness factor, besides 1
 _FIRST_STEPS = 10
-_COARSE, _MIDDLE = 4.0, 1.5  # smoothing, standard deviation in windows
-_STIFFNESS = (1e-2, 1e2)  # bounds of the factor of E I
+_COARSE, _MIDDLE = 4.0, 1.5  # standard deviations of the smoothing, in windows
+_STIFFNESS = (1e-2, 1e2)  # limits of the factor of E I
 _DAMPING = (1e-4, 1.0)  # N m s/rad
 _TORQUE = 10.0  # N m
-_CONFIDENCE = 1.959964  # 95 %
+_CONFIDENCE = 1.959964  # for a 95 % interval
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,12 @@ class MatchParameter:
     Attributes
     ----------
     low, high
-        95 % interval from the linearized fit; infinitely wide where the data say nothing.
+        95 % interval from the linearized fit; infinite if the data do not determine the parameter.
     effect
-        Change of the finger force, rms [N], for 10 % of a stiffness or damping, for 0.1 N m of a
-        torque knot: what matters and what does not.
+        Sensitivity: change of the finger force, rms [N], for 10 % of a stiffness or damping, or for
+        0.1 N m of a torque knot.
     at_bound
-        The fit wanted to go on beyond the bounds.
+        Whether the value is at a limit that the fit would exceed.
     """
 
     name: str
@@ -71,17 +71,18 @@ class Match:
     parameters
         In the order of the fit: stiffness factor, damping, torque knots.
     rms, rms_start
-        Of the deviation from the target after and before the fit [N], means over 1 ms.
+        Root mean square of the deviation from the target after and before the fit [N], for means
+        over 1 ms.
     relative
         ``rms`` over the rms of the target.
     time, target, force, force_start
-        [s], [N]: the target, the fitted finger force and that before the fit.
+        Times [s]; target, fitted finger force and finger force before the fit [N].
     correlation
-        Of the parameters' errors (n, n).
+        Correlation matrix of the parameters' errors, (n, n).
     actuator, torque
         The designed actuator (its file: ``actuator.to_toml()``) and its torque.
     evaluations
-        Simulations made.
+        Number of simulations.
     """
 
     parameters: tuple[MatchParameter, ...]
@@ -112,29 +113,30 @@ def match(
 ) -> Match:
     """Fit an actuator so that its finger force on the key follows a target.
 
-    Least squares over the target's span, forces as means over 1 ms; bounded trust region (scipy)
-    with differences of the simulation.
+    Least squares over the duration of the target, with forces as means over 1 ms. The method is a
+    bounded trust region (scipy) with finite differences of the simulation.
 
     Parameters
     ----------
     actuator
-        Where the fit starts; its damper's kind stays. A damping is fitted from 0.005 N m s/rad if
-        the actuator has a damper without coefficient.
+        Start of the fit; the kind of its damper is not changed. If the actuator has a damper
+        without a coefficient, the damping is fitted from 0.005 N m s/rad.
     target
         Finger force, a ``force`` stroke (:func:`read_stroke_csv`).
     action
-        Let it press this action (:func:`compose`); default: its own stop and equivalent reaction,
-        which takes milliseconds a simulation.
+        Action that the actuator presses (:func:`compose`); default: its own stop and equivalent
+        reaction, with which a simulation takes milliseconds.
     fit
-        What to fit, of ``stiffness`` (a factor of E of the whole arm), ``damping``, ``torque``
-        (values at ``knots`` times, evenly spread, with a smooth curve between).
+        Fitted quantities: ``stiffness`` (a factor of E of the whole arm), ``damping``, ``torque``
+        (values at ``knots`` equally spaced times, with a smooth curve between them).
     max_evaluations
-        Steps of the fit at most; each takes one simulation more than there are parameters.
+        Largest number of steps of the fit; each step takes one simulation more than there are
+        parameters.
 
     Raises
     ------
     InvalidParameter
-        The target is no force or too short, or what is to be fitted is unknown.
+        The target is not a force or is too short, or a fitted quantity is unknown.
     """
     actuator = load_actuator(actuator) if isinstance(actuator, str) else actuator
     action = load_action(action) if isinstance(action, str) else action
@@ -202,7 +204,7 @@ class _Fit:
         self.evaluations = 0
 
     def design(self, x: Array) -> tuple[Actuator, Stroke]:
-        """Actuator and torque of a parameter vector."""
+        """Actuator and torque for a parameter vector."""
         values = list(x)
         changed: dict[str, Any] = {}
         if "stiffness" in self.fit:
@@ -284,8 +286,8 @@ class _Fit:
                 ftol=1e-6,
             )
 
-        # From coarse to fine: a narrow peak that comes at the wrong time, or a vibration in another
-        # rhythm, gives a minimum of its own; smoothed over some milliseconds it does not.
+        # From coarse to fine: a narrow peak at the wrong time, or a vibration of another frequency,
+        # causes a local minimum. With smoothing over some milliseconds it does not.
         coarse = solve(self.start, _COARSE, most)
         starts = [coarse.x]
         if "stiffness" in self.fit:
@@ -300,7 +302,7 @@ class _Fit:
         return self.report(found, jacobian, force_start)
 
     def jacobian(self, residual: Callable[[Array], Array], x: Array) -> Array:
-        """Central differences: wide enough for what the contact makes of a small change."""
+        """Central differences, with steps that are large enough for the nonlinear contact."""
         columns = []
         for i in range(x.size):
             step = 0.01
@@ -317,7 +319,7 @@ class _Fit:
         variance = float(deviation @ deviation) / free
         covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12) * variance
         sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        # A direction that the pseudo-inverse dropped is not known at all.
+        # A direction that the pseudo-inverse dropped is not determined.
         blind = np.linalg.norm(jacobian, axis=0) < 1e-9 * max(1.0, np.abs(self.target).max())
         sd[blind] = np.inf
         width = np.where(sd > 0, sd, 1.0)
@@ -354,7 +356,7 @@ class _Fit:
 
 
 def _means(time: Array, value: Array) -> tuple[Array, Array]:
-    """Means over windows of 1 ms, at their middles."""
+    """Means over windows of 1 ms, at the centers of the windows."""
     per = round(WINDOW * _RATE)
     count = (time.size - 1) // per
     mean = np.asarray(value, dtype=float)[: count * per].reshape(count, per).mean(axis=1)

@@ -1,7 +1,7 @@
-"""The key actuator as data and as a simulation.
+"""Data and simulation of the key actuator.
 
-Thesis chapter 5: a motor turns a hub with a flexible arm; the tip mass at its end presses the key,
-whose felt stop it meets. Positive is pressing throughout.
+Thesis chapter 5: a motor turns a hub with a flexible arm. The tip mass at the end of the arm
+presses the key, and the felt stop below the key stops it. Pressing is positive in all quantities.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Arm(Schema):
     sections: dict[str, Section] = Field(default_factory=dict)
 
     def stretches(self) -> list[Section]:
-        """Sections from the hub outward."""
+        """Sections of the arm, from the hub outward."""
         if self.sections:
             return list(self.sections.values())
         return [Section(**{name: getattr(self, name) for name in _STRETCH})]
@@ -121,7 +121,7 @@ class Damper(Schema):
 
 
 class Series(Schema):
-    """A quantity against time."""
+    """A quantity as a function of time."""
 
     note: str = ""
     time: list[float]
@@ -131,7 +131,7 @@ class Series(Schema):
 
 
 class ActionForce(Series):
-    """Force of the action against the tip, against time: as measured between tip and key."""
+    """Measured force between tip and key as a function of time, by which the action resists."""
 
     unit: Annotated[list[str], Field(min_length=2, max_length=2)] = Field(
         default_factory=lambda: ["s", "N"]
@@ -147,7 +147,7 @@ class Reaction(Schema):
 
 
 class Torque(Series):
-    """Torque of the motor against time."""
+    """Torque of the motor as a function of time."""
 
     unit: Annotated[list[str], Field(min_length=2, max_length=2)] = Field(
         default_factory=lambda: ["s", "N m"]
@@ -155,7 +155,7 @@ class Torque(Series):
 
 
 class Mount(Schema):
-    """How the actuator stands over a key; see :func:`compose`."""
+    """Position of the actuator above a key; see :func:`compose`."""
 
     note: str = ""
     pad: str = "pulp"
@@ -186,7 +186,7 @@ class ActuatorFile(Schema):
 
 
 def packaged_actuators() -> list[str]:
-    """Names of the actuators that come with the package."""
+    """Names of the packaged actuators."""
     return params.names("actuators")
 
 
@@ -210,14 +210,14 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
     Raises
     ------
     InvalidParameter
-        Listing all faults of the file at once.
+        The file has faults; all of them are in the message.
     """
     path = _resolve(name_or_path)
     return Actuator(load_raw(path, _resolve), origin=path.name)
 
 
 def _spread(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
-    """The stop with ``law = { name = ..., ... }`` in the form that the schema knows."""
+    """The table of the stop; ``law = { name = ... }`` is converted to the form of the schema."""
     if not isinstance(raw.get("stop"), Mapping):
         return raw
     found: list[str] = []
@@ -241,7 +241,7 @@ def _faults(raw: Mapping[str, Any]) -> list[str]:
     mount = raw.get("mount")
     pads = mount.get("pads", {}) if isinstance(mount, Mapping) else {}
     if not isinstance(mount, Mapping) or not isinstance(pads, Mapping):
-        return faults  # what is no table is told with the types
+        return faults  # the type check reports entries that are not tables
     for name, pad in pads.items():
         if isinstance(pad, Mapping):
             faults += missing_law_faults(pad, f"mount.pads.{name}")
@@ -257,14 +257,14 @@ def _faults(raw: Mapping[str, Any]) -> list[str]:
 
 @checked
 class Actuator:
-    """An actuator read from data. Immutable; safe to share between threads.
+    """An actuator, read from data. It is immutable and safe to share between threads.
 
     Parameters
     ----------
     raw
         The tables of an actuator file.
     origin
-        Name used in messages, usually the file's.
+        Name in messages, usually the name of the file.
     """
 
     def __init__(self, raw: Mapping[str, Any], origin: str = "actuator"):
@@ -328,17 +328,17 @@ class Actuator:
 
     @property
     def raw(self) -> dict[str, Any]:
-        """The tables of the file, with units and sources; a copy."""
+        """Copy of the tables of the file, with units and sources."""
         return copy.deepcopy(self._raw)
 
     @property
     def reach(self) -> float:
-        """Axis to the end of the arm, a + L [m]."""
+        """Distance from the axis to the end of the arm, a + L [m]."""
         return float(self._core.beam.reach)
 
     @property
     def rigid_inertia(self) -> float:
-        """Moment of inertia about the axis with a rigid arm [kg m^2]."""
+        """Moment of inertia about the axis if the arm is rigid [kg m^2]."""
         return float(self._core.beam.rigid_inertia)
 
     @cached_property
@@ -347,13 +347,13 @@ class Actuator:
         return np.asarray(self._core.beam.mass), np.asarray(self._core.beam.stiffness)
 
     def frequencies(self, count: int = 4, *, clamped: bool = False) -> Array:
-        """Lowest natural frequencies of the elastic arm [Hz], hub free or held (``clamped``)."""
+        """Lowest natural frequencies of the elastic arm [Hz], with the hub free or ``clamped``."""
         return np.asarray(self._core.beam.frequencies(count, clamped))
 
     def with_values(self, values: Mapping[str, Any]) -> Actuator:
         """Copy with other values by dotted path, such as ``{"arm.young_modulus": 5.0}``.
 
-        A bare number is taken in the unit that the file gives; see ``Action.with_values``.
+        A number without a unit has the unit of the file; see ``Action.with_values``.
         """
         return Actuator(apply_values(self._raw, values, "with_values"), self.origin)
 
@@ -363,7 +363,8 @@ class Actuator:
         Parameters
         ----------
         coefficient
-            c [N m s/rad], >= 0; default: that of the thesis, 0.0075 (dashpot), 0.05 (one-sided).
+            c [N m s/rad], >= 0; default: the value of the thesis, 0.0075 (dashpot), 0.05
+            (one-sided).
         """
         kind = kind.replace("-", "_")
         if kind not in DAMPING:
@@ -376,12 +377,12 @@ class Actuator:
         )
 
     def with_action(self, force: Stroke) -> Actuator:
-        """Copy whose tip meets a measured force of the action instead of its mass.
+        """Copy whose tip acts against a measured force of the action instead of its mass.
 
-        Thesis section 5.1.1: the force between tip and key, measured under the same torque. It acts
-        against pressing, at the times of the record; before and after it, its first and last values
-        hold. Once the key lies on its felt the stop carries the tip: there the record should hold
-        the action's part only, which is negligible, and not the force of the stop again.
+        Thesis section 5.1.1: the force between tip and key, measured with the same torque. It acts
+        against pressing, at the times of the record; it is constant before and after the record.
+        When the key reaches its felt, the stop carries the tip. From there on, the record should
+        only contain the force of the action, which is negligible, and not the force of the stop.
 
         Parameters
         ----------
@@ -406,7 +407,7 @@ class Actuator:
         return Actuator(raw, self.origin)
 
     def to_toml(self) -> str:
-        """Text of a file that loads as this actuator."""
+        """Text of a file that defines this actuator."""
         import tomlkit
 
         return tomlkit.dumps(self._raw)
@@ -439,24 +440,24 @@ def _action_force(t: ActionForce) -> Stroke:
 
 @dataclass(frozen=True)
 class ActuatorRun:
-    """Outputs of a run against time; ``run["finger.force"]``.
+    """Outputs of a run as functions of time; ``run["finger.force"]``.
 
     Attributes
     ----------
     time
-        [s], evenly spaced.
+        Times [s], evenly spaced.
     names, units, long_names
-        Of the outputs, the columns of ``values``.
+        Names, units and descriptions of the outputs, i.e. of the columns of ``values``.
     events
-        Tuples (time [s], closes, rate [m/s]) of the stop.
+        Events of the stop: tuples (time [s], closes, rate [m/s]).
     summary
         SI units: ``first_contact_time``, ``peak_stop_force`` and its ``..._time``,
         ``peak_finger_force``, ``bounces`` (closings after the first), ``ringing`` (rms of the
         finger force about its mean in the last quarter) and ``deflection`` (largest of the tip).
     energy
         ``work_motor``, ``work_gravity``, ``given_to_action``, stored and dissipated energies at the
-        end [J], ``residual_relative``: the largest imbalance over the energy turned
-        over, the largest of work put in, stored energy and losses.
+        end [J]; ``residual_relative``: the largest imbalance relative to the largest of supplied
+        work, stored energy and losses.
     stats
         Work counts of the stepper and the wall time [s].
     """
@@ -509,7 +510,7 @@ class ActuatorRun:
 
     @checked
     def save(self, path: str | Path, *, force: bool = False) -> Path:
-        """Write NetCDF (``.nc``) or a CSV table."""
+        """Write a NetCDF file (``.nc``) or a CSV table."""
         path = Path(path)
         if path.suffix == ".nc":
             dataset = self.to_dataset()
@@ -536,22 +537,22 @@ def simulate_actuator(
     output_rate: float = 10_000.0,
     tolerance: float = 3e-5,
 ) -> ActuatorRun:
-    """Simulate an actuator from rest, its arm straight.
+    """Simulate an actuator from rest, with a straight arm.
 
     Parameters
     ----------
     actuator
-        Object, or a name for :func:`load_actuator`.
+        Actuator, or a name for :func:`load_actuator`.
     torque
-        Torque stroke; default: that of the file.
+        Torque stroke; default: the torque of the file.
     duration
-        [s], > 0.
+        Duration [s], > 0.
     output_rate
-        Samples a second.
+        Sample rate of the outputs [Hz].
     tolerance
-        Error of a force within a step over the largest force, in (0, 0.1]. The modes of the arm are
-        advanced exactly; the default keeps the error of undamped runs below 1e-3 of the largest
-        force (docs/explanation/actuator.md).
+        Largest error of a force within a step relative to the largest force, in (0, 0.1]. The modes
+        of the arm are integrated exactly. The default keeps the error of undamped runs below 1e-3
+        of the largest force (docs/explanation/actuator.md).
 
     Raises
     ------
@@ -617,7 +618,7 @@ def _summary(
     finger = columns["finger.force"]
     last = finger[3 * finger.size // 4 :]
     summary = {
-        # Between samples the stop's own peak, which is narrow, is known exactly.
+        # The narrow peak of the stop force between samples is known exactly.
         "peak_finger_force": max(float(np.max(finger)), float(out["peak_force"])),
         "deflection": float(np.max(np.abs(columns["tip.deflection"]))),
         "ringing": float(np.std(last)),
@@ -636,7 +637,7 @@ def _summary(
 def _warnings(
     actuator: Actuator, columns: Mapping[str, Array], energy: Mapping[str, float]
 ) -> list[str]:
-    """Where a run leaves what its equations hold for."""
+    """Warnings if a run is outside the range of validity of its equations."""
     found = []
     force = columns["finger.force"]
     if force.min() < -0.02 * max(force.max(), 1e-3):
@@ -677,5 +678,5 @@ def _energy(columns: Mapping[str, Array]) -> dict[str, float]:
 
 
 def degrees(values: Array) -> Array:
-    """Angles for a reader [deg]."""
+    """Angles as text [deg]."""
     return values * (180.0 / math.pi)

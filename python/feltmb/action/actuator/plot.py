@@ -1,4 +1,4 @@
-"""Pictures of actuator runs."""
+"""Figures of actuator runs."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def compare_runs(
     *,
     end: float | None = None,
 ) -> Any:
-    """Draw runs in common axes, with one row for each panel of :data:`PANELS`; ``end`` in s."""
+    """Plot runs in common axes, with one row for each panel of :data:`PANELS`; ``end`` in s."""
     figure = new_figure(7.4, 0.5 + 2.1 * len(panels))
     axes = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True))
     for ax, panel in zip(axes, panels, strict=True):
@@ -59,7 +59,8 @@ def compare_runs(
                     label=text if one else name,
                 )
                 if output in ("finger.force", "stop.force") and "peak_stop_force" in run.summary:
-                    # The stop's largest force stands between two samples; the finger carries it.
+                    # The largest force of the stop is between two samples; the finger force
+                    # includes it.
                     ax.plot(
                         1e3 * run.summary["peak_stop_force_time"],
                         run.summary["peak_stop_force"],
@@ -79,12 +80,12 @@ def compare_runs(
 
 
 def plot_run(run: ActuatorRun, title: str = "") -> Any:
-    """Hub angle, tip deflection and the forces of one run."""
+    """Plot hub angle, tip deflection and forces of one run."""
     return compare_runs({"": run}, ("angle", "deflection", "forces"), title)
 
 
 def plot_match(found: Match) -> Any:
-    """Target, finger force before and after the fit, and the torque."""
+    """Plot the target, the finger force before and after the fit, and the torque."""
     figure = new_figure(7.4, 4.8)
     axes = figure.subplots(2, 1, sharex=True)
     for values, label, color in (

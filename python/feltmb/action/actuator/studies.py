@@ -1,4 +1,4 @@
-"""Figures 5.6 to 5.11 of the thesis, and what it found in them, held against the numbers."""
+"""Figures 5.6 to 5.11 of the thesis, and a comparison of its findings with simulated values."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ FIGURES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
 class StudyFinding:
     """One finding of the thesis.
 
-    ``agrees`` is None where the assumed data decide it.
+    ``agrees`` is None if it depends on assumed data.
     """
 
     says: str
@@ -55,14 +55,14 @@ class StudyFinding:
 
 @dataclass(frozen=True)
 class ActuatorStudy:
-    """Runs of the study by name, findings, figures."""
+    """Runs of the study by name, with findings and figures."""
 
     runs: Mapping[str, ActuatorRun]
     findings: tuple[StudyFinding, ...]
 
     @cached_property
     def figures(self) -> dict[str, Any]:
-        """Figures by the thesis's number."""
+        """Figures by their number in the thesis."""
         from feltmb.action.actuator.plot import compare_runs
 
         return {
@@ -104,7 +104,7 @@ class ActuatorStudy:
 
 @checked
 def study_actuator(duration: float = 0.2) -> ActuatorStudy:
-    """Simulate what Figures 5.6 to 5.11 show and compare with sections 5.2.1 to 5.2.4."""
+    """Simulate Figures 5.6 to 5.11 and compare them with sections 5.2.1 to 5.2.4."""
     wood, aluminum = load_actuator("wood"), load_actuator("aluminum")
     made = {
         "wood": wood,
@@ -118,7 +118,7 @@ def study_actuator(duration: float = 0.2) -> ActuatorStudy:
 
 
 def _swing(run: ActuatorRun, output: str, begin: float, end: float) -> float:
-    """Rms of an output about its mean over 5 ms: what vibrates, without what it rides on."""
+    """Root mean square of an output about its mean over 5 ms: only the vibration."""
     per = max(1, round(5e-3 / (run.time[1] - run.time[0])))
     values = run[output]
     smooth = np.convolve(values, np.ones(per) / per, mode="same")
@@ -127,9 +127,9 @@ def _swing(run: ActuatorRun, output: str, begin: float, end: float) -> float:
 
 
 def _lasts(run: ActuatorRun, output: str, share: float = 0.1) -> float:
-    """Time after the first contact until the swing stays below a share of its largest [s]."""
+    """Time after the first contact until the vibration stays below a share of its maximum [s]."""
     first = run.summary["first_contact_time"]
-    times = np.arange(first, run.time[-1] - 0.01, 1e-3)  # beyond it the mean has no room
+    times = np.arange(first, run.time[-1] - 0.01, 1e-3)  # too short for a mean after this
     swing = np.array([_swing(run, output, t, t + 0.005) for t in times])
     above = np.nonzero(swing > share * swing.max())[0]
     return float(times[above[-1]] + 0.005 - first)
@@ -140,7 +140,7 @@ def _findings(runs: Mapping[str, ActuatorRun]) -> list[StudyFinding]:
     first = {name: run.summary["first_contact_time"] for name, run in runs.items()}
     after = {name: (t, t + 0.03) for name, t in first.items()}
     bend = {n: _swing(runs[n], "tip.deflection", *after[n]) for n in ("wood", "aluminum")}
-    # Force of the first swings, after the strike itself.
+    # Force of the first vibrations, after the impact itself.
     force = {n: _swing(runs[n], "finger.force", after[n][0] + 0.005, after[n][1]) for n in runs}
     lasts = {n: _lasts(runs[n], "tip.deflection") for n in ("wood", "aluminum")}
     same = runs["wood one-sided, same c"]

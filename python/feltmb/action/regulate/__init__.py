@@ -1,9 +1,9 @@
-"""Virtual regulation: turn the screws of an action until it does what a technician asks for.
+"""Virtual regulation: turns the screws of an action until it meets a technician's targets.
 
-Steps A to F of thesis section 4.2.3. Each step measures one thing, at rest, in a slow press or
-after a simulated strike, and turns one screw, a bracketed one-dimensional solve. The steps follow
-one another in the order of the targets file and are repeated until all hold at once.
-``load_targets`` reads the file, :func:`regulate` does the work.
+Steps A to F of thesis section 4.2.3. Each step measures one quantity, at rest, in a slow press or
+after a simulated strike, and turns one screw by a bracketed one-dimensional solve. The steps have
+the order of the targets file and are repeated until all targets are met simultaneously.
+``load_targets`` reads the file, and :func:`regulate` performs the steps.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Measures of a regulation: at rest, in a slow press, after a strike."""
+"""Measurements of a regulation: at rest, in a slow press, after a strike."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ if TYPE_CHECKING:
     from feltmb.run.quasistatic import SimulatedPress
 
 
-#: A hammer that swings more than this in check is not at rest [m].
+#: A hammer in check with a larger motion is not at rest [m].
 MOST_SWING = 1e-3
 
 
 class CannotMeasure(FeltmbError):
-    """The procedure has no result on this action; the message says why."""
+    """The measurement has no result for this action; the message states the reason."""
 
 
 @dataclass
 class Bench:
-    """Measures steps, and remembers what was simulated of each action."""
+    """Performs measurements and caches the simulations of each action."""
 
     counts: dict[str, int] = field(
         default_factory=lambda: {"rest poses": 0, "slow presses": 0, "strokes": 0}
@@ -33,12 +33,12 @@ class Bench:
     _values: dict[tuple[str, str], float] = field(default_factory=dict)
 
     def measure(self, action: Action, step: Step) -> float:
-        """Value in SI units.
+        """Measure the quantity of a step, in SI units.
 
         Raises
         ------
         CannotMeasure
-            The action does not do what the step measures.
+            The event that the step measures does not occur.
         """
         key = (action.hash, step.model_dump_json(exclude={"screw", "target", "tolerance"}))
         if key not in self._values:
@@ -83,7 +83,7 @@ class Bench:
         key = (action.hash, step.speed, step.travel)
         if key not in self._presses:
             self.counts["slow presses"] += 1
-            self._presses.clear()  # one is enough: let-off and damper follow one another
+            self._presses.clear()  # enough: let-off and damper steps are consecutive
             self._presses[key] = simulated_press(action, speed=step.speed, travel=step.travel)
         return self._presses[key]
 

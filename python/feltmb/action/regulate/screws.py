@@ -1,4 +1,4 @@
-"""Screws of an action: the values that a regulation changes."""
+"""Screws of an action: the values that a regulation can change."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from feltmb.units.quantity import parse_scalar
 
 @dataclass
 class Screws:
-    """The screws of an action and by how much each has been turned [m, rad]."""
+    """The screws of an action and the turn of each [m, rad]."""
 
     base: Action
     steps: list[Step]
@@ -34,7 +34,7 @@ class Screws:
             raise InvalidParameter("\n".join(faults))
 
     def _position(self, screw: Screw) -> tuple[Any, str, tuple[float, float] | None]:
-        """Raw entry, its unit and the direction of a screw."""
+        """Raw entry, unit and direction of a screw."""
         node: Any = self.base.raw
         parts = screw.path.split(".")
         if parts[0] in node.get("bodies", {}):
@@ -63,7 +63,7 @@ class Screws:
         return (dict(node) if isinstance(node, Mapping) else {"value": value}), unit, direction
 
     def value(self, screw: Screw, action: Action) -> str:
-        """What the file of an action says of a screw, with its unit."""
+        """Value of a screw in the file of an action, with its unit."""
         entry, unit, direction = Screws(action, [])._position(screw)
         value = entry["value"]
         if direction is None:
@@ -71,7 +71,7 @@ class Screws:
         return "(" + ", ".join(f"{float(v):.6g}" for v in value) + f") {unit}"
 
     def apply(self, turns: list[float], describe: Callable[[int], str] | None = None) -> Action:
-        """The action with its screws turned; ``describe`` gives a note for a step."""
+        """The action with its screws turned; ``describe`` returns a note for a step."""
         values: dict[str, Any] = {}
         for i, (step, turn) in enumerate(zip(self.steps, turns, strict=True)):
             if step.screw is None or turn == 0.0:

@@ -1,4 +1,4 @@
-"""The turn of a screw that meets a step: a bracketed solve in one dimension."""
+"""Computes the turn of a screw that meets a target, by a bracketed solve in one dimension."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from feltmb.action.regulate.measuring import CannotMeasure
 from feltmb.action.regulate.targets import MEASURES, Screw, Step
 
-#: Screws are turned in steps of these [m, rad].
+#: Steps of the turn of a screw [m, rad].
 SMALLEST = {"m": 1e-8, "rad": 1e-7}
 
 
 @dataclass(frozen=True)
 class Solved:
-    """Turn that meets a step, or why there is none."""
+    """Turn that meets the target, or the reason why there is none."""
 
     turn: float | None
     why: str = ""
@@ -24,7 +24,7 @@ class Solved:
 def solve(
     step: Step, start: float, measure: Callable[[float], float], first: float | None
 ) -> Solved:
-    """Turn at which the step holds, between the bounds of its screw."""
+    """Turn within the limits of a screw at which its step meets the target."""
     from scipy.optimize import brentq
 
     screw = step.screw
@@ -81,11 +81,11 @@ def _bracket(
     start: float,
     error: Callable[[float], float | None],
 ) -> tuple[float, float] | None:
-    """Two turns with errors of opposite sign (the same turn twice: it holds); None if none."""
+    """Two turns with errors of opposite sign; equal if the target is met; None if not found."""
     here = error(start)
     span = screw.high - screw.low
     if here is None:
-        # Nothing to go by: look over the whole range.
+        # Without a start value: search the whole range.
         last: tuple[float, float] | None = None
         for k in range(25):
             turn = screw.low + span * k / 24
@@ -120,7 +120,7 @@ def _bracket(
 def _walk(
     screw: Screw, start: float, here: float, stride: float, error: Callable[[float], float | None]
 ) -> tuple[float, float] | None:
-    """Go one way in growing strides until the error changes sign or the bound is reached."""
+    """Increase the turn in growing steps until the error changes sign or the limit is reached."""
     low, low_error = start, here
     shrinks = 0
     while True:
@@ -128,7 +128,7 @@ def _walk(
         if turn == low:
             return None
         value = error(turn)
-        if value is None:  # not measurable there: go in smaller strides, but not for ever
+        if value is None:  # not measurable: smaller steps, a limited number of times
             shrinks += 1
             if shrinks > 8:
                 return None

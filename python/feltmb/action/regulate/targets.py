@@ -1,4 +1,4 @@
-"""What a regulation asks for: steps, what each measures, the screw that sets it."""
+"""Targets of a regulation: steps, their measured quantities, and the screws that set them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from feltmb.units.quantity import (
     validated,
 )
 
-#: measure -> (SI unit, unit for people, its factor, what is measured)
+#: measure -> (SI unit, unit for people, its factor, description)
 MEASURES: dict[str, tuple[str, str, float, str]] = {
     "rest_gap": ("m", "mm", 1e3, "distance of the surfaces of a contact at rest"),
     "rest_force": ("N", "N", 1.0, "normal force of a contact at rest"),
@@ -44,7 +44,7 @@ MeasureName = Literal[
 
 
 class Screw(Schema):
-    """A value of the mechanism file that a step may change."""
+    """A value of the mechanism file that a step can change."""
 
     name: str
     path: str
@@ -57,7 +57,7 @@ class Screw(Schema):
 
     @property
     def unit(self) -> str:
-        """SI unit of a turn: m for a point that is moved, rad for an angle."""
+        """SI unit of a turn: m for the displacement of a point, rad for an angle."""
         return "rad" if self.direction is None else "m"
 
 
@@ -71,7 +71,7 @@ def _direction(node: object) -> object:
 
 
 def _turn(node: object) -> float:
-    """A length [m] or an angle [rad]."""
+    """Convert a length [m] or an angle [rad]."""
     try:
         return parse_scalar(node, "m")
     except ValueError as error:
@@ -82,9 +82,10 @@ def _turn(node: object) -> float:
 
 @checked
 class Step(Schema):
-    """One measured value and its screw; without a screw the value is only checked.
+    """One measured quantity and its screw; without a screw, the value is only checked.
 
-    ``speed`` and ``travel`` are of the finger in a slow press, ``friction`` of ``static_press``.
+    ``speed`` and ``travel`` are the finger's in a slow press; ``friction`` is an option of
+    ``static_press``.
     """
 
     letter: str = ""
@@ -105,7 +106,7 @@ class Step(Schema):
     @model_validator(mode="before")
     @classmethod
     def _quantities(cls, node: Any) -> Any:
-        """Targets have the unit of their measure."""
+        """Convert targets to the unit of their quantity."""
         measure = node.get("measure") if isinstance(node, Mapping) else None
         if not isinstance(measure, str) or measure not in MEASURES:
             return node
@@ -136,7 +137,7 @@ class Step(Schema):
         return self
 
     def error(self, value: float) -> float:
-        """How far a measured value is off, SI; zero inside a range."""
+        """Difference from the target, SI; zero within a range."""
         if self.target is not None:
             return value - self.target
         if self.low is not None and value < self.low:
@@ -146,12 +147,12 @@ class Step(Schema):
         return 0.0
 
     def holds(self, value: float | None) -> bool:
-        """Whether a measured value is what is asked for."""
+        """Whether a measured value meets the target."""
         return value is not None and abs(self.error(value)) <= (self.tolerance or 0.0)
 
     @property
     def wanted(self) -> str:
-        """Target in the unit for people."""
+        """Target in the unit for people, as text."""
         _, _, factor, _ = MEASURES[self.measure]
         if self.target is not None:
             return f"{self.target * factor:g}"
@@ -184,13 +185,14 @@ class Targets(Schema):
         Parameters
         ----------
         targets
-            By the name of a step, or its letter where only one has it: ``{"let-off": "4 mm"}``. A
-            number without a unit is in SI. Of a step with a range ``"0.01 N to 0.2 N"``.
+            Target by the name of a step, or by its letter if the letter is unique:
+            ``{"let-off": "4 mm"}``. A number without a unit is in SI units. The target of a step
+            with a range has the form ``"0.01 N to 0.2 N"``.
 
         Raises
         ------
         InvalidParameter
-            No such step, or no such quantity; all faults at once.
+            A step or a quantity is invalid; all faults are in one message.
         """
         steps, faults = list(self.steps), []
         for name, text in targets.items():
@@ -222,7 +224,7 @@ class Targets(Schema):
 
 
 def _plain(name: str) -> str:
-    """A name as people may write it: small letters, no matter what separates the words."""
+    """A name in lower case, with equal separators between words."""
     return re.sub(r"[\s_-]+", "-", name.strip().lower())
 
 
@@ -243,7 +245,7 @@ def _with_target(step: Step, text: str) -> Step:
 
 
 def packaged_targets() -> list[str]:
-    """Names of the targets files that come with the package."""
+    """Names of the packaged targets files."""
     return params.names("regulation")
 
 
@@ -251,13 +253,13 @@ def packaged_targets() -> list[str]:
 def load_targets(name_or_path: str | Path) -> Targets:
     """Read targets: the name of a packaged file, or the path of a TOML file.
 
-    A file that ``extends`` another, by a packaged name or by a path beside it, changes the steps of
-    the same names and adds its others at the end.
+    A file that ``extends`` another one (a packaged name, or a path relative to it) changes the
+    steps with equal names and appends its other steps.
 
     Raises
     ------
     InvalidParameter
-        Listing all faults at once.
+        The file has faults; all of them are in the message.
     """
     path = _path_of(str(name_or_path), Path())
     return validated(Targets, _tables(path, ()), path.name)
@@ -275,13 +277,13 @@ def _path_of(text: str, folder: Path) -> Path:
     return path
 
 
-#: Of what a step asks for, one way excludes the other.
+#: Pairs of entries of a step that exclude each other.
 _TARGET, _RANGE = ("target",), ("low", "high")
 MOST_EXTENDS = 16
 
 
 def _tables(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
-    """Tables of a file, on top of those that it extends."""
+    """Tables of a file, merged with the tables of the file that it extends."""
     raw = read_toml(path)
     base = raw.get("extends", "")
     if not base or not isinstance(base, str):
@@ -308,7 +310,7 @@ def _tables(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
 
 @checked
 def default_targets(action: Action) -> Targets:
-    """Packaged targets of a mechanism by its name, variants (``name_x``) by the part before."""
+    """Packaged targets of a mechanism, by its name; for variants ``name_x``, by ``name``."""
     name = action.name
     while name:
         if name in packaged_targets():

@@ -1,4 +1,4 @@
-"""The work of a regulation and its result."""
+"""Performs a regulation and returns its result."""
 
 from __future__ import annotations
 
@@ -24,38 +24,38 @@ class Row:
     letter: str
     name: str
     measure: str
-    target: str  #: in ``unit``: a number or a range
-    before: float | None  #: measured on the action as it was given, in ``unit``; None: not possible
-    after: float | None  #: on the regulated action, in ``unit``
-    unit: str  #: of target, before and after
-    screw: str  #: name of the screw, empty if the step only checks
-    path: str  #: of the value that it changes
-    turned: float  #: in ``turn_unit``, along the direction of the screw
-    turn_unit: str  #: mm or deg
-    value_before: str  #: of the value in the file, with its unit; empty without a screw
+    target: str  #: target, in ``unit``: a number or a range
+    before: float | None  #: measured before the regulation, in ``unit``; None: not possible
+    after: float | None  #: measured after the regulation, in ``unit``
+    unit: str  #: unit of target, before and after
+    screw: str  #: name of the screw; empty if the step only checks
+    path: str  #: path of the value that the screw changes
+    turned: float  #: turn of the screw in ``turn_unit``, along its direction
+    turn_unit: str  #: unit of the turn: mm or deg
+    value_before: str  #: value of the screw in the file, with its unit; empty without a screw
     value_after: str
     holds: bool
-    why: str  #: why it does not hold, or why ``before`` could not be measured
+    why: str  #: reason why the target is not met, or why ``before`` is not available
 
 
 @dataclass(frozen=True, eq=False)
 class Regulation:
-    """What a regulation did.
+    """Result of a regulation.
 
     Attributes
     ----------
     table : tuple of Row
-        One row a step, in the order of the targets.
+        One row for each step, in the order of the targets.
     action : Action
-        The regulated mechanism; the very one that was given if no screw was turned.
+        The regulated mechanism; the given object itself if no screw was turned.
     rounds : int
-        Times the steps were gone through, the last one finding that all hold.
+        Number of rounds through all steps. In the last round, all targets were met.
     converged : bool
-        All steps hold at once.
+        Whether all targets are met simultaneously.
     counts : dict
-        Number of rest poses, slow presses and strokes that were computed.
+        Number of computed rest poses, slow presses and strokes.
     provenance : dict
-        Data set and its hash, targets, version, and what each screw was turned by.
+        Data set and its hash, targets, version, and the turn of each screw.
     """
 
     table: tuple[Row, ...]
@@ -71,7 +71,7 @@ class Regulation:
         return tuple(row for row in self.table if not row.holds)
 
     def to_toml(self) -> str:
-        """Text of a file that loads as the regulated mechanism, its provenance in front."""
+        """Text of a file that defines the regulated mechanism, with its provenance at the top."""
         lines = [
             f"Regulated by feltmb {self.provenance['version']}.",
             f"Data set {self.provenance['action']}, hash {self.provenance['hash']}.",
@@ -116,21 +116,21 @@ def regulate(
     action
         Mechanism, or its name for :func:`load_action`.
     targets
-        Targets, or their name or path for :func:`load_targets`; default: the packaged ones of the
-        mechanism's name (``steinway45_printed`` takes those of ``steinway45``).
+        Targets, or their name or path for :func:`load_targets`; default: the packaged targets for
+        the name of the mechanism (``steinway45_printed`` uses the targets of ``steinway45``).
     progress
-        Called with a line of text before each solve.
+        Function that is called with a line of text before each solve.
 
     Returns
     -------
     Regulation
-        Also when a target cannot be met: ``converged`` is false then, ``unmet`` says which and
-        why, and its screw stays where it was.
+        Returned also if a target cannot be met: then ``converged`` is false, ``unmet`` lists the
+        rows with reasons, and the screws of these rows are not turned.
 
     Raises
     ------
     InvalidParameter
-        The targets do not fit the mechanism.
+        The targets do not suit the mechanism.
     """
     if isinstance(action, str):
         action = load_action(action)
@@ -182,7 +182,7 @@ def regulate(
                 turned = True
         if not turned:
             break
-    # One more look: the last round may have ended with a turn.
+    # Measure again: the last round may have ended with a turn of a screw.
     plain = screws.apply(screws.turns)
     for i, step in enumerate(targets.steps):
         after[i], why = _try_measure(bench, plain, step)
@@ -262,7 +262,7 @@ def _provenance(action: Action, targets: Targets, rows: tuple[Row, ...]) -> dict
 
 
 def _with_provenance(screws: Screws, targets: Targets, provenance: dict[str, Any]) -> Action:
-    """The regulated action, what was done to it written at each changed value."""
+    """The regulated action, with a note at each changed value."""
 
     def note(i: int) -> str:
         step = screws.steps[i]

@@ -1,10 +1,10 @@
-"""Touch of an action: what the finger feels, slowly and in strikes.
+"""Touch of an action: the forces and times that a finger experiences, slowly and in strikes.
 
-Static: a press and a release without inertia at the key front, hence down-weight, up-weight,
-friction, balance weight, let-off, key dip and aftertouch. Dynamic: two families of strikes, pressed
-(a force that rises within 20 ms and stays) and struck (a finger of constant speed that hits the
-key), hence impact speed, travel time and key-bottom time. ``docs/howto/measure_touch.md`` defines
-each number.
+Static: a press and a release without inertia at the key front. They give down-weight, up-weight,
+friction, balance weight, let-off, key dip and aftertouch. Dynamic: two families of strikes. In
+pressed strikes, a force rises within 20 ms and stays constant. In struck strikes, a finger of
+constant speed hits the key. They give impact speed, travel time and key-bottom time.
+``docs/howto/measure_touch.md`` defines each quantity.
 """
 
 from __future__ import annotations

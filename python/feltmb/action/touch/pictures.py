@@ -1,4 +1,4 @@
-"""Pictures of a touch."""
+"""Figures of a touch."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PRESS, RELEASE, LIFTED, MUTED = "#0b5394", "#b45f06", "#38761d", "#777777"
 
 
 def static_figure(name: str, static: StaticTouch, slow: SimulatedPress) -> Any:
-    """Force against travel: press and release, let-off and key bottom marked."""
+    """Plot force against travel: press and release, with let-off and key bottom marked."""
     from feltmb.figure import Figure
 
     s = static
@@ -87,7 +87,7 @@ def _from_gram(weight: Any) -> Any:
 def dynamic_figure(
     name: str, strikes_of_all: Sequence[Strike], fits: Mapping[str, tuple[float, float, float]]
 ) -> Any:
-    """Impact speed, key-bottom time and travel time of the families of strikes."""
+    """Plot impact speed, key-bottom time and travel time of the families of strikes."""
     import numpy as np
     from matplotlib.ticker import FuncFormatter
 
@@ -167,6 +167,6 @@ def _law(factor: float, exponent: float) -> str:
 
 
 def _some_minor(value: float, _pos: int) -> str:
-    """Label 2 and 5 between the decades."""
+    """Label 2 and 5 between the decades of an axis."""
     lead = f"{value:e}"[0]
     return f"{value:g}" if lead in "25" else ""

@@ -1,4 +1,4 @@
-"""Published numbers beside those of a touch."""
+"""Published values that are compared with a touch."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ from feltmb.files import read_toml
 
 
 def published_numbers() -> dict[str, dict[str, Any]]:
-    """Key of a row of the touch, and the published range or number beside it."""
+    """Key of a row of the touch -> published range or value."""
     path = params.folder("touch") / "published.toml"
     return {row["key"]: row for row in read_toml(path)["values"]}

@@ -1,4 +1,4 @@
-"""Static touch: a slow press and release without inertia, and what is read from them."""
+"""Static touch: a slow press and release without inertia, and the values that follow from them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 
 
-#: Rows of the static path [m]; margin of the window for the weights [m]; force at its end [N].
+#: Row spacing of the static path [m]; margin of the window for the weights [m]; force at its end
+#: [N].
 STEP, MARGIN, BOTTOM_FORCE = 2.5e-5, 5e-4, 10.0
 
 
@@ -28,27 +29,27 @@ STEP, MARGIN, BOTTOM_FORCE = 2.5e-5, 5e-4, 10.0
 class StaticTouch:
     """Slow press and release without inertia, friction saturated.
 
-    Forces in N at the finger, travels in m of the finger's point on the key from rest.
+    Forces at the finger [N]; travels of the finger's point on the key from rest [m].
     """
 
-    down_weight: float  #: mean force of the press in the window, damper lifted
-    up_weight: float  #: mean force of the release in the window, damper lifted
+    down_weight: float  #: mean force of the press in the window, damper off the string
+    up_weight: float  #: mean force of the release in the window, damper off the string
     down_weight_most: float  #: largest force of the press in the window
     up_weight_least: float  #: smallest force of the release in the window
     down_weight_damper: (
-        float  #: force of the press just before the toe meets the button, damper in action
+        float  #: force of the press just before the toe meets the button, damper included
     )
-    window: tuple[float, float]  #: travels between which the weights are taken
+    window: tuple[float, float]  #: first and last travel of the window for the weights
     take_up: float  #: travel at which the jack meets the butt
-    damper_start: float | None  #: part of the blow done when the spoon meets the damper lever
+    damper_start: float | None  #: hammer travel (share) when the spoon meets the damper lever
     let_off_force: float  #: largest force up to the let-off
     let_off_travel: float  #: travel at which the jack slips out
-    let_off_gap: float  #: hammer to string there, without inertia
+    let_off_gap: float  #: distance of hammer and string there, without inertia
     key_dip: float  #: travel at which the key meets the front punching
     aftertouch: float  #: key_dip - let_off_travel
-    press: PressPath  #: to the bottom, the damper in action
-    release: PressPath  #: back again
-    lifted_press: PressPath  #: the same within the window, damper lifted
+    press: PressPath  #: path to the bottom, damper included
+    release: PressPath  #: path of the release
+    lifted_press: PressPath  #: path within the window, damper off the string
     lifted_release: PressPath
 
     @property
@@ -63,7 +64,7 @@ class StaticTouch:
 
 
 def roles_of(action: Action) -> dict[str, int]:
-    """Contacts by what they do, as ``[reading]`` of the mechanism file says."""
+    """Contacts by their function, as stated in ``[reading]`` of the mechanism file."""
     events, reading = action.config.events, action.config.reading
     found: dict[str, int | None] = {
         "strike": reading.strike_contact,
@@ -109,10 +110,10 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     Raises
     ------
     ModelError
-        No equilibrium beyond some travel.
+        There is no equilibrium beyond some travel.
     FeltmbError
-        The jack does not meet the butt or the button, or does not let off, so that there is
-        nothing to measure.
+        The jack does not meet the butt or the button, or there is no let-off, so that nothing can
+        be measured.
     """
     import numpy as np
 
@@ -137,7 +138,8 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
         )
     opened = (roles["damper"],) if "damper" in roles else ()
     lifted = SlowPress(action, friction="saturated", open_contacts=opened)
-    # It turns where the toe meets the button, so that friction has turned over before the window.
+    # The path reverses where the toe meets the button; friction has then reversed before the
+    # window.
     lifted_down = _follow(lifted, grid, lambda p: bool(p.state()[roles["toe"]][0] <= 0.0))
     lifted_up = _follow(lifted, lifted_down.travel[::-1])
     starts, ends = lifted_down.when(let_off), lifted_down.when(roles["toe"])
@@ -157,7 +159,8 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
         start = down.when(roles["damper"])
         if start is not None:
             damper_start = 1.0 - down.at(down.gap[strike], start) / float(down.gap[strike][0])
-            # Just before the toe the damper is off the string, if it starts in time.
+            # Just before the toe meets the button, the damper is off the string if its lift begins
+            # early enough.
             down_damper = down.at(down.force, toe - 0.5 * MARGIN)
     return StaticTouch(
         down_weight=float(np.mean(forces)),
@@ -186,9 +189,10 @@ def _within(path: PressPath, window: tuple[float, float]) -> npt.NDArray[np.bool
 
 
 def _let_off(path: PressPath, toe: float, dip: float) -> tuple[int, int, bool]:
-    """Row of the force peak, first row after the let-off, and whether the jack let go.
+    """Row of the force peak, first row after the let-off, and whether there was a let-off.
 
-    It lets go where the path jumps, or else where the force falls before the key bottoms.
+    The let-off is a jump of the path, or else a drop of the force before the key reaches the
+    bottom.
     """
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""Dynamic touch: simulated strikes, pressed and struck, and what a family of them tells."""
+"""Dynamic touch: simulated pressed and struck strikes, and relations within a family of them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.mechanism import Action
 
-RISE = 0.020  # s, of the force of a pressed strike
-START = 0.020  # s, when the finger begins
+RISE = 0.020  # s, rise time of the force of a pressed strike
+START = 0.020  # s, start of the finger's motion
 
 
 @dataclass(frozen=True)
@@ -19,16 +19,16 @@ class Strike:
 
     kind: str  #: pressed or struck
     level: float  #: force level [N] or finger speed [m/s]
-    hammer_speed: float | None  #: impact speed, of the contact [m/s]; None: string not reached
-    key_speed: float | None  #: largest speed of the key front up to then [m/s]
+    hammer_speed: float | None  #: impact speed at the contact [m/s]; None: string not reached
+    key_speed: float | None  #: largest speed of the key front before the contact [m/s]
     travel_time: float | None  #: key start (0.1 mm) to string contact [s]
     bottom_after_start: float | None  #: key start to key bottom [s]
     bottom_after_string: float | None  #: string contact to key bottom [s]
-    failure: str = ""  #: why there is no result
+    failure: str = ""  #: reason why there is no result
 
 
 def simulate_strike(action: Action, kind: str, level: float, dip: float) -> Strike:
-    """Simulate a strike of a kind at a level; ``dip`` is the key's travel to its punching [m]."""
+    """Simulate a strike of a kind at a level; ``dip`` is the key travel to the punching [m]."""
     import numpy as np
 
     from feltmb.run.simulate import simulate
@@ -37,7 +37,7 @@ def simulate_strike(action: Action, kind: str, level: float, dip: float) -> Stri
     if kind == "pressed":
         stroke = ramp_stroke(level, START, RISE, duration=0.45, name=f"pressed {level:g} N")
     else:
-        # The finger goes on until 1 mm below where the key meets its punching.
+        # The finger moves until 1 mm below the position at which the key meets its punching.
         end = START + (dip + 1e-3) / level
         stroke = motion_stroke(
             [START, end],
@@ -76,7 +76,7 @@ def simulate_strike(action: Action, kind: str, level: float, dip: float) -> Stri
 
 
 def fit_travel_time(strikes: Sequence[Strike]) -> tuple[float, float, float] | None:
-    """A and b of travel time = a v^b, least squares in the logarithms; largest residual."""
+    """A and b of travel time = a v^b by least squares of logarithms, and the largest residual."""
     import numpy as np
 
     pairs = [(b.hammer_speed, b.travel_time) for b in strikes if b.hammer_speed and b.travel_time]
@@ -89,7 +89,7 @@ def fit_travel_time(strikes: Sequence[Strike]) -> tuple[float, float, float] | N
 
 
 def at_speed(strikes: Sequence[Strike], field: str, speed: float) -> float | None:
-    """A number of a family at an impact speed, interpolated in its logarithm."""
+    """A value of a family at an impact speed, interpolated over the logarithm of the speed."""
     import numpy as np
 
     pairs = sorted(

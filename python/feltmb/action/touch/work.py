@@ -1,4 +1,4 @@
-"""The whole touch of an action, and its table beside published numbers."""
+"""The complete touch of an action, and its comparison with published values."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ if TYPE_CHECKING:
     from feltmb.run.quasistatic import PressPath, SimulatedPress
 
 
-#: Force levels of the pressed strikes [N] and finger speeds of the struck ones [m/s].
+#: Force levels of the pressed strikes [N]; finger speeds of the struck strikes [m/s].
 FORCES = (1.2, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 35.0)
 SPEEDS = (0.05, 0.08, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
 
-#: Impact speeds of the thesis's piano and forte strike [m/s].
+#: Impact speeds of the piano and forte strikes of the thesis [m/s].
 PIANO, FORTE = 1.06, 3.36
 
 
 @dataclass(frozen=True)
 class TouchRow:
-    """One number of the touch beside a published one."""
+    """One value of the touch and a published one."""
 
     key: str
     name: str
-    value: float | None  #: in ``unit``
+    value: float | None  #: value in ``unit``
     unit: str
     low: float | None = None  #: published range
     high: float | None = None
-    published: float | None = None  #: a single published number
+    published: float | None = None  #: a single published value
     source: str = ""
 
     @property
     def verdict(self) -> str:
-        """``inside``, ``below`` or ``above`` a range; the difference from a number; else empty."""
+        """``inside``, ``below`` or ``above`` a range; the difference from a value; else empty."""
         if self.value is None:
             return ""
         if self.low is not None and self.high is not None:
@@ -70,16 +70,16 @@ class Touch:
     Attributes
     ----------
     rows : tuple of TouchRow
-        The table: ours beside published numbers.
+        Table of simulated and published values.
     static : StaticTouch
         Slow press and release.
     slow : SimulatedPress
         Simulated press and release at 10 mm/s, for comparison.
     strikes : tuple of Strike
-        Pressed, then struck, by level.
+        Pressed, then struck strikes, sorted by level.
     fits : dict
-        By kind of strike, a [s] and b of travel time = a v^b, v the impact speed in m/s, and the
-        largest relative residual.
+        By kind of strike: a [s] and b of travel time = a v^b, where v is the impact speed in m/s,
+        and the largest relative residual.
     """
 
     action: Action
@@ -102,10 +102,10 @@ class Touch:
 
     @cached_property
     def curve(self) -> pd.DataFrame:
-        """Force against travel.
+        """Force as a function of travel.
 
-        Columns: ``branch`` (press, release, press_lifted, release_lifted: the damper lifted),
-        ``travel`` [m], ``force`` [N], ``hammer_gap`` [m].
+        Columns: ``branch`` (press, release, press_lifted, release_lifted; "lifted" means that the
+        damper is off the string), ``travel`` [m], ``force`` [N], ``hammer_gap`` [m].
         """
         import pandas as pd
 
@@ -127,13 +127,13 @@ class Touch:
 
     @cached_property
     def strike_table(self) -> pd.DataFrame:
-        """One row a strike, SI units; see :class:`Strike`."""
+        """One row for each strike, SI units; see :class:`Strike`."""
         import pandas as pd
 
         return pd.DataFrame([vars(strike) for strike in self.strikes])
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
+        """Plain data for JSON."""
         curve = {
             name: {"travel": path.travel.tolist(), "force": path.force.tolist()}
             for name, path in _branches(self.static)
@@ -154,7 +154,7 @@ class Touch:
 
     @checked
     def plot(self, folder: str | Path, *, force: bool = False) -> list[Path]:
-        """Draw ``touch_static.png`` and ``touch_dynamic.png`` in a folder."""
+        """Write ``touch_static.png`` and ``touch_dynamic.png`` to a folder."""
         folder = make_folder(folder)
         written = []
         for name, figure in (
@@ -198,14 +198,14 @@ def touch(
     speeds
         Finger speeds of the struck strikes [m/s], > 0.
     executor
-        Runs the strikes; default: threads, one a core.
+        Executor of the strikes; default: threads, one per core.
     progress
-        Called with a line of text now and then.
+        Function that is called with a line of text now and then.
 
     Raises
     ------
     InvalidParameter
-        A level is not > 0, or the mechanism does not name the contacts that are looked at.
+        A level is not > 0, or the mechanism does not name the required contacts.
     FeltmbError
         The action cannot be measured, for example because its hammer is blocked.
     """

@@ -6,4 +6,4 @@ from feltmb.cli.fiber.group import fiber
 __all__ = ["command", "fiber", "fitting", "laws", "networks", "simulation"]
 
 command = fiber
-"""What the main group loads."""
+"""Command that the main group imports."""

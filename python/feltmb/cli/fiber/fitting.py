@@ -236,13 +236,13 @@ def fit_command(
             )
     for f in fits:
         for warning in f.warnings:
-            # What is said of the sample is the same for all branches.
+            # Statements about the sample are the same for all branches.
             same = [g.branch for g in fits if g.model == f.model and warning in g.warnings]
             if same[0] == f.branch:
                 say(f"warning: {f.model}, {' and '.join(same)}: {warning}")
     if plot is not None:
         save_figure(plot_fits(fits), plot, force=force)
-    # Beside others a law that does not fit is a result; alone its numbers mean nothing.
+    # In a comparison, a law that does not fit is a result; alone, its values are meaningless.
     poor = [] if every else [f for f in fits if f.undetermined or f.at_bound]
     if output is not None:
         document = {"data": str(data.name), "fits": [_fit_dictionary(f) for f in fits]}

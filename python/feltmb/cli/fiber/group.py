@@ -1,4 +1,4 @@
-"""The group ``feltmb fiber`` and what its commands share."""
+"""The group ``feltmb fiber``, and the common parts of its commands."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ EXIT_BAD_INPUT = 2
 
 
 def guard(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn our errors into one message and the exit code that belongs to it."""
+    """Convert an exception of feltmb to one message and its exit code."""
     with_json = tables_as_json(command)
 
     @functools.wraps(with_json)
@@ -57,7 +57,7 @@ def guard(command: Callable[..., None]) -> Callable[..., None]:
 def print_table(
     title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1
 ) -> None:
-    """Print rows; the first ``words`` columns hold words, the others numbers."""
+    """Print rows; the first ``words`` columns contain words, the others numbers."""
     table = new_table(title, *columns, right=tuple(range(words, len(columns))))
     for row in rows:
         table.add_row(*row)
@@ -65,36 +65,36 @@ def print_table(
 
 
 def write_named(path: Path, text: str, force: bool) -> None:
-    """Write a text file and say so."""
+    """Write a text file and print its name."""
     from feltmb.files import write_text
 
     say_written(write_text(path, text, force=force))
 
 
 def refuse_existing(path: Path, force: bool) -> None:
-    """Refuse a path that is taken, before anything is computed."""
+    """Reject an existing path before any computation."""
     from feltmb.files import check_writable
 
     check_writable(path, force=force)
 
 
 def parameter_units(*laws: Any) -> dict[str, str]:
-    """SI unit of each parameter of these laws, as ``models()`` describes them."""
+    """SI unit of each parameter of these laws, from ``models()``."""
     return {p.name: p.unit or "1" for law in laws for p in law.parameters}
 
 
 def quantities(
     pairs: Sequence[str], what: str, units: Mapping[str, str], *, separator: str = ""
 ) -> dict[str, list[float]]:
-    """``name=value`` pairs with units, in SI; all faults at once.
+    """``name=value`` pairs with units, in SI units; all faults are in one message.
 
-    ``separator`` parts the values of one parameter, if there may be several.
+    ``separator`` separates several values of one parameter, if permitted.
     """
     from feltmb.errors import InvalidParameter
 
     out: dict[str, list[float]] = {}
     faults: list[str] = []
-    powers: list[tuple[str, str, str]] = []  # name, unit and text; the unit waits for an exponent
+    powers: list[tuple[str, str, str]] = []  # name, unit and text; the unit still needs an exponent
     for pair in pairs:
         name, equals, text = (part.strip() for part in pair.partition("="))
         unit = units.get(name, "1")
@@ -136,7 +136,7 @@ def _add_values(
 
 
 def numbers(pairs: Sequence[str], what: str, units: Mapping[str, str]) -> dict[str, float]:
-    """``name=value`` pairs, one value each."""
+    """``name=value`` pairs with one value each."""
     return {name: values[0] for name, values in quantities(pairs, what, units).items()}
 
 

@@ -70,7 +70,7 @@ def pressure_command(
 
     known = models()
     if model not in known:
-        law(model)  # names the laws that there are
+        law(model)  # the message has the known laws
     made = law(model, **numbers(given, "--set", parameter_units(known[model])))
     if points < 2 or not top > made.v_f0:
         raise InvalidParameter(

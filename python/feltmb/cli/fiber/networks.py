@@ -1,4 +1,4 @@
-"""``feltmb fiber models, structure, contacts``: what a network is made of."""
+"""``feltmb fiber models, structure, contacts``: properties of fiber networks."""
 
 from __future__ import annotations
 

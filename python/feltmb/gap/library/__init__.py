@@ -1,9 +1,10 @@
 """Generic effects: for any coordinate of a second-order system, any level, sensor and input.
 
-Every function returns an :class:`~feltmb.fit.Effect` that is exactly the model at magnitude zero.
-Lengths and speeds that give an effect its shape are taken from ranges that the caller knows from
-the records (``travel`` [position unit], ``speed`` [position unit/s]). A file of this folder with a
-tuple ``FOR_COORDINATE`` adds its effects to those of every coordinate: docs/howto/add_an_effect.md.
+Every function returns an :class:`~feltmb.fit.Effect`. With magnitude zero, it changes nothing in
+the model. The shape of an effect has lengths and speeds. Their values follow from typical values,
+which the caller takes from the records (``travel`` [position unit], ``speed`` [position unit/s]). A
+file of this folder with a tuple ``FOR_COORDINATE`` adds its effects to those of every coordinate:
+docs/howto/add_an_effect.md.
 """
 
 from __future__ import annotations
@@ -106,7 +107,7 @@ def for_coordinate(
     speed
         Typical speed [m/s or rad/s].
     time
-        Typical duration of what happens [s].
+        Typical duration of an event [s].
     """
     scales = Scales(force, travel, speed, time)
     return tuple(make(c, scales) for make in _makers("FOR_COORDINATE"))
@@ -114,7 +115,7 @@ def for_coordinate(
 
 @functools.cache
 def _makers(what: str) -> tuple[Callable[[Part, Scales], Effect], ...]:
-    """What the modules of this folder offer: a new effect is a file here."""
+    """Functions of the modules of this folder that make effects; a new file adds its effects."""
     found: list[Callable[[Part, Scales], Effect]] = []
     for module in sorted(info.name for info in pkgutil.iter_modules(__path__)):
         found += getattr(importlib.import_module(f"{__name__}.{module}"), what, ())
@@ -129,7 +130,7 @@ def for_input(name: str, record: Record, *, unit: str = "1") -> tuple[Effect, ..
     name
         Name of the input.
     record
-        Record from which typical sizes are taken.
+        Record from which typical magnitudes are taken.
     unit
         Unit of the input.
     """
@@ -155,7 +156,7 @@ def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effec
     name
         Channel of the sensor.
     record
-        Record from which typical sizes are taken.
+        Record from which typical magnitudes are taken.
     """
     y = record.outputs[name]
     spread = float(np.nanstd(y)) or 1.0
@@ -190,7 +191,7 @@ def standard_effects(
     coordinates
         Coordinates and couplings on which effects act.
     record
-        Record from which typical sizes of channels are taken.
+        Record from which typical magnitudes of channels are taken.
     force
         Typical force [N or N m].
     travel
@@ -198,7 +199,7 @@ def standard_effects(
     speed
         Typical speed [m/s or rad/s].
     time
-        Typical duration of what happens [s].
+        Typical duration of an event [s].
     """
     out: list[Effect] = []
     for c in coordinates:

@@ -16,8 +16,8 @@ def for_force_balance(
 ) -> tuple[Effect, ...]:
     """Candidates of a measured force balance that is linear in its parameters.
 
-    For :class:`~feltmb.fit.LinearModel` with ``position`` and ``speed`` among the inputs of the
-    records; ``force``, ``travel`` and ``pace`` are their typical magnitudes.
+    The model is a :class:`~feltmb.fit.LinearModel`, and the records have ``position`` and ``speed``
+    among their inputs. ``force``, ``travel`` and ``pace`` are typical magnitudes.
 
     Parameters
     ----------

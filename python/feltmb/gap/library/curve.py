@@ -1,4 +1,4 @@
-"""The bend of a characteristic."""
+"""Nonlinear curves of a characteristic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Forces on a coordinate: friction, stiffness, play, memory, drift."""
+"""Force effects on a coordinate: friction, stiffness, backlash, hysteresis, creep, drift."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from feltmb.data import Array
 from feltmb.fit import Coordinate, Coupling, Effect, Named, State
 from feltmb.gap.library.products import product
 
-#: What an effect may act on.
+#: Coordinate or coupling of two coordinates: the place of a force effect.
 Part = Coordinate | Coupling
 Rate = Callable[[Any, Named, Named, Named, Any, Any], Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
 class Scales:
-    """What is typical of a coordinate, in its units."""
+    """Typical values of a coordinate, in its units."""
 
     force: float
     travel: float
     speed: float
     time: float
-    """[s]"""
+    """Typical duration of an event [s]."""
 
 
 def force_law(c: Part, law: Callable[[Any, Any, Any], Any]) -> Rate:
-    """Rate of a force law f(position, speed, shape) per unit of magnitude, against the motion."""
+    """Derivative of a force law f(position, speed, shape) by its magnitude, against the motion."""
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
         return c.push(-size * law(*c.motion(x), shape), t, x, u, p)
@@ -142,7 +142,7 @@ def quadratic_friction(c: Part, *, scale: float) -> Effect:
 
 
 def polynomial_stiffness(c: Part, power: int, *, scale: float) -> Effect:
-    """F = k_n q^n; n = 2 makes a spring asymmetric, n = 3 hardens (> 0) or softens it.
+    """F = k_n q^n; n = 2: asymmetric spring; n = 3: hardening (k_n > 0) or softening spring.
 
     Parameters
     ----------
@@ -166,16 +166,16 @@ def polynomial_stiffness(c: Part, power: int, *, scale: float) -> Effect:
 
 
 def backlash(c: Part, *, stiffness: float, travel: float) -> Effect:
-    """Dead zone of a stiffness: a share s of k q is missing within +-b (b: the shapes).
+    """Dead zone of a stiffness: within +-b the share s of k q is missing (b: the shapes).
 
     Parameters
     ----------
     c
         Coordinate, or coupling of two coordinates, on which the effect acts.
     stiffness
-        Stiffness of the part beyond the play [N/m or N m/rad].
+        Stiffness outside the dead zone [N/m or N m/rad].
     travel
-        Typical displacement, from which values of the play follow.
+        Typical displacement, from which values of b follow.
     """
     return Effect(
         name=f"dead zone {c.name}",
@@ -192,9 +192,9 @@ def backlash(c: Part, *, stiffness: float, travel: float) -> Effect:
 
 
 def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
-    """A spring that is met at one end of the travel: F = k max(q - b, 0), or its mirror image.
+    """A stop at one end of the travel: F = k max(q - b, 0), or its mirror image.
 
-    The shape is (side, b): +1 the stop at q = b, -1 the one at q = -b.
+    The shape is (side, b): +1 is a stop at q = b, -1 a stop at q = -b.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
     stiffness
         Stiffness of the stop that one would expect [N/m or N m/rad].
     travel
-        Typical displacement, from which places of the stop follow.
+        Typical displacement, from which positions of the stop follow.
     """
 
     def law(q: Any, v: Any, shape: Any) -> Any:
@@ -225,13 +225,13 @@ def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
 
 
 def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
-    """Rate-independent hysteresis: a spring behind a slip z (hidden state), F = F_h (q - z) / b.
+    """Rate-independent hysteresis: a spring in series with a slip z (hidden state).
 
-    While the spring is beyond its prior further the slip takes the share ``|(q - z) / b|^n`` of the
-    motion, and none when it turns back: the law of Bouc (1967) and Wen (1976) with beta = gamma.
-    The shape is (b, n): the stretch [position unit] at which all slips, and how sharply it begins.
-    n = 10 is nearly elastic-plastic (Jenkins), n = 2 round; n = 1 with a small b nears pre-sliding
-    friction (Dahl 1968).
+    The force is F = F_h (q - z) / b. While the deflection ``|q - z|`` grows, the slip takes the
+    share ``|(q - z) / b|^n`` of the motion. While it shrinks, z is constant. This is the law of
+    Bouc (1967) and Wen (1976) with beta = gamma. The shape is (b, n): the deflection [position
+    unit] of full slip, and the sharpness of its onset. n = 10 is nearly elastic-plastic (Jenkins),
+    n = 2 is round; n = 1 with a small b approximates pre-sliding friction (Dahl 1968).
 
     Parameters
     ----------
@@ -276,7 +276,7 @@ def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
     c
         Coordinate, or coupling of two coordinates, on which the effect acts.
     scale
-        Magnitude that one would expect.
+        Stiffness of the branch that one would expect [N/m or N m/rad].
     times
         Relaxation times that are tried [s].
     """
@@ -302,16 +302,17 @@ def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
 
 
 def drifting_stiffness(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
-    """A stiffness that comes within a record: F = k (1 - exp(-t / tau)) q; warming, settling.
+    """A stiffness that develops during a record, by warming or settling.
 
-    The time [s] is that of the record, which should begin with the drift; the shapes are tau [s].
+    F = k (1 - exp(-t / tau)) q. t [s] is the time of the record, so that the record should begin
+    with the drift; the shapes are tau [s].
 
     Parameters
     ----------
     c
         Coordinate, or coupling of two coordinates, on which the effect acts.
     scale
-        Magnitude that one would expect.
+        Final stiffness that one would expect [N/m or N m/rad].
     times
         Time constants of the drift that are tried [s].
     """
@@ -335,7 +336,7 @@ def drifting_stiffness(c: Part, *, scale: float, times: Sequence[float]) -> Effe
 
 
 def offset_force(c: Part, *, scale: float) -> Effect:
-    """A constant force: gravity, preload, an offset of the drive."""
+    """A constant force: gravity, preload, offset of the drive."""
     return Effect(
         name=f"constant force {c.name}",
         component=c.name,
@@ -347,7 +348,7 @@ def offset_force(c: Part, *, scale: float) -> Effect:
     )
 
 
-#: Effects that a coordinate may have, by its typical force, travel, speed and time.
+#: Force effects of a coordinate, made from its typical force, travel, speed and time.
 FOR_COORDINATE: tuple[Callable[[Part, Scales], Effect], ...] = (
     lambda c, s: dry_friction(c, scale=0.1 * s.force, speed=s.speed),
     lambda c, s: dry_friction_asymmetry(c, scale=0.1 * s.force, speed=s.speed),

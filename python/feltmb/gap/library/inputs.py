@@ -1,7 +1,7 @@
-"""Inputs: the record of one may be wrong, or the drive that it feeds.
+"""Input effects: errors in the record of an input, or errors of the drive.
 
-Gain, offset and delay are errors of the record, with the signs of a sensor's
-(:mod:`feltmb.gap.library.readings`); nonlinearity, saturation and dead zone are of the drive.
+Gain, offset and delay are errors of the record, with the sign convention of a sensor
+(:mod:`feltmb.gap.library.readings`). Nonlinearity, saturation and dead zone belong to the drive.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ def _input(
     kind: EffectKind = "input",
     **fields: Any,
 ) -> Effect:
-    """``change(values, magnitude, shape, record)`` of one input.
+    """Effect on one input; ``change(values, magnitude, shape, record)`` changes its values.
 
-    The kind is "input" where the record may be wrong, "force" where the drive is.
+    The kind is "input" if the record may be wrong, and "force" if the drive may be.
     """
 
     def excite(record: Record, size: float, shape: Any) -> Mapping[str, Array]:
@@ -38,7 +38,7 @@ def _input(
 
 
 def delay_input(name: str, *, scale: float) -> Effect:
-    """The record of the input lags what acts by the magnitude [s]; below zero it leads."""
+    """The record of the input is late by the magnitude [s]; a negative value means early."""
     return _misread(
         name,
         "delay",
@@ -51,19 +51,19 @@ def delay_input(name: str, *, scale: float) -> Effect:
 
 
 def gain_input(name: str) -> Effect:
-    """The record shows (1 + magnitude) times the input that acts."""
+    """The record shows (1 + magnitude) times the true input."""
     return _misread(
         name,
         "gain",
         scale=0.05,
-        lower=-0.9,  # a record that shows nothing of the input says nothing about it
+        lower=-0.9,  # a record without this input contains no information about it
         mechanism="The record of the input has another gain.",
         remedy="Calibrate the input.",
     )
 
 
 def bent_input(name: str, *, level: float) -> Effect:
-    """The input is larger by ``magnitude u^2 / level`` ("even") or ``magnitude u |u| / level``."""
+    """The true input is larger by ``magnitude u^2 / level`` or ``magnitude u |u| / level``."""
     return _input(
         name,
         "nonlinearity of input",
@@ -77,7 +77,7 @@ def bent_input(name: str, *, level: float) -> Effect:
 
 
 def offset_input(name: str, *, unit: str, scale: float) -> Effect:
-    """The record shows the input that acts plus the magnitude.
+    """The record shows the true input plus the magnitude.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def offset_input(name: str, *, unit: str, scale: float) -> Effect:
 
 
 def _misread(name: str, error: ReadingError, **fields: Any) -> Effect:
-    """An error of the sensor of an input, in the convention of :mod:`readings`."""
+    """Error of the sensor of an input, in the convention of :mod:`readings`."""
     return _input(
         name,
         f"{error} of input",
@@ -121,7 +121,7 @@ def saturation_input(name: str, *, levels: Sequence[float]) -> Effect:
 
 
 def dead_zone_input(name: str, *, levels: Sequence[float]) -> Effect:
-    """Of the input within +-level only the share 1 - magnitude arrives."""
+    """Within +-level, only the share 1 - magnitude of the input acts."""
     return _part_lost(
         name,
         "dead zone of input",

@@ -1,4 +1,4 @@
-"""First order: what a store loses or gains beside its law."""
+"""Effects on a state of a first-order system: losses and gains."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from feltmb.fit import Effect, Named
 
 
 def overflow(state: str, *, levels: Sequence[float], rate_scale: float, into: str = "") -> Effect:
-    """Overflow above a level: the state loses magnitude * max(0, x - level) a second.
+    """Overflow above a level: the state loses magnitude * max(0, x - level) per second.
 
-    The level is a shape; with ``into`` a share of the loss (second number of the shape) arrives in
-    another state. A magnitude far above the rates of the system holds the level.
+    The level is a shape. With ``into``, a share of the loss (second number of the shape) flows into
+    another state. If the magnitude is much larger than the rates of the system, the state stays at
+    the level.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ def overflow(state: str, *, levels: Sequence[float], rate_scale: float, into: st
 
 
 def leak(state: str, *, scale: float) -> Effect:
-    """A loss in proportion to the state."""
+    """A loss proportional to the state."""
     return Effect(
         name=f"leak {state}",
         component=state,
@@ -67,12 +68,12 @@ def leak(state: str, *, scale: float) -> Effect:
 
 
 def power_outflow(state: str, power: float, *, scale: float) -> Effect:
-    """A loss with another power of the state than the model has.
+    """A loss proportional to a power of the state that the model does not have.
 
     Parameters
     ----------
     state
-        State that flows out.
+        State that loses.
     power
         Power of the state.
     scale

@@ -1,4 +1,4 @@
-"""Units of products, written as a person writes them."""
+"""Units of products in the usual notation."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ _TOKEN = re.compile(r"^([^\d^][^^]*?)(?:\^?(-?\d+(?:\.\d+)?))?$")
 
 
 def product(*powers: tuple[str, float]) -> str:
-    """Unit of a product of units with powers, each base unit once: ``rad/s^2``, ``s/rad`` -> 1/s.
+    """Unit of a product of units with powers, for example ``s/rad`` -> 1/s.
 
-    What cannot be read as a unit stands as it is.
+    Each base unit appears once.
+
+    A text that is not a unit is kept unchanged.
     """
     exponents: dict[str, float] = {}
     for unit, power in powers:

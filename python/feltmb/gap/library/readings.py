@@ -1,10 +1,11 @@
-"""The record of an input is the reading of a sensor: one convention for all channels.
+"""Sign convention of sensor errors, the same for outputs and for recorded inputs.
 
 reading(t) = (1 + gain) truth(t - delay) + offset
 
-A channel that reads too much has gain > 0, one that is late delay > 0, whether it shows an output
-or an input. An output is compared as the sensor would show it; an input that drives the model is
-taken back to what acted, truth(t) = (reading(t + delay) - offset) / (1 + gain).
+A reading that is too large has gain > 0, and a reading that is late has delay > 0, for outputs as
+well as inputs. An output of the model is converted to the reading of the sensor before the
+comparison. A recorded input is converted back to the true input before it drives the model:
+truth(t) = (reading(t + delay) - offset) / (1 + gain).
 """
 
 from __future__ import annotations
@@ -23,20 +24,20 @@ ReadingError = Literal["delay", "gain", "offset"]
 def acting(
     time: Array, reading: Array, error: ReadingError, size: float, *, smooth: bool = False
 ) -> Array:
-    """What acted, of an input whose record has an error of the sensor.
+    """True input, computed from a record with a sensor error.
 
     Parameters
     ----------
     time
-        Of the samples [s].
+        Time of the samples [s].
     reading
-        Recorded input, its unit.
+        Recorded input [its unit].
     error
         ``gain`` [1], ``offset`` [unit of the input] or ``delay`` [s].
     magnitude
-        Of the error: positive where the sensor reads too much or late.
+        Magnitude of the error: positive if the reading is too large or late.
     smooth
-        Cubic between the samples, for an input without jumps; linear else.
+        Cubic interpolation between samples, for an input without jumps; else linear.
     """
     if size == 0.0:
         return reading

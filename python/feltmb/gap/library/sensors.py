@@ -1,4 +1,4 @@
-"""Sensors: gain, bend, offset and delay of a channel."""
+"""Sensor effects: gain, nonlinearity, offset and delay of a channel."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ def _sensor(
     change: Callable[[Array, Array, Record, Array, Any], Array],
     **fields: Any,
 ) -> Effect:
-    """``change(values (B, L), magnitudes (B,), record, segments (B, 2), shape)`` of one channel."""
+    """Effect on one channel with the given ``change`` of its values.
+
+    Signature: ``change(values (B, L), magnitudes (B,), record, segments (B, 2), shape)``.
+    """
     channel = list(outputs).index(name)
 
     def observe(
@@ -99,7 +102,7 @@ def sensor_offset(outputs: Sequence[str], name: str, *, unit: str, scale: float)
 
 
 def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
-    """The channel lags the output by the magnitude [s].
+    """The channel is late by the magnitude [s].
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Pictures of runs and mechanisms.
+"""Figures of runs and mechanisms.
 
 Every function takes a :class:`~feltmb.run.results.Run` (or several, or an
-:class:`~feltmb.mechanism.Action`) and returns a matplotlib ``Figure`` of its own; nothing is shown
-and no global state of matplotlib is touched. Axes carry the units of a reader: ms, mm, N, m/s, mJ.
-What a run does not have is left out; a picture of which nothing would be left is refused.
+:class:`~feltmb.mechanism.Action`) and returns a new matplotlib ``Figure``. It shows nothing and
+does not change the global state of matplotlib. Axes have practical units: ms, mm, N, m/s, mJ. Parts
+for which the run has no data are omitted. If nothing remains, an error is raised.
 """
 
 from feltmb.graphics.plot.effect_bars import effects

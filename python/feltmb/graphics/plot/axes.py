@@ -1,4 +1,4 @@
-"""What the axes of runs share: titles, marks of events, limits in a window of time."""
+"""Common parts of the axes of runs: titles, event marks, limits of a time window."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["head_title", "mark_events", "panel_grid", "set_window"]
 
 
 def head_title(figure: Figure, run: Run, what: str) -> None:
-    """Title of a figure: what it shows, and of which run."""
+    """Title of a figure: its content and its run."""
     name = run_name(run)
     figure.suptitle(
         f"{what}: {name}" if name else what, fontsize=LARGE, x=0.01, ha="left", fontweight="bold"
@@ -37,9 +37,9 @@ def mark_events(
     labels: bool = True,
     only: Iterable[str] | None = None,
 ) -> None:
-    """Thin lines at the named events, their names above the axes without collision.
+    """Draw thin lines at the named events, with names above the axes that do not overlap.
 
-    ``window`` in s; ``width`` of the axes in inches, which decides how close names may stand.
+    ``window`` in s; ``width`` of the axes in inches, which determines the distance of the names.
     """
     chosen = None if only is None else set(only)
     low, high = window
@@ -84,7 +84,7 @@ def mark_events(
 
 
 def set_window(ax: Axes, window: tuple[float, float]) -> None:
-    """Limits of time [s], and of the ordinate from what is seen in them."""
+    """Set the limits of time [s], and of the ordinate from the visible curves."""
     ax.set_xlim(1e3 * window[0], 1e3 * window[1])
     low, high = math.inf, -math.inf
     for line in ax.get_lines():
@@ -101,7 +101,7 @@ def set_window(ax: Axes, window: tuple[float, float]) -> None:
 
 
 def panel_grid(figure: Figure, count: int, columns: int) -> list[Axes]:
-    """Axes of ``count`` panels in rows of ``columns``."""
+    """Axes of ``count`` panels with ``columns`` panels in a row."""
     rows = -(-count // columns)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for ax in axes[count:]:

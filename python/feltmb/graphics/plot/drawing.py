@@ -1,4 +1,4 @@
-"""Bodies, joints and what is fixed, drawn on axes."""
+"""Draws bodies, joints and fixed parts on axes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["body_transform", "draw_bodies", "draw_fixed", "draw_joints"]
 
 
 def body_transform(ax: Axes, pose: Pose) -> Any:
-    """From the frame of a body [m] to the page."""
+    """Transformation from the frame of a body [m] to the axes."""
     from matplotlib.transforms import Affine2D
 
     return Affine2D().rotate(pose[2]).translate(pose[0], pose[1]) + ax.transData
@@ -39,9 +39,9 @@ def draw_bodies(
     bent: Mapping[str, Array],
     fills: Mapping[str, str] | None = None,
 ) -> dict[str, list[tuple[Any, list[Shape]]]]:
-    """Draw the shapes, in m; artists and what they show by body, so that a pose is one transform.
+    """Draw the shapes [m]; returns artists by body, so that a pose is one transformation each.
 
-    ``bent`` holds the center lines of flexible beams, ``fills`` other colors of bodies.
+    ``bent``: center lines of flexible beams; ``fills``: other colors of bodies.
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
@@ -59,7 +59,8 @@ def draw_bodies(
             chosen = [s for s in own if s.role == role]
             outlines = [shape_points(action, s, bent) for s in chosen]
             if outlines:
-                # Twice: all outlines first, then all fills, so that overlapping parts are one.
+                # All outlines are drawn before all fills, so that overlapping parts look like one
+                # part.
                 under = PolyCollection(
                     outlines, facecolors=ink, edgecolors=ink, linewidths=1.3, zorder=z
                 )
@@ -100,7 +101,7 @@ def draw_fixed(
     *,
     with_string: bool = True,
 ) -> None:
-    """String at rest and signs of the ground joints, in m."""
+    """Draw the string at rest and the symbols of the ground joints [m]."""
     u = drawn.unit
     line = string_line(action)
     if line is not None and with_string:
@@ -121,7 +122,7 @@ def draw_fixed(
 
 
 def draw_joints(ax: Axes, action: Action, drawn: Scene, poses: Mapping[str, Pose]) -> list[Any]:
-    """Pins and slides of the joints; artists with the frame they move with as ``body``."""
+    """Draw the pins and slides of the joints; returns artists, with their frame as ``body``."""
     u = drawn.unit
     angle = np.linspace(0.0, 2.0 * math.pi, 25)
     ring = 1.7 * u * np.column_stack([np.cos(angle), np.sin(angle)])

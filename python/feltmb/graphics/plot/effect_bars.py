@@ -1,4 +1,4 @@
-"""Picture of what small changes of parameters do."""
+"""Figure of the influence of small parameter changes."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def effects(change: pd.Series, unit: str) -> Figure:
     Parameters
     ----------
     change
-        By parameter, SI; its name is that of the number.
+        Changes by parameter, SI units; the name of the series is the name of the value.
     unit
-        SI unit of the number.
+        SI unit of the value.
     """
     factor, shown = reader_unit(unit)
     figure = new_figure(6.4, 1.2 + 0.2 * len(change))

@@ -1,4 +1,4 @@
-"""Pictures of energy: stored, supplied and dissipated; force against compression."""
+"""Figures of energy (stored, supplied, dissipated), and of force over compression."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ _STORED = (
 
 
 def energy(run: Run) -> Figure:
-    """Energies [mJ] stored since the start, finger work, and where energy went.
+    """Plot energies [mJ] since the start: stored energy, work of the finger, and losses.
 
-    The bars and the residual come from the ledger, if the run has one.
+    The bars and the residual are from the energy balance, if the run has one.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def _dissipation_bars(ax: Axes, run: Run, dissipated: Mapping[str, float]) -> No
 
 
 def _alone(law: _core.ContactLaw, deepest: float, lasts: float) -> tuple[Any, Any]:
-    """Compression [m] and force [N] of a law pressed to ``deepest`` and released, ``lasts`` [s]."""
+    """Compression [m] and force [N] of a law for a press to ``deepest`` within ``lasts`` [s]."""
     e = np.linspace(0.0, deepest, 200)
     whole = np.r_[e, e[-2::-1]]
     time = np.linspace(0.0, max(lasts, 1e-4), whole.size)
@@ -173,22 +173,22 @@ def _alone(law: _core.ContactLaw, deepest: float, lasts: float) -> tuple[Any, An
 
 
 def loops(run: Run, numbers: Sequence[int] | None = None) -> Figure:
-    """Force against compression of contacts, over what their laws do alone.
+    """Plot force over compression of contacts, compared with their laws alone.
 
-    Alone: new felt is pressed evenly to the largest compression of the run and released, in the
-    time for which the contact was closed.
+    For the law alone, virgin felt is compressed uniformly to the largest compression of the run and
+    released, within the duration of the contact.
 
     Parameters
     ----------
     run
-        The mechanism's laws are read from its provenance.
+        Run; the laws of the mechanism are read from its provenance.
     numbers
-        Contacts; default: all that carry force.
+        Numbers of contacts; default: all contacts with a force.
 
     Raises
     ------
     InvalidParameter
-        A number is no contact, or no contact carries force.
+        A number is not a contact, or no contact has a force.
     """
     from feltmb.mechanism import core_law
 

@@ -1,4 +1,4 @@
-"""All pictures of a run as files."""
+"""Writes all plots of a run to files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PICTURES", "save_all"]
 
-#: Pictures that :func:`save_all` writes.
+#: Plots that :func:`save_all` writes.
 PICTURES = {
     "overview": overview,
     "motion": motion,
@@ -34,14 +34,14 @@ PICTURES = {
 
 
 def save_all(run: Run, folder: str | Path, stem: str, force: bool = False) -> list[Path]:
-    """Write every picture that the run has data for, as ``folder/stem_PICTURE.png``.
+    """Write every plot for which the run has data, as ``folder/stem_PLOT.png``.
 
     Parameters
     ----------
     run
         Run that is drawn.
     folder
-        Folder of the pictures.
+        Folder of the plots.
     stem
         Beginning of the file names.
     force
@@ -50,14 +50,14 @@ def save_all(run: Run, folder: str | Path, stem: str, force: bool = False) -> li
     Returns
     -------
     list of Path
-        The files written.
+        The written files.
 
     Raises
     ------
     FileExists
-        One of the files exists and ``force`` is not given; nothing is written then.
+        One of the files exists and ``force`` is false; then nothing is written.
     InvalidParameter
-        The run has data for no picture.
+        The run has no data for any plot.
     """
     folder = make_folder(folder)
     figures: dict[Path, Figure] = {}

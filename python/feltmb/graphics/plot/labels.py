@@ -1,4 +1,4 @@
-"""Greedy placement of labels, clear of each other and of what is drawn."""
+"""Greedy placement of labels without overlaps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["Labels"]
 
 
 def _label_candidates() -> list[tuple[float, float]]:
-    """Offsets of a label in multiples of its height, near ones first."""
+    """Offsets of a label in multiples of its height, small ones first."""
     out = []
     for radius in (1.3, 1.9, 2.6, 3.5, 4.6, 6.0):
         for k in range(16):
@@ -23,7 +23,7 @@ def _label_candidates() -> list[tuple[float, float]]:
 
 
 class Labels:
-    """Greedy placement of labels in pixels: clear of each other, of obstacles where possible."""
+    """Greedy placement of labels in pixels, without overlaps with labels and obstacles."""
 
     def __init__(self, obstacles: Array, bounds: tuple[float, float, float, float]):
         self.obstacles = obstacles
@@ -34,11 +34,11 @@ class Labels:
     def place(
         self, anchors: Array, width: float, height: float, unit: float
     ) -> tuple[Array, Array]:
-        """Anchor and center of a label; the anchors are equally good."""
+        """Anchor and center of a label; all anchors are equally good."""
         best, best_cost = (anchors[0], anchors[0]), math.inf
         for at in anchors:
             for dx, dy in _label_candidates():
-                # Wide labels move sideways by half of their width.
+                # Wide labels are moved sideways by half of their width.
                 stretch = 0.5 * (width - height) * np.sign(dx) * min(1.0, abs(dx / (dy or 1e-9)))
                 center = at + np.array([dx * unit + stretch, dy * unit])
                 cost = self._cost(at, center, width, height, math.hypot(dx, dy))

@@ -1,4 +1,4 @@
-"""Curves and outlines of plane figures as points."""
+"""Points of curves and outlines of plane figures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = [
 
 
 def arc_points(center: Array, radius: float, low: float, high: float) -> Array:
-    """Points of an arc; the polygon leaves it by less than 1 um."""
+    """Points of an arc; the polygon differs from it by less than 1 um."""
     step = 2.0 * math.acos(max(0.0, 1.0 - 1e-6 / max(radius, 2e-6)))
     count = max(9, math.ceil(abs(high - low) / step) + 1)
     angle = np.linspace(low, high, count)
@@ -32,7 +32,7 @@ def arc_points(center: Array, radius: float, low: float, high: float) -> Array:
 
 
 def wrap_angle(angle: float, about: float) -> float:
-    """The same angle [rad], within half a turn of ``about``."""
+    """The same angle [rad], within pi of ``about``."""
     return about + math.remainder(angle - about, 2.0 * math.pi)
 
 
@@ -43,7 +43,7 @@ def capsule(a: Array, ra: float, b: Array, rb: float) -> Array:
 
 @lru_cache(maxsize=1024)
 def _capsule(ax: float, ay: float, ra: float, bx: float, by: float, rb: float) -> Array:
-    """Most of a mechanism are those of the one before; nobody may change them."""
+    """Cached, because most capsules of a mechanism are repeated; the result must not be changed."""
     out = _hull(np.array([ax, ay]), ra, np.array([bx, by]), rb)
     out.flags.writeable = False
     return out
@@ -69,7 +69,7 @@ def _hull(a: Array, ra: float, b: Array, rb: float) -> Array:
 
 
 def dense_outline(outline: Array, step: float) -> Array:
-    """Closed outline with points no further apart than ``step``, so that it can bend."""
+    """Closed outline with a largest point distance of ``step``, so that it can be bent."""
     parts = []
     for a, b in itertools.pairwise(np.vstack([outline, outline[:1]])):
         count = max(1, math.ceil(float(np.hypot(*(b - a))) / step))
@@ -78,7 +78,7 @@ def dense_outline(outline: Array, step: float) -> Array:
 
 
 def round_box(low: Array, high: Array, radius: float) -> Array:
-    """Rectangle with round corners."""
+    """Rectangle with rounded corners."""
     corners = []
     for x, y, start in (
         (high[0], high[1], 0.0),
@@ -94,7 +94,7 @@ def round_box(low: Array, high: Array, radius: float) -> Array:
 
 
 def shortest_tree(points: Sequence[Array], first: int) -> list[tuple[int, int]]:
-    """Edges of the shortest tree that joins the points and holds the edge from 0 to ``first``."""
+    """Edges of the shortest tree through the points that includes the edge from 0 to ``first``."""
     if len(points) < 2:
         return []
     inside, edges = {0, first}, [(0, first)]
@@ -109,7 +109,7 @@ def shortest_tree(points: Sequence[Array], first: int) -> list[tuple[int, int]]:
 
 
 def spiral(radius: float) -> Array:
-    """Points of the sign of a torsion spring around the origin [m]."""
+    """Points of the symbol of a torsion spring around the origin [m]."""
     angle = np.linspace(0.0, 5.0 * math.pi, 90)
     r = radius * (0.45 + 0.55 * angle / angle[-1])
     return np.column_stack([r * np.cos(angle), r * np.sin(angle)])

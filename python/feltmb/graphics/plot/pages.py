@@ -1,4 +1,4 @@
-"""One page of a stroke, and outputs of several runs over each other."""
+"""Overview of a stroke on one page, and a comparison of several runs."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ __all__ = ["compare", "overview"]
 
 
 def overview(run: Run) -> Figure:
-    """One page of a stroke: finger, motion, striker, largest contact forces, string, felt.
+    """Plot one page of a stroke: finger, motion, striker, contact forces, string, felt.
 
     Raises
     ------
@@ -145,20 +145,20 @@ def _summary_line(run: Run) -> str:
 
 
 def compare(runs: Sequence[Run], names: Sequence[str]) -> Figure:
-    """Overlay outputs of several runs, one panel for each output.
+    """Plot outputs of several runs in common axes, one panel for each output.
 
     Parameters
     ----------
     runs
-        One or more; each becomes one color.
+        One or more runs; each has one color.
     names
-        Outputs, such as ``["hammer_tip.vx", "contact06.force"]``. A run without one of them is
-        left out of that panel.
+        Names of outputs, such as ``["hammer_tip.vx", "contact06.force"]``. A run without an output
+        is omitted from its panel.
 
     Raises
     ------
     InvalidParameter
-        No runs, no names, or an output that no run has.
+        There are no runs, no names, or an output that no run has.
     """
     if not runs or not names:
         raise InvalidParameter(
@@ -176,7 +176,7 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Figure:
     for ax, name in zip(axes, names, strict=True):
         having = [i for i, run in enumerate(runs) if name in run]
         if not having:
-            runs[0][name]  # raises with names that are near
+            runs[0][name]  # raises an error with similar names
         first = runs[having[0]]
         factor, unit = reader_unit(first.unit(name))
         for i in having:

@@ -1,4 +1,4 @@
-"""A mechanism with its names: bodies, contacts with numbers, joints, springs, string."""
+"""Drawing of a mechanism with labels: bodies, contacts with numbers, joints, springs, string."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ def mechanism(
     title: str | None = None,
     shares: Mapping[str, float] | None = None,
 ) -> Figure:
-    """Draw a mechanism in a pose: bodies, contact surfaces with numbers, joints, springs, string.
+    """Plot a mechanism in a pose: bodies, numbered contacts, joints, springs, string.
 
-    Contact surfaces (dark red) are drawn where the simulation has them. The outlines of the bodies
-    only connect their known points: joints, surfaces, center of mass, attachments.
+    Contact surfaces (dark red) have the geometry of the simulation. The outlines of the bodies only
+    connect their known points: joints, surfaces, center of mass, attachments.
 
     Parameters
     ----------
@@ -74,14 +74,15 @@ def mechanism(
     q
         Coordinates [rad, m] in the order of ``action.coordinates``; default: at rest.
     title
-        Which pose it is, after the name of the mechanism; default: ``at rest``, or nothing.
+        Name of the pose, after the name of the mechanism; default: ``at rest``, or nothing.
     shares
-        Share of something by body [1]: colors the bodies from white to orange, all others white.
+        Shares by body [1]; they color the bodies from white to orange. Bodies without a share are
+        white.
 
     Raises
     ------
     InvalidParameter
-        The pose has the wrong length, or there is nothing to draw.
+        The pose has the wrong length, or there is nothing to plot.
     """
     if q is None and title is None:
         title = "at rest"
@@ -101,7 +102,7 @@ def mechanism(
     rows = len(contacts) + 9
     height = 8.6
     width = float(np.clip(height * size[0] / size[1], 4.5, 11.0))
-    # Room that the list needs, in inches.
+    # Space for the list, in inches.
     text_height, text_width = 0.155 * rows + 0.2, 2.9
     inside = upper_right_is_free(
         cloud, limits, np.array([text_width / width, text_height / height])
@@ -136,7 +137,7 @@ def mechanism(
 
 
 def _tints(action: Action, shares: Mapping[str, float]) -> dict[str, str]:
-    """Color by body, white where a body has no share."""
+    """Color by body; white for a body without a share."""
     full = np.array([0xD5, 0x5E, 0x00])
     out = {}
     for body in action.config.bodies:
@@ -207,7 +208,7 @@ def _draw_attachments(
 
 
 def _draw_scale(ax: Axes, drawn: Scene, limits: tuple[Array, Array]) -> None:
-    """Bar of a round length in the lower right corner."""
+    """Draw a scale bar of a round length in the lower right corner."""
     span = 100.0 * drawn.unit
     round_length = 10.0 ** math.floor(math.log10(span))
     for step in (5.0, 2.0):
@@ -234,7 +235,7 @@ def _body_label(action: Action, name: str) -> str:
 def _label_mechanism(
     ax: Axes, action: Action, drawn: Scene, q: Array, poses: Mapping[str, Pose]
 ) -> None:
-    """Numbers of contacts and names of bodies, placed clear of each other."""
+    """Place numbers of contacts and names of bodies without overlaps."""
     bent = bent_beams(action, q)
     to_pixels = ax.transData
     obstacles = []
@@ -277,7 +278,7 @@ def _label_mechanism(
     back = to_pixels.inverted()
 
     def put(text: str, at: Array, size: float, color: str, circle: bool, unit: float) -> None:
-        """Write a text near ``at``, one place or several equally good ones, in m."""
+        """Write a text near ``at``, one position or several equally good ones [m]."""
         height = 1.5 * size * pixel
         width = 1.65 * size * pixel if circle else (0.6 * size * len(text) + 4.0) * pixel
         anchors = np.atleast_2d(np.asarray(to_pixels.transform(np.atleast_2d(at))))
@@ -286,7 +287,7 @@ def _label_mechanism(
         where = back.transform(place)
         toward = pixels - place
         length = float(np.hypot(*toward))
-        # Leave the box of a text where the leader crosses its edge.
+        # The leader ends at the edge of the text box.
         reach = min(
             0.5 * width / abs(toward[0]) if toward[0] else math.inf,
             0.5 * height / abs(toward[1]) if toward[1] else math.inf,
@@ -334,7 +335,7 @@ def _label_mechanism(
 
 
 def _list_contacts(figure: Figure, action: Action, contacts: Mapping[int, Any]) -> None:
-    """Numbers and names of the contacts, and the signs, as a list beside the drawing."""
+    """Draw a list of contact numbers, names and symbols beside the drawing."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -413,7 +414,7 @@ def _list_contacts(figure: Figure, action: Action, contacts: Mapping[int, Any]) 
 
 
 def moment_of_run(run: Run) -> Figure:
-    """Draw the mechanism of a run at its impact, else where it is farthest from its start."""
+    """Plot the mechanism of a run at its impact, or else farthest from its start."""
     action = run_action(run)
     names = action.coordinates
     if not all(name in run for name in names) or run.time.size == 0:

@@ -1,4 +1,4 @@
-"""Where a mechanism is in a pose: bodies, bent beams, contacts, straps, string. No drawing."""
+"""Geometry of a mechanism in a pose: bodies, bent beams, contacts, straps, string."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ Pose = tuple[float, float, float]
 
 
 def body_poses(action: Action, q: npt.ArrayLike) -> dict[str, Pose]:
-    """Origin x, y [m] and angle [rad] of every body, of a flexible beam at its clamped end.
+    """Origin x, y [m] and angle [rad] of every body; of a flexible beam at its clamped end.
 
     Parameters
     ----------
     q
         Mechanical coordinates [rad, m] in the order of ``action.coordinates``.
     """
-    locate: Any = getattr(_core, "body_poses", None)  # the stub of the core may lag behind
+    locate: Any = getattr(_core, "body_poses", None)  # the stub file of the core may be older
     found = locate(action.mechanism, np.asarray(q, dtype=float).ravel())
     poses: dict[str, Pose] = {"ground": (0.0, 0.0, 0.0)}
     for name, (x, y, angle) in found.items():
@@ -56,14 +56,14 @@ def body_poses(action: Action, q: npt.ArrayLike) -> dict[str, Pose]:
 def bent_beams(action: Action, q: npt.ArrayLike) -> dict[str, Array]:
     """Center lines (n, 2) [m] of the flexible beams in the frames of their clamped ends."""
     mechanism = action.mechanism
-    names = getattr(mechanism, "beam_names", ())  # the stub of the core may lag behind
+    names = getattr(mechanism, "beam_names", ())  # the stub file of the core may be older
     position = np.asarray(q, dtype=float).ravel()
     line: Any = getattr(mechanism, "beam_centerline", None)
     return {str(n): np.asarray(line(n, position, 25)) for n in names}
 
 
 def bend(points: Array, line: Array, length: float) -> Array:
-    """Points of a straight beam [m] after it took the shape of a center line."""
+    """Points of a straight beam [m] after it was bent to a center line."""
     grid = np.linspace(0.0, length, len(line))
     slope = np.gradient(line, grid, axis=0)
     slope /= np.hypot(slope[:, 0], slope[:, 1])[:, None]
@@ -76,7 +76,7 @@ def bend(points: Array, line: Array, length: float) -> Array:
 
 
 def station(points: Array, line: Array, length: float, x: float) -> Array:
-    """Points fixed to the cross section at ``x`` [m] of a beam that took the shape of a line."""
+    """Points fixed to the cross section at ``x`` [m] of a beam that was bent to a center line."""
     grid = np.linspace(0.0, length, len(line))
     at = np.array([np.interp(x, grid, line[:, k]) for k in (0, 1)])
     angle = float(np.interp(x, grid, np.gradient(line[:, 1], grid, edge_order=2)))
@@ -90,7 +90,7 @@ def point_at(
     body: str,
     point: npt.ArrayLike,
 ) -> Array:
-    """Place in the ground frame [m] of a point of a body, also of a flexible beam."""
+    """Position in the ground frame [m] of a point of a body, which may be a flexible beam."""
     p = np.asarray(point, dtype=float)
     if body in bent:
         length = action.config.bodies[body].length or 1.0
@@ -100,7 +100,7 @@ def point_at(
 
 
 def to_ground(pose: Pose, points: Array) -> Array:
-    """Points (n, 2) [m] of a frame in the ground frame."""
+    """Transform points (n, 2) [m] from a frame to the ground frame."""
     x, y, angle = pose
     c, s = math.cos(angle), math.sin(angle)
     out: Array = points @ np.array([[c, s], [-s, c]]) + np.array([x, y])
@@ -108,7 +108,7 @@ def to_ground(pose: Pose, points: Array) -> Array:
 
 
 def to_body(pose: Pose, points: Array) -> Array:
-    """Points (n, 2) [m] of the ground frame in a frame."""
+    """Transform points (n, 2) [m] from the ground frame to a frame."""
     x, y, angle = pose
     c, s = math.cos(angle), math.sin(angle)
     out: Array = (points - np.array([x, y])) @ np.array([[c, -s], [s, c]])
@@ -128,7 +128,7 @@ def contact_rows(action: Action, q: npt.ArrayLike) -> dict[int, tuple[float, ...
 
 
 def moving_joints(action: Action) -> list[tuple[str, str, str, Array]]:
-    """Body, kind, parent and place in the frame of the parent [m] of the joints that move."""
+    """Body, kind, parent, and position in the parent's frame [m] of the movable joints."""
     return [
         (name, b.joint, b.parent, np.array(b.position))
         for name, b in action.config.bodies.items()
@@ -137,7 +137,7 @@ def moving_joints(action: Action) -> list[tuple[str, str, str, Array]]:
 
 
 def spring_bodies(action: Action) -> list[str]:
-    """Bodies whose joints carry a torsion spring."""
+    """Bodies with a torsion spring in their joint."""
     bodies = {b.coordinate: n for n, b in action.config.bodies.items() if b.coordinate}
     return [
         bodies[s.coordinate]
@@ -149,7 +149,7 @@ def spring_bodies(action: Action) -> list[str]:
 def strap_ends(
     action: Action, poses: Mapping[str, Pose], bent: Mapping[str, Array]
 ) -> list[tuple[str, Array, Array, float]]:
-    """Name, ends in the ground frame [m] and free length [m] of the straps that are on."""
+    """Name, ends in the ground frame [m] and free length [m] of the enabled straps."""
     return [
         (
             name,
@@ -163,13 +163,13 @@ def strap_ends(
 
 
 def strap_curve(a: Array, b: Array, free_length: float, count: int = 24) -> Array:
-    """Points of a strap between its ends [m]: straight when taut, else sagging by its slack."""
+    """Points of a strap between its ends [m]: straight when taut, else sagging."""
     gap = float(np.hypot(*(b - a)))
     s = np.linspace(0.0, 1.0, count)[:, None]
     line = a + s * (b - a)
     if gap >= free_length or gap <= 0:
         return np.asarray(line)
-    # A shallow parabola of sag f over a chord c is longer than it by 8 f^2 / (3 c).
+    # A shallow parabola of sag f over a chord c is longer than the chord by 8 f^2 / (3 c).
     sag = min(math.sqrt(3.0 / 8.0 * gap * (free_length - gap)), 0.5 * free_length)
     out: Array = line + 4.0 * s * (1.0 - s) * np.array([0.0, -sag])
     return out
@@ -192,7 +192,7 @@ def string_line(action: Action) -> tuple[Array, Array, Array, float] | None:
 
 
 def string_reach(line: tuple[Array, Array, Array, float], limits: tuple[Array, Array]) -> float:
-    """How much of the string lies in the view [m], from its end y = 0."""
+    """Length of the string in the view [m], from its end y = 0."""
     start, along, _, reach = line
     for k in (0, 1):
         edge = limits[1][k] if along[k] > 0 else limits[0][k]

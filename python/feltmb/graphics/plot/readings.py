@@ -1,4 +1,4 @@
-"""What the pictures read from a run: contacts, events, windows of time, its mechanism."""
+"""Data of a run for the figures: contacts, events, time windows, its mechanism."""
 
 from __future__ import annotations
 
@@ -36,24 +36,24 @@ __all__ = [
 
 
 def need_samples(run: Run) -> None:
-    """Refuse a run of fewer than two samples."""
+    """Raise an error for a run with fewer than two samples."""
     if len(run.time) < 2:
         raise InvalidParameter(f"plot: the run has {len(run.time)} samples, expected at least 2")
 
 
 def need_output(run: Run, name: str, picture: str) -> None:
-    """Refuse a run without an output that a picture needs."""
+    """Raise an error for a run without a required output."""
     if name not in run:
         raise InvalidParameter(f"plot {picture}: the run has no output {name!r}")
 
 
 def run_action(run: Run) -> Action:
-    """Mechanism of a run, made again from the text of its parameters.
+    """Mechanism of a run, made from the text of its parameters.
 
     Raises
     ------
     InvalidParameter
-        The run does not hold its parameters.
+        The run does not contain its parameters.
     """
     import tomllib
 
@@ -88,13 +88,13 @@ def contact_label(run: Run, number: int) -> str:
 
 
 def contact_numbers(run: Run) -> list[int]:
-    """Numbers of the contacts that the run holds, in order."""
+    """Numbers of the contacts in the run, sorted."""
     found = (re.fullmatch(r"contact(\d+)\.force", name) for name in run.names)
     return sorted(int(match.group(1)) for match in found if match)
 
 
 def loaded_contacts(run: Run, least: float = 1e-6) -> list[int]:
-    """Numbers of the contacts that carry more than ``least`` [N] at some sample."""
+    """Numbers of the contacts with a force above ``least`` [N] in any sample."""
     return [n for n in contact_numbers(run) if float(np.max(run[f"contact{n:02d}.force"])) > least]
 
 
@@ -104,7 +104,7 @@ _AUTOMATIC = re.compile(r"(contact\d+|finger)_(on|off)")
 def named_events(run: Run) -> list[tuple[float, str]]:
     """Times [s] and names of the events that the mechanism file names, in time, each once.
 
-    A point that passes its travel again and again is an event each time; a rule names the first.
+    A point may reach its travel several times; a rule names only the first event.
     """
     table = run.event_table
     first: dict[str, float] = {}
@@ -115,7 +115,7 @@ def named_events(run: Run) -> list[tuple[float, str]]:
 
 
 def action_window(run: Run) -> tuple[float, float]:
-    """Times [s] around the named events, or the whole run if there are none or they fill it."""
+    """Times [s] around the named events; the whole run if there are none or they fill it."""
     times = [t for t, _ in named_events(run)]
     start, end = float(run.time[0]), float(run.time[-1])
     if len(times) < 2:
@@ -126,7 +126,7 @@ def action_window(run: Run) -> tuple[float, float]:
 
 
 def busy_window(run: Run) -> tuple[float, float]:
-    """Times [s] between which forces and motions change, with a margin."""
+    """Interval [s] in which forces and motions change, with a margin."""
     start, end = float(run.time[0]), float(run.time[-1])
     columns = [
         i
@@ -150,7 +150,7 @@ def busy_window(run: Run) -> tuple[float, float]:
 
 
 def string_window(run: Run) -> tuple[float, float]:
-    """Times [s] between which the string moves at the strike point, with a margin."""
+    """Interval [s] in which the string moves at the strike point, with a margin."""
     start, end = float(run.time[0]), float(run.time[-1])
     strike = np.abs(run["string.strike"]) if "string.strike" in run else np.zeros(1)
     top = float(strike.max())
@@ -163,7 +163,7 @@ def string_window(run: Run) -> tuple[float, float]:
 
 
 def need_striker(run: Run) -> Array:
-    """Speed of the point that strikes, in its direction [m/s]."""
+    """Speed of the striking point in its direction [m/s]."""
     speed = striker_speed(run)
     if speed is None:
         raise InvalidParameter(
@@ -174,7 +174,7 @@ def need_striker(run: Run) -> Array:
 
 
 def finger_work(run: Run) -> Array | None:
-    """Work [J] of the finger since the start, from force and travel; None without them."""
+    """Work [J] of the finger since the start, from force and travel; None without these."""
     if "finger.force" not in run or "finger.displacement" not in run:
         return None
     force, travel = run["finger.force"], run["finger.displacement"]

@@ -1,4 +1,4 @@
-"""Pictures over time: motion, speed of the striker, forces of contacts and finger, string."""
+"""Figures over time: motion, speed of the striker, contact and finger forces, string."""
 
 from __future__ import annotations
 
@@ -64,12 +64,12 @@ __all__ = [
     "string",
 ]
 
-#: Colors of the curves of a view, in order.
+#: Colors of the curves of a view, in this order.
 _COLORS = (BLUE, GREEN, PURPLE, RED, ORANGE, *CYCLE)
 
 
 def view_curves(run: Run, view: View) -> list[tuple[str, Array, str, str]]:
-    """Label, values, color and line style; a point's second coordinate is dashed."""
+    """Label, values, color and line style; the second coordinate of a point is dashed."""
     curves = []
     points: list[str] = []
     for row, color in zip(view.rows, itertools.cycle(_COLORS), strict=False):
@@ -105,7 +105,7 @@ def motion_curves(run: Run) -> list[tuple[str, Array, str, str]]:
 
 
 def draw_motion(ax: Axes, run: Run) -> None:
-    """Draw the displacements of a run on axes."""
+    """Plot the displacements of a run on axes."""
     for label, values, color, style in motion_curves(run):
         ax.plot(
             1e3 * run.time, 1e3 * values, color=color, linestyle=style, linewidth=1.3, label=label
@@ -114,10 +114,10 @@ def draw_motion(ax: Axes, run: Run) -> None:
 
 
 def motion(run: Run) -> Figure:
-    """The view ``motion`` of ``[reading]``, for the action that of thesis Figs 4.12 to 4.16.
+    """Plot the view ``motion`` of ``[reading]``; for the action, thesis Figs 4.12 to 4.16.
 
-    Below, the time around the strike. A mechanism without this view shows its first tracking
-    points.
+    The lower panel shows the time around the strike. For a mechanism without this view, its first
+    tracking points are shown.
 
     Raises
     ------
@@ -147,13 +147,13 @@ def motion(run: Run) -> Figure:
 
 
 def striker_name(run: Run) -> str:
-    """Name of the point that strikes, as text for matplotlib."""
+    """Name of the striking point, as text for matplotlib."""
     striker = reading_of(run).striker
     return plain_text("striker" if striker is None else striker.label or striker.point)
 
 
 def draw_view(ax: Axes, run: Run, view: View) -> None:
-    """Draw a view of the mechanism on axes; the unit is that of its first curve."""
+    """Plot a view of the mechanism on axes; the unit is the unit of its first curve."""
     curves = view_curves(run, view)
     first = next(row.output for row in view.rows if row.output in run)
     factor, unit = reader_unit(run.unit(first))
@@ -170,9 +170,10 @@ def draw_view(ax: Axes, run: Run, view: View) -> None:
 
 
 def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
-    """Draw the speed of the point that strikes, in its direction, on axes.
+    """Plot the speed of the striking point in its direction on axes.
 
-    It is not the impact speed, which is that of the contact (``run.summary["impact_speed"]``).
+    This is not the impact speed, which is the speed of the contact
+    (``run.summary["impact_speed"]``).
     """
     speed = need_striker(run)
     label = striker_name(run)
@@ -183,7 +184,7 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
     if not marks:
         return
     top = float(np.max(speed))
-    # After the impact the hammer runs away from the string: above zero there is room.
+    # After the impact the hammer moves away from the string: there is space above zero.
     for event, word, color, height in (
         ("string_contact_on", "string met", BLACK, 0.97),
         ("string_contact_off", "string left", BLUE, 0.42),
@@ -214,10 +215,10 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
 
 
 def striker_speed(run: Run) -> Figure:
-    """Speed [m/s] of the point that strikes, in its direction; thesis Figs 4.9, 4.10.
+    """Plot the speed [m/s] of the striking point in its direction; thesis Figs 4.9, 4.10.
 
     The impact speed of a run, ``run.summary["impact_speed"]``, is the closing speed of the contact
-    along its normal, not this one of a tracking point.
+    along its normal, and not the speed of this tracking point.
 
     Raises
     ------
@@ -235,12 +236,12 @@ def striker_speed(run: Run) -> Figure:
 
 
 def contact_forces(run: Run) -> Figure:
-    """Normal force [N] of every contact that ever carries one, each with its peak.
+    """Plot the normal force [N] of every contact with a force, and its peak.
 
     Raises
     ------
     InvalidParameter
-        No contact carries force.
+        No contact has a force.
     """
     need_samples(run)
     numbers = loaded_contacts(run)
@@ -281,7 +282,7 @@ def contact_forces(run: Run) -> Figure:
 
 
 def draw_finger(ax: Axes, run: Run) -> None:
-    """Draw the force of the finger on axes."""
+    """Plot the force of the finger on axes."""
     ax.plot(
         1e3 * run.time, run["finger.force"], color=BLUE, linewidth=1.3, label="force on the key"
     )
@@ -289,7 +290,7 @@ def draw_finger(ax: Axes, run: Run) -> None:
 
 
 def finger_force(run: Run) -> Figure:
-    """Force [N] and travel [mm] of the finger; of a prescribed motion also what was prescribed.
+    """Plot force [N] and travel [mm] of the finger; for a prescribed motion, also this motion.
 
     Raises
     ------
@@ -344,7 +345,7 @@ def finger_force(run: Run) -> Figure:
 
 
 def string(run: Run) -> Figure:
-    """String: displacement at the strike point, bridge force, and its shape over time.
+    """Plot the string: displacement at the strike point, bridge force, and shape over time.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A mechanism as shapes, independent of its pose. No drawing."""
+"""Shapes of a mechanism, independent of its pose."""
 
 from __future__ import annotations
 
@@ -55,12 +55,12 @@ class Shape:
     Attributes
     ----------
     body, role, name : str
-        ``role`` is ``wood``, ``wire``, ``pad`` (what a contact surface is cut from), ``surface``
-        (the exact contact geometry), ``mark``; ``name`` of the surface or point it stands for.
+        ``role`` is ``wood``, ``wire``, ``pad`` (the part around a contact surface), ``surface``
+        (the exact contact geometry), or ``mark``; ``name`` is the name of the surface or point.
     points : ndarray (n, 2)
-        In the frame of the body [m].
+        Points in the frame of the body [m].
     closed : bool
-        Polygon, not polyline.
+        Whether it is a polygon instead of a polyline.
     """
 
     body: str
@@ -72,16 +72,16 @@ class Shape:
 
 @dataclass(frozen=True)
 class Scene:
-    """What to draw of a mechanism, independent of its pose.
+    """Drawing of a mechanism, independent of its pose.
 
     Attributes
     ----------
     shapes : tuple of Shape
-        In the order of drawing.
+        Shapes in the order of drawing.
     group : dict
-        Body -> index of the group of bodies welded together; ground is -1.
+        Body -> index of its group of rigidly connected bodies; ground is -1.
     unit : float
-        Length [m] that counts as small for this mechanism.
+        Length [m] that is small for this mechanism.
     """
 
     shapes: tuple[Shape, ...]
@@ -90,7 +90,7 @@ class Scene:
 
 
 def _unit(action: Action, poses: Mapping[str, Pose]) -> float:
-    """Size of the mechanism over 500: one millimeter of an upright action."""
+    """Size of the mechanism divided by 500: one millimeter for an upright action."""
     points = [
         to_ground(poses[s.body], np.array([s.point]))
         for s in action.config.surfaces.values()
@@ -100,28 +100,28 @@ def _unit(action: Action, poses: Mapping[str, Pose]) -> float:
     points += [to_ground(poses[p.body], np.array([p.point])) for p in action.config.points.values()]
     cloud = np.vstack(points)
     size = float(np.max(np.ptp(cloud, axis=0)))
-    # Bodies without a size of their own are not smaller than their mass is as wood.
+    # A body without dimensions is at least as large as a wooden block of its mass.
     size = max(size, 4.0 * max((_side(b.mass) for b in action.config.bodies.values()), default=0.0))
-    # To three digits: what hardly changes is drawn the same, and is not drawn anew.
+    # Rounded to three digits, so that small changes do not change the drawing.
     return float(f"{size / 500.0:.3g}") if size > 0 else 1e-3
 
 
 def _whole(low: float, high: float, step: float) -> tuple[float, float]:
-    """Range of whole steps around a range; so pieces end where they did before small changes."""
+    """Range that is extended to whole steps, so that small changes do not change the pieces."""
     return math.floor(low / step) * step, math.ceil(high / step) * step
 
 
-#: Density of wood [kg/m^3]: how large a mass is drawn of which no size is known.
+#: Density of wood [kg/m^3], for the size of a mass without known dimensions.
 _WOOD = 700.0
 
 
 def _side(mass: float) -> float:
-    """Edge of a cube of wood [m]."""
+    """Edge length of a wooden cube [m]."""
     return float(np.cbrt(max(mass, 0.0) / _WOOD))
 
 
 def _used_surfaces(action: Action) -> dict[str, Surface]:
-    """Surfaces of contacts that are on."""
+    """Surfaces of enabled contacts."""
     names = {n for c in action.config.contacts.values() if c.enabled for n in c.surfaces}
     return {n: s for n, s in action.config.surfaces.items() if n in names}
 
@@ -129,8 +129,8 @@ def _used_surfaces(action: Action) -> dict[str, Surface]:
 def scene(action: Action, poses: Sequence[npt.ArrayLike] = ()) -> Scene:
     """Shapes of a mechanism.
 
-    Surfaces are infinite lines and full circles to the simulation; drawn are the pieces near the
-    tabulated point and near where the contact is at rest and in ``poses``.
+    In the simulation, surfaces are infinite lines and complete circles. The drawing has the pieces
+    near the tabulated point, and near the contact point at rest and in ``poses``.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def scene(action: Action, poses: Sequence[npt.ArrayLike] = ()) -> Scene:
 
 
 def _is_string(action: Action, name: str, string_surface: str) -> bool:
-    """The surface of the string, or another one on the same line (the damper's)."""
+    """Whether a surface is the string, or another one on the same line (the damper's)."""
     if not string_surface or name not in action.config.surfaces:
         return False
     if name == string_surface:
@@ -184,7 +184,7 @@ def _is_string(action: Action, name: str, string_surface: str) -> bool:
 
 
 def body_center(action: Action, body: str) -> Array:
-    """Center of mass of a body in its frame [m], of a beam its middle."""
+    """Center of mass of a body in its frame [m]; for a beam, its middle."""
     if body == "ground":
         return np.zeros(2)
     b = action.config.bodies[body]
@@ -196,7 +196,7 @@ def body_center(action: Action, body: str) -> Array:
 
 
 def body_groups(action: Action) -> dict[str, int]:
-    """Body -> index of the group of bodies welded together; ground is -1."""
+    """Body -> index of its group of rigidly connected bodies; ground is -1."""
     group = {"ground": -1}
     for name, body in action.config.bodies.items():
         chain, parent = name, body
@@ -211,13 +211,13 @@ def body_groups(action: Action) -> dict[str, int]:
     return group
 
 
-#: Circles up to this radius, in units of the drawing, are drawn whole.
+#: Circles up to this radius, in units of the drawing, are drawn completely.
 ROUND = 27.0
 
 
 @dataclass(frozen=True)
 class _Piece:
-    """Drawn piece of a surface, and where and how thick the body must reach it."""
+    """Drawn piece of a surface; position and thickness of the adjacent part of the body."""
 
     shapes: list[Shape]
     node: Array
@@ -234,7 +234,7 @@ def _surface_piece(name: str, s: Surface, touched: list[Array], center: Array, u
         normal = np.array(s.normal) / np.hypot(*s.normal)
         along = np.array([normal[1], -normal[0]])
         places = [0.0] + [float(along @ (t - p)) for t in touched]
-        # Far from its tabulated point only the place of the contact is material for sure.
+        # Far from the tabulated point, the body certainly has material only at the contact.
         if len(touched) and min(abs(x) for x in places[1:]) > 60.0 * u:
             places = places[1:]
         pad = 6.5 * u
@@ -329,7 +329,7 @@ def _concave_arc_piece(name: str, s: Surface, depth: float) -> _Piece:
 
 
 def _hybrid_piece(name: str, s: Surface, touched: list[Array], u: float) -> _Piece:
-    """Arc and its two tangent half-lines: clockwise before the first angle, on after the second."""
+    """Arc with two tangent half-lines, one before its first angle and one after its second."""
     assert s.arc is not None
     p, radius = np.array(s.point), float(s.radius or 0.0)
     low, high = s.arc
@@ -419,7 +419,7 @@ def _body_shapes(action: Action, name: str, pieces: Mapping[str, _Piece], u: flo
         (pa, ra), (pb, rb) = nodes[a], nodes[b]
         gap = float(np.hypot(*(pb - pa)))
         if gap > 1.5 * (ra + rb):
-            # Far apart: a limb no thicker than needed, the discs at its ends stay visible.
+            # For large distances: a thin limb, with visible discs at its ends.
             ra, rb = min(ra, 3.6 * u), min(rb, 3.6 * u)
         shapes.append(
             Shape(name, "wood", name, capsule(pa, max(ra, 1.2 * u), pb, max(rb, 1.2 * u)), True)
@@ -439,7 +439,7 @@ def _body_shapes(action: Action, name: str, pieces: Mapping[str, _Piece], u: flo
 def _block(
     action: Action, name: str, children: Sequence[Array], pieces: Mapping[str, _Piece], u: float
 ) -> Array | None:
-    """Block of a body of which nothing but a mass and a point is known, on its contact surface."""
+    """Block on the contact surface of a body of which only a mass and a point are known."""
     body = action.config.bodies[name]
     known = [*children, np.array(body.center_of_mass), *(p.node for p in pieces.values())]
     if body.mass <= 0 or any(float(np.hypot(*n)) > 2.0 * u for n in known):
@@ -459,7 +459,7 @@ def _block(
 
 
 def _bar(cloud: Array, pieces: Mapping[str, _Piece], u: float) -> Array | None:
-    """Straight bar through points that are long and slender along an axis of their frame."""
+    """Straight bar through points whose arrangement is long and slender along an axis."""
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     size = high - low
     if size.max() < 120.0 * u or size.min() > 0.2 * size.max():
@@ -480,7 +480,7 @@ def _bar(cloud: Array, pieces: Mapping[str, _Piece], u: float) -> Array | None:
 
 
 def view_box(action: Action, drawn: Scene, qs: Sequence[npt.ArrayLike]) -> tuple[Array, Array]:
-    """Corners [m] of what the bodies cover in the poses, with a margin."""
+    """Corners [m] of the area that the bodies cover in the poses, with a margin."""
     low, high = np.full(2, math.inf), np.full(2, -math.inf)
     outlines: dict[str, list[Array]] = {}
     for shape in drawn.shapes:
@@ -502,7 +502,7 @@ def view_box(action: Action, drawn: Scene, qs: Sequence[npt.ArrayLike]) -> tuple
 
 
 def shape_points(action: Action, shape: Shape, bent: Mapping[str, Array]) -> Array:
-    """Points of a shape in the frame of its body [m], bent if the body is a flexible beam."""
+    """Points of a shape in the frame of its body [m], bent for a flexible beam."""
     if shape.body not in bent:
         return shape.points
     length = action.config.bodies[shape.body].length or 1.0
@@ -513,9 +513,9 @@ def shape_points(action: Action, shape: Shape, bent: Mapping[str, Array]) -> Arr
 
 
 def station_of(action: Action, shape: Shape) -> float | None:
-    """Place x [m] along a beam of the cross section that a surface is fixed to; None of others.
+    """Position x [m] along a beam of the cross section of a surface; None for other bodies.
 
-    The simulation fixes a surface to the cross section at its tabulated point.
+    In the simulation, a surface is fixed to the cross section at its tabulated point.
     """
     if shape.role not in ("pad", "surface", "mark") or shape.name not in action.config.surfaces:
         return None
@@ -523,7 +523,7 @@ def station_of(action: Action, shape: Shape) -> float | None:
 
 
 def upper_right_is_free(points: Array, limits: tuple[Array, Array], share: Array) -> bool:
-    """Whether the upper right corner, ``share`` of the view in x and y, is free of points."""
+    """Whether the upper right corner, ``share`` of the view in x and y, has no points."""
     low, high = limits
     corner = high - share * (high - low)
     return not bool(np.any(np.all(points > corner, axis=1)))

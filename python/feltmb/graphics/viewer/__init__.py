@@ -1,8 +1,8 @@
-"""Runs in a browser: the moving mechanism, its forces, the string and synchronized curves.
+"""Runs in a browser: the moving mechanism, its forces, the string, and synchronized curves.
 
-:func:`view` writes one HTML file that needs no network and no server. :func:`fragment` and
-:func:`assets` put the same viewer into another page. Numbers travel as 16 bit integers: a curve is
-shown to 1/5000 of what it spans, a pose to the thickness of a line.
+:func:`view` writes one HTML file that needs neither network nor server. :func:`fragment` and
+:func:`assets` put the same viewer into another page. Numbers are stored as 16 bit integers: the
+error of a curve is 1/5000 of its range, and that of a pose is the thickness of a line.
 """
 
 from feltmb.graphics.viewer.curves import Curves, read_curves

@@ -1,4 +1,4 @@
-"""What the page needs of runs: curves, the moving mechanism, the string, events."""
+"""Content of the page from runs: curves, the moving mechanism, the string, events."""
 
 from __future__ import annotations
 
@@ -53,26 +53,26 @@ __all__ = [
 
 MOST_RUNS = 6
 MOST_FRAMES = 2000
-MOST_SAMPLES = 3000  # of one curve
+MOST_SAMPLES = 3000  # number of samples of one curve
 MOST_STRING_SAMPLES = 4000
 STRING_POINTS = 121
-#: Largest error of a curve over what it spans, from leaving out samples.
+#: Largest error of a curve by omitted samples, relative to its range.
 CURVE_TOLERANCE = 2e-4
 
 
 def describe(
     run: Run | Curves, name: str, window: tuple[float, float] | None, progress: Progress | None
 ) -> dict[str, Any]:
-    """Everything of a run that the page shows, in the units of a reader, ready for JSON.
+    """All content of the page for a run, in practical units, ready for JSON.
 
     Parameters
     ----------
     run
-        A run of at least two samples, or curves that were measured.
+        A run with at least two samples, or measured curves.
     name
-        For the reader.
+        Name for people.
     window
-        Times [s] to keep; None keeps all.
+        Interval [s] that is used; None: all times.
     """
     if isinstance(run, Curves):
         time, columns = run.time, dict(run.values)
@@ -136,7 +136,7 @@ def _kept(time: Array, window: tuple[float, float] | None, name: str) -> slice:
 
 
 def output_label(name: str, text: str) -> str:
-    """Name of an output for the reader; contacts have a number and a name of their own."""
+    """Name of an output for people; contacts have a number and a name of their own."""
     match = re.fullmatch(r"contact(\d+)\.(\w+)", name)
     where = text.partition(": ")[2]
     if match is None or not where:
@@ -169,7 +169,7 @@ def _curve(name: str, time: Array, values: Array, unit: str, text: str) -> dict[
 
 
 def _frames(run: Run, action: Action, time: Array, keep: slice) -> Array:
-    """Times [s] of pictures between which everything moves nearly straight."""
+    """Times [s] of frames between which everything moves almost linearly."""
     missing = [name for name in action.coordinates if name not in run]
     if missing:
         raise InvalidParameter(f"the run lacks the coordinates {', '.join(missing)}")
@@ -182,7 +182,7 @@ def _frames(run: Run, action: Action, time: Array, keep: slice) -> Array:
     largest = max((float(np.max(run[f"contact{n:02d}.force"])) for n in numbers), default=0.0)
     for n in numbers:
         share = np.clip(run[f"contact{n:02d}.force"][keep] / largest, 0.0, None)
-        columns.append(np.sqrt(share) / 0.03)  # root, as arrows are drawn
+        columns.append(np.sqrt(share) / 0.03)  # square root, as in the drawn arrows
     if "finger.force" in run:
         force = np.abs(run["finger.force"][keep])
         columns.append(np.sqrt(force / max(float(force.max()), 1e-30)) / 0.03)
@@ -213,12 +213,11 @@ def describe_stage(
     Parameters
     ----------
     times
-        Times [s] of the pictures; what is between moves straight.
+        Times [s] of the frames; the motion between frames is linear.
     keep
-        Samples of the run from which the motion of the string is taken, at most
-        ``string_samples`` of them.
+        Samples of the run from which the motion of the string is taken, at most ``string_samples``.
     poses
-        How many of the pictures tell how much of each surface is drawn.
+        Number of frames that determine how much of each surface is drawn.
     """
     film = Film(run, action, times, poses)
     drawn = film.scene
@@ -322,7 +321,7 @@ def describe_stage(
 def _string(
     run: Run, action: Action, film: Film, keep: slice, samples: int
 ) -> dict[str, Any] | None:
-    """Line of the string, and its modal coordinates with the shapes of its modes."""
+    """Line of the string, and its modal coordinates with the mode shapes."""
     line = string_line(action)
     if line is None:
         return None
@@ -348,7 +347,7 @@ def _string(
     if not np.any(audible):
         return out
     eta, shapes = eta[:, audible], shapes[:, audible]
-    # Nothing is lost before the strike: the string is at rest until the first sample that moves.
+    # Exact before the strike: the string is at rest until the first sample that moves.
     moving = np.flatnonzero(np.any(np.abs(eta) > 1e-6 * np.abs(eta).max(axis=0), axis=1))
     first = max(int(moving[0]) - 1, 0)
     stride = -(-(len(eta) - first) // samples)
@@ -365,7 +364,7 @@ def _string(
 
 
 def default_panels(runs: Sequence[Run | Curves]) -> list[dict[str, Any]]:
-    """Panels to begin with: what every run has, then what the first one has."""
+    """Initial panels: outputs that all runs have, then outputs of the first run."""
     first = runs[0]
     names = tuple(first.values) if isinstance(first, Curves) else first.names
     panels: list[dict[str, Any]] = []
@@ -373,7 +372,7 @@ def default_panels(runs: Sequence[Run | Curves]) -> list[dict[str, Any]]:
         panels += [{"title": "", "outputs": [n], "change": False} for n in names[:4]]
     else:
         panels += default_panels_of(first, reading_of(first))
-    # What was measured comes first: a comparison is what was asked for.
+    # Measured outputs come first, because the user asked for a comparison.
     for other in runs[1:]:
         if isinstance(other, Curves):
             shared = [n for n in other.values if n in names]
@@ -384,7 +383,7 @@ def default_panels(runs: Sequence[Run | Curves]) -> list[dict[str, Any]]:
 
 
 def default_panels_of(run: Run, reading: Reading) -> list[dict[str, Any]]:
-    """Panels to begin with of a simulated run."""
+    """Initial panels of a simulated run."""
     panels = [
         {
             "title": view.title,

@@ -1,4 +1,4 @@
-"""Curves over time that no simulation made: measured, or of another program."""
+"""Curves over time without a simulation: measured, or from another program."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ LONGEST = 1e9  # s
 
 @dataclass(frozen=True)
 class Curves:
-    """Named curves over one clock.
+    """Named curves with a common time axis.
 
     Attributes
     ----------
     name : str
-        For the reader.
+        Name for people.
     time : ndarray (n,)
-        Times [s], growing.
+        Times [s], increasing.
     values : dict
-        Output -> samples (n,) in SI units; NaN is missing. An output of a run is compared with the
-        curve of the same name.
+        Output -> samples (n,) in SI units; NaN is missing. A curve is compared with the output of a
+        run that has the same name.
     units : dict
         Output -> SI unit; an output without one has the unit 1.
 
     Raises
     ------
     DataError
-        Lengths differ, times do not grow, or there is nothing to show.
+        Lengths differ, times do not increase, or there is nothing to show.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Curves:
 
 
 def _si_unit(unit: str) -> tuple[float, str]:
-    """Factor and SI unit of a unit; one that is not known, such as V, stays as it is."""
+    """Factor and SI unit of a unit; an unknown unit, such as V, is kept."""
     for si in ("1", "m", "s", "rad", "N", "J", "m/s", "rad/s", "m/s^2", "rad/s^2", "Pa", "Hz"):
         try:
             return conversion_factor(unit, si), si
@@ -83,14 +83,14 @@ def _si_unit(unit: str) -> tuple[float, str]:
 
 
 def read_curves(path: str | Path) -> Curves:
-    """Read a CSV file: a header such as ``time [ms],hammer_tip.vx [m/s]``, then numbers.
+    """Read a CSV file with a header such as ``time [ms],hammer_tip.vx [m/s]`` and numbers.
 
-    Units are converted to SI. Lines that begin with ``#`` are left out; an empty cell is missing.
+    Units are converted to SI. Lines that begin with ``#`` are ignored; an empty cell is missing.
 
     Raises
     ------
     DataError
-        All faults with their lines.
+        The file has faults; all of them are in the message, with line numbers.
     """
     path = Path(path)
     text = read_text(path, most=LARGEST_FILE)
@@ -104,7 +104,7 @@ def read_curves(path: str | Path) -> Curves:
     for number, line in lines[1:]:
         try:
             cells = next(csv.reader([line.replace("\0", "")]), [])
-        except csv.Error as error:  # such as a cell of more than 131 072 letters
+        except csv.Error as error:  # for example a cell of more than 131 072 letters
             faults.append(f"line {number}: {error}")
             continue
         if names and len(cells) != len(names):
@@ -134,7 +134,7 @@ def read_curves(path: str | Path) -> Curves:
 
 
 def _number(cell: str) -> float | None:
-    """Value of a cell: NaN when empty, None when it is no finite number."""
+    """Value of a cell: NaN if empty, None if not a finite number."""
     if not cell.strip():
         return math.nan
     try:
@@ -145,7 +145,7 @@ def _number(cell: str) -> float | None:
 
 
 def _header(line: str) -> tuple[list[str], list[str], list[float], list[str]]:
-    """Names, SI units and factors of the columns, and the faults of a header."""
+    """Names, SI units and factors of the columns, and the faults of the header."""
     wanted = "expected a header such as 'time [s],hammer_tip.vx [m/s]'"
     try:
         cells = next(csv.reader([line.replace("\0", "")]), [])

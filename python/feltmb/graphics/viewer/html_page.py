@@ -1,4 +1,4 @@
-"""The viewer as one HTML file, or as a fragment of another page."""
+"""The viewer as one HTML file, or as a part of another page."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Progress = Callable[[float], object]
 
 __all__ = ["assets", "fragment", "page", "policy", "script_of", "view"]
 
-#: What draws, and the viewer; shared with the live page.
+#: Scripts for drawing and for the viewer; the live page uses them too.
 _SCRIPTS = ("elements.js", "packing.js", "stage.js", "curves.js", "viewer.js")
 
 
@@ -36,7 +36,7 @@ def _asset(name: str) -> str:
 
 
 def script_of(*parts: str) -> str:
-    """Script of a page with viewers in it: the viewer, then what the page adds."""
+    """Script of a page with viewers: the viewer, and then the script of the page."""
     texts = [*(_asset(name) for name in _SCRIPTS), *parts]
     return '(() => {\n"use strict";\n' + "\n".join(texts) + "})();\n"
 
@@ -52,12 +52,12 @@ def _style() -> str:
 
 
 def assets() -> str:
-    """Style and script of the viewer, once for a page that holds :func:`fragment` s."""
+    """Style and script of the viewer, once for a page with one or more :func:`fragment` s."""
     return f"<style>\n{_style()}</style>\n<script>\n{_script()}</script>\n"
 
 
 def policy(*scripts: str) -> str:
-    """Content security policy of a page: nothing is loaded, only these scripts run."""
+    """Content security policy of a page: it loads nothing, and only its own scripts run."""
     hashes = " ".join(
         "'sha256-" + base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() + "'"
         for s in scripts
@@ -66,7 +66,7 @@ def policy(*scripts: str) -> str:
 
 
 def _json_text(data: Any) -> str:
-    """JSON that cannot leave a script element, whatever its texts hold."""
+    """JSON that cannot end a script element, for any content of its texts."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     for sign in "<>&\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
@@ -84,29 +84,30 @@ def fragment(
     at: float | None = None,
     progress: Progress | None = None,
 ) -> str:
-    """The viewer of some runs as one HTML element; the page also needs :func:`assets`, once.
+    """The viewer of some runs as one HTML element; the page also needs :func:`assets` once.
 
     Parameters
     ----------
     runs
-        One to six; all but the first are drawn as outlines over the first. ``Curves`` (measured)
-        have no mechanism and are drawn among the curves only.
+        One to six runs; all but the first are drawn as outlines over the first one. ``Curves``
+        (measured) have no mechanism and are only drawn as curves.
     names
-        For the reader; default: mechanism and stroke.
+        Names for people; default: mechanism and stroke.
     slowness
-        How many times slower than the machine it plays; can be changed in the page.
+        Ratio of the duration of the playback to the real duration; can be changed in the page.
     window
-        First and last time [s] to keep; default: all.
+        First and last time [s] that are included; default: all.
     align
-        Event, such as ``string_contact_on``, that is to happen at the same time in all runs; can
-        be changed in the page.
+        Event, such as ``string_contact_on``, that has the same time in all runs; can be changed in
+        the page.
     panels
-        Curves to begin with: each ``{"title": text, "outputs": [names], "change": bool}``, where
-        ``change`` shows them from their start. Default: chosen from what the runs have.
+        Initial panels: each is ``{"title": text, "outputs": [names], "change": bool}``, where
+        ``change`` shows the curves relative to their start. Default: chosen from the data of the
+        runs.
     at
-        Time [s] to begin with.
+        Initial time [s].
     progress
-        Called with the finished fraction, 0 to 1.
+        Function that is called with the completed share, 0 to 1.
 
     Raises
     ------
@@ -152,7 +153,7 @@ def fragment(
 
 
 def _check_event(runs: Sequence[Run | Curves], labels: Sequence[str], event: str) -> None:
-    """Refuse an event that one of the runs does not have."""
+    """Raise an error for an event that one of the runs does not have."""
     known = [[] if isinstance(r, Curves) else [n for _, n in named_events(r)] for r in runs]
     missing = [label for label, names in zip(labels, known, strict=True) if event not in names]
     if missing:
@@ -163,7 +164,7 @@ def _check_event(runs: Sequence[Run | Curves], labels: Sequence[str], event: str
 
 
 def _names(runs: Sequence[Run | Curves]) -> list[str]:
-    """Mechanism and stroke, with a number where two would be the same."""
+    """Mechanism and stroke, with a number if two names would be equal."""
     found = []
     for run in runs:
         if isinstance(run, Curves):
@@ -180,7 +181,7 @@ def _names(runs: Sequence[Run | Curves]) -> list[str]:
 
 
 def page(runs: Run | Curves | Sequence[Run | Curves], **options: Any) -> str:
-    """The viewer as a whole HTML page that needs nothing but a browser; see :func:`fragment`."""
+    """The viewer as a complete HTML page that only needs a browser; see :func:`fragment`."""
     body = fragment(runs, **options)
     chosen = list(runs) if isinstance(runs, Sequence) else [runs]
     labels = options.get("names") or _names(chosen)
@@ -211,30 +212,30 @@ def view(
     force: bool = False,
     **options: Any,
 ) -> Path:
-    """Write one HTML file that shows runs moving: no network, no server, only a browser.
+    """Write one HTML file that shows moving runs; it needs neither network nor server.
 
     Parameters
     ----------
     runs
-        One run, or up to six over each other: simulated and measured, before and after.
+        One run, or up to six for comparison: simulated and measured, before and after.
     path
-        Ends in ``.html``.
+        File with the suffix ``.html``.
     force
-        Replace an existing file.
+        Whether an existing file is replaced.
     **options
         As of :func:`fragment`.
 
     Returns
     -------
     Path
-        The file written.
+        The written file.
 
     Raises
     ------
     InvalidParameter
-        An argument is out of range, or the name ends otherwise.
+        An argument is out of range, or the file has another suffix.
     FileExists
-        The file exists and ``force`` is not given.
+        The file exists and ``force`` is false.
     """
     path = Path(path)
     if path.suffix.lower() not in (".html", ".htm"):

@@ -12,17 +12,17 @@ Array = npt.NDArray[np.float64]
 
 __all__ = ["MISSING", "pack_columns", "pack_times"]
 
-#: Stands for a missing value (NaN or infinite) among the integers.
+#: Integer that means a missing value (NaN or infinite).
 MISSING = -32768
 _STEPS = 65534  # from -32767 to 32767
 
 
 def pack_columns(values: npt.ArrayLike) -> dict[str, Any]:
-    """Columns of an array (n, m), each as integers between its least and largest value.
+    """Columns of an array (n, m) as integers between the smallest and largest value of each.
 
-    A value read back is ``low + step * (integer + 32767)``: its error is at most half of
-    ``step``, which is 1/65534 of what the column spans. A constant column has ``step`` 0 and costs
-    nothing. Integers are little-endian, column after column.
+    The decoded value is ``low + step * (integer + 32767)``. Its error is at most half of ``step``,
+    which is 1/65534 of the range of the column. A constant column has ``step`` 0 and needs no data.
+    Integers are little-endian, column after column.
     """
     table = np.asarray(values, dtype=float)
     n, m = table.shape
@@ -48,7 +48,7 @@ def pack_columns(values: npt.ArrayLike) -> dict[str, Any]:
 
 
 def pack_times(time: npt.ArrayLike) -> dict[str, Any]:
-    """Times, first exactly and then as 32 bit floats from it."""
+    """Times: the first one exactly, and the others as 32 bit floats relative to it."""
     t = np.asarray(time, dtype=float)
     first = float(t[0]) if t.size else 0.0
     data = base64.b64encode((t - first).astype("<f4").tobytes()).decode("ascii")

@@ -1,4 +1,4 @@
-"""Fewer samples of curves, with a bound on what is lost."""
+"""Reduces the number of samples of curves, with a limited error."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ __all__ = ["extremes", "knots", "thin_outline"]
 
 
 def knots(time: Array, values: Array, tolerance: float, most: int) -> Indices:
-    """Samples between which straight lines come near all others.
+    """Indices of samples between which linear interpolation approximates all others.
 
-    Splits every stretch where its error is largest (Ramer, Douglas and Peucker).
+    Every interval is split at its largest error (Ramer, Douglas and Peucker).
 
     Parameters
     ----------
     time
-        (n,), growing.
+        Times, (n,), increasing.
     values
-        (n, m), finite.
+        Values, (n, m), finite.
     tolerance
-        Largest error of any column, unless ``most`` samples are not enough.
+        Largest error of any column; it may be larger if ``most`` samples are not sufficient.
     most
-        Largest number of samples to keep.
+        Largest number of samples.
 
     Returns
     -------
     ndarray of int
-        Growing; the first and the last sample are always kept.
+        Increasing indices; the first and the last sample are always included.
     """
     n = len(time)
     if n <= 2:
         return np.arange(n)
     kept = np.array([0, n - 1])
     while len(kept) < most:
-        # All stretches at once; the kept samples have no error and split nothing again.
+        # All intervals at once; selected samples have no error and do not split again.
         lines = np.column_stack(
             [np.interp(time, time[kept], values[kept, k]) for k in range(values.shape[1])]
         )
@@ -61,7 +61,7 @@ def knots(time: Array, values: Array, tolerance: float, most: int) -> Indices:
 
 
 def extremes(values: Array, most: int) -> Indices:
-    """Samples that keep the least and the largest value of each of ``most`` / 2 stretches."""
+    """Indices of the smallest and the largest value of each of ``most`` / 2 intervals."""
     n = len(values)
     if n <= most:
         return np.arange(n)
@@ -75,7 +75,7 @@ def extremes(values: Array, most: int) -> Indices:
 
 
 def thin_outline(points: Array, tolerance: float) -> Array:
-    """Fewer points of a plane curve; those left out lie within ``tolerance`` of what remains."""
+    """Fewer points of a plane curve; omitted points are within ``tolerance`` of the result."""
     return np.asarray(points)[
         _corners(np.ascontiguousarray(points, dtype=float).tobytes(), tolerance)
     ]
@@ -83,12 +83,12 @@ def thin_outline(points: Array, tolerance: float) -> Array:
 
 @lru_cache(maxsize=1024)
 def _corners(raw: bytes, tolerance: float) -> npt.NDArray[np.bool_]:
-    """Which points remain; most outlines of a mechanism are those of the one before."""
+    """Indices of the selected points; cached, because most outlines of a mechanism are repeated."""
     points = np.frombuffer(raw).reshape(-1, 2)
     n = len(points)
     kept = np.unique([0, n - 1])
     while len(kept) < n:
-        # All stretches at once, as in knots; here distances in the plane count.
+        # All intervals at once, as in knots, with distances in the plane.
         stretch = np.repeat(np.arange(len(kept) - 1), np.diff(kept))
         ends = points[kept]
         d = np.diff(ends, axis=0)

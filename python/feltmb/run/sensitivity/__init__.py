@@ -1,7 +1,7 @@
-"""Derivatives of a stroke by parameters of the mechanism and the stroke, and by its start state.
+"""Derivatives of a stroke by parameters of mechanism and stroke, and by the start state.
 
-One pass gives the derivatives of every output by all parameters: forward sensitivities along the
-steps of the stroke, with one factorized matrix for all of them
+One pass gives the derivatives of every output by all parameters: forward sensitivities are
+integrated along the steps of the stroke, with one factorized matrix for all of them
 (``docs/howto/find_sensitivities.md``).
 """
 

@@ -1,4 +1,4 @@
-"""What derivatives are taken over and what comes out: segments and gradients."""
+"""Input and result of a computation of derivatives: segments and gradients."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 @checked
 @dataclass(frozen=True)
 class Segment:
-    """One stretch of a stroke, from a full state.
+    """A time segment of a stroke that starts from a full state.
 
     Attributes
     ----------
     begin, end
-        On the clock of the stroke [s].
+        Start and end in the time of the stroke [s].
     state
         Full state at ``begin`` in the order of :func:`state_names`; None: the rest pose.
     memory
@@ -48,29 +48,29 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class Gradient:
-    """Outputs of a stroke and their derivatives, all in SI.
+    """Outputs of a stroke and their derivatives, all in SI units.
 
     Attributes
     ----------
     time : ndarray (n_times,)
-        Sample times on the clock of the stroke [s].
+        Sample times in the time of the stroke [s].
     outputs : tuple of str
-        Names as in a run; ``output_units``.
+        Names as in a run; ``output_units`` are their units.
     values : ndarray (n_times, n_outputs)
     columns : tuple of str
-        What the derivatives are by: parameters by path, then ``start.NAME`` for directions of the
-        start state; ``column_units``.
+        Variables of differentiation: parameters by path, then ``start.NAME`` for directions of the
+        start state; ``column_units`` are their units.
     parameters : tuple of Parameter
-        The first columns, with value, unit and size.
+        Parameters of the first columns, with value, unit and size.
     array : ndarray (n_times, n_outputs, n_columns)
         d output / d column [unit of the output / unit of the column].
     summary : dict
-        Numbers of the run, SI: those of ``Run.summary`` that have a derivative.
+        Values of ``Run.summary`` that have a derivative, SI units.
     summary_gradient : dict of ndarray (n_columns,)
-        Their derivatives.
+        Derivatives of these values.
     events : tuple of dict
-        One for each event that has a derivative: ``event``, ``time`` [s] and ``gradient``
-        (n_columns,) of the time.
+        One entry for each event that has a derivative: ``event``, ``time`` [s], and ``gradient``
+        (n_columns,), the derivative of the time.
     end_state, end_memory : ndarray
         Full state and remembered compressions at the end.
     end_gradient : ndarray (n_states, n_columns)
@@ -114,14 +114,14 @@ class Gradient:
 
     @checked
     def plot(self, number: str | None = None, most: int = 20) -> Figure:
-        """Draw what 1 % more of each parameter does to a number of the summary.
+        """Plot the change of a value of the summary for 1 % more of each parameter.
 
         Parameters
         ----------
         number
-            Name of the number; default: ``impact_speed``, or the first that the stroke has.
+            Name of the value; default: ``impact_speed``, or the first one of the stroke.
         most
-            Number of parameters, those with the largest effect.
+            Number of parameters that are shown, starting with the largest effect.
 
         Returns
         -------
@@ -139,7 +139,7 @@ class Gradient:
 
     @checked
     def of(self, output: str, column: str | None = None) -> Array:
-        """D output / d column over time, (n_times,), or by all columns, (n_times, n_columns)."""
+        """Derivative of an output over time by one column, (n_times,), or by all columns."""
         out: Array = self.array[:, place_of(output, self.outputs, "output"), :]
         return out if column is None else out[:, place_of(column, self.columns, "column")]
 
@@ -164,17 +164,17 @@ class Gradient:
 
     @checked
     def effects(self, change: float = 0.01) -> pd.DataFrame:
-        """What a relative change of each parameter does to each number of the summary.
+        """Change of each value of the summary by a relative change of each parameter.
 
         Parameters
         ----------
         change
-            Part of the size of a parameter; 0.01 is one percent.
+            Relative change with respect to the size of a parameter; 0.01 is one percent.
 
         Returns
         -------
         DataFrame
-            Rows: parameters; columns: numbers of the summary, SI.
+            Table; rows: parameters; columns: values of the summary, SI units.
         """
         import numpy as np
         import pandas as pd
@@ -188,7 +188,7 @@ class Gradient:
 
 
 def place_of(name: str, names: Sequence[str], what: str) -> int:
-    """Position of a name, or a message with those that are like it."""
+    """Index of a name; an unknown name raises a message with similar names."""
     if name not in names:
         raise no_such(what, name, names)
     return names.index(name)

@@ -1,4 +1,4 @@
-"""Parameters that a derivative is taken by, and the mechanisms in which each is shifted."""
+"""Parameters of differentiation, and the mechanisms in which each of them is shifted."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from feltmb.mechanism import Action
 from feltmb.mechanism.parameters import Parameter, all_parameters, find_parameters, mechanism_with
 from feltmb.run.stroke import Stroke
 
-#: Parameters are shifted by this part of their size for df/dp; rounding and curvature both lie
-#: below 1e-8 of the derivative.
+#: Relative shift of parameters for df/dp; the errors by rounding and by curvature are below 1e-8 of
+#: the derivative.
 SHIFT = 2e-6
 
 
 def choose_parameters(
     action: Action, paths: str | Iterable[str] | None, *, every: bool
 ) -> list[Parameter]:
-    """Parameters of the paths, or every one that can be shifted."""
+    """Parameters of the given paths, or all parameters that can be shifted."""
     if every:
         return [p for p in all_parameters(action) if _can_shift(action, p)]
     given = [] if paths is None else [paths] if isinstance(paths, str) else list(paths)
@@ -27,9 +27,9 @@ def choose_parameters(
         "stroke.scale": Parameter("stroke.scale", 1.0, "1", 1.0),
         "stroke.delay": Parameter("stroke.delay", 0.0, "s", 1e-4),
     }
-    find_parameters(action, [p for p in given if p not in own])  # all faults at once
+    find_parameters(action, [p for p in given if p not in own])  # all faults in one message
     out: dict[str, Parameter] = {}
-    for path in given:  # in the order in which they were asked for
+    for path in given:  # in the requested order
         for parameter in [own[path]] if path in own else find_parameters(action, path):
             out[parameter.path] = parameter
     return list(out.values())
@@ -44,9 +44,9 @@ def _can_shift(action: Action, parameter: Parameter) -> bool:
 
 
 def _nodes(action: Action, parameter: Parameter) -> list[tuple[Any, float, float]]:
-    """Mechanisms, shifts and weights of a difference of second order."""
+    """Mechanisms, shifts and weights of a finite difference of second order."""
     h = SHIFT * parameter.size
-    known = dict(action._described)  # parts of shifted values are not worth keeping
+    known = dict(action._described)  # parts of shifted values are not cached
 
     def at(shift: float) -> Any:
         value = parameter.value + shift
@@ -62,7 +62,7 @@ def _nodes(action: Action, parameter: Parameter) -> list[tuple[Any, float, float
         try:
             return [(near, sign * h, sign * 0.5 / h), (at(-sign * h), -sign * h, -sign * 0.5 / h)]
         except InvalidParameter:
-            # At the edge of what is permitted: three points on one side.
+            # At a limit of the permitted range: three points on one side.
             s = sign / h
             return [
                 (action.mechanism, 0.0, -1.5 * s),
@@ -73,7 +73,7 @@ def _nodes(action: Action, parameter: Parameter) -> list[tuple[Any, float, float
 
 
 def shifted(action: Action, stroke: Stroke, parameter: Parameter) -> Any:
-    """A parameter for the core: shifted mechanisms and strokes with their weights."""
+    """A parameter for the core: mechanisms and strokes with shifted values, and weights."""
 
     def model(mechanism: Any, shift: float, weight: float, **changed: Any) -> Any:
         return _core.Perturbed(

@@ -1,4 +1,4 @@
-"""Derivatives of the numbers of a summary: of events, and of what is measured at them."""
+"""Derivatives of the values of a summary: event times, and quantities at events."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def summary_outputs(action: Action) -> list[str]:
 
 
 def add_rules(action: Action, options: Any) -> list[str]:
-    """Travels of tracking points that are events."""
+    """Add the travels of tracking points that are events."""
     import numpy as np
 
     names = []
@@ -39,7 +39,7 @@ def add_rules(action: Action, options: Any) -> list[str]:
 def summarize(
     action: Action, result: Any, rules: list[str]
 ) -> tuple[dict[str, float], dict[str, Array], list[dict[str, Any]]]:
-    """Numbers of the summary, their derivatives, and the events with theirs."""
+    """Values of the summary with their derivatives, and events with theirs."""
     numbers = action.mechanism.contact_numbers
     run = result.run
     changes = list_changes(action, run.events, rules)
@@ -105,7 +105,7 @@ def add_key_travel(
     summary: dict[str, float],
     out: dict[str, Array],
 ) -> None:
-    """The largest fall of the key point, if the segment begins at rest."""
+    """Add the largest downward travel of the key point, if the segment starts at rest."""
     import numpy as np
 
     column = f"{action.config.reading.key_point}.y"

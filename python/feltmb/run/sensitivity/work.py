@@ -1,4 +1,4 @@
-"""Derivatives of a stroke or of its segments: the calls, the start states, the outputs."""
+"""Computation of derivatives of a stroke or of its segments."""
 
 from __future__ import annotations
 
@@ -37,44 +37,45 @@ def gradient(
     tolerance: float = 3e-3,
     output_rate: float = 1000.0,
 ) -> Gradient:
-    """Compute the derivatives of a stroke that starts at the rest pose, including its change.
+    """Compute the derivatives of a stroke that starts at rest, including those of the rest pose.
 
     Parameters
     ----------
     action, stroke
         Objects, or names for ``load_action`` and ``load_stroke``.
     parameters
-        Dotted paths as for ``--set``, ``*`` for any name; ``stroke.scale`` [1] multiplies the
+        Dotted paths as for ``--set``, with ``*`` for any name; ``stroke.scale`` [1] multiplies the
         input, ``stroke.delay`` [s] shifts it. Default: every real number of the mechanism that can
-        be shifted. Derivatives are by SI values.
+        be shifted. Derivatives are by values in SI units.
     outputs
-        Names of outputs as in a run; default: coordinates, tracking points, forces and compressions
-        of the contacts.
+        Names of outputs as in a run; default: coordinates, tracking points, and forces and
+        compressions of the contacts.
     duration
-        [s]; default: the stroke's own.
+        Duration [s]; default: the duration of the stroke.
     rtol
-        Of the stroke. Where the motion is sensitive its derivatives are more so: one decade below
-        the default of ``simulate``.
+        Relative tolerance of the stroke. A sensitive motion has even more sensitive derivatives;
+        the default is therefore a tenth of the default of ``simulate``.
     tolerance
-        Local error of each column against the largest part of the motion that its parameter
-        causes, above 0, at most 0.1. An output that is a small difference of such motions (the
-        force between two parts that a parameter moves together) has a larger relative error:
-        compare with a tenth of the tolerance.
+        Local error of each column relative to the largest motion that its parameter causes, above
+        0, at most 0.1. An output that is a small difference of such motions (for example the force
+        between two parts that a parameter moves together) has a larger relative error: compare with
+        a tenth of the tolerance.
     output_rate
-        Samples a second; events and peaks do not depend on it.
+        Sample rate of the outputs [Hz]; events and peaks do not depend on it.
 
     Raises
     ------
     InvalidParameter
-        Paths or outputs that do not exist, all at once; a parameter whose shift changes the number
-        of states.
+        A path or output does not exist (all are in one message), or the shift of a parameter
+        changes the number of states.
     IntegrationError
         The stroke failed; ``error.partial`` is None.
 
     Notes
     -----
-    Numbers of the summary: times of events, impact and rebound speed, string contact duration,
-    let-off gap, largest string force, key travel. They move with the times of their events.
+    The summary has times of events, impact and rebound speed, string contact duration, let-off
+    gap, largest string force, and key travel. Their derivatives include the shift of the times of
+    their events.
     """
     action = load_action(action) if isinstance(action, str) else action
     stroke = load_stroke(stroke) if isinstance(stroke, str) else stroke
@@ -107,23 +108,23 @@ def segments(
     output_rate: float = 1000.0,
     jobs: int | None = None,
 ) -> list[Gradient]:
-    """Compute the derivatives of several segments of one stroke, each from its own full state.
+    """Compute the derivatives of several segments of a stroke, each from its own full state.
 
-    This is what multiple shooting needs: with ``directions`` the columns after the parameters are
-    derivatives by the start state of each segment.
+    Multiple shooting needs these derivatives. With ``directions``, the columns after the parameters
+    are derivatives by the start state of each segment.
 
     Parameters
     ----------
     segments
-        See :class:`Segment`. A segment without a state starts from the rest pose, which moves with
-        the parameters; a state that is given does not.
+        See :class:`Segment`. A segment without a state starts from the rest pose, which depends on
+        the parameters; a given state does not depend on them.
     parameters
-        As in :func:`gradient`, but default: none.
+        As in :func:`gradient`; default: none.
     directions
-        ``"mechanical"``: by every coordinate and rate; ``"all"``: by every state; names of states;
-        an array (n_states, n_directions); None.
+        ``"mechanical"``: by every coordinate and rate; ``"all"``: by every state; or names of
+        states; or an array (n_states, n_directions); or None.
     jobs
-        Threads over segments; default: one a core. The results do not depend on it.
+        Number of threads; default: one per core. The results do not depend on it.
     """
     action = load_action(action) if isinstance(action, str) else action
     stroke = load_stroke(stroke) if isinstance(stroke, str) else stroke
@@ -175,17 +176,17 @@ def segments(
 def state_at(
     action: Action | str, stroke: Stroke | str, times: Sequence[float], *, rtol: float = 1e-7
 ) -> list[Segment]:
-    """Segments between the given times of a stroke, each with the state that the stroke has there.
+    """Segments between given times of a stroke, each with the state of the stroke at its start.
 
     Parameters
     ----------
     times
-        Growing [s]; the first may be 0, the rest pose.
+        Increasing times [s]; the first may be 0, the rest pose.
 
     Returns
     -------
     list of Segment
-        One for each pair of neighbors.
+        One segment for each pair of consecutive times.
     """
     action = load_action(action) if isinstance(action, str) else action
     stroke = load_stroke(stroke) if isinstance(stroke, str) else stroke
@@ -327,7 +328,7 @@ def _to_gradient(
         where = f"segment from {segment.begin:g} s to {segment.end:g} s: "
         raise IntegrationError(
             where + run.message,
-            partial=None,  # only derivatives were wanted
+            partial=None,  # only the derivatives were needed
             time=run.reached,
             state=run.failed_state,
             contact=run.failed_contact,

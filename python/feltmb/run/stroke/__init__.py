@@ -1,8 +1,8 @@
-"""Strokes: what the finger or the motor does, as force or as motion, against time.
+"""Strokes: force or motion of the finger or the motor as a function of time.
 
-``load_stroke`` reads a packaged stroke, a TOML file or a CSV table; ``ramp_stroke``,
-``pulse_stroke``, ``table_stroke``, ``motion_stroke``, ``torque_stroke`` and ``sequence`` make them
-in Python.
+``load_stroke`` reads a packaged stroke, a TOML file or a CSV table. ``ramp_stroke``,
+``pulse_stroke``, ``table_stroke``, ``motion_stroke``, ``torque_stroke`` and ``sequence`` make
+strokes in Python.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Strokes from files: packaged ones, TOML, CSV."""
+"""Strokes from files: packaged strokes, TOML, CSV."""
 
 from __future__ import annotations
 
@@ -74,25 +74,25 @@ class StrokeFile(Schema):
     period: Annotated[float, SI("s"), Field(gt=0)] | None = None
 
 
-#: Every word that may stand as a key in a stroke file.
+#: All keys of a stroke file.
 STROKE_KEYS = {k for t in (StrokeFile, _Ramp, _Pulse, _Knots, _Oscillation) for k in t.model_fields}
 
 
 def packaged_strokes() -> list[str]:
-    """Names of the strokes that come with the package."""
+    """Names of the packaged strokes."""
     return params.names("strokes")
 
 
 @checked
 def load_stroke(name_or_path: str | Path) -> Stroke:
-    """Read a stroke: a packaged name, a TOML file, or a CSV of time and force or displacement.
+    """Read a stroke: a packaged name, a TOML file, or a CSV of force or displacement over time.
 
     Raises
     ------
     InvalidParameter
-        The name is unknown, or a TOML file has faults (all are listed).
+        The name is unknown, or a TOML file has faults; all of them are in the message.
     DataError
-        A CSV has faults (all are listed with their lines).
+        A CSV has faults; all of them are in the message, with line numbers.
     """
     text = str(name_or_path)
     if text in packaged_strokes():
@@ -110,7 +110,7 @@ def load_stroke(name_or_path: str | Path) -> Stroke:
 def _from_toml(path: Path) -> Stroke:
     raw = read_toml(path)
     faults: list[str] = []
-    others = [kind for kind in UNITS if kind != "force"]  # a list: a table or a list is no key
+    others = [kind for kind in UNITS if kind != "force"]  # a list: the kind may be unhashable
     if raw.get("kind") in others and "knots" not in raw:
         faults.append(f"kind {raw['kind']!r} needs knots; ramp and pulse are forces")
     given = [key for key in ("ramp", "pulse", "knots") if key in raw]
@@ -181,15 +181,16 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = N
     """Read a stroke from CSV with the header ``time [s],force [N]``.
 
     The second column is ``force``, ``displacement`` (of the finger), ``key displacement``,
-    ``torque`` or ``motor angle``. Between rows: a monotone cubic, a spline for the two that are
-    prescribed exactly, a straight line for a torque. Units in the header are converted
-    (``time [ms],displacement [mm]``). Faults are collected: missing or wrong header, cells that are
-    no finite number, times that do not grow, gaps of more than five sample intervals.
+    ``torque`` or ``motor angle``. The interpolation between rows is a monotone cubic; a spline for
+    the two motions that are prescribed exactly; linear for a torque. Units in the header are
+    converted (``time [ms],displacement [mm]``). All faults are collected: missing or wrong header,
+    cells that are not finite numbers, times that do not increase, gaps of more than five sample
+    intervals.
 
     Raises
     ------
     DataError
-        Listing all faults with their line numbers.
+        The file has faults; all of them are in the message, with line numbers.
     """
     path = Path(path)
     text = read_text(path, most=LARGEST_TABLE)

@@ -1,4 +1,4 @@
-"""Strokes and how they are made: ramps, pulses, tables, motions, sequences."""
+"""Strokes, and functions that make them: ramps, pulses, tables, motions, sequences."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Kind = Literal["force", "motion", "key_motion", "torque", "motor_motion"]
 Interpolation = Literal["linear", "monotone", "spline"]
 UNITS = {"force": "N", "motion": "m", "key_motion": "m", "torque": "N m", "motor_motion": "rad"}
 
-#: Largest value by unit: more has no hand and no motor, and a run of it would not end.
+#: Largest value by unit: neither a hand nor a motor reaches more, and such a run would not end.
 LARGEST = {"N": 1e5, "m": 10.0, "N m": 1e5, "rad": 1e3}
 
-#: Kinds whose motion a point or a coordinate keeps to exactly; the reaction is an output.
+#: Kinds whose motion a point or a coordinate follows exactly; the reaction is an output.
 PRESCRIBED = ("key_motion", "motor_motion")
 
 #: Kinds that act on the mechanism's motor instead of the finger.
@@ -34,16 +34,16 @@ MOTORS = ("torque", "motor_motion")
 @checked
 @dataclass(frozen=True)
 class Stroke:
-    """Input of a mechanism, given by knots, positive in the direction of pressing.
+    """Input of a mechanism as a function through knots, positive in the direction of pressing.
 
-    Constant before the first and after the last knot. ``linear`` is straight between knots;
-    ``monotone`` is a cubic without overshoot (PCHIP), continuous in slope; ``spline`` is a cubic
-    spline, continuous in curvature, at rest at both ends.
+    It is constant before the first and after the last knot. ``linear``: linear between knots;
+    ``monotone``: a cubic without overshoot (PCHIP) with continuous slope; ``spline``: a cubic
+    spline with continuous curvature, at rest at both ends.
 
-    Kinds: ``force`` [N] of the finger on the key; ``motion`` [m] of a finger that meets the key
-    through its pad; ``key_motion`` [m] of the point under the finger itself, counted from where it
-    starts; ``torque`` [N m] of the mechanism's motor; ``motor_motion`` [rad] of its hub. With the
-    two motions that are prescribed exactly, the force that they take is an output
+    Kinds: ``force`` [N] of the finger on the key; ``motion`` [m] of a finger that presses the key
+    through its pad; ``key_motion`` [m] of the point under the finger, relative to its start;
+    ``torque`` [N m] of the mechanism's motor; ``motor_motion`` [rad] of its hub. For the two
+    motions that are prescribed exactly, the required force or torque is an output
     (``finger.force``, ``motor.torque``).
     """
 
@@ -119,7 +119,7 @@ class Stroke:
 
     @property
     def input(self) -> _core.Input:
-        """What drives the mechanism, for the core."""
+        """The input for the core."""
         return _core.Input(self.profile, self.kind)
 
     @property
@@ -134,12 +134,12 @@ class Stroke:
         return np.asarray(self.profile.value(np.asarray(time, dtype=float)))
 
     def shifted(self, delay: float) -> Stroke:
-        """The same stroke, later by ``delay`` [s]; the duration grows with it.
+        """Copy of the stroke, later by ``delay`` [s]; its duration increases accordingly.
 
         Raises
         ------
         InvalidParameter
-            The stroke oscillates: its phase counts from time zero.
+            The stroke oscillates; the phase of an oscillation is relative to time zero.
         """
         if self.oscillation_amplitude and delay:
             raise InvalidParameter(f"stroke {self.name!r} oscillates and cannot be shifted")
@@ -150,7 +150,7 @@ class Stroke:
         )
 
     def scaled(self, factor: float) -> Stroke:
-        """The same stroke with its values times ``factor``."""
+        """Copy of the stroke with its values multiplied by ``factor``."""
         return replace(self, value=tuple(v * factor for v in self.value))
 
     @property
@@ -159,7 +159,7 @@ class Stroke:
         return noise_of_record(self.value)
 
     def smoothed(self, noise: float | None = None) -> Stroke:
-        """The same record within its noise, as a spline; see :func:`smooth_record`.
+        """Copy of a record, smoothed within its noise, as a spline; see :func:`smooth_record`.
 
         Parameters
         ----------
@@ -170,7 +170,7 @@ class Stroke:
         return replace(self, value=tuple(value.tolist()), interpolation="spline")
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, for files."""
+        """Plain data for files."""
         return {
             "name": self.name,
             "kind": self.kind,
@@ -203,16 +203,16 @@ def ramp_stroke(
     oscillation: tuple[float, float] | None = None,
     name: str = "ramp",
 ) -> Stroke:
-    """Force that rises linearly from 0 at ``start`` to ``force`` within ``ramp``, then held.
+    """Force that rises linearly from 0 at ``start`` to ``force`` within ``ramp``, then constant.
 
     Parameters
     ----------
     force
-        [N]; negative would pull the key up.
+        Final force [N]; a negative force would lift the key.
     start, ramp
-        [s], ``start`` >= 0, ``ramp`` > 0.
+        Start and duration of the rise [s], ``start`` >= 0, ``ramp`` > 0.
     duration
-        Length of a run with this stroke [s]; default 0.22 s beyond the end of the ramp.
+        Duration of a run with this stroke [s]; default: until 0.22 s after the ramp.
     oscillation
         Relative amplitude and frequency [Hz] of a factor 1 + a sin(2 pi f t).
     """
@@ -244,7 +244,7 @@ def pulse_stroke(
     duration: float | None = None,
     name: str = "pulse",
 ) -> Stroke:
-    """Force that rises to ``force`` [N] in ``rise`` [s], holds for ``hold``, falls in ``fall``.
+    """Pulse of force: it rises to ``force`` [N], is held, and falls.
 
     Parameters
     ----------
@@ -321,16 +321,16 @@ def motion_stroke(
     Parameters
     ----------
     time
-        [s], growing.
+        Increasing times [s].
     displacement
-        [m], of a motor [rad].
+        Displacement [m], or angle of a motor [rad].
     of
-        ``finger``: a finger that acts through the one-sided pad of the mechanism's ``[finger]``,
-        zero where the pad just touches the key. ``key``: the point under the finger itself, counted
-        from where it starts; the key keeps to it exactly and is free to lift or turn about that
-        point. ``motor``: the angle of the motor's hub.
+        ``finger``: a finger that acts through the one-sided pad of the mechanism's ``[finger]``; at
+        zero, the pad just touches the key. ``key``: the point under the finger, relative to its
+        start; the key follows it exactly and can lift or turn about that point. ``motor``: the
+        angle of the motor's hub.
     interpolation
-        Default: ``monotone`` for the finger, ``spline`` otherwise.
+        Interpolation; default: ``monotone`` for the finger, ``spline`` otherwise.
     """
     kinds: dict[str, Kind] = {"finger": "motion", "key": "key_motion", "motor": "motor_motion"}
     if of not in kinds:
@@ -369,7 +369,7 @@ def torque_stroke(
 
 
 def usual_interpolation(kind: Kind) -> Interpolation:
-    """Interpolation of a record that does not say how."""
+    """Default interpolation of a record."""
     return "spline" if kind in PRESCRIBED else "linear" if kind == "torque" else "monotone"
 
 
@@ -381,13 +381,13 @@ def table_of(
     duration: float | None,
     name: str,
 ) -> Stroke:
-    """A stroke of knots; it lasts as long as they do unless told."""
+    """A stroke through knots; its default duration is the time of the last knot."""
     times = tuple(float(t) for t in time)
     end = duration if duration is not None else (times[-1] if times and times[-1] > 0 else 0.4)
     return Stroke(name, kind, times, tuple(float(v) for v in value), interpolation, duration=end)
 
 
-#: A held value goes over to the first value of the next stroke within this time [s].
+#: A held value changes to the first value of the next stroke within this time [s].
 _SEAM = 1e-4
 
 
@@ -398,11 +398,11 @@ def sequence(*strokes: Stroke, period: float | None = None, name: str = "sequenc
     Parameters
     ----------
     strokes
-        All of force or all of motion, without oscillation, same interpolation.
+        All of force or all of motion, without oscillation, with equal interpolation.
     period
-        Each begins this long after the one before [s]; default: when the one before ends
-        (its ``duration``). Knots of one stroke must end before the next begins. What a stroke
-        holds at its end it holds until then, and lets go within 0.1 ms.
+        Time between the starts of consecutive strokes [s]; default: the ``duration`` of the earlier
+        one. Knots of one stroke must end before the next starts. The last value of a stroke is held
+        until then and changes within 0.1 ms.
     """
     _need(len(strokes) > 0, "sequence", strokes, "at least one stroke")
     first = strokes[0]
@@ -418,7 +418,7 @@ def sequence(*strokes: Stroke, period: float | None = None, name: str = "sequenc
         if stroke.oscillation_amplitude:
             raise InvalidParameter(f"sequence: stroke {i} ({stroke.name}) oscillates; give a table")
         if time and value[-1] != stroke.value[0] and start - _SEAM > time[-1]:
-            # What the last stroke holds, it holds until the next begins.
+            # The last value of a stroke is held until the next one starts.
             time += [start - _SEAM, start]
             value += [value[-1], stroke.value[0]]
         for t, v in zip(stroke.time, stroke.value, strict=True):

@@ -1,4 +1,4 @@
-"""Studies: named variants of a mechanism under strokes, what to draw, tabulate and check, as data.
+"""Studies: variants of a mechanism with strokes, figures, tables and checks, defined as data.
 
 :func:`study` runs a packaged study or a user's own TOML file; see
 ``docs/howto/run_studies.md`` for the file.

@@ -1,4 +1,4 @@
-"""What is wrong with a study file, all at once; its strokes, mechanisms and axes."""
+"""Checks of a study file, all in one message; and its strokes, mechanisms and axes."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from feltmb.run.sweep import Axis, axis_values, grid_points
 
 
 def short(value: Any) -> str:
-    """Number or word for a label."""
+    """Number or word as a label."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def refusal(origin: str, faults: Sequence[str]) -> InvalidParameter:
-    """All faults of a file as one error."""
+    """An error with all faults of a file."""
     unique = list(dict.fromkeys(faults))
     count = "1 fault" if len(unique) == 1 else f"{len(unique)} faults"
     return InvalidParameter(f"{origin}: {count}\n" + "\n".join(f"  {f}" for f in unique))
 
 
 def name_faults(spec: StudyFile) -> Iterator[str]:
-    """Names that are none."""
+    """Faults of invalid names."""
     for table, names in (
         ("variants", spec.variants),
         ("numbers", spec.numbers),
@@ -47,7 +47,7 @@ def name_faults(spec: StudyFile) -> Iterator[str]:
 
 
 class _Strokes(Mapping[str, Stroke]):
-    """Strokes by name; those recorded from a run are made when first asked for."""
+    """Strokes by name; strokes that are recorded from a run are made when they are first needed."""
 
     def __init__(self) -> None:
         self._made: dict[str, Stroke | Callable[[], Stroke]] = {}
@@ -69,7 +69,7 @@ class _Strokes(Mapping[str, Stroke]):
 
 
 def _record(spec: StudyFile, stroke: Stroke, name: str, what: str, folder: Path | None) -> Stroke:
-    """What a sensor at the key would record while the base mechanism plays a stroke."""
+    """Stroke that a sensor at the key would record when the base mechanism performs a stroke."""
     action: Action = _load_beside(load_action, spec.base.action, folder)
     if spec.base.values:
         action = action.with_values(spec.base.values)
@@ -108,14 +108,14 @@ def make_strokes(spec: StudyFile, folder: Path | None, faults: list[str]) -> _St
 
 
 def _load_beside(load: Any, name: str, folder: Path | None) -> Any:
-    """A packaged name, or a path that starts at the folder of the study, if that is a file."""
+    """A packaged name, or a path relative to the folder of the study if it is a file."""
     return load(name if folder is None else named_file(folder, name, "path"))
 
 
 def make_actions(spec: StudyFile, folder: Path | None, faults: list[str]) -> dict[str, Action]:
-    """Mechanisms of a study by variant, with their values."""
+    """Mechanisms of a study by variant, with the values of the variant."""
     out: dict[str, Action] = {}
-    load = cache(partial(_load_beside, load_action, folder=folder))  # most variants share one
+    load = cache(partial(_load_beside, load_action, folder=folder))  # most share one
     for name, variant in spec.variants.items():
         try:
             action: Action = load(variant.action or spec.base.action)
@@ -134,7 +134,7 @@ def make_actions(spec: StudyFile, folder: Path | None, faults: list[str]) -> dic
 
 
 def make_axes(spec: StudyFile, faults: list[str]) -> tuple[Axis, ...]:
-    """Directions of the sweep."""
+    """Axes of the sweep."""
     axes: list[Axis] = []
     for i, given in enumerate(spec.sweep.axis if spec.sweep is not None else []):
         where = f"sweep.axis.{i}"
@@ -176,7 +176,7 @@ def _unit_fault(unit: str, where: str) -> list[str]:
 
 
 def reference_faults(spec: StudyFile, axes: Sequence[Axis]) -> list[str]:
-    """Names that point nowhere, and formulas that are none."""
+    """Faults of references that do not exist, and of invalid formulas."""
     faults: list[str] = []
     strokes = list(
         dict.fromkeys(

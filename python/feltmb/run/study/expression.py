@@ -1,8 +1,8 @@
-"""Formulas and units in study files: arithmetic over named numbers, and nothing else.
+"""Formulas and units in study files: arithmetic with named values, without other operations.
 
 ``hammer_tip.x - hammer_tip_rigid.x``, ``rebound_speed / impact_speed`` and
-``check_gap(rigid, piano) < check_gap(flexible, piano)`` are formulas. They are parsed by Python's
-own parser and evaluated node by node: a file can compute with them and do nothing else.
+``check_gap(rigid, piano) < check_gap(flexible, piano)`` are formulas. Python's parser parses them,
+and they are evaluated node by node, so that a file can compute but do nothing else.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 class NotThere(Exception):
-    """A number or an output that a formula names is absent from a run."""
+    """A value or an output in a formula does not exist in a run."""
 
 
 Lookup = Callable[[str, tuple[Any, ...] | None], Any]
@@ -74,12 +74,12 @@ class Formula:
     text
         Numbers, names with dots, ``+ - * / **``, comparisons, ``and or not``, parentheses,
         ``abs sqrt exp log sin cos atan2 min max``, and calls ``name(word, word, 3.0)`` of names
-        that the reader of the formula defines.
+        that the caller defines.
 
     Raises
     ------
     InvalidParameter
-        The text is no such formula.
+        The text is not such a formula.
     """
 
     def __init__(self, text: str):
@@ -152,7 +152,7 @@ class Formula:
         return None
 
     def names(self) -> list[str]:
-        """Names that stand for values, each once, in order; without those that are called."""
+        """Names of values, each once, in order; names of calls are not included."""
         return list(dict.fromkeys(name for name, args in self._leaves(self._tree) if args is None))
 
     def calls(self) -> list[tuple[str, tuple[Any, ...]]]:
@@ -179,7 +179,7 @@ class Formula:
         Parameters
         ----------
         lookup
-            ``lookup(name, None)`` for a name, ``lookup(name, arguments)`` for a call; gives a
+            ``lookup(name, None)`` for a name, ``lookup(name, arguments)`` for a call; it returns a
             number or an array, or raises :class:`NotThere`.
         """
         try:
@@ -190,7 +190,7 @@ class Formula:
 
     def _value(self, node: ast.AST, lookup: Lookup) -> Any:
         if isinstance(node, ast.Constant):
-            # Floats: a tower of integer powers would never end.
+            # Floats: a tower of integer powers would take forever.
             return float(node.value)  # type: ignore[arg-type]
         if isinstance(node, (ast.Name, ast.Attribute)):
             return lookup(str(_dotted(node)), None)
@@ -235,7 +235,7 @@ class Formula:
 
 
 def si_unit(unit: str) -> str:
-    """SI unit of the quantity that a unit for the reader measures."""
+    """SI unit of the quantity of a unit."""
     if unit in ("", "1"):
         return "1"
     for si in ("m", "s", "N", "rad", "m/s", "J", "Hz", "kg", "rad/s", "m/s^2", "N m", "Pa", "1"):
@@ -248,5 +248,5 @@ def si_unit(unit: str) -> str:
 
 
 def to_unit(unit: str) -> float:
-    """Factor from the SI unit of the same quantity to a unit for the reader."""
+    """Factor from the SI unit of the same quantity to a unit."""
     return 1.0 if unit in ("", "1") else 1.0 / conversion_factor(unit, si_unit(unit))

@@ -1,4 +1,4 @@
-"""Numbers and series from a run."""
+"""Values and series from a run."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-MOST_SAMPLES = 6000  # of a series that is kept for a figure
+MOST_SAMPLES = 6000  # samples of a series for a figure
 
 
 @checked
 def extract_run(
     run: Run, action: Action, spec: Mapping[str, Any]
 ) -> tuple[dict[str, float], dict[str, Array]]:
-    """Numbers and series of a run; what the run does not have is absent.
+    """Values and series of a run; those that the run does not have are absent.
 
     Parameters
     ----------
@@ -44,8 +44,8 @@ def extract_run(
     if run.energy:
         scalars.update({k: float(v) for k, v in run.energy.items() if isinstance(v, float)})
 
-    # What is switched off has no output: a strap that is not there does not pull, a stop does not
-    # move.
+    # Parts that are switched off have no output: a missing strap does not pull, a missing stop does
+    # not move.
     still = {f"{name}.force" for name, strap in action.config.straps.items() if not strap.enabled}
     if action.config.string is not None and action.config.string.kind == "rigid_stop":
         still |= {"string.strike", "string.bridge_force"}
@@ -87,7 +87,7 @@ def extract_run(
         samples = samples_of(entry["output"])[chosen]
         return statistic(entry["stat"], run.time[chosen], samples, entry.get("level"))
 
-    # Numbers may stand on others that come later in the file: go round until nothing is added.
+    # Values may depend on later ones in the file: repeat until no value is added.
     numbers: dict[str, float] = {}
     left = dict(spec["numbers"])
     for _ in spec["numbers"]:
@@ -121,7 +121,7 @@ def _when(when: When, scalar: Any) -> float:
 
 
 def _thin(pair: Array) -> Array:
-    """At most MOST_SAMPLES samples; of each stretch the smallest and the largest stay."""
+    """At most MOST_SAMPLES samples; the minimum and maximum of each interval are kept."""
     count = pair.shape[1]
     if count <= MOST_SAMPLES:
         return np.ascontiguousarray(pair)
@@ -135,26 +135,27 @@ def _thin(pair: Array) -> Array:
 
 @checked
 def statistic(stat: str, time: Array, samples: Array, level: float | None = None) -> float:
-    """One number of a stretch of samples.
+    """One statistic of a series of samples.
 
     Parameters
     ----------
     stat
-        ``first last min max mean span rms`` (span: largest less smallest; rms: about the mean);
-        ``variation``: sum of all changes; ``time_of_max time_of_min``; ``rises_above
-        falls_below``: first time at which it does; ``time_above``: how long; ``pulses``: how
-        often it is above ``level``, pauses of less than a hundredth of the stretch not counted;
-        ``settles``: from when on it stays within ``level`` of its last value; ``returns``: of its
-        first value, which it does not if it is elsewhere at the end; ``swing_back``: how
-        far it returns below its largest value; ``frequency``: largest line of the spectrum of at
-        least three periods [Hz].
+        ``first last min max mean span rms`` (span: maximum minus minimum; rms: about the mean);
+        ``variation``: sum of all absolute changes; ``time_of_max time_of_min``;
+        ``rises_above falls_below``: first time of crossing ``level``; ``time_above``: total time
+        above ``level``; ``pulses``: number of intervals above ``level``, where gaps shorter than a
+        hundredth of the series are ignored; ``settles``: time from which it stays within ``level``
+        of its last value; ``returns``: time from which it stays within ``level`` of its first
+        value; NaN if it does not at the end; ``swing_back``: maximum minus the smallest later
+        value; ``frequency``: frequency of the largest spectral line with at least three periods
+        [Hz].
     time, samples
-        [s] and any unit, shape (n,), n >= 2, evenly sampled.
+        Times [s] and samples in any unit, shape (n,), n >= 2, evenly spaced.
 
     Returns
     -------
     float
-        NaN if it does not occur.
+        Value of the statistic; NaN if it does not exist.
     """
     if time.ndim != 1 or time.shape != samples.shape or time.size < 2:
         raise InvalidParameter(
@@ -181,7 +182,7 @@ def statistic(stat: str, time: Array, samples: Array, level: float | None = None
     if stat in simple:
         return float(simple[stat]())
     if stat == "frequency":
-        if np.ptp(samples) < 1e-9:  # round-off
+        if np.ptp(samples) < 1e-9:  # rounding
             return math.nan
         swing = (samples - np.mean(samples)) * np.hanning(samples.size)
         count = 8 * samples.size

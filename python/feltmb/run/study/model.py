@@ -1,4 +1,4 @@
-"""A checked study: what is simulated, and what is taken from each run."""
+"""A checked study: its simulations, and the values that are taken from each run."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from feltmb.units.quantity import fault_lines, shortened
 
 
 def packaged_studies() -> list[str]:
-    """Names of the studies that come with the package, in the order of the thesis's figures."""
+    """Names of the packaged studies, in the order of the figures of the thesis."""
     listed = params.folder("studies") / "order.txt"
     names = params.names("studies")
     order = listed.read_text(encoding="utf-8").split() if listed.is_file() else []
@@ -43,7 +43,7 @@ def packaged_studies() -> list[str]:
 
 
 def study_outlines() -> list[Study]:
-    """Packaged studies without mechanisms and strokes: to be listed, not to be run."""
+    """Packaged studies without mechanisms and strokes, for listing only."""
     out = []
     for name in packaged_studies():
         path = params.folder("studies") / f"{name}.toml"
@@ -53,7 +53,7 @@ def study_outlines() -> list[Study]:
 
 
 def _with_variant(spec: StudyFile) -> StudyFile:
-    """A study without variants has one, the base."""
+    """Add the variant "base" to a study without variants."""
     if spec.variants:
         return spec
     return spec.model_copy(update={"variants": {"base": VariantSpec(label=spec.title)}})
@@ -66,7 +66,7 @@ def load_study(name_or_path: str | Path) -> Study:
     Raises
     ------
     InvalidParameter
-        Listing all faults of the file at once.
+        The file has faults; all of them are in the message.
     """
     text = str(name_or_path)
     if text in packaged_studies():
@@ -87,7 +87,7 @@ def load_study(name_or_path: str | Path) -> Study:
 @checked
 @dataclass(frozen=True)
 class Case:
-    """One simulation of a study: a variant under a stroke at a point of the sweep."""
+    """One simulation of a study: a variant with a stroke at a point of the sweep."""
 
     variant: str
     stroke: str
@@ -97,16 +97,16 @@ class Case:
 @checked
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A checked study, ready to run. Made by :func:`load_study`.
+    """A checked study, ready to run, made by :func:`load_study`.
 
     Attributes
     ----------
     spec
         Content of the file.
     actions, strokes
-        Mechanisms by variant (with its values) and strokes by name.
+        Mechanisms by variant (with the values of the variant), and strokes by name.
     axes
-        Directions of the sweep; empty without one.
+        Axes of the sweep; empty without a sweep.
     origin
         Name of the file.
     """
@@ -119,7 +119,7 @@ class Study:
 
     @classmethod
     def read(cls, path: Path) -> Study:
-        """Read and check a file."""
+        """Read and check a study file."""
         return cls.from_dict(read_toml(path), origin=path.name, folder=path.parent)
 
     @classmethod
@@ -131,8 +131,8 @@ class Study:
         Parameters
         ----------
         folder
-            Where the paths of mechanisms and strokes start, which they do not leave; default: the
-            working folder, and any path.
+            Folder of relative paths of mechanisms and strokes; paths outside it are rejected.
+            Default: the working folder, with any path.
         """
         faults: list[str] = []
         try:
@@ -162,7 +162,7 @@ class Study:
         return list(self.spec.base.strokes if own is None else own)
 
     def label(self, variant: str) -> str:
-        """Name of a variant for the reader."""
+        """Name of a variant for people."""
         return self._variant(variant).label or variant
 
     def _variant(self, name: str) -> VariantSpec:
@@ -178,7 +178,7 @@ class Study:
         return list(grid_points(self.axes, self.spec.sweep.mode))
 
     def cases(self) -> list[Case]:
-        """All simulations: variants, then points of the sweep, then strokes."""
+        """All simulations, by variant, then point of the sweep, then stroke."""
         return [
             Case(variant, stroke, point)
             for variant in self.spec.variants
@@ -191,7 +191,7 @@ class Study:
         return self._among(self.spec.variants[variant].only, point)
 
     def _among(self, only: Mapping[str, list[Any]], point: tuple[Any, ...]) -> bool:
-        """Whether a point has one of the values that ``only`` names for its axes."""
+        """Whether the values of a point are among the values in ``only`` for their axes."""
         return all(
             axis.name not in only or any(same(value, wanted) for wanted in only[axis.name])
             for axis, value in zip(self.axes, point, strict=True)
@@ -207,11 +207,11 @@ class Study:
         )
 
     def number_spec(self, name: str) -> NumberSpec:
-        """How a number is found and shown; numbers of the run's summary need no entry."""
+        """Definition of a value; values in the summary of a run need no entry."""
         return self.spec.numbers.get(name, NumberSpec())
 
     def shown(self, name: str) -> tuple[str, str, float]:
-        """Text, unit and factor from SI of a number."""
+        """Label, unit and factor from SI of a value."""
         number = self.number_spec(name)
         text, unit = KNOWN.get(
             name, (name.replace("_", " "), "ms" if name.endswith("_time") else "1")
@@ -284,7 +284,7 @@ class Study:
 
 
 def series_key(panel: PanelSpec) -> str:
-    """Name under which the samples of a panel are kept."""
+    """Key of the stored samples of a panel."""
     import hashlib
 
     text = json.dumps([panel.output, panel.start, panel.end, panel.from_rest])
@@ -292,7 +292,7 @@ def series_key(panel: PanelSpec) -> str:
 
 
 def same(a: Any, b: Any) -> bool:
-    """Whether two values of an axis are the same point."""
+    """Whether two values of an axis are equal."""
     if isinstance(a, (int, float)) and isinstance(b, (int, float)):
         return math.isclose(a, b, rel_tol=1e-9, abs_tol=1e-12)
     return str(a) == str(b)

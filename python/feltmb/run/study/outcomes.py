@@ -1,4 +1,4 @@
-"""What the runs of a study gave: numbers, table, findings."""
+"""Results of the runs of a study: values, table, findings."""
 
 from __future__ import annotations
 
@@ -32,25 +32,26 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FindingResult:
-    """A finding held against the runs.
+    """A finding compared with the runs.
 
     Attributes
     ----------
     says, source, note
-        As in the file.
+        Texts of the file.
     claim
-        ``thesis``: a sentence of the source that the study cites; ``own``: of the study itself.
+        ``thesis``: a statement of the source that the study cites; ``own``: a statement of the
+        study.
     outcome
-        ``agrees``, ``disagrees`` or ``not tested``; ``depends``: judged over an axis of the sweep,
-        it holds at some of its values and not at others.
+        ``agrees``, ``disagrees`` or ``not tested``; ``depends``: for a finding over an axis of the
+        sweep, it holds at some values and not at others.
     reason
-        Why it was not tested, in whole or at some of the values.
+        Reason why it was not tested, for all or some of the values.
     here, thesis
-        Sizes in ``unit``; None without. Over an axis ``here`` is None.
+        Sizes in ``unit``; None if not defined. Over an axis, ``here`` is None.
     low, high
-        Least and largest size over an axis, in ``unit``; None without.
+        Smallest and largest size over an axis, in ``unit``; None if not defined.
     held, of
-        At how many of how many values of the axis it holds; None without an axis.
+        Number of values of the axis at which it holds, and number of values; None without an axis.
     """
 
     says: str
@@ -68,18 +69,18 @@ class FindingResult:
     of: int | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Plain data for JSON."""
         return {k: getattr(self, k) for k in self.__dataclass_fields__}
 
 
 @dataclass(frozen=True, eq=False)
 class StudyOutcomes(ABC):
-    """What a study gave.
+    """Results of a study.
 
     Attributes
     ----------
     study : Study
-        What was run.
+        The study.
     outcomes : dict
         Outcome by :class:`Case`.
     """
@@ -106,7 +107,7 @@ class StudyOutcomes(ABC):
 
     @checked
     def plot(self, name: str | None = None) -> Figure:
-        """Return a figure of the study.
+        """Plot a figure of the study.
 
         Parameters
         ----------
@@ -124,12 +125,12 @@ class StudyOutcomes(ABC):
         return self.figures[name]
 
     def to_xarray(self) -> xr.Dataset:
-        """Table as a dataset over variant, stroke and axes; variables have their SI units.
+        """Table as a dataset over variant, stroke and axes; the variables have SI units.
 
         Returns
         -------
         Dataset
-            With the one dimension ``member`` if some combinations were not simulated.
+            Dataset; its only dimension is ``member`` if some combinations were not simulated.
         """
         units = {n: si_unit(self.study.shown(n)[1]) for n in self.numbers}
         axes = ["variant", "stroke", *(a.name for a in self.study.axes)]
@@ -137,7 +138,7 @@ class StudyOutcomes(ABC):
 
     @cached_property
     def numbers(self) -> list[str]:
-        """Names of the tabulated numbers: those of the file, else those that every run may have."""
+        """Names of the values in the table: those of the file, else those of any run."""
         if self.study.spec.numbers:
             return list(self.study.spec.numbers)
         found = {n for o in self.outcomes.values() for n in o.numbers}
@@ -145,7 +146,7 @@ class StudyOutcomes(ABC):
 
     @cached_property
     def table(self) -> pd.DataFrame:
-        """One row a simulation: variant, stroke, axes, status, error, numbers in SI units."""
+        """One row per simulation: variant, stroke, axes, status, error, values in SI units."""
         import pandas as pd
 
         rows = []
@@ -159,7 +160,7 @@ class StudyOutcomes(ABC):
 
     @checked
     def number(self, name: str, variant: str, stroke: str, *point: Any) -> float | None:
-        """A number in SI units; None if the run does not have it."""
+        """A value in SI units; None if the run does not have it."""
         outcome = self.outcomes.get(self._case(variant, stroke, point))
         return None if outcome is None else outcome.numbers.get(name)
 
@@ -182,7 +183,7 @@ class StudyOutcomes(ABC):
 
     @cached_property
     def findings(self) -> list[FindingResult]:
-        """Findings of the file and what became of them."""
+        """Findings of the file with their results."""
         return [self._judge(finding) for finding in self.study.spec.findings]
 
     def _judge(self, finding: FindingSpec) -> FindingResult:
@@ -224,7 +225,7 @@ class StudyOutcomes(ABC):
     def _judge_at(
         self, finding: FindingSpec, place: Mapping[str, Any]
     ) -> tuple[bool | None, float | None, str]:
-        """Whether a finding holds, its size, why neither; ``place``: values by name of an axis."""
+        """Whether a finding holds, its size, or why neither; ``place``: value by axis name."""
         reasons: list[str] = []
 
         def lookup(name: str, arguments: tuple[Any, ...] | None) -> float:
@@ -262,7 +263,7 @@ class StudyOutcomes(ABC):
     def _arguments(
         self, arguments: tuple[Any, ...], place: Mapping[str, Any]
     ) -> tuple[str, str, tuple[Any, ...]]:
-        """Variant, stroke and point of a call; what is the only one may be left out."""
+        """Variant, stroke and point of a call; if there is only one, it may be omitted."""
         variants = list(self.study.spec.variants)
         variant = variants[0]
         stroke = ""
@@ -278,7 +279,7 @@ class StudyOutcomes(ABC):
 
     @property
     def failed(self) -> dict[str, str]:
-        """Errors by simulation."""
+        """Error messages by simulation."""
         return {
             " ".join([case.variant, *map(short, case.point), case.stroke]): outcome.error
             for case, outcome in self.outcomes.items()
@@ -286,7 +287,7 @@ class StudyOutcomes(ABC):
         }
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data: table (numbers in SI), units, findings, errors."""
+        """Plain data: table (values in SI units), units, findings, errors."""
         rows = []
         for row in self.table.to_dict(orient="records"):
             rows.append(
@@ -313,7 +314,7 @@ class StudyOutcomes(ABC):
 def _outcome(
     holds: bool | Literal["some"] | None,
 ) -> Literal["agrees", "depends", "disagrees", "not tested"]:
-    """Word for what became of a finding; ``"some"``: it holds at some of several values."""
+    """Outcome of a finding as a word; ``"some"``: it holds at some of several values."""
     if holds is None:
         return "not tested"
     if holds == "some":

@@ -1,4 +1,4 @@
-"""Studies for the reader: tables that fit, and one self-contained HTML page."""
+"""Tables of studies, and one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OUTCOMES = ("agrees", "depends", "disagrees", "not tested")
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of a table: text, whether it is a number, and what was printed elsewhere."""
+    """A cell of a table: text, whether it is a number, and the published value."""
 
     text: str
     num: bool = False
@@ -29,7 +29,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """A table for the reader."""
+    """A table for people."""
 
     title: str
     head: tuple[Cell, ...]
@@ -37,7 +37,7 @@ class Table:
 
 
 def number_text(value: float | None, factor: float = 1.0, digits: int = 4) -> str:
-    """Some digits; counts in full; a dash for what is not there."""
+    """Format a number: few digits, counts in full, a dash for a missing value."""
     if value is None or not math.isfinite(value):
         return "-"
     shown = value * factor
@@ -59,8 +59,8 @@ def _unit_text(label: str, unit: str) -> str:
 def tables(result: StudyOutcomes) -> list[Table]:
     """Tables of a study.
 
-    Without a sweep one for each stroke: numbers down, variants across. With a sweep one for each
-    variant and stroke: points down, numbers across.
+    Without a sweep, one table for each stroke, with values in rows and variants in columns. With a
+    sweep, one table for each variant and stroke, with points in rows and values in columns.
     """
     return _sweep_tables(result) if result.study.axes else _variant_tables(result)
 
@@ -148,7 +148,7 @@ def _sweep_tables(result: StudyOutcomes) -> list[Table]:
 
 
 def finding_sizes(finding: FindingResult) -> tuple[str, str]:
-    """Size here and there, with units."""
+    """Simulated and published size of a finding, with units."""
     unit = "" if finding.unit in ("", "1") else f" {finding.unit}"
     here = "" if finding.here is None else number_text(finding.here) + unit
     if finding.low is not None and finding.high is not None:
@@ -160,12 +160,12 @@ def finding_sizes(finding: FindingResult) -> tuple[str, str]:
 
 
 def outcome_text(finding: FindingResult) -> str:
-    """Outcome; over an axis also at how many of its values the finding holds."""
+    """Outcome as text; over an axis, with the number of values at which the finding holds."""
     return finding.outcome + (f", {finding.held} of {finding.of}" if finding.of else "")
 
 
 def by_claim(findings: Sequence[FindingResult], cite: str) -> dict[str, list[FindingResult]]:
-    """Findings by whose they are: claims of the source that is cited, and the study's own."""
+    """Findings by origin: statements of the cited source, and of the study."""
     groups = {
         f"claims of: {cite}": [f for f in findings if f.claim == "thesis"],
         "own findings": [f for f in findings if f.claim == "own"],
@@ -174,7 +174,7 @@ def by_claim(findings: Sequence[FindingResult], cite: str) -> dict[str, list[Fin
 
 
 def _counts(findings: Sequence[FindingResult]) -> dict[str, dict[str, int]]:
-    """Numbers of findings by whose they are and by outcome."""
+    """Number of findings by origin and outcome."""
     out = {}
     for claim in ("thesis", "own"):
         group = [f for f in findings if f.claim == claim]
@@ -192,7 +192,7 @@ def _figures(result: StudyOutcomes) -> list[dict[str, Any]]:
         out.append(
             {
                 "data": base64.b64encode(png(result, name)).decode("ascii"),
-                # Shown at 96 pixels an inch: sharp on screens of up to 1.5 times that.
+                # Shown with 96 pixels per inch: sharp on screens with up to 1.5 times that.
                 "width": round(figure.get_figwidth() * 96),
                 "alt": f"{spec.title}. {spec.caption}".strip(),
                 "figure": spec.figure,
@@ -204,7 +204,7 @@ def _figures(result: StudyOutcomes) -> list[dict[str, Any]]:
 
 
 def page(results: Sequence[StudyOutcomes], *, title: str = "") -> str:
-    """One HTML page of studies: index, figures, tables, findings; nothing is loaded from elsewhere.
+    """One HTML page of studies: index, figures, tables, findings; it loads nothing from elsewhere.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Figures of studies: overlays over time, numbers over a sweep, bars of variants."""
+"""Figures of studies: curves over time, values over a sweep, bars of variants."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["draw", "png"]
 
-#: Colors of Okabe and Ito, distinct for all common kinds of color vision.
+#: Colors of Okabe and Ito, which are distinct for all common types of color vision.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#222222")
-#: Variants differ in dash as well, for prints without color; the first is full.
+#: Variants also have different dashes, for prints without color; the first one is solid.
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.4, 1.2, 1.4)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 GRAY = "#777777"
@@ -52,7 +52,7 @@ def _style(ax: Axes, x: str, y: str, title: str) -> None:
 
 
 def _ticks(ax: Axes, which: str, *, log: bool, values: Sequence[Any] = ()) -> None:
-    """Plain numbers at the ticks, also on logarithmic axes; few ``values`` are the ticks."""
+    """Plain numbers at the ticks, also on logarithmic axes; few ``values`` are used as ticks."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
     axis = ax.xaxis if which == "x" else ax.yaxis
@@ -72,7 +72,7 @@ def _ticks(ax: Axes, which: str, *, log: bool, values: Sequence[Any] = ()) -> No
 
 
 def _plain(text: str) -> str:
-    """Text of a file as it is: matplotlib would read a dollar sign as mathematics."""
+    """Text of a file without mathematics: matplotlib would interpret a dollar sign."""
     return text.replace("$", r"\$")
 
 
@@ -88,12 +88,12 @@ def png(result: StudyOutcomes, name: str) -> bytes:
 
 
 def draw(result: StudyOutcomes, name: str) -> Figure:
-    """Draw a figure of a study.
+    """Plot a figure of a study.
 
     Parameters
     ----------
     result
-        What the study gave. What did not run is left out and named in the picture.
+        Result of the study. Failed simulations are omitted and named in the figure.
     name
         Key of the figure in the file.
     """
@@ -163,7 +163,7 @@ def _strokes(result: StudyOutcomes, panel: Any, variant: str) -> list[str]:
 
 
 def _case_label(result: StudyOutcomes, case: Case, *, several: bool) -> str:
-    """Variant and, where a panel shows several points of the sweep, the point."""
+    """Variant, and the point of the sweep if a panel shows several."""
     parts = [result.study.label(case.variant)] if len(result.study.spec.variants) > 1 else []
     parts += [
         f"{axis.label or axis.name} {_short(value)}"
@@ -198,7 +198,7 @@ def _time(
         if pair is None or pair.shape[1] < 2:
             missing.append(label)
             continue
-        # Variants by color; with a sweep its points by color and the variants by dash.
+        # Variants have colors; with a sweep, its points have colors and the variants have dashes.
         v, p = variants.index(case.variant), points.index(case.point)
         color = COLORS[(p if len(points) > 1 else v) % len(COLORS)]
         (line,) = ax.plot(
@@ -214,7 +214,7 @@ def _time(
     _style(ax, "time [ms]", _with_unit(panel.label or panel.output, panel.unit), title)
     ax.margins(x=0.01)
     _ticks(ax, "y", log=panel.log)
-    if cases and top < 1e-9:  # an output that stays zero
+    if cases and top < 1e-9:  # an output that is always zero
         ax.set_ylim(-0.05, 1.0)
     return missing
 
@@ -243,7 +243,7 @@ def _over_axis(
         x.append(case.point[position])
         y.append(factor * value)
     variants = list(result.study.spec.variants)
-    # By the order of the study, so that a stroke has its color in every panel.
+    # By the order in the study, so that a stroke has the same color in every panel.
     others = list(
         dict.fromkeys(
             (c.stroke, tuple(v for i, v in enumerate(c.point) if i != position))

@@ -1,4 +1,4 @@
-"""What a study gave: table, findings, figures, files."""
+"""Result of a study: table, findings, figures, files."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ __all__ = ["FindingResult", "StudyResult", "study_targets"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StudyResult(StudyOutcomes):
-    """What a study gave.
+    """Result of a study.
 
     Attributes
     ----------
     study : Study
-        What was run.
+        The study.
     outcomes : dict
         Outcome by :class:`Case`.
     """
@@ -37,7 +37,7 @@ class StudyResult(StudyOutcomes):
 
     @property
     def figures(self) -> dict[str, Figure]:
-        """Figures by name, as matplotlib ``Figure``. They are drawn at the first access."""
+        """Figures by name, as matplotlib ``Figure``; they are plotted at the first access."""
         for name in self.study.spec.figures:
             if name not in self._cache:
                 self._cache[name] = draw(self, name)
@@ -49,12 +49,12 @@ class StudyResult(StudyOutcomes):
 
     @checked
     def save(self, folder: str | Path, *, force: bool = False, page: bool = True) -> list[Path]:
-        """Write NAME.html, NAME.csv (SI units), NAME.json and the figures as PNG into a folder.
+        """Write NAME.html, NAME.csv (SI units), NAME.json and the figures as PNG to a folder.
 
         Parameters
         ----------
         page
-            False: without the HTML page.
+            Whether the HTML page is written.
         """
         make_folder(folder)
         paths = [p for p in study_targets(self.study, folder) if page or p.suffix != ".html"]

@@ -1,4 +1,4 @@
-"""Studies run: all their simulations in parallel."""
+"""Runs studies, with all simulations in parallel."""
 
 from __future__ import annotations
 
@@ -58,31 +58,32 @@ def study(
     folder: str | Path | None = None,
     progress: Progress | bool | None = None,
 ) -> StudyResult:
-    """Run a study: variants under strokes, in parallel, with table, figures and findings.
+    """Run a study: variants with strokes, in parallel, with table, figures and findings.
 
     Parameters
     ----------
     name_or_path
-        Name of a packaged study, path of a TOML file, its tables, or what ``load_study`` gave.
+        Name of a packaged study, path of a TOML file, its tables, or a result of ``load_study``.
     executor
-        Any ``concurrent.futures.Executor``; default: threads, one a core.
+        Any ``concurrent.futures.Executor``; default: threads, one per core.
     jobs
-        Threads without an executor.
+        Number of threads without an executor.
     folder
-        Folder of finished simulations, from which a study that was cut off goes on.
+        Folder of finished simulations, from which an interrupted study continues.
     progress
-        ``progress(done, total, name)``, whatever it returns; default: a bar on a terminal; False:
-        none.
+        ``progress(done, total, name)``, whose result is ignored; default: a bar on a terminal;
+        False: none.
 
     Returns
     -------
     StudyResult
-        ``table``, ``findings``, ``figures``; a simulation that failed has its error in the table.
+        Result with ``table``, ``findings`` and ``figures``; a failed simulation has its error in
+        the table.
 
     Raises
     ------
     InvalidParameter
-        Listing all faults of the study.
+        The study has faults; all of them are in the message.
     """
     if isinstance(name_or_path, Study):
         made = name_or_path

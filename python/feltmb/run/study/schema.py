@@ -1,4 +1,4 @@
-"""A study file: its tables and the words that may stand in them."""
+"""Schema of a study file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import Field
 
 from feltmb.units.quantity import Schema
 
-#: Numbers that every run may have: name -> (text, unit to show).
+#: Values that any run may have: name -> (text, unit for people).
 KNOWN: dict[str, tuple[str, str]] = {
     "impact_speed": ("impact speed (of the contact)", "m/s"),
     "rebound_speed": ("rebound speed (of the contact)", "m/s"),
@@ -52,7 +52,7 @@ When = float | str
 
 
 class ThesisSpec(Schema):
-    """Where a study comes from and what it found, in one sentence."""
+    """Source of a study and its result, in one sentence."""
 
     cite: str = "thesis"
     figure: str = ""
@@ -60,7 +60,7 @@ class ThesisSpec(Schema):
 
 
 class MadeStroke(Schema):
-    """A stroke made from another: scaled, later, or what was recorded at the key under it."""
+    """A stroke made from another one: scaled, delayed, or recorded at the key."""
 
     base: str
     record: Literal["force", "key_motion"] | None = None
@@ -70,7 +70,7 @@ class MadeStroke(Schema):
 
 
 class BaseSpec(Schema):
-    """What all variants stand on."""
+    """Common base of all variants."""
 
     action: str = "steinway45"
     strokes: list[str] = Field(min_length=1)
@@ -111,7 +111,7 @@ class SweepSpec(Schema):
 
 
 class NumberSpec(Schema):
-    """Table ``[numbers.NAME]``: a formula, or a statistic of an output over a window."""
+    """Table ``[numbers.NAME]``: a formula, or a statistic of an output in a time window."""
 
     label: str = ""
     unit: str = ""
@@ -165,11 +165,11 @@ class FigureSpec(Schema):
 
 
 class FindingSpec(Schema):
-    """Table ``[[findings]]``: a sentence, and the number that decides it.
+    """Table ``[[findings]]``: a statement, and the value that decides it.
 
-    ``claim`` says whose sentence it is: that of the source which ``[thesis]`` cites, or the study's
-    own. ``over`` names an axis of the sweep: the finding is judged at each of its values, for which
-    the name of the axis stands in ``check`` and ``size``.
+    ``claim`` states the origin: the source that ``[thesis]`` cites, or the study itself. ``over``
+    names an axis of the sweep: the finding is evaluated at each of its values, which replace the
+    name of the axis in ``check`` and ``size``.
     """
 
     says: str

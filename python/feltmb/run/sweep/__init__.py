@@ -1,9 +1,9 @@
-"""Many simulations at once: over parameters, strokes and options, resumable, in a fixed order.
+"""Many simulations over parameters, strokes and options, resumable, in a fixed order.
 
-:func:`sweep` is for users; :func:`run_members` is what it and the studies stand on. A member is one
-simulation. Members run in one batch of the core, on threads, or on any
-``concurrent.futures.Executor``: what is sent there is a module-level function and plain data, so
-that processes and clusters do alike.
+:func:`sweep` is the function for users. It and the studies use :func:`run_members`. A member is one
+simulation. Members run in one batch of the core on threads, or on any
+``concurrent.futures.Executor``. An executor only gets module-level functions and plain data, so
+that processes and clusters can be used.
 """
 
 from __future__ import annotations

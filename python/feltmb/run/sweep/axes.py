@@ -1,4 +1,4 @@
-"""Values over which a sweep goes: axes, ranges, points, and where their values are put."""
+"""Values of a sweep: axes, ranges, points, and the paths that get the values."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from feltmb.units import split_quantity
 
 @checked
 def value_at(action: Action, path: str) -> Any:
-    """Number or text at a dotted path of a mechanism, in the unit that its file gives.
+    """Number or text at a dotted path of a mechanism, in the unit of its file.
 
     Raises
     ------
     InvalidParameter
-        There is no such path, or it names several values.
+        The path does not exist, or it names several values.
     """
     from feltmb.mechanism import expand_path
     from feltmb.units.quantity import is_quantity
@@ -66,7 +66,7 @@ How = Literal["set", "scale", "offset"]
 @checked
 @dataclass(frozen=True)
 class Axis:
-    """One direction of a sweep.
+    """One axis of a sweep.
 
     Attributes
     ----------
@@ -75,13 +75,13 @@ class Axis:
     values
         Values of the axis.
     paths
-        Dotted paths that take the value: of the mechanism, ``stroke.scale``, ``stroke.delay`` or
-        ``options.NAME``.
+        Dotted paths that get the value: paths of the mechanism, ``stroke.scale``, ``stroke.delay``
+        or ``options.NAME``.
     how
-        ``set`` the value, ``scale`` the mechanism's own by it, or ``offset`` it, both in the unit
-        that the file of the mechanism gives.
+        ``set`` replaces the value of the mechanism, ``scale`` multiplies it, ``offset`` is added to
+        it; in the unit of the mechanism file.
     inverse
-        Paths that are divided by the value; with ``scale`` only.
+        Paths whose value is divided by the value of the axis; only with ``scale``.
     """
 
     name: str
@@ -114,7 +114,7 @@ class Axis:
 
 @checked
 def axis_values(given: Any, where: str) -> tuple[tuple[Any, ...], How]:
-    """Values of an axis from a sequence or a table; see :func:`sweep`."""
+    """Values of an axis, given as a sequence or a table; see :func:`sweep`."""
     how: How = "set"
     if isinstance(given, Mapping):
         for word in ("scale", "offset"):
@@ -143,7 +143,7 @@ def axis_values(given: Any, where: str) -> tuple[tuple[Any, ...], How]:
     return values, how
 
 
-MOST_POINTS = 1_000_000  # of a sweep, and of one of its axes
+MOST_POINTS = 1_000_000  # largest number of points of a sweep, and of values of an axis
 
 
 def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
@@ -171,7 +171,7 @@ def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
 
 @checked
 def grid_points(axes: Sequence[Axis], mode: Literal["grid", "list"]) -> Iterator[tuple[Any, ...]]:
-    """Combinations of the values of the axes, the last axis fastest; ``list``: by equal index."""
+    """Combinations of the values of the axes, last axis fastest; ``list``: pairs by index."""
     if mode == "grid":
         size = math.prod(len(axis.values) for axis in axes)
         if size > MOST_POINTS:
@@ -187,7 +187,7 @@ def grid_points(axes: Sequence[Axis], mode: Literal["grid", "list"]) -> Iterator
 def apply_point(
     action: Action, stroke: Stroke, options: Mapping[str, Any], values: Mapping[str, Any]
 ) -> tuple[dict[str, Any], Stroke, dict[str, Any]]:
-    """Split values by path into those of the mechanism, of the stroke and of the options."""
+    """Divide values by path into those of the mechanism, the stroke and the options."""
     del action
     mechanism: dict[str, Any] = {}
     chosen = dict(options)

@@ -1,4 +1,4 @@
-"""Finished members in a folder."""
+"""Storage of finished members in a folder."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from feltmb.run.sweep.member import Member, Outcome
 
 
 def _files(member: Member, status: str) -> dict[str, Path]:
-    """The saved run of a member."""
+    """File of the saved run of a member."""
     return {"run": Path(member.save_run)} if member.save_run and status == "done" else {}
 
 
 def store(folder: Path, member: Member, outcome: Outcome) -> None:
-    """Write what became of a member; it is finished once its file is there."""
+    """Write the outcome of a member; it counts as finished when its file exists."""
     found = {
         "feltmb": "member",
         "name": member.name,
@@ -31,7 +31,7 @@ def store(folder: Path, member: Member, outcome: Outcome) -> None:
 
 
 def recall(folder: Path, member: Member) -> Outcome | None:
-    """Outcome in the folder; None if it is absent or not as it was written."""
+    """Outcome of a member from the folder; None if it is absent or was changed."""
     kept = Store(folder).get(member.key, {"run": Path(member.save_run)})
     if kept is None:
         return None

@@ -1,4 +1,4 @@
-"""One simulation of a sweep or study, its key, and what became of it."""
+"""One simulation of a sweep or study, its key, and its outcome."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 @checked
 @dataclass(frozen=True)
 class Extract:
-    """Numbers and series to take from a run.
+    """Values and series that are taken from a run.
 
     Attributes
     ----------
     function
         Module-level function ``function(run, action, spec) -> (numbers, series)``.
     spec
-        Plain data that it reads; part of the key of a member.
+        Plain data for the function; part of the key of a member.
     """
 
     function: Callable[[Run, Action, Any], tuple[dict[str, float], dict[str, Array]]]
@@ -42,7 +42,7 @@ class Extract:
 @checked
 @dataclass(frozen=True)
 class Member:
-    """One simulation: a mechanism, values by dotted path, a stroke, options of ``simulate``."""
+    """One simulation: mechanism, values by dotted path, stroke, options of ``simulate``."""
 
     action: Action
     stroke: Stroke
@@ -50,11 +50,11 @@ class Member:
     options: Mapping[str, Any] = field(default_factory=dict)
     name: str = ""
     extract: Extract | None = None
-    save_run: str = ""  #: NetCDF file to write, "" for none
+    save_run: str = ""  #: NetCDF file to be written; "" for none
 
     @property
     def summary_only(self) -> bool:
-        """Whether the samples of the outputs are not wanted."""
+        """Whether the samples of the outputs are not needed."""
         return self.extract is None and not self.save_run
 
     def changed_action(self) -> Action:
@@ -67,7 +67,7 @@ class Member:
 
     @cached_property
     def key(self) -> str:
-        """SHA-256 of parameters, stroke, options, what is extracted, and code."""
+        """SHA-256 of parameters, stroke, options, extracted values, and code."""
         return digest_of(
             package_digest(),
             self.action.hash,
@@ -81,24 +81,24 @@ class Member:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a member.
+    """Outcome of a member.
 
     Attributes
     ----------
     status
-        ``done``; ``failed``: the solver stopped early or the values are impossible, with what was
-        reached; ``error``: something else went wrong (a worker died, the wall time was used up),
-        which is tried again when the sweep is resumed.
+        ``done``; ``failed``: the solver stopped early (the outcome has what was reached), or the
+        values are impossible; ``error``: another fault (a worker process died, the wall time limit
+        was reached). A member with ``error`` is repeated when the sweep continues.
     error
-        One line, empty if done.
+        Message in one line; empty if done.
     numbers
-        Summary of the run and extracted numbers, SI units; ``steps`` and ``rhs``: work counts.
+        Summary of the run and extracted values, SI units; ``steps`` and ``rhs``: work counts.
     series
         Extracted arrays.
     wall
         Wall time of the simulation [s].
     resumed
-        Taken from the folder, not computed now.
+        Whether it was read from the folder instead of computed.
     """
 
     status: str
@@ -111,7 +111,7 @@ class Outcome:
 
 
 def one_line(error: BaseException) -> str:
-    """Message of an error, with its kind if it is none of ours."""
+    """Message of an error, with its type if it is not an error of feltmb."""
     text = " ".join(str(error).split())
     return (
         text if isinstance(error, FeltmbError) else f"{type(error).__name__}: {text}".rstrip(": ")
@@ -119,12 +119,12 @@ def one_line(error: BaseException) -> str:
 
 
 def failure_outcome(error: Exception) -> Outcome:
-    """What became of a member that gave no run."""
+    """Outcome of a member without a run."""
     return Outcome("failed" if isinstance(error, FeltmbError) else "error", one_line(error))
 
 
 def to_outcome(member: Member, action: Action, result: Run | FeltmbError) -> Outcome:
-    """What became of a member, from its run or from the error in place of it.
+    """Outcome of a member, from its run or from an error.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def to_outcome(member: Member, action: Action, result: Run | FeltmbError) -> Out
     status, error = "done", ""
     if isinstance(result, IntegrationError):
         run, error = result.partial, one_line(result)
-        if run.status != "failed":  # where the wall time stops a run is chance
+        if run.status != "failed":  # the state at a wall time limit is random
             return Outcome("error", error, reached=run.reached, wall=float(run.stats["wall"]))
         status = "failed"
     elif isinstance(result, FeltmbError):
@@ -150,9 +150,9 @@ def to_outcome(member: Member, action: Action, result: Run | FeltmbError) -> Out
         if member.save_run:
             try:
                 run.save(member.save_run, force=True)
-            except FeltmbError as failure:  # of the disk, not of the member: to be tried again
+            except FeltmbError as failure:  # a fault of the disk, not of the member: it is repeated
                 return Outcome("error", one_line(failure))
-    except Exception as failure:  # a member must never take the others with it
+    except Exception as failure:  # a member must not stop the others
         return failure_outcome(failure)
     numbers.update(steps=float(run.stats["steps"]), rhs=float(run.stats["rhs"]))
     return Outcome(status, error, numbers, series, run.reached, float(run.stats["wall"]))
@@ -160,7 +160,7 @@ def to_outcome(member: Member, action: Action, result: Run | FeltmbError) -> Out
 
 @checked
 def run_member(member: Member) -> Outcome:
-    """Simulate one member, in any process; whatever goes wrong comes back as its outcome."""
+    """Simulate one member, in any process; every fault becomes its outcome."""
     from feltmb.run.simulate import simulate
 
     try:
@@ -170,6 +170,6 @@ def run_member(member: Member) -> Outcome:
             result = simulate(action, member.stroke, **member.simulate_options())
         except IntegrationError as failure:
             result = failure
-    except Exception as failure:  # a member must never take the others with it
+    except Exception as failure:  # a member must not stop the others
         return failure_outcome(failure)
     return to_outcome(member, action, result)

@@ -12,12 +12,12 @@ Progress = Callable[[int, int, str], object]
 
 @checked
 class ProgressBar:
-    """Progress of members: a callable of the user's, a bar on a terminal, or nothing.
+    """Progress of members: a function of the user, a bar on a terminal, or nothing.
 
     Parameters
     ----------
     progress
-        ``progress(done, total, name)``, whatever it returns; None: a bar if standard error is a
+        ``progress(done, total, name)``, whose result is ignored; None: a bar if standard error is a
         terminal; False: none.
     total
         Number of members.
@@ -61,7 +61,7 @@ class ProgressBar:
             self._bar.stop()
 
     def step(self, name: str) -> None:
-        """One member more."""
+        """Count one more member."""
         self._done += 1
         if self._call is not None:
             self._call(self._done, self._total, name)

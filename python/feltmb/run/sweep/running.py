@@ -1,4 +1,4 @@
-"""Many members in parallel: on threads of the core, or on an executor."""
+"""Runs many members in parallel, on threads of the core or on an executor."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def default_jobs() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     try:
         return max(1, len(os.sched_getaffinity(0)))
     except AttributeError:
@@ -46,24 +46,24 @@ def run_members(
     jobs: int | None = None,
     folder: str | Path | None = None,
 ) -> Generator[tuple[int, Outcome], None, None]:
-    """Run members and yield their outcomes with their positions, as they are finished.
+    """Run members and yield their outcomes with their indices, as they are finished.
 
-    Only as many members as keep the workers busy are in memory, and what is finished lies in the
-    folder before it is yielded; the order of what is yielded depends on the workers, the outcomes
-    do not.
+    Only as many members as needed for the workers are in memory. A finished member is stored in the
+    folder before it is yielded. The order of the yielded outcomes depends on the workers, but the
+    outcomes do not.
 
     Parameters
     ----------
     members
-        May be a generator.
+        Members; may be a generator.
     executor
-        Where to run; default: one batch of the core (:mod:`feltmb.run.batch`) on threads of this
+        Executor; default: one batch of the core (:mod:`feltmb.run.batch`) on threads of this
         process. A given executor is not shut down.
     jobs
-        Number of threads without an executor, at most four a core; default: the cores of this
-        process.
+        Number of threads without an executor, at most four per core; default: the number of cores
+        of this process.
     folder
-        Folder of finished members: what lies there is not computed again.
+        Folder of finished members, which are not computed again.
     """
     where = make_folder(folder) if folder is not None else None
     if executor is not None:
@@ -78,11 +78,11 @@ def run_members(
 
 
 class _Batch:
-    """One batch of the core in a thread of its own; its workers store what they finish.
+    """One batch of the core in a thread of its own; its workers store finished members.
 
-    A worker takes a member, makes its mechanism, simulates without Python's lock, takes the numbers
-    from the run, stores them, and leaves them in a queue that holds a few: who is slow to take them
-    slows the workers down.
+    A worker takes a member, makes its mechanism, simulates without the global interpreter lock,
+    extracts the values from the run and stores them. It puts the outcome into a queue of limited
+    size, so that a slow consumer slows the workers down.
     """
 
     def __init__(self, members: Iterable[Member], jobs: int, folder: Path | None):
@@ -90,18 +90,18 @@ class _Batch:
         self._jobs = jobs
         self._folder = folder
         self._guard = threading.Lock()
-        self._positions: dict[str, list[int]] = {}  # of members under way; equal members run once
+        self._positions: dict[str, list[int]] = {}  # of running members; equal members run once
         self._under_way: dict[int, tuple[Member, Action]] = {}
         self._ready: queue.Queue[tuple[int, Outcome] | None] = queue.Queue(2 * jobs + 2)
         self._stop = _core.StopFlag()
         self._fault: BaseException | None = None
 
     def outcomes(self) -> Generator[tuple[int, Outcome], None, None]:
-        """Positions and outcomes, as they are finished."""
+        """Indices and outcomes, as they are finished."""
         thread = threading.Thread(target=self._run, name="feltmb batch")
         try:
             thread.start()
-        except RuntimeError as refused:  # of the system
+        except RuntimeError as refused:  # by the system
             raise FeltmbError(f"sweep: its thread could not be started: {refused}") from None
         try:
             while (found := self._ready.get()) is not None:
@@ -122,7 +122,7 @@ class _Batch:
         self._put(None)
 
     def _put(self, item: tuple[int, Outcome] | None) -> bool:
-        # Nobody waits for the outcomes any more once the main thread has ended.
+        # No thread waits for the outcomes after the main thread has ended.
         while not self._stop.is_set() and threading.main_thread().is_alive():
             try:
                 self._ready.put(item, timeout=0.1)
@@ -132,7 +132,7 @@ class _Batch:
         return False
 
     def _strokes(self) -> Iterator[tuple[Any, ...]]:
-        """What is to be simulated; called by one worker at a time."""
+        """Members to be simulated; called by one worker at a time."""
         begun = 0
         for index, member in enumerate(self._members):
             with self._guard:
@@ -147,7 +147,7 @@ class _Batch:
                 self._positions[member.key] = [index]
             try:
                 action = member.changed_action()
-            except Exception as failure:  # a member must never take the others with it
+            except Exception as failure:  # a member must not stop the others
                 self._finish(member, failure_outcome(failure))
                 continue
             self._under_way[begun] = (member, action)
@@ -175,7 +175,7 @@ def _on_executor(
     workers = getattr(executor, "_max_workers", None) or 16
     limit = 2 * int(workers) + 2
     waiting: dict[Future[Outcome], Member] = {}
-    positions: dict[str, list[int]] = {}  # of members under way; equal members run once
+    positions: dict[str, list[int]] = {}  # of running members; equal members run once
     try:
         for index, member in enumerate(members):
             if member.key in positions:
@@ -190,7 +190,7 @@ def _on_executor(
             positions[member.key] = [index]
             try:
                 waiting[executor.submit(run_member, member)] = member
-            except RuntimeError as failure:  # the executor is broken or was shut down
+            except RuntimeError as failure:  # the executor failed or was shut down
                 for position in positions.pop(member.key):
                     yield position, Outcome("error", one_line(failure))
         while waiting:
@@ -203,7 +203,7 @@ def _on_executor(
 def _collect(
     waiting: dict[Future[Outcome], Member], positions: dict[str, list[int]], folder: Path | None
 ) -> Iterator[tuple[int, Outcome]]:
-    """Wait for at least one member, store what is finished, yield it."""
+    """Wait for at least one member, store the finished ones, and yield them."""
     done, _ = wait(waiting, return_when=FIRST_COMPLETED)
     for future in done:
         member = waiting.pop(future)

@@ -1,4 +1,4 @@
-"""A sweep: what was asked for, its members, its table."""
+"""A sweep: its arguments, its members, and its table."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ if TYPE_CHECKING:
 
     from feltmb.run.results import Run
 
-#: Rows of the table that a notebook shows.
+#: Number of rows that a notebook shows.
 MOST_ROWS = 20
 
 
 @dataclass(frozen=True, eq=False)
 class SweepResult:
-    """What a sweep gave.
+    """Result of a sweep.
 
     Attributes
     ----------
     table : DataFrame
-        One row a member in the order of the values, the last path varying fastest: a column for
+        One row for each member, in the order of the values, the last path varying fastest. Columns:
         each path, ``stroke``, ``status``, ``error``, and the summary of the run in SI units with
-        ``steps`` and ``rhs``. A number that a run does not have is NaN.
+        ``steps`` and ``rhs``. NaN: the run does not have the value.
     """
 
     table: pd.DataFrame
     _runs: tuple[str, ...] = ()
     _axes: Mapping[str, str] = field(default_factory=dict)
-    """Column of each path that was varied -> unit of its values."""
+    """Column of each varied path -> unit of its values."""
 
     def __repr__(self) -> str:
         return f"SweepResult({len(self.table)} members, {len(self.failed)} failed)"
@@ -64,9 +64,9 @@ class SweepResult:
         Returns
         -------
         Dataset
-            The dimensions are the paths and ``stroke`` if all combinations were simulated, else
-            ``member``. Variables are the columns of the table; the attribute ``units`` holds the
-            unit, of a path that of the file of the mechanism.
+            Dataset; its dimensions are the paths and ``stroke`` if all combinations were simulated,
+            else ``member``. Variables are the columns of the table; the attribute ``units`` is the
+            unit, for a path the unit in the file of the mechanism.
         """
         numbers = [str(c) for c in self.table.select_dtypes("number").columns]
         units = {name: summary_unit(name) for name in numbers} | dict(self._axes)
@@ -77,12 +77,12 @@ class SweepResult:
 
     @property
     def failed(self) -> pd.DataFrame:
-        """Rows that are not done."""
+        """Rows whose status is not ``done``."""
         return self.table[self.table["status"] != "done"]
 
     @checked
     def run(self, index: int) -> Run:
-        """Read the run of a member; the sweep must have had ``summary_only=False``."""
+        """Read the run of a member; the sweep must have been called with ``summary_only=False``."""
         from feltmb.run.results import load_run
 
         if not self._runs:
@@ -91,7 +91,7 @@ class SweepResult:
 
     @checked
     def save(self, path: str | Path, *, force: bool = False) -> Path:
-        """Write the table as CSV, SI units."""
+        """Write the table as CSV in SI units."""
         check_suffix(Path(path), ".csv")
         return write_text(Path(path), self.table.to_csv(index=False), force=force)
 
@@ -110,45 +110,47 @@ def sweep(
     summary_only: bool = True,
     progress: Progress | bool | None = None,
 ) -> SweepResult:
-    """Simulate over values of parameters.
+    """Simulate for values of parameters.
 
     Parameters
     ----------
     action, stroke
-        Objects or names; several strokes are simulated at each point.
+        Objects or names; with several strokes, each is simulated at each point.
     values
-        ``{path: values}``: all combinations (or ``mode="list"``: in pairs). Paths are those of
+        ``{path: values}``: all combinations (or ``mode="list"``: pairs). Paths are paths of
         :meth:`Action.with_values`, ``stroke.scale``, ``stroke.delay`` [s], ``stroke.duration`` [s],
-        ``options.rtol`` and so on. Values are a list; ``{"from": 1, "to": 4, "count": 7,
-        "spacing": "log"}``; ``{"scale": values}``: multiples of the value that the mechanism has;
-        ``{"offset": values}``: added to it, in the unit of its file. Or a list of
-        ``{path: value}``, one for each point.
+        ``options.rtol`` and so on. Values are a list; or
+        ``{"from": 1, "to": 4, "count": 7, "spacing": "log"}``; or ``{"scale": values}``, factors of
+        the value of the mechanism; or ``{"offset": values}``, which are added to it, in the unit of
+        its file. Instead of a dictionary, a list of ``{path: value}`` has one entry for each point.
     options
-        Options of ``simulate``; the ledger is off unless asked for.
+        Options of ``simulate``; the ledger is off by default.
     executor
         Any ``concurrent.futures.Executor``: a process pool, ``client.get_executor()`` of Dask. It
         is not shut down. Default: threads.
     jobs
-        Threads without an executor; default: one a core.
+        Number of threads without an executor; default: one per core.
     folder
-        Folder for one small file a finished member. A sweep that was cut off goes on from there;
-        nothing is computed twice. A member is known by its parameters, stroke, options and code.
+        Folder with one small file for each finished member. An interrupted sweep continues from
+        there, and nothing is computed twice. A member is identified by its parameters, stroke,
+        options and code.
     summary_only
-        False: also write each run as NetCDF into ``folder`` (which every worker must see).
+        False: each run is also written as NetCDF to ``folder``, to which every worker must have
+        access.
     progress
-        ``progress(done, total, name)``, whatever it returns; default: a bar on a terminal; False:
-        none.
+        ``progress(done, total, name)``, whose result is ignored; default: a bar on a terminal;
+        False: none.
 
     Returns
     -------
     SweepResult
-        A member that fails has its error in the table; the others are not affected. The table
-        does not depend on the executor or the number of workers.
+        Result; a failed member has its error in the table, and the others are not affected. The
+        table does not depend on the executor or the number of workers.
 
     Raises
     ------
     InvalidParameter
-        Arguments are wrong. Values out of range are the fault of their member only.
+        An argument is invalid. A value out of range only makes its member fail.
     """
     import pandas as pd
 
@@ -211,7 +213,7 @@ def sweep(
 
 
 def _units(action: Action, names: Sequence[str], values: Any) -> dict[str, str]:
-    """Unit of the values of each path; "" where it is not known."""
+    """Unit of the values of each path; "" if unknown."""
     known = {path: unit for path, _, unit, _ in action.quantities()}
     known |= {"stroke.scale": "1", "stroke.delay": "s", "stroke.duration": "s"}
     found = {}
@@ -227,7 +229,7 @@ def _units(action: Action, names: Sequence[str], values: Any) -> dict[str, str]:
 
 
 def _check_sizes(node: Any, where: str) -> None:
-    """Integers that no float holds cannot be simulated, and neither be printed nor hashed."""
+    """Reject integers that are too large for a float; they cannot be simulated."""
     if isinstance(node, int) and abs(node) > sys.float_info.max:
         raise InvalidParameter(
             f"sweep: {where}: got {shown(node)}, expected a number that a float can hold"
@@ -268,7 +270,7 @@ def _points(
 
 
 def _table(rows: list[dict[str, Any]], outcomes: Sequence[Outcome | None], pd: Any) -> Any:
-    """Rows with their outcomes; number columns in the order in which they first appear."""
+    """Rows with their outcomes; columns of values in the order of their first appearance."""
     numbers = list(dict.fromkeys(k for o in outcomes if o is not None for k in o.numbers))
     numbers = [n for n in numbers if n not in ("steps", "rhs")] + ["steps", "rhs"]
     full = []
