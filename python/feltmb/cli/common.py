@@ -337,19 +337,12 @@ def new_table(
     return table
 
 
-_SCALES = {
-    "m": [(1e-6, 1e6, "um"), (1.0, 1e3, "mm")],
-    "s": [(1.0, 1e3, "ms")],
-    "J": [(1.0, 1e3, "mJ")],
-}
-
-
 def pretty(value: float, unit: str) -> tuple[str, str]:
     """Number and unit for people: small lengths in mm, short times in ms."""
-    for limit, factor, name in _SCALES.get(unit, []):
-        if abs(value) < limit:
-            return f"{value * factor:.4g}", name
-    return f"{value:.4g}", unit
+    from feltmb.units import readable_unit
+
+    factor, name = readable_unit(value, unit)
+    return f"{value * factor:.4g}", name
 
 
 def print_json(value: Any) -> None:

@@ -93,18 +93,18 @@ class PartTest:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class FurtherSensor:
-    """A sensor that could be had: of an output that is not measured yet, or a less noisy one.
+    """Sensor that can be added: for an output that is not measured yet, or with less noise.
 
-    All experiments after it are measured with it.
+    All later experiments are measured with it.
     """
 
     output: str
     """Output of the model that it measures."""
     sigma: float | None = None
-    """Its noise [unit of the output]. None: a third of the present noise of an output that is
-    measured already; of another output that of the noisiest sensor of the same unit."""
+    """Noise [unit of the output]. None: for an output that is measured already, a third of its
+    noise; for another output, the noise of the noisiest sensor with the same unit."""
     cost: float = 1.0
-    """Once, in experiments."""
+    """Cost, which is paid once [experiments]."""
     how: str = ""
 
     def __post_init__(self) -> None:

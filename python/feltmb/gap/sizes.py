@@ -12,6 +12,7 @@ from feltmb.gap.digits import digits
 from feltmb.gap.refine import CandidateSet
 from feltmb.gap.search import Search
 from feltmb.gap.spread import Spread, spread
+from feltmb.units import readable_unit
 
 __all__ = ["Size", "Sizes", "where_refitted"]
 
@@ -41,14 +42,16 @@ class Size:
 
     @property
     def text(self) -> str:
-        """The effect with its magnitude, unit and interval."""
+        """The effect with its magnitude and interval, small lengths in mm."""
         effect = self.candidate.effect
         shown = digits(self.magnitude, self.sd, 3)
-        unit = "" if effect.unit == "1" else f" {effect.unit}"
-        text = f"{effect.name} of {self.magnitude:.{shown}g}{unit}"
+        factor, name = readable_unit(self.magnitude, effect.unit)
+        unit = "" if name == "1" else f" {name}"
+        text = f"{effect.name} of {factor * self.magnitude:.{shown}g}{unit}"
         if not (math.isfinite(self.low) and math.isfinite(self.high)):
             return text
-        return f"{text} (95% from {self.low:.{shown}g} to {self.high:.{shown}g}{unit})"
+        low, high = (f"{factor * end:.{shown}g}" for end in (self.low, self.high))
+        return f"{text} (95% from {low} to {high}{unit})"
 
 
 @dataclass(eq=False)

@@ -5,6 +5,7 @@ from feltmb.units.names import (
     conversion_factor,
     convert,
     dimension_text,
+    readable_unit,
     si_value,
     split_quantity,
 )
@@ -16,6 +17,7 @@ __all__ = [
     "conversion_factor",
     "convert",
     "dimension_text",
+    "readable_unit",
     "si_value",
     "spelled_unit",
     "split_column",

@@ -18,6 +18,7 @@ __all__ = [
     "conversion_factor",
     "convert",
     "dimension_text",
+    "readable_unit",
     "si_value",
     "split_quantity",
 ]
@@ -174,3 +175,27 @@ def si_value(text: str) -> float | None:
     """Value in SI units of a text such as ``"300 ms"``, for any quantity; None if invalid."""
     found = split_quantity(text)
     return None if found is None else found[0] * _parse(found[1])[0]
+
+
+#: SI unit -> (limit of the value, factor, unit) for small values, in ascending order.
+_SMALL = {
+    "m": [(1e-6, 1e6, "um"), (1.0, 1e3, "mm")],
+    "s": [(1.0, 1e3, "ms")],
+    "J": [(1.0, 1e3, "mJ")],
+}
+
+
+def readable_unit(value: float, unit: str) -> tuple[float, str]:
+    """Factor and unit in which people read a value: small lengths in mm, short times in ms.
+
+    Parameters
+    ----------
+    value
+        Value [``unit``].
+    unit
+        SI unit; without an entry in the list, the factor is 1.
+    """
+    for limit, factor, name in _SMALL.get(unit, []):
+        if abs(value) < limit:
+            return factor, name
+    return 1.0, unit

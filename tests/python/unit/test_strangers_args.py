@@ -1062,6 +1062,12 @@ CALLS = {
         gap.Belief(weights={}),
         {"candidates": [gap.Candidate(DRY)]},
     ),
+    "feltmb.gap.FurtherSensor": lambda: {
+        "output": "q",
+        "sigma": 0.001,
+        "cost": 1.0,
+        "how": "camera",
+    },
     "feltmb.gap.InputLimits": lambda: {
         name: getattr(limits().inputs["f"], name)
         for name in inspect.signature(gap.InputLimits).parameters
