@@ -1,4 +1,4 @@
-"""Records from files: text, MAT (version 5 or 7.3) and NetCDF, with a small TOML beside them.
+"""Records from files: text, MAT (version 5 or 7.3) and NetCDF, each with a small TOML file.
 
 ``strokes/forte.toml`` describes ``strokes/forte.csv``. Without it, columns are identified by their
 names and have their units in the header, ``hammer [mm]``.

@@ -111,7 +111,7 @@ def noise_factors(search: Search) -> dict[str, float]:
 
     The prior standard deviation of a given sigma is ``criteria.GIVEN_SIGMA``. The factor follows
     from the differences of neighboring samples. Slow deviations do not influence these differences,
-    so that an unknown cause is not taken for noise. The factor is at most that of the whole
+    so that an unknown cause is not mistaken for noise. The factor is at most that of the whole
     residual, and the prior pulls it toward one. Factors that are not significant, or larger than
     the prior permits, are omitted.
     """

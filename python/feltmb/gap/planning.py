@@ -119,7 +119,7 @@ def _noise(record: Record) -> dict[str, Noise]:
     for name, sensor in record.sensors.items():
         sigma = sensor.sigma
         if sigma is None:
-            # Nothing is known: a thousandth of the range of the output.
+            # Nothing is known: the noise is assumed to be a thousandth of the range of the output.
             sigma = 1e-3 * (float(np.std(record.outputs[name])) or 1.0)
         out[name] = noise_of(sensor, sigma, sensor.quantum)
     return out
@@ -177,7 +177,7 @@ def plan(
         Outputs that will be measured; default: those of the records.
     sensors
         Sensors by output, also of outputs that are not among the channels: these are offered as
-        further sensors. An output without one gets a noise of a thousandth of what it shows.
+        further sensors. An output without a sensor gets a noise of a thousandth of its range.
     experiments
         Further runs that could be made.
     """

@@ -133,7 +133,7 @@ class _Path:
 
 
 def _level(u: float, own: InputLimits) -> float:
-    """A level: a share of the larger side of the start, at least a tenth."""
+    """A level for u in [0, 1], on both sides of the start if possible, else away from it."""
     up, down = own.most - own.start, own.start - own.least
     if up > 0.0 and down > 0.0:
         at = 2.0 * u - 1.0

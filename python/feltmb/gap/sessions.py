@@ -1,13 +1,13 @@
 """Repeats plan, measurement and diagnosis until the cause is named or no experiment helps.
 
-Folder of a session, a folder a step::
+Files of a session, with one folder for each step::
 
-    0/report.json      diagnosis of the records that were there before
-    1/plan.json, ...   the plan whose first experiment is made; see :mod:`feltmb.gap.plan_files`
-    1/request.csv      inputs over time that are to be played (or request.toml: a test of a part)
-    1/record.csv       what was measured (or record.toml)
+    0/report.json      diagnosis of the records before the first experiment
+    1/plan.json, ...   plan whose first experiment is performed; see :mod:`feltmb.gap.plan_files`
+    1/request.csv      requested inputs over time (or request.toml: a test of a part)
+    1/record.csv       measurement (or record.toml)
     1/report.json      diagnosis of all records so far
-    1/step.json        what the step came to: it is written last, so that a session resumes there
+    1/step.json        result of the step; written last, so that a session resumes there
 """
 
 from __future__ import annotations
