@@ -1,12 +1,11 @@
-"""Designs the next experiments: profiles of the inputs and tests of parts, by information and cost.
+"""Which experiment next: profiles of the inputs and tests of parts, by what they tell and cost.
 
 1. Profiles of each family are drawn within the limits (Sobol points) and simulated.
-2. Profiles whose motions differ most, in units of the noise, are kept (farthest point first):
-   similar motions give similar information, and a simulation costs a fiftieth of a linearization.
-3. The information of each of these is computed (:mod:`feltmb.gap.information`).
-4. The experiment with the best gain and cost is taken, then the best one in addition to it, and so
-   on until the budget is used.
-5. The first experiment is improved by a compass search over the parameters of its profile.
+2. Those whose motion differs most, in noise, are kept (farthest point first): what moves alike
+   tells alike, and a simulation costs a fiftieth of a full linearization.
+3. What each of these tells is worked out (:mod:`feltmb.gap.information`).
+4. The best by gain and cost is taken, and the next beside it, until the budget is spent.
+5. The first of them is improved by a compass search of its numbers.
 """
 
 from __future__ import annotations
@@ -64,8 +63,7 @@ class DesignedExperiment:
     """Record with the outputs that the model predicts."""
     part: PartTest | None = None
     before: float
-    """Expected probability of the correct name before the experiment [1], or information [log
-    evidence]."""
+    """Expected probability of the correct name before it [1], or information [log evidence]."""
     after: float
     reasons: tuple[str, ...] = ()
     """Reasons for the experiment, as text."""
@@ -130,13 +128,13 @@ class Design:
     """Experiments in the order in which they should be made; plan again after each of them."""
     effects: tuple[Visible, ...]
     parts: tuple[HelpfulPart, ...]
-    """Parameters whose uncertainty limits the detection of an effect most, after the plan."""
+    """Parameters that stand most in the way of an effect, after the plan."""
     before: float
     """Expected probability of the correct name now [1], or information [log evidence]."""
     after: float
     """The same value after the plan."""
     reachable: float
-    """The same value with every evaluated experiment once, which is an upper limit."""
+    """With every experiment that was worked out, each once: more than this nothing here brings."""
     inseparable: tuple[tuple[str, ...], ...]
     """Effects that all experiments together could not distinguish (confusion above one in ten)."""
     worked_out: int
@@ -288,7 +286,7 @@ def _families(names: Sequence[str]) -> list[str]:
 def _sensors(
     model: Model, limits: Limits, records: Sequence[Record], given: Mapping[str, Sensor] | None
 ) -> dict[str, Sensor]:
-    """Sensors of the outputs that will be measured."""
+    """By output that will be measured."""
     known: dict[str, Sensor] = dict(given or {})
     for r in records:
         for n, s in r.sensors.items():

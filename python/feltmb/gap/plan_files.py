@@ -102,7 +102,7 @@ def write_design(
 def request_file(
     experiment: DesignedExperiment, stem: Path, *, units: Mapping[str, str], force: bool = False
 ) -> Path:
-    """File for the measurement: a CSV of the inputs over time, or a TOML with ``[part]``."""
+    """What whoever measures is given: a CSV of the inputs over time, or a TOML with ``[part]``."""
     import tomlkit
 
     if experiment.part is not None:

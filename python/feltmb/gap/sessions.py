@@ -2,10 +2,10 @@
 
 Files of a session, with one folder for each step::
 
-    0/report.json      diagnosis of the records before the first experiment
-    1/plan.json, ...   plan whose first experiment is performed; see :mod:`feltmb.gap.plan_files`
-    1/request.csv      requested inputs over time (or request.toml: a test of a part)
-    1/record.csv       measurement (or record.toml)
+    0/report.json      diagnosis of the records that were there before
+    1/plan.json, ...   the plan whose first experiment is made; see :mod:`feltmb.gap.plan_files`
+    1/request.csv      inputs over time that are to be played (or request.toml: a test of a part)
+    1/record.csv       what was measured (or record.toml)
     1/report.json      diagnosis of all records so far
     1/step.json        result of the step; written last, so that a session resumes there
 """
@@ -50,7 +50,7 @@ class SessionStep:
 
     number: int
     kind: str
-    """"stroke", "part", or "" before the first experiment."""
+    """"stroke", "part", or "" for what was there before."""
     name: str
     cost: float
     verdict: str
