@@ -40,7 +40,7 @@ TOLERANCE = 2e-3
 BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
 
 LOOSE = {"right-hand sides": float("inf"), "energy balance error": 3.0}
-"""Relative tolerance of lines that hold these words: work, wall time, error of the integration."""
+"""Relative tolerance of lines with these words: work, wall time, error of the integration."""
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 DIRECTIVE = re.compile(
@@ -56,13 +56,13 @@ class Block:
     """Language of the block, or name of the directive."""
     text: list[str]
     line: int
-    """Of the block's first line of text, from 0."""
+    """Index of the block's first line of text, from 0."""
     notes: dict[str, str] = field(default_factory=dict)
-    """Directives right before it."""
+    """Directives directly before the block."""
 
 
 class Mismatch(AssertionError):
-    """The page shows something else than what comes."""
+    """The page does not show the actual output."""
 
 
 def blocks(page: Path) -> Iterator[Block]:
@@ -93,7 +93,7 @@ def blocks(page: Path) -> Iterator[Block]:
 
 
 def commands(block: Block) -> list[tuple[str, list[str], int]]:
-    """Commands of a console block: the command, what it prints, its line."""
+    """Commands of a console block: the command, its expected output, its line."""
     found: list[tuple[str, list[str], int]] = []
     for number, line in enumerate(block.text):
         if line.startswith("$ "):
@@ -106,7 +106,7 @@ def commands(block: Block) -> list[tuple[str, list[str], int]]:
 
 
 def same(expected: str, got: str, tolerance: float) -> bool:
-    """Whether two lines agree: text exactly but for blanks, numbers to the tolerance."""
+    """Whether two lines agree: equal text except for spaces, numbers within the tolerance."""
     texts = [re.sub(r"[\s─]+", " ", " ".join(NUMBER.split(t))).strip() for t in (expected, got)]
     numbers = [NUMBER.findall(t) for t in (expected, got)]
     if texts[0] != texts[1] or len(numbers[0]) != len(numbers[1]):
@@ -124,7 +124,7 @@ def same(expected: str, got: str, tolerance: float) -> bool:
 
 
 def compare(expected: list[str], got: list[str], tolerance: float) -> str:
-    """What differs, or nothing."""
+    """Difference of two outputs as text; empty if there is none."""
     want = [line.rstrip() for line in expected if line.strip()]
     have = [line.rstrip() for line in got if line.strip()]
     at = 0
@@ -146,7 +146,7 @@ def compare(expected: list[str], got: list[str], tolerance: float) -> str:
 
 
 def call(command: str) -> list[str]:
-    """What a command prints, on both streams; ``feltmb`` runs in this process."""
+    """Output of a command on both streams; ``feltmb`` runs in this process."""
     words = shlex.split(command, comments=True)
     said = io.StringIO()
     if words[0] == "feltmb" and not {"|", ">", "&&", ";"} & set(words):
@@ -172,7 +172,7 @@ def _files(pattern: str) -> list[str]:
 
 
 def elided(expected: list[str], got: list[str]) -> list[str]:
-    """What to write: what comes, left out where the page leaves out."""
+    """Text to be written: the actual output, shortened where the page is shortened."""
     have = [line.rstrip() for line in got]
     while have and not have[-1]:
         have.pop()
@@ -184,12 +184,12 @@ def elided(expected: list[str], got: list[str]) -> list[str]:
 
 
 def run_page(page: Path, folder: Path, *, slow: bool = True, write: bool = False) -> int:
-    """Run a page in ``folder``; returns the number of commands and examples that ran.
+    """Run a page in ``folder``; return the number of commands and examples.
 
     Raises
     ------
     Mismatch
-        A command prints something else than the page shows; an example fails.
+        The output of a command differs from the page, or an example fails.
     """
     scope: dict[str, Any] = {"__name__": "__main__"}
     printed: list[str] = []
@@ -197,7 +197,7 @@ def run_page(page: Path, folder: Path, *, slow: bool = True, write: bool = False
     ran = 0
     before = {name: os.environ.get(name) for name in ("COLUMNS", "PATH", "FELTMB_ROOT")}
     path = list(sys.path)
-    sys.path_importer_cache.pop(".", None)  # knows the folder of the page before
+    sys.path_importer_cache.pop(".", None)  # still refers to the folder of the previous page
     os.environ["COLUMNS"] = "80"
     os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     os.environ["FELTMB_ROOT"] = str(ROOT)
@@ -287,7 +287,7 @@ def _picture(page: Path, block: Block, *, write: bool) -> None:
 
 
 def screenshot(page: Path, size: str = "1000,900") -> Path:
-    """First screen of an HTML page, drawn by Chromium; width and height in pixels."""
+    """Screenshot of an HTML page by Chromium; width and height in pixels."""
     picture = page.with_suffix(".screen.png").resolve()
     program = next((n for n in BROWSERS if shutil.which(n)), None)
     if program is None:
@@ -301,7 +301,7 @@ def screenshot(page: Path, size: str = "1000,900") -> Path:
 
 
 def small_png(source: Path, target: Path, width: int = 1100, colors: int = 64) -> None:
-    """Copy a picture with few colors and no wider than a page: the repository stays small."""
+    """Copy a picture with few colors and at most the width of a page, to keep it small."""
     from PIL import Image
 
     with Image.open(source) as image:

@@ -1,4 +1,4 @@
-"""Put pip into the Python that runs this file, where neither ensurepip nor any pip is at hand.
+"""Install pip into the running Python if neither ensurepip nor another pip is available.
 
 The wheel of pip can install itself. It is taken from the first of
 1. the disk: Debian's wheels, wheels bundled with other Pythons, the find-links of pip's settings;
@@ -36,7 +36,7 @@ def version(name: str) -> tuple[int, ...]:
 
 
 def settings() -> dict[str, list[str]]:
-    """Values of pip's settings files and environment, split at blanks; the last one wins."""
+    """Values of pip's settings files and environment, split at spaces; the last value is used."""
     home = Path.home()
     config = Path(os.environ.get("XDG_CONFIG_HOME") or home / ".config")
     files = [
@@ -120,7 +120,7 @@ def candidates(folder: Path) -> Iterator[Path | None]:
 
 
 def main() -> None:
-    """Install pip, or say what was tried."""
+    """Install pip, or report what was tried."""
     with tempfile.TemporaryDirectory() as folder:
         for wheel in candidates(Path(folder)):
             if wheel is None:

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "explanation" / "architecture.md"
 PICTURE = ROOT / "docs" / "img" / "architecture.svg"
 
-#: What the folders of the C++ core are for; the modules of the package say it themselves.
+#: Purpose of the folders of the C++ core; the modules of the package state their own.
 FOLDERS = {
     "core": "exceptions, plane vectors, sums that do not depend on the machine",
     "numeric": "roots, quadrature, interpolation, random numbers, threads",
@@ -57,7 +57,7 @@ def may_use() -> dict[str, dict[str, set[str]]]:
 
 
 def levels(table: dict[str, set[str]]) -> list[list[str]]:
-    """Parts by the longest chain below them; a part uses only what stands in lower rows."""
+    """Parts sorted by the longest chain below them; a part only uses parts in lower rows."""
     depth: dict[str, int] = {}
 
     def of(part: str) -> int:
@@ -74,7 +74,7 @@ def levels(table: dict[str, set[str]]) -> list[list[str]]:
 
 
 def reduced(table: dict[str, set[str]]) -> dict[str, list[str]]:
-    """Used parts that are not used by another used part already."""
+    """Used parts, without those that another used part already uses."""
     below = {p: set(used) for p, used in table.items()}
     for _ in table:
         below = {p: used.union(*(below[q] for q in used)) for p, used in below.items()}
@@ -102,7 +102,7 @@ def summary_line(part: str) -> str:
 
 
 def draw(tables: dict[str, dict[str, set[str]]]) -> str:
-    """The picture as SVG."""
+    """The figure as SVG."""
     shapes: list[str] = []
     y = 30.0
     title = {"Python": "Python: python/feltmb", "C++": "C++: cpp/, bench/"}
@@ -133,7 +133,7 @@ def draw(tables: dict[str, dict[str, set[str]]]) -> str:
                 )
                 x += w + gap
             y += ROW
-        if language == "C++":  # among fifty modules arrows would hide the boxes
+        if language == "C++":  # among fifty modules, arrows would hide the boxes
             for part, used in reduced(table).items():
                 for other in used:
                     (x0, y0), (x1, y1) = place[part], place[other]
@@ -159,7 +159,7 @@ def box_width(part: str) -> float:
 
 
 def lines_of(row: list[str]) -> list[list[str]]:
-    """A row of parts, wrapped to the width of the picture."""
+    """A row of parts, wrapped to the width of the figure."""
     lines: list[list[str]] = [[]]
     for part in row:
         if sum(box_width(p) + 12 for p in [*lines[-1], part]) > WIDTH - 60:
@@ -183,7 +183,7 @@ def tables_text(tables: dict[str, dict[str, set[str]]]) -> str:
 
 
 def pages() -> dict[Path, str]:
-    """What should be in the files."""
+    """Expected content of the files."""
     tables = may_use()
     text = PAGE.read_text(encoding="utf-8")
     marks = re.compile(r"(<!-- parts -->\n).*?(<!-- end of parts -->)", re.DOTALL)

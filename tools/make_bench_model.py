@@ -32,7 +32,7 @@ inline MechanismDescription steinway45(bool flexible) {{
 
 
 def number(value: float) -> str:
-    """Shortest text that reads back as the same double."""
+    """Shortest text that is read back as the same double."""
     return repr(float(value))
 
 

@@ -19,7 +19,7 @@ from feltmb.mechanism import Curve
 
 HERE = Path(__file__).resolve().parent.parent / "python" / "feltmb" / "params"
 
-#: contact -> (felt that gives fibers and v_f0, area, why)
+#: contact -> (felt with the fibers and v_f0, area, reason)
 CHOICES = {
     "01": ("synthetic_soft_red", {"kind": "circle_on_layer", "width": "13 mm", "length": "20 mm"},
            "key tail on a strip of felt"),
@@ -43,7 +43,7 @@ CHOICES = {
            "key, 13 mm, on a punching of 20 mm"),
 }  # fmt: skip
 SAME = {"16": "10"}  # felt of another contact
-#: Unloading as it must have been: the printed row of contact 02 never meets its loading.
+#: Corrected unloading: the printed row of contact 02 never meets its loading.
 REPAIRED = {"02": {"unloading": Curve(a=7.8, b=3600.0, c=2100.0)}}
 
 

@@ -1,4 +1,4 @@
-"""Writes the tables of docs/explanation/gap-action.md anew from the library of effects."""
+"""Updates the tables of docs/explanation/gap-action.md from the library of effects."""
 
 import re
 from pathlib import Path
@@ -11,7 +11,7 @@ DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "gap-a
 
 
 def tables() -> dict[str, str]:
-    """Generated parts of the document by their mark."""
+    """Generated parts of the document, by their marks."""
     library = load_library(feltmb.load_action("steinway45"))
     default = {e.name for e in library.select()}
     rest = [e.name for e in library.effects if e.name not in default]
@@ -23,7 +23,7 @@ def tables() -> dict[str, str]:
 
 
 def renewed(text: str) -> str:
-    """The document with its tables as they should be."""
+    """The document with up-to-date tables."""
     for mark, table in tables().items():
         pattern = re.compile(rf"(<!-- {mark} -->\n).*?(<!-- end of {mark} -->)", re.DOTALL)
         if not pattern.search(text):

@@ -22,7 +22,7 @@ FOLDER = ROOT / "examples" / "gallery"
 PAGE = ROOT / "docs" / "tutorials" / "gallery.md"
 PICTURES = ROOT / "docs" / "img" / "gallery"
 
-#: In the order of the page.
+#: Examples in the order of the page.
 EXAMPLES = (
     "felt_pad_under_a_falling_mass",
     "felt_mallet_on_a_timpano",

@@ -37,7 +37,7 @@ CASES: dict[str, tuple[dict[str, float], bool]] = {
 }
 
 
-# Small enough for a diagnosis in seconds: up to the impact only, and few numbers depart.
+# Small enough for a diagnosis in seconds: only until the impact, and few parameters deviate.
 SMALL_STROKES = (("staccato", "fit"), ("slow", "fit"), ("fast", "held_out"))
 SMALL_TOLERANCES = [
     "let_off_button",
@@ -50,7 +50,7 @@ SMALL_TOLERANCES = [
 
 
 def write_case(case: Case) -> None:
-    """Write the records of a case and what is behind them."""
+    """Write the records of a case and its truth."""
     folder = FOLDER / case.name
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -69,7 +69,7 @@ BENCH_PART = ("pivot_clearance.whippen", "A", 4.5968303756038596e-05, 34.6418516
 
 
 def write_bench_case() -> None:
-    """Write a case of the blind bench, all tolerances off and every nuisance on."""
+    """Write a case of the blind bench, with deviations of all tolerances and all nuisances."""
     from blind import action_truth as truth
     from blind.action_calibration import packaged_scales, to_record
 
@@ -88,7 +88,7 @@ def write_bench_case() -> None:
 
 
 def main() -> None:
-    """Write all cases anew."""
+    """Write all cases."""
     action = feltmb.load_action("steinway45")
     write_bench_case()
     write_case(

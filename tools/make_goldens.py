@@ -1,4 +1,4 @@
-"""Writes the goldens of tests/python/regression and says how much they changed.
+"""Writes the goldens of tests/python/regression and prints their changes.
 
 python tools/make_goldens.py --reason "why the numbers changed"
 """
@@ -20,7 +20,7 @@ import golden  # noqa: E402
 
 
 def commit():
-    """Commit of the working tree, marked if it holds changes."""
+    """Commit of the working tree, with a mark if it has changes."""
 
     def git(*arguments):
         done = subprocess.run(
@@ -34,7 +34,7 @@ def commit():
 
 
 def report_change(name, run):
-    """Print the largest change of each signal, of its range."""
+    """Print the largest change of each signal, relative to its range."""
     try:
         stored, _ = golden.load(name)
     except FileNotFoundError:

@@ -20,7 +20,7 @@ from docs_pages import small_png
 ROOT = Path(__file__).resolve().parents[1]
 
 FOLDER = ROOT / "docs" / "img" / "live"
-#: Name -> width, height, scheme, tab, how far down.
+#: Name -> width, height, color scheme, tab, scroll position.
 VIEWS = {
     "wide": (1400, 1000, "light", "regulation", 0),
     "wide_dark": (1400, 1000, "dark", "numbers", 0),
@@ -39,7 +39,7 @@ TURN = (
 
 
 def browser_of_the_tests() -> Any:
-    """The tests' Chromium, driven by its DevTools protocol."""
+    """Chromium of the tests, controlled by its DevTools protocol."""
     path = ROOT / "tests" / "python" / "viewer" / "conftest.py"
     spec = importlib.util.spec_from_file_location("viewer_browser", path)
     assert spec is not None
@@ -50,7 +50,7 @@ def browser_of_the_tests() -> Any:
 
 
 def until(page: Any, expression: str) -> None:
-    """Wait until an expression of the page is true."""
+    """Wait until an expression in the page is true."""
     end = time.monotonic() + 120.0
     while not page.run(expression):
         if time.monotonic() > end:
@@ -59,7 +59,7 @@ def until(page: Any, expression: str) -> None:
 
 
 def measured_file(folder: Path) -> Path:
-    """A stroke of an action whose capstan stands 0.3 mm too low, with the noise of a camera."""
+    """A stroke of an action whose capstan is 0.3 mm too low, with the noise of a camera."""
     import numpy as np
 
     import feltmb

@@ -25,7 +25,7 @@ FOLDER = Path(__file__).resolve().parents[1] / "docs" / "img"
 
 
 def forte_overview() -> Any:
-    """A loud blow on one page."""
+    """A loud stroke on one page."""
     import feltmb
     from feltmb.graphics import plot
 
@@ -41,7 +41,7 @@ def mechanism() -> Any:
 
 
 def felt_identification() -> Any:
-    """A felt identified from its own loop with scatter of 0.5 % of the largest pressure."""
+    """A felt identified from its own loop with a scatter of 0.5 % of the largest pressure."""
     import numpy as np
 
     from feltmb.felt import identify, load_material
@@ -75,7 +75,7 @@ def actuator_dampers() -> Any:
 
 
 def actuator_input() -> Any:
-    """What a wrong capstan does under force and motion."""
+    """The effect of a wrong capstan with force and with motion input."""
     from feltmb.run.study import study
     from feltmb.run.study.plot import draw
 
@@ -83,7 +83,7 @@ def actuator_input() -> Any:
 
 
 def view_two() -> str:
-    """Page of two strokes in the browser, at the loud blow."""
+    """Page of two strokes in the browser, at the impact of the loud one."""
     import feltmb
     from feltmb.graphics.viewer import page
 
@@ -91,7 +91,7 @@ def view_two() -> str:
     return page(runs, align="string_contact_on", at=0.0932)
 
 
-#: Picture -> what draws it: a figure, or the text of a page whose first screen is the picture.
+#: Picture -> function: it returns a figure, or the text of a page for a screenshot.
 PICTURES: dict[str, Callable[[], Any]] = {
     f"{draw.__name__}.png": draw
     for draw in (
@@ -107,7 +107,7 @@ PICTURES: dict[str, Callable[[], Any]] = {
 
 
 def main() -> None:
-    """Draw the pictures asked for."""
+    """Draw the requested pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="PICTURE", help=", ".join(PICTURES))
     names = parser.parse_args().names or list(PICTURES)

@@ -23,18 +23,18 @@ from feltmb.data import write_record
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "tutorial"
 
 THICKNESS = 6.0e-3
-"""Of the specimen without load [m]."""
+"""Thickness of the specimen without load [m]."""
 AREA = 4.0e-4
-"""Of the specimen [m^2]."""
+"""Area of the specimen [m^2]."""
 SCATTER = 0.004
-"""Of a force, relative to the largest."""
+"""Standard deviation of a force, relative to the largest force."""
 
 STROKES = (("staccato", "fit"), ("slow", "fit"), ("fast", "held_out"))
 TOLERANCES = ["felt.03", "joint_friction.butt", "mass.head"]
 
 
 def write_test() -> None:
-    """Force against thickness of a specimen, pressed and let go."""
+    """Force over thickness of a specimen in loading and unloading."""
     truth = felt.load_material("a12_06")
     rng = np.random.default_rng(1)
     v = np.linspace(truth.v_f0, truth.end, 61)[1:]

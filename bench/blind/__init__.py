@@ -1,8 +1,7 @@
 """Blind bench of the gap diagnosis: sealed cases, their diagnosis, the score.
 
-Four parts that know as little of each other as can be: the *model* with its library of effects
+It has four parts that are as independent as possible: the *model* with its library of effects
 (:mod:`~blind.key_hammer`), the *generator* of truths, which shares no code with it
-(:mod:`~blind.truth`), the *bench* that seals, diagnoses and stores
-(:mod:`~blind.bench`), and the *scorer*, which reads stored files only
-(:mod:`~blind.score`).
+(:mod:`~blind.truth`), the *bench* that seals, diagnoses and stores (:mod:`~blind.bench`), and the
+*scorer*, which reads stored files only (:mod:`~blind.score`).
 """

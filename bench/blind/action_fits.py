@@ -1,4 +1,4 @@
-"""Whether the fit of the whole action finds its minimum, and what that costs.
+"""Tests whether the fit of the whole action finds its minimum, and at which cost.
 
 Development cases of the whole action, each with nothing withheld and again, at the same tolerances,
 with one withheld effect. The model alone is fitted from its priors, from random starts within them,
@@ -33,7 +33,7 @@ from feltmb.gap.refine import full_evidence
 
 __all__ = ["Result", "cases", "measure", "problem_of", "read", "starts", "table"]
 
-#: Log evidence within which a fit has found what the fit from the truth found.
+#: A fit has found the minimum if its log evidence differs from the fit from the truth by less.
 SAME = 2.0
 SEED = 20261203
 
@@ -55,13 +55,13 @@ class Result:
     explains: bool
     converged: bool
     farthest: float
-    """Largest distance of a tolerance from its prior, in prior standard deviations."""
+    """Largest deviation of a tolerance from its prior, in prior standard deviations."""
     seconds: float
-    """Processor time."""
+    """Processor time [s]."""
 
 
 def cases(numbers: Sequence[int], seed: int = SEED) -> Iterator[truth.Case]:
-    """Cases with nothing withheld, each followed by itself with one withheld effect."""
+    """Cases without an effect, each followed by the same case with one withheld effect."""
     _, _, library, outputs = truth.setup()
     scales = packaged_scales()
     for n in numbers:
@@ -71,7 +71,7 @@ def cases(numbers: Sequence[int], seed: int = SEED) -> Iterator[truth.Case]:
 
 
 def problem_of(case: truth.Case) -> Problem:
-    """The model alone and the records of a case that are fitted."""
+    """The model alone and the fitted records of a case."""
     action, base, library, outputs = truth.setup()
     records = [
         to_record(s, truth.record(base, library, case, s, outputs)[0], outputs) for s in truth.FIT
@@ -84,7 +84,7 @@ def problem_of(case: truth.Case) -> Problem:
 
 
 def starts(problem: Problem, case: truth.Case, count: int) -> Iterator[tuple[str, Array]]:
-    """Names and parameters of starts: truth, priors, draws of the priors."""
+    """Names and parameters of the start points: truth, priors, draws from the priors."""
     everything = problem.model.parameters
     prior = np.array([p.value for p in everything])
     yield "truth", np.array([case.tolerances.get(p.name, p.value) for p in everything])
@@ -101,7 +101,7 @@ def starts(problem: Problem, case: truth.Case, count: int) -> Iterator[tuple[str
 
 
 def the_fit(problem: Problem, point: Point) -> Fit:
-    """What a diagnosis does."""
+    """Fit as in a diagnosis."""
     return fit_problem(problem, FitSettings(restarts=0), point=point)
 
 
@@ -113,7 +113,7 @@ def measure(
     seed: int = SEED,
     way: Way = the_fit,
 ) -> None:
-    """Fit from the wanted starts (truth, priors, random K) what is not yet in the file."""
+    """Fit from the given starts (truth, priors, random K), except for results in the file."""
     done = {(r.number, r.withheld, r.start) for r in read(file)}
     most = max((int(name.partition(" ")[2] or 0) for name in wanted), default=0)
     for case in cases(numbers, seed):
@@ -130,7 +130,7 @@ def measure(
 
 
 def read(file: Path) -> list[Result]:
-    """Results of a file; none if there is no such file."""
+    """Results in a file; none if the file does not exist."""
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     return [Result(**json.loads(line)) for line in lines]
 
@@ -156,10 +156,10 @@ def _fitted(
 
 
 def table(results: Sequence[Result], others: Sequence[Result] = ()) -> str:
-    """Markdown: share that found its minimum, and processor time.
+    """Markdown: share of the fits that found their minimum, and processor time.
 
-    ``others``: fits of the same cases by another engine. The fit from the truth is the better of
-    the two.
+    ``others``: fits of the same cases by another engine. Of the two fits from the truth, the better
+    one is used.
     """
     truths: dict[tuple[int, str], float] = {}
     best: dict[tuple[int, str], float] = {}
@@ -199,6 +199,6 @@ if __name__ == "__main__":
     parser.add_argument("--from", dest="wanted", default="truth,priors,random 1")
     parser.add_argument("--beside", type=Path, help="results of another engine")
     told = parser.parse_args()
-    # Even numbers are the development half.
+    # Even numbers belong to the development half.
     measure(range(0, 2 * told.cases, 2), told.wanted.split(","), told.output, seed=told.seed)
     print(table(read(told.output), [] if told.beside is None else read(told.beside)))

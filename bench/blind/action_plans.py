@@ -1,4 +1,4 @@
-"""What experiments on the whole action are expected to tell: designed, random, repeats.
+"""Expected information of experiments on the whole action: designed, random, repeated.
 
 No truth and no diagnosis: the linearized expectation that `feltmb gap plan` works with, of all
 default effects at half, once and twice the size that one would expect. It says what a plan promises
@@ -29,7 +29,7 @@ DRAWS = 12
 
 
 def compare(folder: Path | None = None) -> list[tuple[str, int, float, float]]:
-    """(policy, experiments, expected belief in the right name, the same of a class of two)."""
+    """(policy, experiments, expected probability of the correct name, the same for two names)."""
     model, effects = mechanism_model(load_action("steinway45"))
     limits = finger_limits(model)
     assert limits is not None

@@ -1,4 +1,4 @@
-"""How far a withheld effect of a case exceeds what the tolerances can take up.
+"""How far a withheld effect exceeds what the tolerances can compensate.
 
 The scales of :mod:`blind.action_calibration` choose magnitudes before there is a case: one
 linearization at drawing values, columns of the model. Where an effect is nearly the same as a
@@ -28,7 +28,7 @@ from feltmb.fit.segmented_records import SegmentedRecord
 
 __all__ = ["noncentralities"]
 
-#: Step of a tolerance for its column, in standard deviations.
+#: Step of a tolerance for its derivative, in standard deviations.
 STEP = 0.25
 #: Steps of the fit along the same columns, each one run of every stroke, and how often columns are
 #: taken anew where it stops.
@@ -37,16 +37,16 @@ ITERATIONS, RENEWALS = 20, 2
 
 @dataclass(frozen=True, eq=False)
 class _Stroke:
-    """One stroke without the effect, at the case's own tolerances."""
+    """One stroke without the effect, with the tolerances of the case."""
 
     name: str
     length: float
     view: Mapping[str, Array]
     segmented: SegmentedRecord
     columns: Array
-    """Whitened, by tolerances, in standard deviations."""
+    """Whitened derivatives by tolerances, in standard deviations."""
     variability: Array
-    """Whitened, of this record's run-to-run variability, in standard deviations."""
+    """Whitened derivatives by this record's run-to-run variability, in standard deviations."""
 
 
 @functools.cache
@@ -59,16 +59,16 @@ def _fixed() -> tuple[Any, ...]:
 
 
 def noncentralities(case: truth.Case) -> list[float | None]:
-    """Noncentrality of every part of a case, the others left out [1].
+    """Noncentrality of every part of a case, without the other parts [1].
 
-    An upper bound: the fit may end above its minimum. None where it could not be computed.
+    An upper bound, because the fit may end above its minimum. None if it could not be computed.
     """
     if not case.parts:
         return []
     bare = replace(case, parts=())
     try:
         strokes = [_stroke(bare, name) for name in truth.FIT]
-    except Exception:  # no mechanism: the case has no records either
+    except Exception:  # not a valid mechanism: the case has no records either
         return [None for _ in case.parts]
     out: list[float | None] = []
     for part in case.parts:
@@ -100,7 +100,7 @@ def _stroke(bare: truth.Case, name: str) -> _Stroke:
 
 
 def _columns(case: truth.Case, name: str, length: float, segmented: SegmentedRecord) -> Array:
-    """Whitened derivatives of a stroke by all tolerances at those of the case."""
+    """Whitened derivatives of a stroke by all tolerances, at the tolerances of the case."""
     base = _stacked(_view(case, name, length))
     columns = []
     for e in _fixed()[1].tolerances:
@@ -137,7 +137,7 @@ def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> flo
         return np.concatenate(parts)
 
     def cost(r: Array, p: Array) -> float:
-        pull = variability.T @ r  # variability acts linearly: it is eliminated at every point
+        pull = variability.T @ r  # the variability is linear: it is eliminated at every point
         return float(r @ r - pull @ clean @ pull + p @ p)
 
     p = np.zeros(count)
@@ -158,7 +158,7 @@ def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> flo
             try:
                 other = residual(moved)
                 value = cost(other, moved)
-            except Exception:  # these numbers make no mechanism
+            except Exception:  # these values define no valid mechanism
                 value = math.inf
             if value < best:
                 done = best - value < 1e-3 * best + 0.05

@@ -1,4 +1,4 @@
-"""The blind bench: seal truths, make records, diagnose them, keep every result in its own file.
+"""The blind bench: seals truths, makes records, diagnoses them, stores every result in a file.
 
 Folder of a bench::
 
@@ -8,7 +8,7 @@ Folder of a bench::
     answers/N.json  what only the scorer reads
     results/N.json  what the engine said
 
-All files are written whole or not at all, so that a bench that was cut off goes on where it was.
+All files are written completely or not at all, so that an interrupted bench can continue.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ class Bench:
     Parameters
     ----------
     folder
-        Where it is kept.
+        Folder of the bench.
     outside
         Python file with further kinds from outside the library.
     machine
-        What is simulated and diagnosed, see :data:`MACHINES`.
+        Name of the machine, see :data:`MACHINES`.
     """
 
     folder: Path
@@ -59,7 +59,7 @@ class Bench:
     # ------------------------------------------------------------ sealing
 
     def seal(self, cases: int, seed: int, *, resume: bool = False) -> dict[str, Any]:
-        """Draw the truths and write their hash, before anything is diagnosed."""
+        """Draw the truths and write their hash, before any diagnosis."""
         if not 1 <= cases <= MOST_CASES or seed < 0:
             raise InvalidParameter(
                 f"cases = {cases}, seed = {seed}: expected 1 to {MOST_CASES} and >= 0"
@@ -94,7 +94,7 @@ class Bench:
         return seal
 
     def sealed(self) -> dict[str, Any]:
-        """Return the seal, after a check that the truths are those that were sealed."""
+        """Return the seal, after a check that the truths are the sealed ones."""
         path = self.folder / "seal.json"
         try:
             seal: dict[str, Any] = read_json(path)
@@ -125,7 +125,7 @@ class Bench:
     def make_records(
         self, half: Half = "both", *, workers: int = 2, progress: Progress | None = None
     ) -> None:
-        """Simulate the records of all cases that have none yet."""
+        """Simulate the records of all cases that have none."""
         todo = [n for n in self.numbers(half) if not self._made(n)]
         size = self.machine.chunk
         chunks = [todo[i : i + size] for i in range(0, len(todo), size)]
@@ -149,7 +149,7 @@ class Bench:
         oracle: bool = True,
         progress: Progress | None = None,
     ) -> None:
-        """Diagnose all cases that have no result of this engine yet."""
+        """Diagnose all cases without a result of this engine."""
         results = self.folder / "results"
         engine = self.machine.engine_hash
         todo = [n for n in self.numbers(half) if _engine_of(results / f"{n}.json") != engine]
@@ -160,7 +160,7 @@ class Bench:
 
 
 def _engine_of(path: Path) -> str:
-    """Hash of the engine that made a result; empty if there is none that can be read."""
+    """Hash of the engine of a result; empty if the result is missing or unreadable."""
     try:
         return str(read_json(path)["engine"])
     except (ValueError, LookupError, TypeError):
@@ -168,7 +168,7 @@ def _engine_of(path: Path) -> str:
 
 
 def _end_with_parent() -> None:
-    """Let a worker end when the process that asked for its work was killed."""
+    """End a worker when its parent process was killed."""
     parent = parent_process()
     assert parent is not None
 
@@ -182,7 +182,7 @@ def _end_with_parent() -> None:
 def _run(
     batches: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int
 ) -> Iterator[Any]:
-    """Results of batches as they come, by worker processes with one thread each."""
+    """Yield results of batches as they are finished, from worker processes with one thread each."""
     if workers <= 1 or len(batches) <= 1:
         for function, arguments in batches:
             yield function(*arguments)

@@ -1,6 +1,6 @@
-"""Builds the C++ network of the bench, ``blind._network``, where it is missing or out of date.
+"""Builds the C++ network of the bench, ``blind._network``, if it is missing or out of date.
 
-The extension is no part of feltmb: it serves one machine of the bench. It needs CMake, a C++
+The extension is not part of feltmb; one machine of the bench uses it. The build needs CMake, a C++
 compiler and pybind11.
 """
 

@@ -47,7 +47,7 @@ def packaged_scales() -> Scales:
 
 
 class _Whitener:
-    """Projection of the model at the drawing values, stroke by stroke, for one input mode."""
+    """Projection of the model at the tabulated values, by stroke, for one input mode."""
 
     def __init__(self, records: list[Record], starts: list[Array]):
         self.model = KeyHammer()
@@ -66,7 +66,7 @@ class _Whitener:
                 n = self.segments[w, 1] - self.segments[w, 0]
                 carried = self._input_noise(record, w, start[w])
                 inverse = np.linalg.inv(_camera_covariance(n) + carried)
-                # The start state of the segment is free: projected out here and now.
+                # The start state of the segment is free and is projected out here.
                 x = s.d_starts[w, :n].transpose(1, 0, 2).reshape(2 * n, -1)
                 x = x / np.linalg.norm(x, axis=0)
                 vx = inverse @ x
@@ -80,7 +80,7 @@ class _Whitener:
         self.total = total
 
     def _input_noise(self, record: Record, w: int, start: Array) -> Array:
-        """Covariance of a segment's outputs from the noise of the recorded input."""
+        """Covariance of a segment's outputs by the noise of the recorded input."""
         first, last = self.segments[w]
         n = int(last - first)
         mode = record.input_mode
@@ -112,7 +112,7 @@ class _Whitener:
         return np.asarray(slope @ noise @ slope.T, dtype=np.float64)
 
     def residual(self, record: Record, start: Array) -> list[Array]:
-        """Record minus model, segment after segment started in the true state."""
+        """Record minus model, where each segment starts in the true state."""
         jobs = Jobs(
             theta=np.tile(self.theta, (len(self.segments), 1)),
             segments=self.segments,
@@ -151,7 +151,7 @@ def _camera_covariance(n: int) -> Array:
 def _view(
     case: truth.Case, result: truth_machine.Strokes, first: int, kinds: Mapping[str, Any]
 ) -> tuple[list[Record], list[Array]]:
-    """Ideal records of the fit strokes, and the true states at the segment starts."""
+    """Ideal records of the fitted strokes, and the true states at the segment starts."""
     views = truth_sensors.record(case, truth.FIT, result, first, kinds, ideal=True)
     records, starts = [], []
     per_frame = round(truth.FRAME / truth.STEP) // truth.KEEP

@@ -49,18 +49,18 @@ from feltmb.gap.score import all_candidates, family_threshold, score_fit, screen
 
 __all__ = ["ROUNDS", "Requests", "command", "draw", "outcome_of"]
 
-#: Experiments after which a diagnosis is scored.
+#: Numbers of experiments after which a diagnosis is scored.
 ROUNDS = (0, 2, 4)
 POLICIES = ("designed", "random", "repeats")
-#: Records that are there before any experiment: role by stroke.
+#: Records before any experiment: role by stroke.
 DEFAULT = {"piano": "fit", "staccato": "fit", "forte": "held_out"}
-#: Share of the cases in which nothing is withheld.
+#: Share of the cases without a withheld effect.
 NULLS = 0.2
-#: Belief that a name needs.
+#: Probability that a name requires.
 NAME = 0.9
-#: Cases whose requests are integrated together.
+#: Number of cases whose requests are integrated together.
 TOGETHER = 6
-#: Parts that can be measured by themselves: standard deviation as a share of their tolerance; cost.
+#: Parts that can be measured separately: standard deviation as a share of their tolerance; cost.
 PARTS = {
     "key_mass": (0.1, 0.5),
     "hammer_mass": (0.1, 0.5),
@@ -75,7 +75,7 @@ PARTS = {
 
 
 def limits() -> gap.Limits:
-    """Of the finger of the small machine, and of its parts."""
+    """Limits of the finger of the small machine, and of its parts."""
     sd = {name: own for name, _, own, _, _ in PARAMETERS}
     return gap.Limits(
         inputs={
@@ -93,7 +93,7 @@ def limits() -> gap.Limits:
 
 
 def draw(seed: int, number: int) -> truth.Case:
-    """A case with one effect of plausible size, whatever its signal, or with none."""
+    """A case with one effect of plausible magnitude, at any signal-to-noise ratio, or with none."""
     rng = np.random.default_rng([seed, number, 26])
     bare = truth.draw(seed, number, {"force": {}, "motion": {}}, {}, mix=(1.0, 0.0, 0.0, 0.0, 0.0))
     bare.mode = "force"
@@ -113,14 +113,14 @@ def draw(seed: int, number: int) -> truth.Case:
 
 @dataclass
 class Requests:
-    """Answers requests with a sealed truth: noisy records within the limits, and parts."""
+    """Answers requests with a sealed truth: noisy records within the limits, and tests of parts."""
 
     allowed: gap.Limits
 
     def records(self, asked: Sequence[tuple[truth.Case, str, Array, int]]) -> list[Record]:
         """Records of requests: (case, name, force at the frames, number of the request).
 
-        All are integrated together.
+        All requests are integrated together.
 
         Raises
         ------
@@ -149,7 +149,7 @@ class Requests:
         return out
 
     def _played(self, case: truth.Case, force: Array, number: int) -> truth.Case:
-        """The case with a request instead of its strokes, and what differs from run to run."""
+        """The case with a request instead of its strokes, and the run-to-run variability."""
         rng = np.random.default_rng([*case.seed, 3, number])
         n = len(truth.STROKES)
         parameters = {}
@@ -169,7 +169,7 @@ class Requests:
         )
 
     def part(self, case: truth.Case, test: gap.PartTest, number: int) -> gap.Measured:
-        """What a test of a part says."""
+        """Result of a test of a part."""
         rng = np.random.default_rng([*case.seed, 4, number])
         value = float(np.mean(case.parameters[test.parameter])) + test.sd * rng.standard_normal()
         return gap.Measured(parameter=test.parameter, value=value, sd=test.sd, how=test.how)
@@ -179,7 +179,7 @@ def defaults(cases: Sequence[truth.Case]) -> list[list[Record]]:
     """Default records of cases."""
     names = list(DEFAULT)
     out: list[list[Record]] = []
-    # Jobs of a case stand at the places of all strokes: its parameters are by their number.
+    # Jobs of a case are at the indices of all strokes, because parameters are selected by number.
     result = truth_machine.integrate(cases, [truth.STROKES] * len(cases), {})
     for i, case in enumerate(cases):
         views = truth_sensors.record(case, truth.STROKES, result, i * len(truth.STROKES), {})
@@ -188,7 +188,7 @@ def defaults(cases: Sequence[truth.Case]) -> list[list[Record]]:
 
 
 def outcome_of(case: truth.Case, report: Mapping[str, Any]) -> str:
-    """right, class (of two), rest, wrong, silent or unknown; for a null quiet or alarm."""
+    """right, class (of two), rest, wrong, silent or unknown; without an effect quiet or alarm."""
     named, one_of = list(report["named"]), list(report["one_of"])
     verdict = report["verdict"]
     quiet = verdict in {
@@ -209,7 +209,7 @@ def outcome_of(case: truth.Case, report: Mapping[str, Any]) -> str:
 
 
 def evidence_of(case: truth.Case, sets: Mapping[str, float]) -> float:
-    """Log evidence of the true effect against the best other one, or none."""
+    """Log evidence of the true effect relative to the best other effect, or none."""
     true = case.parts[0].name
     other = [v for n, v in sets.items() if n != true]
     return sets[true] - max([0.0, *other]) if true in sets else math.nan
@@ -217,16 +217,16 @@ def evidence_of(case: truth.Case, sets: Mapping[str, float]) -> float:
 
 @dataclass
 class Seen:
-    """What a scoring said."""
+    """Result of one scoring."""
 
     row: dict[str, Any]
     belief: gap.Belief
     sets: Mapping[str, float]
-    """Log evidence of each effect against the model, the prior included."""
+    """Log evidence of each effect relative to the model, prior included."""
 
 
 class Player:
-    """The diagnosing side: it sees records and parts, never a truth."""
+    """The diagnosing side, which gets records and tests of parts, but no truth."""
 
     def __init__(self, *, whole: bool):
         self.model, self.library = KeyHammer(), effects()
@@ -235,7 +235,7 @@ class Player:
         self.every = all_candidates(self.library)
 
     def see(self, records: Sequence[Record], parts: Sequence[gap.Measured]) -> Seen:
-        """The model with tests of parts against all records."""
+        """Compare the model, with tests of parts, with all records."""
         model = gap.with_measured(self.model, parts)
         return self._diagnosed(model, records) if self.whole else self._screened(model, records)
 
@@ -294,9 +294,9 @@ class Player:
     def expected(
         self, case: truth.Case, records: Sequence[Record], parts: Sequence[gap.Measured]
     ) -> float:
-        """Log evidence that the true effect should get against its best rival, by the plan.
+        """Log evidence of the true effect relative to its best rival, as expected by the plan.
 
-        The bench asks this for the calibration; the planning side does not know it.
+        The bench uses it for the calibration; the planning side does not know it.
         """
         true = case.parts[0]
         every = self.every
@@ -313,7 +313,7 @@ class Player:
 
 @dataclass
 class Case:
-    """One case under way by one policy."""
+    """One running case with one policy."""
 
     truth: truth.Case
     records: list[Record]
@@ -329,7 +329,7 @@ def run_cases(
     player: Player, requests: Requests, cases: Sequence[truth.Case], folder: Path,
     policies: Sequence[str], left: Callable[[], bool],
 ) -> None:  # fmt: skip
-    """Some cases by all policies; requests of all cases are integrated together."""
+    """Run cases with all policies; the requests of all cases are integrated together."""
 
     def path(case: truth.Case) -> Path:
         return make_folder(folder / "cases") / f"{case.number}.json"
@@ -343,7 +343,7 @@ def run_cases(
         clock = time.process_time()
         try:
             seen = player.see(own.records, own.parts)
-        except Exception as error:  # a crash is a result too, and a bad one
+        except Exception as error:  # a crash counts as a bad result
             return {"outcome": "failed", "error": f"{type(error).__name__}: {error}"}
         own.belief = seen.belief
         row = {**seen.row, "outcome": outcome_of(own.truth, seen.row)}
@@ -384,7 +384,7 @@ def run_cases(
 def ask(
     player: Player, requests: Requests, policy: str, own: Case, until: float
 ) -> list[tuple[str, Array, int]]:
-    """What is asked next: (name, force at the frames, number); tests of parts are made here."""
+    """Next request: (name, force at the frames, number); tests of parts are performed here."""
     out: list[tuple[str, Array, int]] = []
     chosen: list[Any] = []
     if policy == "designed" and own.spent < until - 1e-9:
@@ -422,7 +422,7 @@ def ask(
 
 
 def _seal(folder: Path, cases: int, seed: int) -> None:
-    """Write the truths and their hash before anything is diagnosed."""
+    """Write the truths and their hash before any diagnosis."""
     text = as_json([asdict(draw(seed, n)) for n in range(cases)])
     path = folder / "seal.json"
     make_folder(folder)

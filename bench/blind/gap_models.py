@@ -1,4 +1,4 @@
-"""Diagnoses of models of one's own: nine systems from a simulator that feltmb has no part in.
+"""Diagnoses of user models: nine systems from a simulator that is independent of feltmb.
 
 python bench/blind/gap_models.py [CASE ...] [--json FILE]
 
@@ -43,9 +43,9 @@ class Case:
 
     truth: str
     named: tuple[str, ...]
-    """Names that are right; empty: nothing in the library is."""
+    """Correct names; empty: no effect of the library is correct."""
     size: float
-    """True size of the first of them."""
+    """True magnitude of the first one."""
     model: OdeModel
     effects: Sequence[Effect]
     records: Sequence[Record]
@@ -54,7 +54,7 @@ class Case:
 def multisine(
     random: np.random.Generator, low: float, high: float, tones: int, rms: float
 ) -> Signal:
-    """A smooth input: tones of equal size and random phase from low to high [Hz]."""
+    """A smooth input: tones of equal amplitude and random phase, from low to high [Hz]."""
     pitch, phase = np.linspace(low, high, tones), random.uniform(0.0, 2.0 * np.pi, tones)
     size = rms * np.sqrt(2.0 / tones)
     return lambda t: np.sum(
@@ -63,7 +63,7 @@ def multisine(
 
 
 def simulate(rates: Signal, start: Sequence[float], time: np.ndarray, step: float) -> np.ndarray:
-    """States at some times, (n, nx)."""
+    """States at given times, (n, nx)."""
     run = solve_ivp(
         rates, (time[0], time[-1]), start, "LSODA", time, rtol=1e-8, atol=1e-11, max_step=step
     )
@@ -81,7 +81,7 @@ def record(
     *,
     told: bool = True,
 ) -> Record:
-    """A measured record; ``told``: whether its sensors tell their noise."""
+    """A measured record; ``told``: whether its sensors state their noise."""
     return Record(
         name=name,
         time=time,
@@ -92,7 +92,7 @@ def record(
 
 
 def oscillator(name: str, m: float, k: float, c: float, **options: object) -> OdeModel:
-    """Mass, spring and damper with a force; parameters are 2 to 10 % off those given."""
+    """Mass, spring and damper with a force; the true parameters differ by 2 to 10 %."""
     mass = Coordinate(name="mass", position="q", speed="v", inertia="m")
     return OdeModel(
         name=name,
@@ -122,7 +122,7 @@ def shaken(
     lag: float = 0.0,
     told: bool = True,
 ) -> tuple[OdeModel, Sequence[Effect], list[Record]]:
-    """An oscillator with a force law(t, q, v) against its motion, and a sensor that lags."""
+    """An oscillator with a force law(t, q, v) against its motion, and a sensor with a delay."""
     random = np.random.default_rng(seed)
     time = 0.005 * np.arange(samples)
     records = []
@@ -146,32 +146,32 @@ def shaken(
 
 
 def friction() -> Case:
-    """Coulomb friction, sharper than the library's."""
+    """Coulomb friction with a lower threshold speed than in the library."""
     parts = shaken(1, lambda t, q, v: 0.4 * np.tanh(v / 2e-4))
     return Case("dry friction 0.4 N", ("dry friction mass",), 0.4, *parts)
 
 
 def duffing() -> Case:
-    """A hardening spring, noise not told."""
+    """A hardening spring; the noise is not stated."""
     parts = shaken(2, lambda t, q, v: 1.2e5 * q**3, told=False)
     return Case("cubic stiffness 1.2e5 N/m^3", ("cubic stiffness mass",), 1.2e5, *parts)
 
 
 def pair() -> Case:
-    """Friction and a sensor that lags."""
+    """Friction and a sensor with a delay."""
     parts = shaken(9, lambda t, q, v: 0.5 * np.tanh(v / 1e-3), lag=0.006)
     truth = "dry friction 0.5 N and a sensor that lags 6 ms"
     return Case(truth, ("dry friction mass", "delay of sensor q"), 0.5, *parts)
 
 
 def drift() -> Case:
-    """A spring that softens while it warms, which the bundle of the library does not have."""
+    """A spring that softens while it warms up; the generic effects do not include this."""
     parts = shaken(8, lambda t, q, v: -24.0 * (1.0 - np.exp(-t / 4.0)) * q)
     return Case("stiffness that drifts by -8 %: not in the bundle", (), 0.0, *parts)
 
 
 def absorber() -> Case:
-    """A small mass on a spring of its own, which no generic effect is."""
+    """A small mass on its own spring, which is not a generic effect."""
     random = np.random.default_rng(18)
     time = 0.005 * np.arange(1000)
     m, k, c, ma, ca = 1.2, 300.0, 2.0, 0.06, 0.06
@@ -254,7 +254,7 @@ def backlash() -> Case:
 
 
 def motor() -> Case:
-    """A motor whose friction falls with speed; the converter holds its voltage."""
+    """A motor whose friction decreases with speed; its voltage is constant between samples."""
     random = np.random.default_rng(5)
     time = 0.002 * np.arange(2000)
     R, L, K, J, d, dry, more, slow = 1.0, 5e-3, 0.05, 2e-4, 1e-4, 0.02, 0.012, 1.5
@@ -313,7 +313,7 @@ def motor() -> Case:
 
 
 def pendulum() -> Case:
-    """A pendulum that swings down in air; start and noise not told, no input."""
+    """A pendulum that swings in air; start and noise are not stated, and there is no input."""
     random = np.random.default_rng(6)
     time = 0.01 * np.arange(2000)
     records = []
@@ -349,7 +349,7 @@ def pendulum() -> Case:
 
 
 def nothing() -> Case:
-    """A quarter car on a road that is smooth between the samples: nothing is withheld."""
+    """A quarter-car model on a road that is smooth between the samples, without an effect."""
     random = np.random.default_rng(7)
     time = 0.004 * np.arange(1500)
     ms, mu, ks, cs, kt = 300.0, 40.0, 18000.0, 1200.0, 180000.0
@@ -409,7 +409,7 @@ CASES: dict[str, Callable[[], Case]] = {
 
 
 def main() -> None:
-    """Diagnose and print one line a case."""
+    """Diagnose the cases and print one line for each."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}")
     parser.add_argument("--json", type=Path, help="file for the same numbers")

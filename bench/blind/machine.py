@@ -1,4 +1,4 @@
-"""What a machine of the bench is, and what all machines share."""
+"""Interface and common parts of the machines of the bench."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ LARGEST_SOURCE = 10_000_000  # bytes
 
 
 class Machine(ABC):
-    """A machine whose truth is sealed.
+    """A machine with a sealed truth.
 
-    A subclass draws truths, makes records of them and diagnoses one case. It holds no data of a
-    bench: the folder of the bench does.
+    A subclass draws truths, makes their records and diagnoses one case. The data of a bench are in
+    its folder.
     """
 
     name: str
-    """As ``--machine`` and the seal call it."""
+    """Name for ``--machine`` and the seal."""
     chunk: int = 1
-    """Cases that are simulated together."""
+    """Number of cases that are simulated together."""
     generator: tuple[str, ...] = ()
     """Files of this package on which truths and records depend."""
     engine: tuple[str, ...] = ()
@@ -38,7 +38,7 @@ class Machine(ABC):
 
     @abstractmethod
     def draw(self, seed: int, cases: int, outside: Path | None) -> list[Any]:
-        """Truths as plain data.
+        """Draw truths, as plain data.
 
         Raises
         ------
@@ -52,28 +52,28 @@ class Machine(ABC):
 
     @abstractmethod
     def read_records(self, path: Path) -> list[Record]:
-        """Records of a case with what a data sheet says of their sensors."""
+        """Records of a case with the properties of their sensors from a data sheet."""
 
     @abstractmethod
     def diagnose(self, records: Sequence[Record], names: Sequence[str] = ()) -> Any:
-        """Report of one case; ``names``: effects of the library that are asked, default all."""
+        """Report of one case; ``names``: effects of the library that are tested, default all."""
 
     @functools.cached_property
     def engine_hash(self) -> str:
-        """Hash of all that a result depends on: feltmb as it is installed, and the machine."""
+        """Hash of everything that determines a result: the installed feltmb, and the machine."""
         return sha256(f"{package_digest()} {digest_of(*self.engine)}".encode())
 
     def result(self, folder: Path, number: int, *, oracle: bool) -> dict[str, Any]:
-        """What the engine says of a case, as plain data.
+        """Result of the diagnosis of a case, as plain data.
 
-        ``oracle`` adds the diagnosis with a library of nothing but the true effects.
+        ``oracle`` adds a diagnosis whose library only has the true effects.
         """
         records = self.read_records(folder / "records" / f"{number}.npz")
         clock = time.process_time()
         found: dict[str, Any] = {"number": number, "engine": self.engine_hash}
         try:
             report = self.diagnose(records)
-        except Exception as error:  # a crash is a result too, and a bad one
+        except Exception as error:  # a crash counts as a bad result
             found["error"] = f"{type(error).__name__}: {error}"
         else:
             found |= summarize(report)
@@ -87,7 +87,7 @@ class Machine(ABC):
     ) -> dict[str, Any] | None:
         """Diagnosis with the true structure; None without an effect or with one from outside.
 
-        Reads the truth, so it runs when the blind result is complete.
+        It reads the truth and therefore runs after the blind result is complete.
         """
         answer = read_json(folder / "answers" / f"{number}.json")
         names = sorted({p["name"] for p in answer["parts"]})
@@ -100,13 +100,13 @@ class Machine(ABC):
         return {"closed": float(report.how_far.closed), "named": list(report.named)}
 
     def write_answer(self, folder: Path, number: int, answer: Mapping[str, Any]) -> None:
-        """Write what only the scorer reads."""
+        """Write the data that only the scorer reads."""
         path = make_folder(folder / "answers") / f"{number}.json"
         write_text(path, as_json(answer), force=True)
 
 
 def as_json(value: Any) -> str:
-    """Plain data as text, the same for the same data."""
+    """Plain data as text; equal data give equal text."""
     return json.dumps(value, indent=1, sort_keys=True, allow_nan=True) + "\n"
 
 
@@ -131,7 +131,7 @@ def digest_of(*names: str) -> str:
 
 
 def summarize(report: Any) -> dict[str, Any]:
-    """What the scorer needs of a report, as plain data."""
+    """Data of a report for the scorer, as plain data."""
     return {
         "verdict": str(report.verdict),
         "statement": report.statement,

@@ -36,7 +36,7 @@ __all__ = ["command"]
 
 
 class _Told:
-    """Progress with an estimate: a line on a terminal, else one now and then."""
+    """Progress with an estimate: a line on a terminal, else one line now and then."""
 
     def __init__(self) -> None:
         self.start: dict[str, float] = {}
@@ -138,7 +138,7 @@ def command(
     rows = [asdict(f) for f in figures]
     result = {"seal": seal, "half": half, "cases": len(scored), "figures": rows,
               "verdicts": _verdicts(scored)}  # fmt: skip
-    # NaN is no JSON: a figure without cases has null.
+    # NaN is not valid JSON: a statistic without cases is null.
     result = json.loads(json.dumps(result), parse_constant=lambda _: None)
     name = "score" if half == "both" else f"score_{half}"
     text = _head(result) + "\n" + markdown(figures)
@@ -164,7 +164,7 @@ def command(
 
 
 def _verdicts(scored: list[Any]) -> dict[str, dict[str, int]]:
-    """Count the verdicts by the number of effects that were withheld."""
+    """Count the verdicts by the number of withheld effects."""
     names = {0: "none", 1: "one", 2: "two", 3: "three", 4: "outside"}
     counts: dict[str, dict[str, int]] = {}
     for c in scored:

@@ -27,7 +27,7 @@ SILENT = ("NO GAP", "NO STRUCTURAL GAP, CALIBRATED", "TOO WEAK")
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure with its 95 % interval and the number of cases that it rests on."""
+    """One statistic with its 95 % interval and the number of its cases."""
 
     name: str
     value: float
@@ -65,7 +65,7 @@ def bootstrap(
 
 
 def _strength(part: Mapping[str, Any]) -> float:
-    """Noncentrality of a part: of its own case where that was computed, else as it was drawn."""
+    """Noncentrality of a part: computed for its own case if available, else as drawn."""
     return float(part.get("nc", part["target"]))
 
 
@@ -119,7 +119,7 @@ class Scored:
         return any(r["effect"] in self.truth for r in self.ranking[:k])
 
     def in_class(self) -> bool:
-        """Whether what is offered (names, class, first and what it is confused with) holds it."""
+        """Whether the offered effects (names, class, first, its confusable ones) include it."""
         if self.failed:
             return False
         offered = set(self.result["named"]) | set(self.result["one_of"])
@@ -128,7 +128,7 @@ class Scored:
         return bool(offered & self.truth)
 
     def wrong(self) -> bool:
-        """Whether it commits itself to something that is not so."""
+        """Whether the diagnosis makes a wrong claim."""
         if self.failed or not self.claims:
             return False
         if self.named - self.truth:
@@ -140,7 +140,7 @@ class Scored:
         return False
 
     def commits(self) -> bool:
-        """Whether it names, offers a class or blames the data."""
+        """Whether the diagnosis names an effect, offers a class, or blames the data."""
         return not self.failed and bool(
             self.named or self.result["one_of"] or self.verdict == "DATA PROBLEM"
         )
@@ -159,7 +159,7 @@ _RESULT = {"verdict": str, "named": [str], "one_of": [str], "closed": _NUMBER, "
 
 
 def _check(value: Any, shape: Any, where: str) -> None:
-    """Raise ValueError where a file holds something else than what is scored."""
+    """Raise ValueError if a file has another structure than required."""
     if isinstance(shape, list):
         _check(value, list, where)
         for i, item in enumerate(value):
@@ -187,7 +187,7 @@ def _read(path: Path, shape: Any) -> Any:
 
 
 def _result_shape(found: Any) -> Any:
-    """What a result must hold: that of a diagnosis that failed is its error alone."""
+    """Required structure of a result; the result of a failed diagnosis only has its error."""
     if isinstance(found, dict) and "error" in found:
         return {"cpu_seconds": _NUMBER}
     oracle = found.get("oracle") if isinstance(found, dict) else None
@@ -225,7 +225,7 @@ def _ece(pairs: Any) -> float:
 
 
 def score(cases: Sequence[Scored]) -> list[Figure]:
-    """All figures of the table, in its order."""
+    """All statistics of the table, in its order."""
     figures: list[Figure] = []
 
     def share(
@@ -370,7 +370,7 @@ def _onset_errors(c: Scored, key: str = "onset") -> list[float]:
 
 
 def _each_onset(c: Scored) -> list[Scored]:
-    """One copy of the case for every record with an onset, each with that one alone."""
+    """One copy of the case for every record with an onset, with only this onset."""
     if c.failed:
         return []
     return [
@@ -391,7 +391,7 @@ def _to_oracle(c: Scored) -> float | None:
 
 
 def markdown(figures: Sequence[Figure]) -> str:
-    """Table of the figures."""
+    """Table of the statistics."""
     lines = [
         "| figure | value | 95 % interval | n | target | aim | met |",
         "|---|---|---|---|---|---|---|",

@@ -1,4 +1,4 @@
-"""What whole records tell of each effect of the action: the signal-to-noise ratio that is left.
+"""Information of whole records about each effect of the action, as a signal-to-noise ratio.
 
 At the packaged numbers, linearized, on the strokes that are fitted, for one unit of each effect:
 
@@ -45,7 +45,8 @@ SEGMENT = 0.02
 #: of a state, and of a state that vibrates as a share of its spread along the records.
 TIGHT, PHASE = 0.03, 0.1
 ALLOWANCE = 0.01
-#: Continuity defect that ties nothing, and one that ties as well as double precision allows.
+#: Continuity defects that do not connect segments, and that connect them as far as double precision
+#: allows.
 LOOSE, EXACT = 1e6, 1e-7
 
 Part = tuple[SegmentedRecord, Linear]
@@ -107,7 +108,7 @@ def _linearized(
 
 
 def _until(part: Part, after: float) -> Part:
-    """Without the samples later than some time after the hammer turns."""
+    """The record without samples later than a time after the reversal of the hammer."""
     segmented, linear = part
     record = segmented.record
     turn = first_turn(record.time, record.outputs["hammer_tip.x"])
@@ -126,7 +127,7 @@ def _until(part: Part, after: float) -> Part:
 
 
 def _without_process(model: Any, part: Part) -> Part:
-    """With the noise of the force alone."""
+    """The record with only the noise of the force."""
     segmented, linear = part
     laws = sum(p.process_sd > 0.0 for p in model.parameters)
     own = slice(0, linear.by_input.shape[2] - laws)
@@ -153,7 +154,7 @@ def _noncentrality(model: Any, parts: list[Part], gap_sd: Array, effects: Sequen
 
 
 def table(names: Sequence[str], found: dict[str, Array]) -> str:
-    """Markdown: a summary, then a row an effect."""
+    """Markdown: a summary, and one row for each effect."""
     lines = [
         "| records | median | effects >= 3 | >= 5 | >= 10 | of |",
         "|---|---|---|---|---|---|",

@@ -22,12 +22,12 @@ from feltmb.data import Record
 from feltmb.fit import Candidate, SensitivityRequest
 
 COLUMNS = (10, 50, 200)
-#: Time after the strike that counts [s].
+#: Time after the strike that is included [s].
 AFTER = 0.01
 
 
 def main() -> None:
-    """Print one line a number of columns."""
+    """Print one line for each number of columns."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--stroke", default="forte")
     parser.add_argument("--repeat", type=int, default=5)

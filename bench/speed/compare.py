@@ -45,19 +45,19 @@ PEERS = {
     "hs_drake.py": ["runge_kutta3 1e-5 {N} {xi}", "runge_kutta3 1e-6 {N} {xi}"],
 }
 
-#: Cases of feltmb_bench that take part.
+#: Cases of feltmb_bench that are compared.
 OURS = (
     "H_exact_N{N}_xi{xi}_tol3e-05",
     "H_modal_N{N}_xi{xi}_rtol1e-05",
     "H_cvode_N{N}_xi{xi}_rtol1e-05",
 )
 
-#: Threads of the linear algebra that peers may start.
+#: Number of threads of the linear algebra that peers may start.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 def load(path: Path) -> dict[str, dict[str, Any]]:
-    """Cases of a result by name; exits with one line if the file is none."""
+    """Cases of a result by name; a file that is not a result ends the program with one line."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
         return {case["name"]: case for case in data["cases"]}
@@ -79,7 +79,7 @@ def error_text(case: dict[str, Any]) -> str:
 
 
 def compare_results(old_path: Path, new_path: Path) -> list[tuple[str, float, float, float]]:
-    """Print the table of two results; rows for the picture."""
+    """Print the table of two results; return the rows of the figure."""
     old, new = load(old_path), load(new_path)
     names = [name for name in old if name in new]
     if not names:
@@ -101,7 +101,7 @@ def compare_results(old_path: Path, new_path: Path) -> list[tuple[str, float, fl
 
 
 def run_peer(command: list[str], environment: dict[str, str], limit: float) -> dict[str, Any]:
-    """Last JSON line of a peer's script, or why there is none."""
+    """Last JSON line of a peer's script, or the reason why there is none."""
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, timeout=limit, env=environment, check=False
@@ -118,16 +118,16 @@ def run_peer(command: list[str], environment: dict[str, str], limit: float) -> d
 
 @dataclass
 class Timed:
-    """One engine on one problem, over the rounds."""
+    """One engine on one problem, in all rounds."""
 
     engine: str
     milliseconds: list[float] = field(default_factory=list)  # best of each round
-    ratios: list[float] = field(default_factory=list)  # over ours of the same round
-    error: float = math.nan  # of the force, over its peak
+    ratios: list[float] = field(default_factory=list)  # relative to feltmb in the same round
+    error: float = math.nan  # error of the force, relative to its peak
     note: str = ""
 
     def row(self) -> tuple[str, float, float, float]:
-        """Name, middle, least and largest ratio."""
+        """Name, median, smallest and largest ratio."""
         return self.engine, statistics.median(self.ratios), min(self.ratios), max(self.ratios)
 
 
@@ -148,7 +148,7 @@ def run_ours(bench: Path, modes: int, damping: str, repeat: int) -> dict[str, di
 
 
 def compare_peers(options: argparse.Namespace) -> dict[str, list[Timed]]:
-    """Time all engines on all problems in turn; tables on standard output."""
+    """Time all engines on all problems in turn; print tables on standard output."""
     folder: Path = options.peers
     scripts = [name for name in PEERS if (folder / name).is_file()]
     if not scripts:
@@ -157,7 +157,7 @@ def compare_peers(options: argparse.Namespace) -> dict[str, list[Timed]]:
         **os.environ,
         "REPS": str(options.repeat),
         "LIM": f"{options.limit:g}",
-        "CLOCK": "cpu",  # other work on the machine does not count
+        "CLOCK": "cpu",  # other work on the computer does not count
         "PYTHONDONTWRITEBYTECODE": "1",
         **dict.fromkeys(ONE_THREAD, "1"),
     }
@@ -212,7 +212,7 @@ def _one_round(
 
 
 def table(title: str, rows: list[Timed]) -> str:
-    """Markdown: best time, error of the force, ratio to the quickest of feltmb with its range."""
+    """Markdown: best time, error of the force, ratio to the fastest feltmb method, range."""
     lines = [f"{title}:", "", "| engine | ms | force error | times ours |", "|---|---|---|---|"]
     for row in rows:
         if not row.ratios:
@@ -227,7 +227,7 @@ def table(title: str, rows: list[Timed]) -> str:
 
 
 def draw_peers(found: dict[str, list[Timed]], path: Path, bar: float = 1e-3) -> None:
-    """Error of the force against time, one panel a problem; below the bar is what was asked for."""
+    """Plot the error of the force over time, one panel per problem, with the requested error."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -280,7 +280,7 @@ def draw_peers(found: dict[str, list[Timed]], path: Path, bar: float = 1e-3) -> 
 
 
 def draw(rows: list[tuple[str, float, float, float]], path: Path, label: str) -> None:
-    """Bars on a logarithmic axis with the range of each ratio."""
+    """Plot bars on a logarithmic axis with the range of each ratio."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

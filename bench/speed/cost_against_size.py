@@ -29,7 +29,7 @@ Curve = list[tuple[float, float]]  # size, milliseconds
 
 
 def measure_core(bench: Path, repeat: int) -> dict[str, Curve]:
-    """Best CPU times of the size cases of feltmb_bench, by what they vary."""
+    """Best CPU times of the size cases of feltmb_bench, by the varied quantity."""
     out: dict[str, Curve] = {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "size.json"
@@ -54,7 +54,7 @@ def measure_core(bench: Path, repeat: int) -> dict[str, Curve]:
 
 
 def measure_strokes(counts: list[int]) -> Curve:
-    """CPU time of batches of the flexible action: other work on the machine does not count."""
+    """CPU time of batches of the flexible action; other work on the computer does not count."""
     action, stroke = feltmb.load_action("steinway45"), feltmb.load_stroke("forte")
     jobs = min(2, os.cpu_count() or 1)
     out = []
@@ -71,13 +71,13 @@ def measure_strokes(counts: list[int]) -> Curve:
 
 
 def exponent(curve: Curve) -> float:
-    """Slope of the logarithms over the upper half of the sizes."""
+    """Slope in logarithms over the upper half of the sizes."""
     upper = np.log(np.array(curve[len(curve) // 2 - 1 :]))
     return float(np.polyfit(upper[:, 0], upper[:, 1], 1)[0])
 
 
 def draw(curves: dict[str, Curve], path: Path) -> None:
-    """Four panels; the grey line is proportional through the largest size."""
+    """Plot four panels; the gray line is proportional to the size, through the largest one."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

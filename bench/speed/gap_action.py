@@ -35,7 +35,7 @@ STROKES = (
 
 
 def main() -> None:
-    """Run and print one line a stage."""
+    """Run and print one line for each stage."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--strokes", type=int, default=5)
     parser.add_argument("--rtol", type=float, default=3e-6)

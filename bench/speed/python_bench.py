@@ -1,4 +1,4 @@
-"""What Python adds: import, gradient against stroke, many strokes, changed mechanisms, files.
+"""Overhead of Python: import, gradient versus stroke, many strokes, changed mechanisms, files.
 
     python bench/speed/python_bench.py [--case TEXT] [--repeat N] [--strokes N] [--json FILE]
 
@@ -25,13 +25,13 @@ import numpy as np
 import feltmb
 from feltmb.run.batch import simulate_many
 
-#: Thirty parameters as a fit of the action would take them: felts, masses, string, input.
+#: Thirty parameters of a typical fit of the action: felts, masses, string, input.
 PARAMETERS = ["contacts.*.loading.a", "bodies.*.inertia", "string.tension", "stroke.scale"]
 PARAMETERS += ["key.mass", "jack.mass"]
 
 
 def timed(repeat: int, work: Callable[[], Any]) -> tuple[list[float], list[float]]:
-    """Wall and CPU milliseconds of every repeat."""
+    """Wall and CPU times of every repeat [ms]."""
     wall, cpu = [], []
     for _ in range(repeat):
         a, b = time.perf_counter(), time.process_time()
@@ -122,7 +122,7 @@ def measure_many(strokes: int) -> list[Any]:
 
 
 def measure_sweep(strokes: int) -> list[Any]:
-    """A sweep as users write it, its members streamed to a folder; peak memory along the way."""
+    """A typical sweep with members that are stored in a folder; peak memory."""
     action = feltmb.load_action("steinway45")
     values = {"key.mass": {"scale": {"from": 0.95, "to": 1.05, "count": strokes}}}
     jobs = min(2, os.cpu_count() or 1)
@@ -139,7 +139,7 @@ def measure_sweep(strokes: int) -> list[Any]:
             assert result.failed.empty
 
         wall, cpu = timed(1, run)
-        again, _ = timed(1, run)  # all of it is in the folder
+        again, _ = timed(1, run)  # everything is in the folder
     per = {
         "strokes": strokes,
         "jobs": jobs,

@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 CASES, SAMPLES, STEP = 50, 600, 0.02
 MASS, DAMPING, STIFFNESS = 1.0, 0.4, 20.0
 NOISE = 1e-3
-"""Of the sensor, as a share of the motion."""
+"""Noise of the sensor, as a share of the motion."""
 LAWS = {"duffing": "cubic stiffness", "bouc-wen": "hysteresis"}
 STRUCTURES = ("mode", "drift", "quantization")
 
@@ -57,7 +57,7 @@ def _force(seed: int, amplitude: float) -> Array:
 
 
 def _motion(law: str, size: float, sharp: float, force: Array) -> tuple[Array, Array]:
-    """Displacement of the mass, and of a light mode of 3 Hz that rides on it [m]."""
+    """Displacement of the mass, and of a light 3 Hz mode on it [m]."""
     t = np.arange(SAMPLES) * STEP
     width = 0.06
 
@@ -80,7 +80,7 @@ def _motion(law: str, size: float, sharp: float, force: Array) -> tuple[Array, A
 
 
 def records(case: int, *, bare: bool = False) -> tuple[str, str, float, list[Record]]:
-    """Law, structure, its share, and what is measured."""
+    """Law, structure, its share, and the measured records."""
     random = np.random.default_rng(1000 + case)
     law = ("duffing", "bouc-wen")[case % 2]
     structure = STRUCTURES[case // 2 % 3]
@@ -116,7 +116,7 @@ def records(case: int, *, bare: bool = False) -> tuple[str, str, float, list[Rec
 
 
 def model_and_effects(data: Sequence[Record]) -> tuple[OdeModel, tuple[Effect, ...]]:
-    """A linear oscillator and the whole bundle."""
+    """A linear oscillator and all generic effects."""
     mass = Coordinate(name="mass", position="q", speed="v", inertia="m")
     model = OdeModel(
         name="oscillator",
@@ -152,7 +152,7 @@ def run(case: int, *, bare: bool = False) -> tuple[str, str, float, Report, floa
 
 
 def main() -> None:
-    """Run cases and count."""
+    """Run cases and count the correct ones."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )

@@ -32,14 +32,14 @@ Table = dict[str, Array]
 __all__ = ["STORIES", "Outcome", "Story", "diagnose", "make"]
 
 RATE = 2000.0
-"""Samples a second."""
+"""Sample rate [Hz]."""
 CAMERA, CELL = 2e-5, 5e-3
 """Noise of a tracked point [m] and of the load cell [N]."""
 STROKES = {"piano": 0.30, "forte": 0.16, "staccato": 0.25}
-"""Strokes and how long they are recorded [s]."""
+"""Strokes and their recorded durations [s]."""
 CHANNELS = ("key_front.y", "whippen.y", "hammer_tip.x", "hammer_tip.y", "backcheck.x")
 LINES = 10
-"""Lines of the terminal that a person reads first."""
+"""Number of lines on the terminal that a person reads first."""
 
 
 def _same(table: Table) -> Table:
@@ -47,7 +47,7 @@ def _same(table: Table) -> Table:
 
 
 def _tilted(angle: float) -> Callable[[Table], Table]:
-    """A camera turned about its axis by an angle [rad], which sees displacements."""
+    """A camera rotated about its axis by an angle [rad]; it measures displacements."""
 
     def seen(table: Table) -> Table:
         out = dict(table)
@@ -72,7 +72,7 @@ def _scaled(factor: float) -> Callable[[Table], Table]:
 
 
 def _late(delay: float) -> Callable[[Table], Table]:
-    """A load cell that shows the force later by this [s]."""
+    """A load cell whose reading is late by this time [s]."""
 
     def seen(table: Table) -> Table:
         t = table["time"]
@@ -83,23 +83,23 @@ def _late(delay: float) -> Callable[[Table], Table]:
 
 @dataclass(frozen=True, kw_only=True)
 class Story:
-    """What was changed, how it was measured and what a person needs to be told."""
+    """A change of the machine, its measurement, and the required statements of the diagnosis."""
 
     settings: Mapping[str, str] = field(default_factory=dict)
-    """Of ``feltmb stroke``: what the machine has and the model has not."""
+    """Settings of ``feltmb stroke`` for the machine, which the model does not have."""
     machine: str = "steinway45"
     seen: Callable[[Table], Table] = _same
-    """What the sensors make of it."""
+    """Function that converts the run to the readings of the sensors."""
     absolute: bool = False
-    """Whether channels are coordinates, not displacements from rest."""
+    """Whether channels are absolute coordinates instead of displacements from rest."""
     unit: str = "mm"
-    """In the header; the numbers are mm."""
+    """Unit in the header; the numbers are in mm."""
     verdicts: tuple[str, ...]
-    """Any of these is right."""
+    """Verdicts that are correct."""
     words: tuple[str, ...]
-    """All of them are wanted in the first lines; ``a|b``: either."""
+    """Words that the first lines must contain; ``a|b``: one of them."""
     size: tuple[str, float] | None = None
-    """Effect or parameter and its true size [its unit]."""
+    """Effect or parameter and its true magnitude [its unit]."""
 
 
 CALIBRATED = "NO STRUCTURAL GAP, CALIBRATED"
@@ -110,7 +110,7 @@ STORIES: dict[str, Story] = {
         words=("hammer head", "lighter"),
         size=("mass.head", -0.1),
     ),
-    # Heavier in mass alone, as one would set it; mass.head scales inertia as well.
+    # Only the mass is larger, as a user would set it; mass.head also scales the inertia.
     "heavy": Story(
         settings={"bodies.head.mass": "9 g"},
         verdicts=(CALIBRATED,),
@@ -129,7 +129,7 @@ STORIES: dict[str, Story] = {
         size=("felt.03", -0.2),
     ),
     "let_off": Story(
-        # The hammer is 1 mm farther from the string when it lets off.
+        # The hammer is 1 mm farther from the string at let-off.
         settings={"surfaces.Gp10.point.y": "76.88"},
         verdicts=(CALIBRATED, "NAMED"),
         words=("let-off button|let_off_button", "mm|let_off_button"),
@@ -168,7 +168,7 @@ STORIES: dict[str, Story] = {
         size=("input_delay", 2e-3),
     ),
     "nothing": Story(verdicts=("NO GAP",), words=()),
-    # Not regulated, and on one string: key dip 1.3 mm and let-off 0.4 mm off.
+    # Not regulated, and with one string: key dip differs by 1.3 mm and let-off by 0.4 mm.
     "other": Story(
         machine="steinway45_printed",
         verdicts=(CALIBRATED,),
@@ -180,19 +180,19 @@ STORIES: dict[str, Story] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a diagnosis said and took."""
+    """Result and cost of a diagnosis."""
 
     first: tuple[str, ...]
-    """First lines of the terminal, 80 columns."""
+    """First lines on the terminal, 80 columns."""
     verdict: str
     code: int
     wall: float
-    """[s]"""
+    """Wall time [s]."""
     processor: float
-    """[s]"""
+    """Processor time [s]."""
 
     def missing(self, story: Story) -> list[str]:
-        """What the first lines do not say."""
+        """Required statements that the first lines lack."""
         text = " ".join(self.first).lower()
         lacks = [w for w in story.words if not any(a.lower() in text for a in w.split("|"))]
         return lacks + ([] if self.verdict in story.verdicts else [" or ".join(story.verdicts)])
@@ -251,7 +251,7 @@ def make(story: Story, folder: Path, strokes: tuple[str, ...] = tuple(STROKES)) 
 
 
 def diagnose(paths: list[Path], *options: str, timeout: float = 900.0) -> Outcome:
-    """Run ``feltmb gap diagnose steinway45`` as somebody would."""
+    """Run ``feltmb gap diagnose steinway45`` as a user would."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.perf_counter()
     files = [str(p) for p in paths]
@@ -267,7 +267,7 @@ def diagnose(paths: list[Path], *options: str, timeout: float = 900.0) -> Outcom
     except subprocess.TimeoutExpired:
         text, errors, code = "", f"not done after {timeout:g} s", 124
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    # A fault is told below the lines of the progress.
+    # An error message is below the progress lines.
     lines = (text or errors[errors.rfind("feltmb: ") + 8 :]).strip().splitlines()
     if paths:
         (paths[0].parent / "said.txt").write_text(text + "\n--- stderr\n" + errors)
@@ -281,7 +281,7 @@ def diagnose(paths: list[Path], *options: str, timeout: float = 900.0) -> Outcom
 
 
 def main() -> None:
-    """Make and diagnose stories."""
+    """Make stories and diagnose them."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )

@@ -78,7 +78,7 @@ class InvalidParameter(FeltmbError, ValueError):
 
 
 class DataError(InvalidParameter):
-    """A measured or tabulated file cannot be used as it is."""
+    """A measured or tabulated file cannot be used."""
 
 
 class ModelError(FeltmbError):

@@ -1,4 +1,4 @@
-"""Texts below the fields of a class, which Python itself forgets."""
+"""Docstrings of the fields of a class, which Python itself does not store."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _classes(module: str) -> dict[str, ast.ClassDef]:
 
 
 def field_texts(cls: type) -> dict[str, str]:
-    """Field -> the text below it, own fields before inherited ones."""
+    """Field -> its docstring, own fields before inherited ones."""
     found: dict[str, str] = {}
     for base in cls.__mro__:
         if not base.__module__.startswith("feltmb"):

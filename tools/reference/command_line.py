@@ -12,9 +12,9 @@ WIDTH = 80
 def commands(
     command: click.Command, context: click.Context, path: tuple[str, ...]
 ) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Path and help of a command and of those below it."""
+    """Path and help of a command and of its subcommands."""
     if hasattr(command, "_help_option"):
-        command._help_option = None  # kept from an earlier call with other names of the option
+        command._help_option = None  # cached by an earlier call with other names of the option
     yield path, command.get_help(context)
     if isinstance(command, click.Group):
         for name in command.list_commands(context):
@@ -25,7 +25,7 @@ def commands(
 
 
 def page() -> str:
-    """The whole page."""
+    """Text of the page."""
     from feltmb.cli import cli
 
     context = click.Context(

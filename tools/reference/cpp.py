@@ -31,7 +31,7 @@ of structures with type, default, unit and meaning. To use the library, call
 
 
 def pages(include: Path) -> dict[str, str]:
-    """Path and text of each page: an index, and one page a folder of headers."""
+    """Path and text of each page: an index, and one page for each folder of headers."""
     root = include / "feltmb"
     found = {p.parent.relative_to(root).as_posix() for p in root.rglob("*.hpp")}
     folders = [f for f in (*FOLDERS, *sorted(found - set(FOLDERS))) if f in found]
@@ -55,7 +55,7 @@ def folder_page(root: Path, folder: str) -> str:
 
 @dataclass
 class Item:
-    """One declaration: comment before it, text, and comment behind it."""
+    """One declaration: the comment before it, its text, and the comment after it."""
 
     text: str
     before: list[str] = field(default_factory=list)
@@ -102,7 +102,7 @@ def items(code: str) -> Iterator[Item]:
 
 
 def statement_end(code: str, start: int) -> int:
-    """Place behind the semicolon of the statement that begins at ``start``."""
+    """Index after the semicolon of the statement that begins at ``start``."""
     depth = 0
     for found in re.compile(r'//[^\n]*|"(?:\\.|[^"\\])*"|[{}();]').finditer(code, start):
         c = found.group()
@@ -169,12 +169,12 @@ def code_cell(text: str) -> str:
 
 
 def fenced(code: str) -> list[str]:
-    """A block of code; nothing for nothing."""
+    """A block of code; empty for empty text."""
     return ["```cpp", code.strip(), "```", ""] if code.strip() else []
 
 
 def described(comment: list[str]) -> list[str]:
-    """A comment as paragraphs; indented lines are formulas and stay as they are."""
+    """A comment as paragraphs; indented lines are formulas and remain unchanged."""
     lines: list[str] = []
     formula: list[str] = []
     for line in [*comment, ""]:
@@ -189,7 +189,7 @@ def described(comment: list[str]) -> list[str]:
 
 
 def plain(text: str) -> str:
-    """Text of a comment for Markdown: its signs are no markup, except code in backticks."""
+    """Text of a comment for Markdown: markup is escaped, except for code in backticks."""
     parts = re.split(r"(`[^`]*`)", text)
     return "".join(
         p if p.startswith("`") else re.sub(r"([\\*_<>\[\]$#{}~^|])", r"\\\1", p) for p in parts
@@ -197,7 +197,7 @@ def plain(text: str) -> str:
 
 
 def declarations(text: str) -> tuple[str, str]:
-    """What a header is about, and its declarations."""
+    """Description of a header, and its declarations."""
     head = re.match(r"((?:///?.*\n)+)", text)
     about = ""
     if head:
@@ -214,9 +214,9 @@ def declarations(text: str) -> tuple[str, str]:
 
 
 def without_bodies(text: str) -> str:
-    """Bodies of functions become a semicolon; classes, enums and initializers stay."""
+    """Replace function bodies by a semicolon; keep classes, enums and initializers."""
     out: list[str] = []
-    statement = ""  # since the last ; { }, comments left out
+    statement = ""  # since the last ; { }, without comments
     i = 0
     while i < len(text):
         if text.startswith("//", i):
@@ -249,7 +249,7 @@ def without_bodies(text: str) -> str:
 
 
 def is_body(statement: str) -> bool:
-    """Whether a brace after this opens the body of a function."""
+    """Whether a brace after this text opens a function body."""
     plain = re.sub(r"template\s*<[^{]*?>\s*(?=\w)", "", statement)
     return (
         ")" in plain
@@ -259,7 +259,7 @@ def is_body(statement: str) -> bool:
 
 
 def cut_initializers(out: list[str], statement: str) -> None:
-    """Take the initializers of a constructor off what was written."""
+    """Remove the initializers of a constructor."""
     found = re.search(r"\)\s*(noexcept\s*)?(:\s*[A-Za-z_].*)$", statement, re.DOTALL)
     if found and "::" not in found.group(2)[:2]:
         text = "".join(out)
@@ -272,7 +272,7 @@ def cut_initializers(out: list[str], statement: str) -> None:
 
 
 def skip_group(text: str, start: int) -> int:
-    """End of the braces that open at ``start``; strings and comments count as text."""
+    """Index after the brace group that opens at ``start``, without braces in strings."""
     depth = 0
     for found in re.compile(r'//[^\n]*|"(?:\\.|[^"\\])*"|\'(?:\\.|[^\'\\])\'|[{}]').finditer(
         text, start
@@ -287,7 +287,7 @@ def skip_group(text: str, start: int) -> int:
 
 
 def without_private(text: str) -> str:
-    """Leave out the private part of each class, which is its last."""
+    """Remove the private part of each class, which is its last part."""
     lines = []
     skipping = False
     for line in text.splitlines():

@@ -1,4 +1,4 @@
-"""Python: one page a module, which Sphinx fills from signatures and docstrings."""
+"""Python: one page for each module, which Sphinx fills from signatures and docstrings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import inspect
 from types import GenericAlias, ModuleType
 from typing import Any
 
-#: In the order of the index; each offers its ``__all__``.
+#: Modules in the order of the index; each describes its ``__all__``.
 MODULES = (
     "feltmb",
     "feltmb.contact",
@@ -42,7 +42,7 @@ of them.
 
 
 def offered() -> dict[str, dict[str, Any]]:
-    """Module -> its public names that no module before it has."""
+    """Module -> its public names that no earlier module has."""
     found: dict[str, dict[str, Any]] = {}
     seen: set[int] = set()
     for name in MODULES:
@@ -61,7 +61,7 @@ def offered() -> dict[str, dict[str, Any]]:
 
 
 def public_names() -> dict[str, str]:
-    """Where a class or function is defined -> the name under which it is described."""
+    """Place of definition of a class or function -> name under which it is described."""
     return {
         f"{value.__module__}.{value.__qualname__}": f"{module}.{item}"
         for module, items in offered().items()
@@ -80,7 +80,7 @@ def pages() -> dict[str, str]:
 
 
 def module_page(module: str, items: dict[str, Any]) -> str:
-    """One module: what it is, a table of its names, each of them."""
+    """One module: description, table of its names, and each of them."""
     lines = [module, "=" * len(module), "", f".. automodule:: {module}", "   :no-members:", ""]
     lines += [f".. currentmodule:: {module}", ""]
     described = [item for item, value in items.items() if is_described(value)]
@@ -98,7 +98,7 @@ def module_page(module: str, items: dict[str, Any]) -> str:
 
 
 def is_described(value: Any) -> bool:
-    """Whether it is a class or function, not a constant or the name of a type."""
+    """Whether an object is a class or function, as opposed to a constant or a type alias."""
     if isinstance(value, GenericAlias):
         return False
     return callable(value) and hasattr(value, "__qualname__")

@@ -18,7 +18,7 @@ LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
 def schemas() -> list[tuple[str, str, type[BaseModel]]]:
-    """Title, what it is for, schema of each kind of file."""
+    """Title, purpose and schema of each kind of file."""
     from feltmb.action.actuator.model import ActuatorFile
     from feltmb.action.regulate import Targets
     from feltmb.adapters.library import LibraryFile
@@ -49,7 +49,7 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
 
 
 def page() -> str:
-    """The whole page."""
+    """Text of the page."""
     lines = [
         "# TOML files",
         "",
@@ -68,7 +68,7 @@ def page() -> str:
 def tables(
     model: type[BaseModel], path: str, seen: set[type]
 ) -> Iterator[tuple[str, type[BaseModel]]]:
-    """The table itself and the tables in it, each schema once a file."""
+    """A table and the tables in it, each schema once per file."""
     yield path, model
     seen.add(model)
     for name, field in model.model_fields.items():
@@ -80,7 +80,7 @@ def tables(
 
 
 def inner_models(annotation: Any, many: bool = False) -> Iterator[tuple[type[BaseModel], bool]]:
-    """Schemas in an annotation, and whether there may be many, by name."""
+    """Schemas in an annotation by name, and whether there may be several."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation, many
     origin = get_origin(annotation)
@@ -126,7 +126,7 @@ def inner_marks(annotation: Any) -> list[Any]:
 
 
 def kind(annotation: Any) -> str:
-    """What may be written, for people."""
+    """Permitted input, for people."""
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return kind(inner[0])
@@ -148,7 +148,7 @@ def kind(annotation: Any) -> str:
 
 
 def models_in(annotation: Any) -> bool:
-    """Whether there is a schema in it."""
+    """Whether an annotation contains a schema."""
     return any(True for _ in inner_models(annotation))
 
 
@@ -159,7 +159,7 @@ def unit_of(marks: list[Any]) -> list[str]:
         if isinstance(unit, str):
             return ["-" if unit == "1" else unit]
         if isinstance(mark, BeforeValidator):
-            try:  # a field of several dimensions says itself which it takes
+            try:  # a field with several dimensions describes which one applies
                 mark.func({"value": 1.0, "unit": "Pa"})  # type: ignore[call-arg]
             except (ValueError, TypeError, KeyError) as error:
                 found = re.search(r"expected a unit of ([^(]*)$", str(error))
@@ -184,7 +184,7 @@ def limits(marks: list[Any]) -> list[str]:
 
 
 def default(field: Any) -> str:
-    """Default as it would be written."""
+    """Default as it is written in a file."""
     if field.is_required():
         return "*required*"
     value = field.default

@@ -200,12 +200,12 @@ def _size(value: float, unit: str) -> str:
 
 def _looks(row: GapBeforeRow) -> str:
     """Delay or factor that alone explains at least half of the squared difference, as text."""
-    told = []
+    texts = []
     if isfinite(row.delay):
-        told.append(f"{abs(1e3 * row.delay):.3g} ms {'late' if row.delay > 0 else 'early'}")
+        texts.append(f"{abs(1e3 * row.delay):.3g} ms {'late' if row.delay > 0 else 'early'}")
     if isfinite(row.factor):
-        told.append(f"{row.factor:.4g} times")
-    return "\n".join(told)
+        texts.append(f"{row.factor:.4g} times")
+    return "\n".join(texts)
 
 
 def _print_warnings(warnings: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""``feltmb gap plan``: experiments that identify effects."""
+"""``feltmb gap plan``: plans experiments that identify effects."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ __all__ = [
     "units_of",
 ]
 
-#: Effects and parts that are listed.
+#: Largest numbers of effects and parts that are listed.
 MOST_EFFECTS, MOST_PARTS = 12, 5
 
 measured_option = click.option(
@@ -65,14 +65,14 @@ limits_option = click.option(
 
 
 class Telling:
-    """Progress of a plan: a line on a terminal, else one a stage."""
+    """Progress of a plan: one line on a terminal, else one line per stage."""
 
     def __init__(self) -> None:
         self._stage = ""
         self._start = time.monotonic()
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show it."""
+        """Show the progress."""
         text = f"{stage}: {done + 1} of {total}, {time.monotonic() - self._start:.0f} s"
         if is_terminal():
             redraw(text)
@@ -254,7 +254,7 @@ def limits_of(model: str, adapter: Adapter, file: Path | None) -> Limits:
 def sensors_of(
     adapter: Adapter, limits: Limits, records: Sequence[Record], channels: Sequence[str]
 ) -> Any:
-    """Sensors of what will be measured: of the records, of planned runs where these say nothing."""
+    """Sensors of the planned outputs, from the records, or else from planned runs."""
     from dataclasses import replace
 
     wanted = adapter.outputs_of(channels) if channels else None
@@ -289,7 +289,7 @@ def _report(path: Path) -> Any:
 
 
 def _lever(arm: str) -> float:
-    """From the axis of the motor to the tip of the arm [m]."""
+    """Distance from the axis of the motor to the tip of the arm [m]."""
     from feltmb.action.actuator import load_actuator
 
     config = load_actuator(arm).config

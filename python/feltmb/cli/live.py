@@ -32,10 +32,10 @@ def command(
     """
     from feltmb.live import serve
 
-    def told(address: str) -> None:
+    def say_address(address: str) -> None:
         if as_json:
             print_json({"address": address})
         else:
             say(address)
 
-    serve(mechanism, records, browser=not no_browser, port=port, say=told)
+    serve(mechanism, records, browser=not no_browser, port=port, say=say_address)

@@ -75,8 +75,8 @@ def command(
         earlier = touch(former) if former is not None else None
         result = touch(mechanism)
     if as_json:
-        told = result.as_dict()
-        print_json(told if earlier is None else told | {"before": earlier.as_dict()})
+        data = result.as_dict()
+        print_json(data if earlier is None else data | {"before": earlier.as_dict()})
     else:
         screen = console()
         screen.print(touch_table(result, earlier))

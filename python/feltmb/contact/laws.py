@@ -121,11 +121,11 @@ def law(name: str, **parameters: Any) -> Law:
     name
         One of :data:`feltmb.contact.LAWS`, such as ``"felt_memory"`` or ``"hunt_crossley"``.
     **parameters
-        Those of the law's table in a mechanism file, in SI: numbers; curves of thesis eq. 4.21 as
-        ``loading=(a, b, c)``; a loop as ``envelope=(compression, loading, unloading)``, arrays
-        [m, N, N], or as its two curves. :data:`feltmb.contact.CORE_LAWS` has the fields of each
-        law with unit, limits, default and meaning. ``"micromechanical"``: ``felt`` (name, file or
-        :class:`feltmb.felt.FeltMaterial`), ``thickness`` [m], ``area`` (such as
+        Entries of the law's table in a mechanism file, in SI units: numbers; curves of thesis eq.
+        4.21 as ``loading=(a, b, c)``; a loop as ``envelope=(compression, loading, unloading)``,
+        arrays [m, N, N], or as its two curves. :data:`feltmb.contact.CORE_LAWS` has the fields of
+        each law with unit, limits, default and meaning. ``"micromechanical"``: ``felt`` (name, file
+        or :class:`feltmb.felt.FeltMaterial`), ``thickness`` [m], ``area`` (such as
         :class:`feltmb.felt.CrossedCylinders`, or a table as in a mechanism file), ``compression``
         (``"even"`` or ``"columns"``), and the numbers of ``"felt_memory"``.
 

@@ -249,7 +249,7 @@ def with_fields(law: str) -> Callable[[type[Model]], type[Model]]:
 def with_numbers(struct: Any, needed: Iterable[str] = ()) -> Callable[[type[Model]], type[Model]]:
     """Class decorator: adds the numbers of a struct of the core that the schema does not have.
 
-    ``needed``: those that must be given, beside the ones without a default.
+    ``needed``: numbers that are required, in addition to those without a default.
     """
     fields = [LawField(**number) for number in struct.number_fields()]
     entries = {

@@ -1,4 +1,4 @@
-"""Records from files: text, MAT (version 5 or 7.3) and NetCDF, with a small TOML beside them.
+"""Records from files: text, MAT (version 5 or 7.3) and NetCDF, each with a small TOML file.
 
 ``strokes/forte.toml`` describes ``strokes/forte.csv``. Without it, columns are identified by their
 names and have their units in the header, ``hammer [mm]``.
@@ -235,11 +235,11 @@ def _build(path: Path, sheet: Sheet, columns: Columns, *, guessed: bool) -> tupl
 def _acted(sheet: Sheet, record: Record) -> Record:
     """The record with the true inputs, if the sensors of the inputs are specified."""
     for name, spec in sheet.inputs.items():
-        told = {"delay": spec.delay, "gain": spec.gain, "offset": spec.offset}
+        properties = {"delay": spec.delay, "gain": spec.gain, "offset": spec.offset}
         if spec.bandwidth is not None:
-            told["bandwidth"] = spec.bandwidth
-        if told != {"delay": 0.0, "gain": 1.0, "offset": 0.0}:
-            record = record.with_sensed_input(name, **told)
+            properties["bandwidth"] = spec.bandwidth
+        if properties != {"delay": 0.0, "gain": 1.0, "offset": 0.0}:
+            record = record.with_sensed_input(name, **properties)
     return record
 
 
@@ -256,15 +256,15 @@ def _series(
     unit = unit_of_column(columns, key, spec.unit)
     scale, down = 1.0, bool(spec.down)
     if spec.scale != "":
-        told = _scale(spec.scale)
-        if told is None:
+        found = _scale(spec.scale)
+        if found is None:
             faults.append(
                 f"column {shown}: scale = {shortened(repr(spec.scale))}, expected what one "
                 f'{unit or "unit"} is, such as "0.21 mm"'
             )
             return empty
         down = name.endswith(".y") and unit == PIXEL if spec.down is None else down
-        scale, unit = told
+        scale, unit = found
     elif unit == PIXEL:
         faults.append(
             f'column {shown} is in pixels: how large is one? (scale = "0.21 mm" in the TOML, or '

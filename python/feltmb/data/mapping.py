@@ -42,10 +42,10 @@ class Signals:
         return name in self.inputs or any(name in names for names in self.modes.values())
 
 
-def clock_column(columns: Columns, told: str = "") -> str:
+def clock_column(columns: Columns, specified: str = "") -> str:
     """Column of the clock; "" if there is none."""
-    if told:
-        return columns.find(told)
+    if specified:
+        return columns.find(specified)
     exact = next((n for n in ("time", "t", "Time", "T") if n in columns.values), "")
     return (
         exact
@@ -60,9 +60,9 @@ def frame_column(columns: Columns) -> str:
     return columns.frames or _one_of(columns, _FRAMES)
 
 
-def run_column(columns: Columns, told: str = "") -> str:
+def run_column(columns: Columns, specified: str = "") -> str:
     """Column that numbers the runs; "" if there is none."""
-    return columns.find(told) if told else _one_of(columns, _RUNS)
+    return columns.find(specified) if specified else _one_of(columns, _RUNS)
 
 
 def _one_of(columns: Columns, words: Sequence[str]) -> str:
@@ -70,9 +70,9 @@ def _one_of(columns: Columns, words: Sequence[str]) -> str:
     return found[0] if len(found) == 1 else ""
 
 
-def unit_of_column(columns: Columns, column: str, told: str = "") -> str:
+def unit_of_column(columns: Columns, column: str, specified: str = "") -> str:
     """Unit of a column; an unknown unit is kept, "" if there is none."""
-    unit = told or columns.units.get(column, "")
+    unit = specified or columns.units.get(column, "")
     return spelled_unit(unit) or unit
 
 
@@ -99,9 +99,9 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
     """Assign columns by the names of the signals of the model."""
 
     def find(name: str) -> str:
-        told = options.columns.get(name)
-        if told is not None:
-            return told
+        specified = options.columns.get(name)
+        if specified is not None:
+            return specified
         found = columns.find(name, *signals.names.get(name, ()))
         return found or (_by_quantity(columns, signals, name) if signals.is_input(name) else "")
 
@@ -128,9 +128,9 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
             continue
         unit = signals.units.get(name) or "1"
         scaled = {name, ""} & {*options.units, *options.scales}
-        told = columns.units.get(columns.find(place[name])) or name in scaled
-        told = told or (name not in driven and "" in scaled)
-        if unit != "1" and place[name] and not told:
+        known_unit = columns.units.get(columns.find(place[name])) or name in scaled
+        known_unit = known_unit or (name not in driven and "" in scaled)
+        if unit != "1" and place[name] and not known_unit:
             faults.append(
                 f"column {place[name]} has no unit in the header, expected such as [{unit}] "
                 f"(specify it: --unit {name}={unit}, in Python units of ReadOptions)"
@@ -178,12 +178,12 @@ def _of_columns(path: Path, columns: Columns, options: ReadOptions) -> Sheet:
     rest = [c for c in columns.values if c not in aside]
     forces = [c for c in rest if plain_name(c) in _CALLED["N"]]
     forces = forces if len(forces) == 1 < len(rest) else []
-    told = {v: k for k, v in options.columns.items()}
-    outputs = {told.get(c, c): OutputSpec(column=c) for c in rest if c not in forces}
+    channel_of = {v: k for k, v in options.columns.items()}
+    outputs = {channel_of.get(c, c): OutputSpec(column=c) for c in rest if c not in forces}
     if not outputs:
         raise DataError(f"{path}: holds no output; there are {columns}")
     return Sheet(
-        inputs={told.get(c, "force"): InputSpec(column=c) for c in forces}, outputs=outputs
+        inputs={channel_of.get(c, "force"): InputSpec(column=c) for c in forces}, outputs=outputs
     )
 
 
@@ -236,10 +236,10 @@ def _update(
     column = columns.find(spec.column or name)
     update: dict[str, Any] = {}
 
-    def told(table: Mapping[str, Any]) -> Any:
+    def option(table: Mapping[str, Any]) -> Any:
         return table.get(name)
 
-    unit = told(options.units)
+    unit = option(options.units)
     bare = options.units.get("")
     if unit is None and bare and output and not spec.unit and not columns.units.get(column):
         unit = bare
@@ -247,7 +247,7 @@ def _update(
         update["unit"] = unit
     unit = unit_of_column(columns, column, update.get("unit", spec.unit))
     pixels = unit == PIXEL
-    scale = told(options.scales)
+    scale = option(options.scales)
     if scale is None and output and (pixels or not unit):
         scale = options.scales.get("")
     if scale is not None:
@@ -255,7 +255,7 @@ def _update(
         if not unit:
             update["unit"] = PIXEL
             pixels = True
-    origin = told(options.origins)
+    origin = option(options.origins)
     if origin is None and output and (pixels or _measures(unit, "m")):
         origin = _of_axis(name, options.origins.get(""), pixels=pixels)
     if origin is not None:

@@ -147,17 +147,17 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
             continue
         # There are fewer rows than lines if a quoted cell contains line breaks.
         columns.values[name] = values[:read, j]
-        told = unit or spelled_unit(own) or own.strip("[]() ")
-        if told and told != "-":
-            columns.units[name] = told
+        stated = unit or spelled_unit(own) or own.strip("[]() ")
+        if stated and stated != "-":
+            columns.units[name] = stated
         if j < len(table.header) and table.header[j].strip() != name:
             columns.headings[name] = table.header[j].strip()
     return columns
 
 
 def _doubled(names: Iterable[str]) -> bool:
-    told = [n for n in names if n]
-    return len(set(told)) < len(told)
+    named = [n for n in names if n]
+    return len(set(named)) < len(named)
 
 
 def _is_number(cell: str, decimal: str) -> bool:

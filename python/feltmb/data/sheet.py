@@ -110,8 +110,8 @@ class Sheet(Schema):
 class ReadOptions:
     """Options of reading measured files, which replace the TOML file or the header.
 
-    The mappings go from a channel (or ``time``) to a value. The key ``""`` stands for all outputs
-    with an unknown unit (``units``), or for all outputs in pixels (``scales``, ``origins``).
+    The mappings go from a channel (or ``time``) to a value. The key ``""`` means all outputs with
+    an unknown unit (``units``), or for all outputs in pixels (``scales``, ``origins``).
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)

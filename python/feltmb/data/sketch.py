@@ -79,9 +79,9 @@ def _top(path: Path, sheet: Sheet, columns: Columns) -> list[str]:
         rate = "" if sheet.frame_rate is None else f"{sheet.frame_rate:g}"
         lines.append(f"frame_rate = {rate}" if rate else "# frame_rate = 1000  # Hz: specify it")
     else:
-        told = unit_of_column(columns, clock, sheet.time_unit)
-        why = "" if told else "  # no unit in the header"
-        lines.append(f"time_unit = {_quoted(told or 's')}{why}")
+        unit = unit_of_column(columns, clock, sheet.time_unit)
+        why = "" if unit else "  # no unit in the header"
+        lines.append(f"time_unit = {_quoted(unit or 's')}{why}")
         if sheet.frame_rate is not None:
             lines.append(f"frame_rate = {sheet.frame_rate:g}")
     runs = run_column(columns, sheet.run)

@@ -148,9 +148,9 @@ def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
     """Index of the first row in which most cells are numbers; the next row must be alike."""
 
     def share(row: Sequence[str]) -> float:
-        told = [c for c in row if c.strip() not in MISSING]
-        numbers = sum(read_number(c, decimal) is not None for c in told)
-        return numbers / len(told) if told and len(row) == width else 0.0
+        filled = [c for c in row if c.strip() not in MISSING]
+        numbers = sum(read_number(c, decimal) is not None for c in filled)
+        return numbers / len(filled) if filled and len(row) == width else 0.0
 
     shares = [share(row) for row in cells]
     pairs = zip(shares, [*shares[1:], 1.0], strict=True)
@@ -163,7 +163,7 @@ def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
 
 def _are_units(row: Sequence[str]) -> bool:
     """Whether a line holds units: at least one, and otherwise only empty cells."""
-    told = [c.strip() for c in row if c.strip() not in ("", "-", "[]", "()")]
-    return bool(told) and all(
-        spelled_unit(c) is not None or (c[0] in "[(" and c[-1] in "])") for c in told
+    filled = [c.strip() for c in row if c.strip() not in ("", "-", "[]", "()")]
+    return bool(filled) and all(
+        spelled_unit(c) is not None or (c[0] in "[(" and c[-1] in "])") for c in filled
     )

@@ -131,12 +131,12 @@ def _tracker(path: Path, lines: Sequence[str]) -> Columns | None:
     if not plain or plain[0] != "t" or not {"x", "y"} <= set(plain):
         return None
     tracks = _cells(body[0].lstrip("#"))
-    told = [t for t in tracks if t]
-    if not told or any(read_number(t) is not None for t in told):
+    named = [t for t in tracks if t]
+    if not named or any(read_number(t) is not None for t in named):
         return None
     spread = tracks + [""] * (len(head) - len(tracks))
     several = plain.count("x") > 1
-    name, names = told[0], [("time", head[0][1])]
+    name, names = named[0], [("time", head[0][1])]
     for j, (column, unit) in enumerate(head[1:], 1):
         if several and j < len(spread) and spread[j]:
             name = spread[j]

@@ -542,9 +542,9 @@ def _evaluate(
         at_bound = [name for i, name in enumerate(names) if edge[i] < 1e-4 * reach[i]]
         # Down to the first limit, the unloaded state is that of a sample in the file; beyond the
         # other limit, no felt exists.
-        told = tuple(m for m in at_bound if m != c.reference)
+        reported = tuple(m for m in at_bound if m != c.reference)
         warnings = _warnings(
-            model, names, values, interval, correlation, blind, told, c.low, c.high
+            model, names, values, interval, correlation, blind, reported, c.low, c.high
         )
         undetermined = [
             m
@@ -584,7 +584,7 @@ def _evaluate(
                 n_best=n_best,
                 branch=c.branch,
                 name=c.part.name,
-                at_bound=told,
+                at_bound=reported,
                 undetermined=tuple(undetermined),
                 reference="given" if c.reference is None else "estimated",
             )

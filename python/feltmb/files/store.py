@@ -100,11 +100,11 @@ class Store:
                 raise ValueError("its checksum differs")
             if found.pop("key") != key:
                 raise ValueError("it is that of another key")
-            names, told = found.pop("arrays"), found.pop("files")
-            own = {what: file for what, file in (files or {}).items() if what in told}
+            names, checksums = found.pop("arrays"), found.pop("files")
+            own = {what: file for what, file in (files or {}).items() if what in checksums}
             if not all(is_file(file) for file in own.values()):
                 return None
-            if told != _digests(path, bool(names), own):
+            if checksums != _digests(path, bool(names), own):
                 raise ValueError("the checksum of a file that belongs to it differs")
             arrays = read_npz(path.with_suffix(".npz")) if names else {}
             return Kept(found, {name: arrays[name] for name in names})

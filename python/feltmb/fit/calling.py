@@ -33,10 +33,10 @@ class calling:
         trace: TracebackType | None,
     ) -> None:
         if isinstance(error, Exception) and not isinstance(error, FeltmbError):
-            raise InvalidParameter(f"{self._what} raises {_told(error)}") from error
+            raise InvalidParameter(f"{self._what} raises {_explained(error)}") from error
 
 
-def _told(error: Exception) -> str:
+def _explained(error: Exception) -> str:
     """Text of an exception, with its most likely cause."""
     text = f"{type(error).__name__}: {error}"
     if "truth value of an array" in text or "only length-1 arrays" in text:

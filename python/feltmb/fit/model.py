@@ -616,7 +616,7 @@ class Model(ABC):
         raise NotImplementedError
 
     def accepts(self, effect: Effect) -> bool:
-        """Whether the model can simulate an effect; not asked for sensor and input effects."""
+        """Whether the model can simulate an effect. By default: only sensor and input effects."""
         return effect.observe is not None or effect.excite is not None
 
     def guess(self, record: Record, segments: Integers) -> Array:

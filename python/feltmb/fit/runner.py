@@ -241,9 +241,9 @@ class Runner:
         try:
             return call(self._function, run, self._outputs)
         except Unusable as error:
-            raise self._told(run, error) from None
+            raise self._invalid(run, error) from None
 
-    def _told(self, run: Run, error: Unusable) -> InvalidParameter:
+    def _invalid(self, run: Run, error: Unusable) -> InvalidParameter:
         return InvalidParameter(f"model {self._name}: its function {error} ({run})")
 
     def _make(self, runs: Sequence[Run]) -> list[Array | str]:
@@ -255,7 +255,7 @@ class Runner:
             try:
                 out.append(future.result())
             except Unusable as error:
-                raise self._told(run, error) from None
+                raise self._invalid(run, error) from None
             except BrokenProcessPool:
                 raise InvalidParameter(
                     f"model {self._name}: a process of its function ended without an answer, as "

@@ -175,7 +175,7 @@ def without_copies(
     Of equal records, a held-out one is kept, else the first one.
     """
     kept: dict[int, Record] = {}  # by index, because the same record may be given twice
-    told = []
+    notes = []
     held = [r.name in hold_out or r.role == "held_out" for r in records]
     for i in sorted(range(len(records)), key=lambda i: not held[i]):
         record = records[i]
@@ -184,8 +184,8 @@ def without_copies(
             kept[i] = record
         else:
             what = "given twice" if same == record.name else f"holds the same numbers as {same}"
-            told.append(f"{record.name}: {what}; a copy is no second measurement: it is left out")
-    return tuple(kept[i] for i in sorted(kept)), tuple(told)
+            notes.append(f"{record.name}: {what}; a copy is no second measurement: it is left out")
+    return tuple(kept[i] for i in sorted(kept)), tuple(notes)
 
 
 def _same_numbers(one: Record, other: Record) -> bool:

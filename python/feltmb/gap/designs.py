@@ -57,13 +57,13 @@ __all__ = [
 Aim = Literal["names", "sizes"]
 Tell = Callable[[str, int, int], None]
 
-#: Draws of each family that are simulated.
+#: Number of profiles of each family that are simulated.
 DRAWS = 8
-#: Points at which motions are compared.
+#: Number of times at which motions are compared.
 POINTS = 64
-#: First step of the compass search, as a share of the range of a knob, and the smallest.
+#: First and smallest step of the compass search, as a share of the range of a profile parameter.
 COMPASS, FINEST = 0.15, 1e-3
-#: Refinements that a family takes before another is worth a start.
+#: Number of refinements of one family before the next family is refined.
 ROOM = 20
 
 
@@ -74,12 +74,12 @@ class DesignedExperiment:
     name: str
     kind: Literal["stroke", "part", "sensor"]
     cost: float
-    """In experiments."""
+    """Cost of the experiment, in experiments."""
     input: str = ""
-    """Input that it moves."""
+    """Name of the input that moves."""
     profile: Profile | None = None
     record: Record | None = None
-    """With the outputs that the model expects."""
+    """Record with the outputs that the model predicts."""
     part: PartTest | None = None
     sensor: FurtherSensor | None = None
     before: float
@@ -98,15 +98,16 @@ class Visible:
     effect: str
     unit: str
     belief: float
-    """In it now."""
+    """Present probability of the effect [1]."""
     smallest_before: float
-    """Smallest detectable magnitude [unit]; inf: never."""
+    """Smallest detectable magnitude now [unit]; inf: not detectable."""
     smallest: float
-    """The same after the plan."""
+    """Smallest detectable magnitude after the plan [unit]; inf: not detectable."""
     right: float
-    """Probability that it would have after the plan if it were true [1]."""
+    """Expected probability of the effect after the plan, if it were the cause [1]."""
     pair: float
-    """The same of it and the most similar candidate together."""
+    """Expected probability of the effect and the most similar candidate together, after the plan
+    [1]."""
     rival: str
     """Effect that it would most often be confused with after the plan; "": none."""
     confusion: float
@@ -122,18 +123,18 @@ class HelpfulPart:
     effect: str
     parameter: str
     known_to: float
-    """Standard deviation that the measurement needs [``unit``]."""
+    """Standard deviation that the measurement must have [``unit``]."""
     unit: str
     tolerance: float
     """Its present standard deviation [``unit``]."""
     smallest_before: float
-    """Smallest detectable magnitude of the effect [``effect_unit``]."""
+    """Smallest detectable magnitude of the effect before the measurement [``effect_unit``]."""
     smallest: float
     effect_unit: str
 
     @property
     def text(self) -> str:
-        """In words."""
+        """Description in a sentence."""
         own = f"{self.known_to:.1%}" if self.unit == "1" else f"{self.known_to:.2g} {self.unit}"
         unit = "" if self.effect_unit == "1" else f" {self.effect_unit}"
         now = f"{self.smallest_before:.2g}{unit}"
@@ -184,7 +185,7 @@ class Design:
 
     aim: Aim
     experiments: tuple[DesignedExperiment, ...]
-    """In the order in which they should be made; plan again after each."""
+    """Experiments in the order in which they should be made; plan again after each of them."""
     effects: tuple[Visible, ...]
     parts: tuple[HelpfulPart, ...]
     """Parameters that stand most in the way of an effect, after the plan."""
@@ -193,23 +194,23 @@ class Design:
     before: float
     """Expected probability of the correct name now [1], or information [log evidence]."""
     after: float
-    """After the plan."""
+    """The same value after the plan."""
     reachable: float
     """With every experiment that was worked out, each once and with all further sensors: more than
     this nothing here brings."""
     inseparable: tuple[tuple[str, ...], ...]
-    """Effects that all of them together could not tell apart (confusion above one in ten)."""
+    """Effects that all experiments together could not distinguish (confusion above one in ten)."""
     worked_out: int
-    """Linearizations that were made, not those that were kept from before."""
+    """Number of computed linearizations, without those from the store."""
     failed: int
-    """Profiles that the model could not simulate."""
+    """Number of profiles that the model could not simulate."""
     belief: Mapping[str, float]
-    """In each effect before the plan."""
+    """Probability of each effect before the plan [1]."""
 
 
 @dataclass
 class _Option:
-    """An experiment that could be made."""
+    """A possible experiment."""
 
     name: str
     cost: float
@@ -381,7 +382,7 @@ def _greedy(
     budget: float,
     value: Callable[[Knowledge], float],
 ) -> list[_Option]:
-    """The best by gain and cost, again and again, until the budget is spent."""
+    """Repeatedly take the experiment with the best gain and cost, until the budget is used."""
     out: list[_Option] = []
     now = value(knowledge)
     left = budget
@@ -485,7 +486,7 @@ def _equip(
 
 
 class _Work:
-    """Draws profiles and works out what they tell."""
+    """Draws profiles and computes their information."""
 
     def __init__(
         self,
@@ -510,7 +511,7 @@ class _Work:
         return FAMILIES[family].make(knobs, self.limits.inputs[input_name], self.limits)
 
     def record(self, input_name: str, profile: Profile, name: str) -> Record | None:
-        """The run with what the model gives; None: it cannot be simulated."""
+        """Record of a profile with the prediction of the model; None: it cannot be simulated."""
         rate = self.limits.sample_rate
         time = np.arange(max(16, math.floor(profile.end * rate + 1e-6) + 1)) / rate
         mode, others = _mode_of(self.model, input_name, self.limits)
@@ -529,7 +530,7 @@ class _Work:
             return None
 
     def options(self, families: Sequence[str], count: int) -> list[_Option]:
-        """Profiles whose motions differ most, worked out."""
+        """Profiles with the most different motions, with their information."""
         drawn: list[tuple[str, str, tuple[float, ...], Profile, Record]] = []
         total = len(families) * len(self.limits.inputs)
         for at, (input_name, family) in enumerate(
@@ -556,7 +557,7 @@ class _Work:
         return out
 
     def option(self, input_name: str, family: str, knobs: tuple[float, ...]) -> _Option | None:
-        """A profile, worked out; None: it is not allowed, or cannot be simulated."""
+        """A profile with its information; None: it is not allowed or cannot be simulated."""
         key = (input_name, family, knobs)
         if key not in self._known:
             self._known[key] = self._option(input_name, family, knobs)
@@ -606,7 +607,7 @@ class _Work:
         most: int,
         value: Callable[[Knowledge], float],
     ) -> _Option:
-        """The first experiment improved, and where there is room the best of other families too."""
+        """Improve the first experiment and, if refinements remain, the best of other families."""
 
         def worth(option: _Option) -> float:
             return value(knowledge.plus(option.information))
@@ -630,7 +631,7 @@ class _Work:
         most: int,
         value: Callable[[Knowledge], float],
     ) -> _Option:
-        """Compass search of the numbers of a profile."""
+        """Compass search over the parameters of a profile."""
         generator = np.random.default_rng([self.seed, 7])
         best, top = first, value(knowledge.plus(first.information))
         width, step, tried = len(first.knobs), COMPASS, 0
@@ -662,9 +663,9 @@ def _measured(record: Record, sensors: Mapping[str, Sensor]) -> Record:
 
 
 def _mode_of(model: Model, name: str, limits: Limits) -> tuple[Any, list[str]]:
-    """Input mode in which a model reads an input, and all inputs that it needs then.
+    """Input mode in which a model reads an input, and all inputs of this mode.
 
-    A model that does not say so has those of the limits.
+    The limits determine it for a model that does not state its modes.
     """
     for mode, names in model.input_modes.items():
         if name in names:
@@ -673,7 +674,7 @@ def _mode_of(model: Model, name: str, limits: Limits) -> tuple[Any, list[str]]:
 
 
 def _farthest(records: Sequence[Record], sensors: Mapping[str, Sensor], most: int) -> list[int]:
-    """Indices of records whose motion differs most from that of those before, in noise."""
+    """Indices of records; each differs most from the previous ones, in units of the noise."""
     if len(records) <= most:
         return list(range(len(records)))
     rows = []
@@ -683,7 +684,8 @@ def _farthest(records: Sequence[Record], sensors: Mapping[str, Sensor], most: in
         for name, sensor in sensors.items():
             spread = max(float(np.std(x.outputs[name])) for x in records) or 1.0
             sigma = sensor.sigma or 1e-3 * spread
-            # The last value counts where a record is over, and large motions by their logarithm.
+            # After the end of a record its last value is used. Large motions are compared by
+            # logarithm.
             value = np.interp(at, r.time, r.outputs[name]) / sigma
             parts.append(np.sign(value) * np.log1p(np.abs(value)))
         for name, values in r.inputs.items():  # a hundredth of the largest is one step
@@ -702,7 +704,7 @@ def _farthest(records: Sequence[Record], sensors: Mapping[str, Sensor], most: in
 
 
 def _words(profile: Profile, input_name: str, unit: str) -> str:
-    """What a profile is, with its numbers."""
+    """Description of a profile with its numbers."""
     parts = []
     for name, value in profile.numbers.items():
         if name in ("rise", "hold"):
@@ -769,7 +771,7 @@ def _by_name(knowledge: Knowledge, values: Array) -> dict[str, float]:
 
 
 def _reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, ...]:
-    """Number of detectable effects, and the separated pairs, weighted by probability."""
+    """Reasons: number of detectable effects, and separated pairs weighted by probability."""
     weights = before.belief.over(before.candidates)
     names = [t.name for t in before.candidates]
     was, then = before.confusion(), after.confusion()
@@ -782,7 +784,7 @@ def _reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, .
             f"({len(shown[0])} before)"
         )
     same = np.array([[a == b for b in names] for a in names])
-    # Only what shows can be taken for another.
+    # Only a detectable effect can be confused with another one.
     fall = np.where(same, 0.0, was[:, :-1] - then[:, :-1])
     worth = fall * np.minimum(weights[:, None], weights[None, :])
     reported: set[str] = set()
@@ -882,7 +884,7 @@ def _parts(knowledge: Knowledge, most: int = 8) -> tuple[HelpfulPart, ...]:
 
 
 def _inseparable(knowledge: Knowledge) -> tuple[tuple[str, ...], ...]:
-    """Classes that no allowed experiment separates, of the effects that show at all."""
+    """Groups of detectable effects that no allowed experiment separates."""
     from scipy.sparse.csgraph import connected_components
 
     names = list(dict.fromkeys(t.name for t in knowledge.candidates))
@@ -906,20 +908,20 @@ def draw_experiment(
     sensors: Mapping[str, Sensor] | None = None,
     seed: int = 0,
 ) -> tuple[str, Profile, Record]:
-    """An experiment drawn at random within the limits: input, profile, and what the model expects.
+    """A random experiment within the limits: input, profile, and the prediction of the model.
 
     The baseline for a plan: a random choice without optimization.
 
     Parameters
     ----------
     model
-        Model that is to be measured.
+        Model of the machine that will be measured.
     limits
-        What may be done: inputs, duration, rates.
+        Limits of inputs, duration and rates.
     sensors
-        What will be measured, by output; those of the limits go before. Default: all outputs.
+        Sensors by output; sensors of the limits have priority. Default: all outputs.
     seed
-        Of the draws; the same seed draws the same experiment.
+        Seed of the random numbers; equal seeds give equal experiments.
 
     Raises
     ------

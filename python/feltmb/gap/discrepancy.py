@@ -111,7 +111,7 @@ def noise_factors(search: Search) -> dict[str, float]:
 
     The prior standard deviation of a given sigma is ``criteria.GIVEN_SIGMA``. The factor follows
     from the differences of neighboring samples. Slow deviations do not influence these differences,
-    so that an unknown cause is not taken for noise. The factor is at most that of the whole
+    so that an unknown cause is not mistaken for noise. The factor is at most that of the whole
     residual, and the prior pulls it toward one. Factors that are not significant, or larger than
     the prior permits, are omitted.
     """
@@ -143,8 +143,8 @@ def with_factor(
     model: Model, segmented: SegmentedRecord, factor: dict[str, float]
 ) -> SegmentedRecord:
     """The segmented record with the noise of some of its sensors larger by a factor [1]."""
-    told = dict(zip(model.outputs, segmented.noise, strict=True))
-    new = {n: replace(told[n], sigma=f * told[n].sigma) for n, f in factor.items()}
+    noise = dict(zip(model.outputs, segmented.noise, strict=True))
+    new = {n: replace(noise[n], sigma=f * noise[n].sigma) for n, f in factor.items()}
     return _renoised(model, segmented, new)
 
 
@@ -152,9 +152,9 @@ def with_color(
     model: Model, segmented: SegmentedRecord, color: dict[str, float]
 ) -> SegmentedRecord:
     """Copy of the segmented record; the noise of some sensors has a correlation time [s]."""
-    told = dict(zip(model.outputs, segmented.noise, strict=True))
+    noise = dict(zip(model.outputs, segmented.noise, strict=True))
     return _renoised(
-        model, segmented, {n: replace(told[n], correlation_time=t) for n, t in color.items()}
+        model, segmented, {n: replace(noise[n], correlation_time=t) for n, t in color.items()}
     )
 
 
@@ -177,9 +177,9 @@ def with_noise(
     model: Model, segmented: SegmentedRecord, rest: dict[str, Discrepancy]
 ) -> SegmentedRecord:
     """The segmented record with the noise of its sensors replaced by an unexplained residual."""
-    told = dict(zip(model.outputs, segmented.noise, strict=True))
+    noise = dict(zip(model.outputs, segmented.noise, strict=True))
     new = {
-        name: replace(told[name], sigma=own.sigma)
+        name: replace(noise[name], sigma=own.sigma)
         if own.correlation_time is None
         else Noise(own.sigma, own.correlation_time)
         for name, own in rest.items()

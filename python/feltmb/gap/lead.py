@@ -48,8 +48,8 @@ def lead(
 ) -> list[Fit]:
     """Fits to the whole records, largest evidence first; the fit of the model alone is included.
 
-    Empty if the first simulation of the model is already near the records, or if states with
-    continuity defects keep the fit near them.
+    Empty if the tabulated model is already near the records, if continuity defects keep its states
+    near them, or if a parameter has no prior.
     """
     model, start = problem.model, problem.start()
     known = all(np.isfinite(model.parameters[i].sd) for i in problem.free)

@@ -116,15 +116,15 @@ def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
     """
     parameters = {p.name: p for p in model.parameters}
     faults: list[str] = []
-    told: dict[str, list[Measured]] = {}
+    by_parameter: dict[str, list[Measured]] = {}
     for m in measured:
         if m.parameter not in parameters:
             faults.append(
                 f"{m.parameter}: no parameter of {model.name}; there are {', '.join(parameters)}"
             )
             continue
-        told.setdefault(m.parameter, []).append(m)
-    for name, tests in told.items():
+        by_parameter.setdefault(m.parameter, []).append(m)
+    for name, tests in by_parameter.items():
         p, best = parameters[name], min(m.sd for m in tests)
         weights = [(best / m.sd) ** 2 for m in tests]  # at most 1, so that no square overflows
         value = sum(w * m.value for w, m in zip(weights, tests, strict=True)) / sum(weights)
@@ -136,7 +136,7 @@ def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
         parameters[name] = replace(p, value=value, sd=best / math.sqrt(sum(weights)))
     if faults:
         raise InvalidParameter("measured: " + "; ".join(faults))
-    if not told:
+    if not by_parameter:
         return model
     out = copy.copy(model)
     out.parameters = tuple(parameters.values())

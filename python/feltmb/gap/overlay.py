@@ -258,11 +258,11 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
             found.setdefault((texts.pop(), round(factor, 0 if factor > 2.0 else 3)), []).append(
                 name
             )
-    told = [
+    sentences = [
         f"{', '.join(names)}: {factor:.3g} times the model in all records ({text}?)"
         for (text, factor), names in found.items()
     ]
-    return "; ".join(told)
+    return "; ".join(sentences)
 
 
 def _hints(rows: Sequence[GapBeforeRow]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Files of a plan: what a controller plays, what ``feltmb stroke`` reads, pictures, and all of it.
+"""Files of a plan: inputs for a controller, strokes for ``feltmb stroke``, figures, all numbers.
 
 For experiment 1: ``1.csv`` (time and inputs), ``1.toml`` (a stroke, where the model is a
 mechanism), ``1_torque.csv`` (for a key actuator), ``1.png``; a test of a part is ``1.toml`` with
@@ -80,9 +80,9 @@ def write_design(
     units
         SI units by input and output.
     kinds
-        Inputs that are strokes of a mechanism, with the kind of the stroke.
+        Inputs that are strokes of a mechanism -> kind of the stroke.
     lever
-        Of a key actuator [m]: its torque is the force times this.
+        Lever arm of a key actuator [m]; its torque is the force times this length.
     """
     folder = make_folder(folder)
     known = dict(units or {})
@@ -137,7 +137,7 @@ def request_file(
 def _stroke(
     e: DesignedExperiment, path: Path, kind: str, units: Mapping[str, str], *, force: bool
 ) -> Path:
-    """A stroke file as ``feltmb stroke`` reads it."""
+    """A stroke file for ``feltmb stroke``."""
     import tomlkit
 
     assert e.profile is not None
@@ -169,7 +169,7 @@ def _torque(e: DesignedExperiment, path: Path, lever: float, *, force: bool) -> 
 
 
 def _picture(e: DesignedExperiment, path: Path, units: Mapping[str, str], *, force: bool) -> Path:
-    """Picture of the input, and below it the expected outputs."""
+    """Figure of the input and, below it, the expected outputs."""
     record = e.record
     assert isinstance(record, Record)
     figure = new_figure(7.4, 4.5)

@@ -1,4 +1,4 @@
-"""Before any measurement: which effects could be told apart, and what would separate the others."""
+"""Detectability of effects before any measurement, and experiments that separate the others."""
 
 from __future__ import annotations
 
@@ -43,24 +43,25 @@ class Planned:
     unit: str
     scale: float
     smallest: float
-    """Smallest magnitude that would show [unit]; inf: never."""
+    """Smallest detectable magnitude [unit]; inf: not detectable."""
     surviving: float
     """Share of its signature (amplitude) that parameters and nuisances cannot imitate [1]."""
     rival: str
-    """Effect that it would be taken for most often."""
+    """Effect with which it would most often be confused."""
     confusion: float
-    """Probability of that, at the larger of its scale and its smallest magnitude that shows [1]."""
+    """Probability of this confusion, at the larger of its scale and its smallest detectable
+    magnitude [1]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """A further record or sensor, and what it would bring."""
+    """A further record or sensor, and its benefit."""
 
     name: str
     kind: str
     """"record" or "sensor"."""
     worst: float
-    """Largest confusion that is left [1]."""
+    """Largest remaining confusion [1]."""
     mean: float
     """Mean over the effects of their largest confusion [1]."""
     gains: tuple[tuple[str, str, float, float], ...]
@@ -73,12 +74,12 @@ class Plan:
 
     effects: tuple[Planned, ...]
     classes: tuple[tuple[str, ...], ...]
-    """Effects that cannot be told apart (confusion above one in ten)."""
+    """Effects that cannot be distinguished (confusion above one in ten)."""
     unseen: tuple[str, ...]
-    """Effects that leave no trace of their own."""
+    """Effects without a signature of their own."""
     names: tuple[str, ...]
     confusion: tuple[tuple[float, ...], ...]
-    """Probability to take one for the other, in the order of ``names``."""
+    """Probability of mistaking one effect for another, in the order of ``names``."""
     experiments: tuple[Experiment, ...]
     """Ranked, the best first."""
 
@@ -89,7 +90,7 @@ def planned(
     sensors: Mapping[str, Sensor],
     theta: Array | None = None,
 ) -> Record:
-    """The record with outputs as the model would give them, without noise.
+    """The record with the outputs of the model, without noise.
 
     ``theta``: parameters; None: their prior values.
     """
@@ -118,7 +119,7 @@ def _noise(record: Record) -> dict[str, Noise]:
     for name, sensor in record.sensors.items():
         sigma = sensor.sigma
         if sigma is None:
-            # Nothing is known: a thousandth of what it would show.
+            # Nothing is known: the noise is assumed to be a thousandth of the range of the output.
             sigma = 1e-3 * (float(np.std(record.outputs[name])) or 1.0)
         out[name] = noise_of(sensor, sigma, sensor.quantum)
     return out
@@ -131,7 +132,7 @@ def planned_scores(
     *,
     segment: float | None = None,
 ) -> Scores:
-    """Score matrices of records that hold the model's own outputs."""
+    """Score matrices of records that contain the outputs of the model."""
     segmented_records = tuple(segment_record(model, r, _noise(r), segment) for r in records)
     problem = Problem(model, segmented_records)
     point = problem.start()
@@ -141,7 +142,7 @@ def planned_scores(
 
 
 def _best_shapes(scores: Scores) -> list[int]:
-    """One candidate for each effect: the shape that shows best."""
+    """One candidate for each effect, with its most detectable shape."""
     out: dict[str, int] = {}
     for i, t in enumerate(scores.candidates):
         if t.name not in out or scores.strength[i] > scores.strength[out[t.name]]:
@@ -176,7 +177,7 @@ def plan(
         Outputs that will be measured; default: those of the records.
     sensors
         Sensors by output, also of outputs that are not among the channels: these are offered as
-        further sensors. An output without one gets a noise of a thousandth of what it shows.
+        further sensors. An output without a sensor gets a noise of a thousandth of its range.
     experiments
         Further runs that could be made.
     """
@@ -271,7 +272,7 @@ def _ready(
     experiments: Sequence[Record],
     known: Mapping[str, Sensor],
 ) -> tuple[Model, Sequence[Record], Sequence[Record]]:
-    """The model and all runs as a fit would take them, with what the model would show."""
+    """The model and all runs, prepared as for a fit, with the predicted outputs."""
     sensors = {n: known.get(n, Sensor(name=n)) for n in model.outputs}
     shown = []
     for r in (*records, *experiments):
@@ -286,18 +287,18 @@ def _ready(
 def noncentrality(
     model: Model, effect: Effect, magnitude: float, records: Sequence[Record]
 ) -> float:
-    """Expected root of T of an effect of a given magnitude in records of these inputs and sensors.
+    """Expected square root of T for an effect of a given magnitude, with these records.
 
-    The best shape counts.
+    The inputs and sensors of the records are used, and the most detectable shape.
 
     Parameters
     ----------
     model
         Model with its parameters.
     effect
-        Effect whose detectability is asked for.
+        Effect whose detectability is computed.
     magnitude
-        Its magnitude [unit of the effect].
+        Magnitude of the effect [unit of the effect].
     records
         Records, measured or planned.
     """

@@ -1,7 +1,7 @@
-"""Profiles of an input: smooth, within limits, told by a few numbers.
+"""Profiles of an input: smooth, within limits, with a few parameters.
 
-All but the chirp are smooth steps between levels, each no shorter than the limits of rate and
-acceleration allow, so that every profile that is made is allowed.
+All profiles except the chirp are smooth steps between levels. No step is shorter than the limits of
+rate and acceleration permit, so that every profile is allowed.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ __all__ = ["FAMILIES", "Family", "Profile", "ease"]
 
 #: Moves of a profile: begin [s], length [s], height [unit].
 Moves = list[tuple[float, float, float]]
-#: Time that a record goes on after the last move, as a share of the longest experiment.
+#: Time of a record after the last move, as a share of the longest experiment.
 TAIL = 0.25
-#: Points of a step in a file of knots.
+#: Number of points of a step in a file of knots.
 KNOTS = 9
 
 
@@ -36,16 +36,16 @@ def ease(share: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """One input over time."""
+    """An input as a function of time."""
 
     family: str
     numbers: Mapping[str, float]
-    """What tells it, in SI, for people."""
+    """Parameters of the profile in SI units, for people."""
     start: float
-    """[unit]"""
+    """Initial value [unit]."""
     moves: tuple[tuple[float, float, float], ...]
     wave: tuple[float, float, float, float, float] | None = None
-    """Amplitude [unit], first and last frequency [Hz], begin and end [s]."""
+    """Amplitude [unit], first and last frequency [Hz], start and end of the chirp [s]."""
     end: float
     """Length of the record [s]."""
 
@@ -64,7 +64,7 @@ class Profile:
         return np.asarray(value)
 
     def knots(self) -> tuple[Array, Array]:
-        """Times [s] and values through which a monotone cubic follows the profile."""
+        """Times [s] and values of knots; a monotone cubic through them follows the profile."""
         parts = [np.array([0.0, self.end])]
         parts += [np.linspace(b, b + length, KNOTS) for b, length, _ in self.moves]
         if self.wave is not None:
@@ -78,7 +78,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class Family:
-    """Profiles of one kind; ``make`` takes a number in [0, 1] for each knob."""
+    """Profiles of one kind; ``make`` gets a number in [0, 1] for each parameter."""
 
     name: str
     text: str
@@ -87,12 +87,12 @@ class Family:
 
 
 def _between(u: float, low: float, high: float) -> float:
-    """From low to high, evenly in the logarithm."""
+    """Value between low and high, uniform in the logarithm."""
     return float(low * (max(high, low) / low) ** u)
 
 
 class _Path:
-    """Levels one after the other."""
+    """A sequence of levels."""
 
     def __init__(self, own: InputLimits, limits: Limits):
         self.own, self.limits = own, limits
@@ -100,19 +100,19 @@ class _Path:
         self.moves: Moves = []
 
     def least(self, level: float) -> float:
-        """Shortest way to a level [s]: of the limits, and two samples."""
+        """Shortest duration of a move to a level [s]: from the limits, and at least two samples."""
         step = 2.0 / self.limits.sample_rate
         return max(self.own.shortest(level - self.value), step)
 
     def go(self, level: float, length: float) -> None:
-        """Go to a level, no faster than is allowed."""
+        """Move to a level, not faster than permitted."""
         length = max(length, self.least(level))
         self.moves.append((self.time, length, level - self.value))
         self.time += length
         self.value = level
 
     def wait(self, length: float) -> None:
-        """Stay."""
+        """Stay at the level."""
         self.time += length
 
     def profile(
@@ -133,7 +133,7 @@ class _Path:
 
 
 def _level(u: float, own: InputLimits) -> float:
-    """A level: of the larger side of the start, from a tenth on; both sides where there are two."""
+    """A level for u in [0, 1], on both sides of the start if possible, else away from it."""
     up, down = own.most - own.start, own.start - own.least
     if up > 0.0 and down > 0.0:
         at = 2.0 * u - 1.0
@@ -217,7 +217,7 @@ def _chirp(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | No
     if stop - begin < 0.2 * limits.duration:
         return None
     slowest = 1.0 / (stop - begin)
-    # Window and phase together stay within twice the plain rate of a sine.
+    # Window and phase together stay within twice the largest rate of a plain sine.
     fastest = min(
         0.05 * limits.sample_rate,
         0.5 * own.rate / (2.0 * math.pi * amplitude),

@@ -1,6 +1,6 @@
-"""Plan, measure, diagnose, and again, until the cause is named or no experiment helps.
+"""Repeats plan, measurement and diagnosis until the cause is named or no experiment helps.
 
-Folder of a session, a folder a step::
+Files of a session, with one folder for each step::
 
     0/report.json      diagnosis of the records that were there before
     1/plan.json, ...   the plan whose first experiment is made; see :mod:`feltmb.gap.plan_files`
@@ -8,7 +8,7 @@ Folder of a session, a folder a step::
                        a sensor for the records to come)
     1/record.csv       what was measured (or record.toml)
     1/report.json      diagnosis of all records so far
-    1/step.json        what the step came to: it is written last, so that a session resumes there
+    1/step.json        result of the step; written last, so that a session resumes there
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ __all__ = ["Session", "SessionStep", "session"]
 Outcome = Literal[
     "named", "inseparable", "nothing is missing", "nothing more to learn", "out of budget"
 ]
-#: Verdicts that end a session without a cause: the model explains the records.
+#: Verdicts that end a session without a cause, because the model explains the records.
 _COMPLETE = (Verdict.NO_GAP.value, Verdict.CALIBRATED.value)
-#: Keys of a step that must be there to resume.
+#: Entries of a step that are required to resume.
 _KEYS = ("number", "kind", "name", "cost", "verdict", "named", "one_of", "statement", "expected")
 
 
@@ -56,14 +56,14 @@ class SessionStep:
     name: str
     cost: float
     verdict: str
-    """"" before there is a record."""
+    """Verdict of the diagnosis; "" if there is no record yet."""
     named: tuple[str, ...]
     one_of: tuple[str, ...]
     statement: str
     expected: float
-    """Probability of the correct name that the plan expected after it [1]."""
+    """Probability of the correct name that the plan predicted for the time after it [1]."""
     warnings: tuple[str, ...] = ()
-    """Of the diagnosis: noise, copies of records, tolerances."""
+    """Warnings of the diagnosis: noise, copies of records, tolerances."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ class Session:
     statement: str
     steps: tuple[SessionStep, ...]
     report: Mapping[str, Any] | None
-    """report.json of the last diagnosis; None: there was none."""
+    """report.json of the last diagnosis; None: there was no diagnosis."""
 
 
 @checked
@@ -236,7 +236,7 @@ def _complete(report: Mapping[str, Any] | None) -> bool:
 
 
 def _hidden(plan: Design, effects: Sequence[Effect], *, planned: bool) -> list[str]:
-    """Effects that do not show at the least expected magnitude, now or after the plan."""
+    """Effects not detectable at their smallest expected magnitude, now or after the plan."""
     scale = {e.name: e.scale for e in effects}
     return [
         row.effect
@@ -246,9 +246,9 @@ def _hidden(plan: Design, effects: Sequence[Effect], *, planned: bool) -> list[s
 
 
 def _more_to_show(plan: Design, effects: Sequence[Effect]) -> bool:
-    """Whether a plan would show an effect at its least expected magnitude that is hidden now.
+    """Whether a plan makes an effect detectable at its smallest expected magnitude.
 
-    Any experiment makes ever smaller magnitudes detectable: that alone is no reason for it.
+    Any experiment reduces the smallest detectable magnitudes, which alone is no reason for it.
     """
     now, then = (_hidden(plan, effects, planned=p) for p in (False, True))
     return not set(now) <= set(then)
@@ -257,7 +257,7 @@ def _more_to_show(plan: Design, effects: Sequence[Effect]) -> bool:
 def _at_an_end(
     report: Mapping[str, Any] | None, plan: Design, effects: Sequence[Effect], left: float
 ) -> tuple[Outcome, str]:
-    """Why there is no further experiment."""
+    """Reason why there is no further experiment."""
     open_ = [] if report is None else [*report.get("one_of", ()), *report.get("named", ())]
     if open_:
         return (
@@ -290,7 +290,7 @@ def _same_session(
     records: Sequence[Record],
     seed: int,
 ) -> None:
-    """Refuse a folder of another session."""
+    """Raise an error if a folder belongs to another session."""
     digest = digest_of(
         [(p.name, p.value, p.lower, p.upper, p.sd) for p in model.parameters],
         [(e.name, e.scale, e.bounds) for e in effects],
@@ -315,7 +315,7 @@ def _same_session(
 
 
 def _finished_step(here: Path) -> SessionStep | None:
-    """A step of an earlier run; None: it was not finished."""
+    """A step of an earlier run; None: it was not completed."""
     path = here / "step.json"
     if not is_file(path):
         return None
@@ -341,7 +341,7 @@ def _read_asked(here: Path) -> dict[str, Any]:
 def _ask(
     plan: Design, here: Path, units: Mapping[str, str], kinds: Mapping[str, str] | None
 ) -> None:
-    """Write the plan and the request of its first experiment; asked.json last."""
+    """Write the plan and the request of its first experiment; asked.json is written last."""
     first = plan.experiments[0]
     write_design(plan, here, units=units, kinds=kinds, force=True)
     request_file(first, here / "request", units=units, force=True)
@@ -356,7 +356,7 @@ def _ask(
 
 
 def _without(limits: Limits, parts: Sequence[Measured]) -> Limits:
-    """Limits without the tests of parts that were made."""
+    """Limits without the tests of parts that were already made."""
     made = {m.parameter for m in parts}
     return replace(limits, parts=tuple(t for t in limits.parts if t.parameter not in made))
 

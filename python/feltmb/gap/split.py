@@ -23,10 +23,10 @@ def split_records(
     """Split records into fitted and held-out records.
 
     Records named in ``hold_out`` are held out; else those with the role "held_out"; else every
-    third of three or more records. Otherwise every record is cut into five blocks, and the second
-    and fourth are held out. ``masked``: the records are not cut; both parts keep all times, and the
-    outputs of the other blocks are removed. ``left_out``: reasons why records were removed before,
-    for messages.
+    third of three or more records. Otherwise every record is cut into five blocks (two if it has
+    less than 100 samples), and every second block is held out. ``masked``: the records are not cut;
+    both parts keep all times, and the outputs of the other blocks are removed. ``left_out``:
+    reasons why records were removed before, for messages.
     """
     if isinstance(hold_out, str):
         hold_out = [hold_out]

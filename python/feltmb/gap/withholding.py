@@ -319,11 +319,11 @@ class _Machine:
                         f"record {record.name}: nothing was measured of {name}, and its sensor "
                         "has no noise; expected sigma, or a measured record"
                     )
-        told = [with_sigma(r, checks.noise(r.name)) for r in records]
-        ready = model.ready(told)
+        with_noise = [with_sigma(r, checks.noise(r.name)) for r in records]
+        ready = model.ready(with_noise)
         states = ready.model.states(())
         starts, free = [], []
-        for record in told:
+        for record in with_noise:
             prior = record.start
             mean = {} if prior is None else prior.mean
             sd = {} if prior is None else prior.sd
@@ -337,7 +337,7 @@ class _Machine:
                 wild = np.isinf(free[k])
                 starts[k] = np.where(wild, place.starts[0], starts[k])
                 free[k] = np.where(wild, 0.0, free[k])
-        return cls(ready.model, tuple(told), tuple(starts), tuple(free), checks)
+        return cls(ready.model, tuple(with_noise), tuple(starts), tuple(free), checks)
 
     def records_with(
         self, candidate: Candidate | None, magnitude: float, rng: np.random.Generator

@@ -1,4 +1,4 @@
-"""The pages and the WebSocket of the live server, and who may use them."""
+"""Pages and WebSocket of the live server, and their access control."""
 
 from __future__ import annotations
 
@@ -43,22 +43,22 @@ from feltmb.run.stroke import Stroke
 
 __all__ = ["MOST_BODY", "MOST_MESSAGE", "MOST_UPLOAD", "Studio", "make_app"]
 
-#: Largest message of the WebSocket, body of a request, uploaded file [bytes]; pages at a time.
+#: Largest message of the WebSocket, body of a request, and uploaded file [bytes]; number of pages.
 MOST_MESSAGE, MOST_BODY, MOST_UPLOAD = 256 * 1024, 256 * 1024, 32 * 1024 * 1024
 MOST_PAGES = 16
-#: The file of the mechanism is looked at so often [s].
+#: Interval of the checks of the mechanism file [s].
 LOOK = 0.25
 
 
 class Studio:
-    """What all pages share: the mechanism, its file, threads, uploaded files.
+    """Common data of all pages: the mechanism, its file, threads, uploaded files.
 
     Parameters
     ----------
     mechanism
-        Name of a packaged mechanism, or path of a TOML file that is followed.
+        Name of a packaged mechanism, or path of a TOML file that is monitored.
     records
-        Measured files to begin with.
+        Initial measured files.
     """
 
     def __init__(self, mechanism: str, records: tuple[Path, ...] = ()):
@@ -77,14 +77,14 @@ class Studio:
         self._seen = stamps(files_of(self._file)) if self._file is not None else {}
 
     async def follow(self) -> None:
-        """Read the file of the mechanism anew whenever it, or a file that it names, changes."""
+        """Read the mechanism again when its file, or a file to which it refers, changes."""
         while self._file is not None:
             await asyncio.sleep(LOOK)
             now = stamps(self._seen)
             if now == self._seen or now[self._file] is None:
                 continue
             loop = asyncio.get_running_loop()
-            # Files are noted before they are read: a change meanwhile is then seen next time.
+            # Files are noted before they are read: a change during reading is then detected later.
             named = await loop.run_in_executor(self.pool, files_of, self._file)
             self._seen = stamps(named) | {path: now[path] for path in now if path in named}
             try:
@@ -97,13 +97,13 @@ class Studio:
                 await page.greet()
 
     def close(self) -> None:
-        """Free threads and files."""
+        """Release threads and files."""
         self.pool.shutdown(wait=False, cancel_futures=True)
         self._folder.cleanup()
 
 
 def stamps(paths: Iterable[Path]) -> dict[Path, tuple[int, int] | None]:
-    """Time and size of files, None for what is missing: another file has another one."""
+    """Time and size of files, None for a missing file; changed files have other values."""
     out: dict[Path, tuple[int, int] | None] = {}
     for path in paths:
         try:
@@ -116,7 +116,7 @@ def stamps(paths: Iterable[Path]) -> dict[Path, tuple[int, int] | None]:
 
 
 class Page:
-    """One connection."""
+    """One connection to a page."""
 
     def __init__(self, studio: Studio, socket: WebSocket):
         self.studio = studio
@@ -127,12 +127,12 @@ class Page:
         self.measured = Measured(lambda: studio.bench, studio.shelf, studio.pool, self.tell)
 
     def tell(self, kind: str, message: dict[str, Any]) -> None:
-        """Put a message for the page; a newer one replaces one of its kind that was not sent."""
+        """Queue a message for the page; a newer message replaces an unsent one of the same kind."""
         self._box[kind] = message
         self._filled.set()
 
     async def serve(self) -> None:
-        """Talk with the page until it goes."""
+        """Communicate with the page until it is closed."""
         await self.greet()
         tasks = [
             asyncio.create_task(each)
@@ -151,7 +151,7 @@ class Page:
             await asyncio.gather(*tasks, return_exceptions=True)
 
     async def greet(self) -> None:
-        """Tell what can be turned and seen; also when the file of the mechanism changed."""
+        """Send the knobs and outputs, at the start and after a change of the mechanism file."""
         bench, loop = self.studio.bench, asyncio.get_running_loop()
         try:
             found = await loop.run_in_executor(self.studio.pool, greeting, bench)
@@ -249,7 +249,7 @@ def greeting(bench: Bench) -> dict[str, Any]:
 
 
 class Guard:
-    """Refuse what did not come from our own page: other hosts, other origins, other tokens."""
+    """Reject requests that are not from our own page: other hosts, origins or tokens."""
 
     def __init__(self, app: ASGIApp, token: str, hosts: tuple[str, ...]):
         self.app = app
@@ -257,7 +257,7 @@ class Guard:
         self.hosts = hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve or refuse."""
+        """Answer or reject a request."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
@@ -288,7 +288,7 @@ class Guard:
 def answer(
     content: str | bytes, status: int = 200, kind: str = "text/plain; charset=utf-8"
 ) -> Response:
-    """A response with the headers that all responses have."""
+    """A response with the common headers."""
     return Response(content, status, headers=HEADERS, media_type=kind)
 
 
@@ -307,12 +307,12 @@ HEADERS = {
 
 
 async def body_of(request: Request, most: int) -> bytes:
-    """Body of a request of a limited size, whatever its header says.
+    """Body of a request, with a limited size that does not depend on its header.
 
     Raises
     ------
     InvalidParameter
-        It is larger.
+        The body is larger.
     """
     parts, size = [], 0
     told = request.headers.get("content-length", "0")
@@ -336,7 +336,7 @@ def _asset(name: str) -> str:
 
 @cache
 def _script() -> str:
-    """Script of the page: drawing as in the static viewer, then what is live."""
+    """Script of the page: drawing as in the static viewer, then the live parts."""
     return script_of(_asset("live.js"))
 
 
@@ -348,7 +348,7 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
     token
         First part of every path.
     hosts
-        ``127.0.0.1:PORT`` and the like: what the header Host may say.
+        Permitted values of the header Host, such as ``127.0.0.1:PORT``.
     """
 
     async def page(_request: Request) -> Response:
@@ -447,10 +447,10 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
 
 
 def sound_of(bench: Bench, asked: Asked) -> tuple[bytes, float | None]:
-    """The WAV of ``feltmb wav`` of the run of ``feltmb stroke``; less that of ``minus``.
+    """WAV file of the run, as from ``feltmb wav``; with ``minus``, of the difference.
 
-    The second number is the level of a difference over that of the first sound [dB]; None of a
-    sound alone, or where nothing is different.
+    The second result is the level of the difference relative to the first sound [dB]; None without
+    a difference.
     """
     stroke = asked.playing.stroke()
 
@@ -467,7 +467,7 @@ def sound_of(bench: Bench, asked: Asked) -> tuple[bytes, float | None]:
 
 
 def stroke_toml(stroke: Stroke) -> str:
-    """Stroke file as ``feltmb stroke`` reads it."""
+    """Stroke file for ``feltmb stroke``."""
     knots = {
         "unit": ["s", stroke.unit],
         "time": list(stroke.time),
@@ -487,7 +487,7 @@ def stroke_toml(stroke: Stroke) -> str:
 
 
 def toml_of(bench: Bench, turned: Turned) -> str:
-    """Mechanism file with what is turned, and in front of it what was."""
+    """Mechanism file with the changes, and a comment about them at its top."""
     action = turned.action(bench)
     values = bench.values(turned.knobs, turned.numbers)
     lines = [

@@ -1,4 +1,4 @@
-"""Simulations for one page: the newest request first, older ones stopped, nothing piled up."""
+"""Simulations for one page: the newest request is computed first, and older ones are stopped."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ __all__ = ["Desk", "Stopped"]
 Slot = Literal["a", "b"]
 SLOTS: tuple[Slot, ...] = ("a", "b")
 
-#: A newer change stops the simulation under way, unless the page would then have gone without a
-#: picture for so long [s]: who drags wants to see something.
+#: A newer change stops the running simulation, unless the page would then have no new picture for
+#: this time [s]; during dragging it needs pictures.
 PATIENCE = 0.25
-#: Nothing is turned for so long before the whole run and the extras are computed [s].
+#: Time without changes before the complete run and the extras are computed [s].
 AT_REST = 0.2
 #: Largest wall time of a simulation [s].
 MOST_WALL = 20.0
@@ -43,7 +43,7 @@ LEVELS = (1.5, 2.5, 4.0, 7.0, 12.0, 20.0, 35.0)
 
 
 class Stopped(Exception):
-    """A newer request came."""
+    """A newer request has arrived."""
 
 
 class Desk:
@@ -52,11 +52,12 @@ class Desk:
     Parameters
     ----------
     bench
-        Gives the mechanism as it is now; it changes with its file.
+        Function that returns the present mechanism, which follows its file.
     pool
         Threads for simulations.
     tell
-        Takes a message for the page; a newer message of a kind replaces one that was not sent.
+        Function that queues a message for the page; a newer message replaces an unsent one of the
+        same kind.
     """
 
     def __init__(
@@ -80,7 +81,7 @@ class Desk:
         self.counts = {"asked": 0, "begun": 0, "stopped": 0, "pictures": 0}
 
     def ask(self, slot: Slot, asked: Asked) -> None:
-        """Take a request; it replaces the one before."""
+        """Accept a request, which replaces the previous one."""
         self.counts["asked"] += 1
         self._wanted[slot] = asked
         self._wake.set()
@@ -90,24 +91,24 @@ class Desk:
         self._wanted.pop(slot, None)
 
     def close(self) -> None:
-        """The page is gone: what is under way for it stops."""
+        """Stop all computations because the page was closed."""
         self._closed = True
         self._wanted.clear()
         self._wake.set()
 
     def again(self) -> None:
-        """Compute all anew, because the mechanism changed."""
+        """Compute everything again, because the mechanism changed."""
         for done in (self._done, self._full, self._extra):
             done.clear()
         self._wake.set()
 
     def regulate(self, turned: Turned) -> None:
-        """Regulate the mechanism with what is turned."""
+        """Regulate the changed mechanism."""
         self._regulating = turned
         self._wake.set()
 
     async def work(self) -> None:
-        """Serve the requests, for as long as the page lives."""
+        """Process the requests until the page is closed."""
         while True:
             await self._wake.wait()
             self._wake.clear()
@@ -128,21 +129,22 @@ class Desk:
                 self._wake.set()
 
     async def _disturbed(self, seconds: float) -> bool:
-        """Wait; whether something new came meanwhile."""
-        # Not wait_for: in Python 3.11 it loses a cancellation that comes with what it waits for,
-        # and the page would then never end.
+        """Wait; return whether a new request arrived meanwhile."""
+        # Not wait_for: in Python 3.11 it loses a cancellation that arrives together with the
+        # awaited event, and the page would then never end.
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 await self._wake.wait()
         return self._wake.is_set()
 
     async def _run(self, work: Callable[[], Any], *, leave: bool = False) -> Any:
-        """Work in a thread; with ``leave`` something new does not wait for its end.
+        """Work in a thread; with ``leave``, a new request does not wait for its end.
 
-        One at a time is left behind: what cannot be stopped must not fill the threads.
+        Only one such work may be left running, so that work that cannot be stopped does not occupy
+        all threads.
         """
         future = asyncio.get_running_loop().run_in_executor(self._pool, work)
-        # Nobody hears of its end when the page goes meanwhile, or when it is left behind.
+        # Its end may remain unnoticed if the page is closed or it is left running.
         future.add_done_callback(lambda f: f.cancelled() or f.exception())
         if not leave or (self._left is not None and not self._left.done()):
             return await future
@@ -258,12 +260,12 @@ class Desk:
 
 
 def simulated(action: Action, stroke: Stroke, quick: bool, stop: Callable[[], bool]) -> Run:
-    """Run of a stroke; at rest the very one of ``feltmb stroke``.
+    """Run of a stroke; in full quality it is identical to ``feltmb stroke``.
 
     Raises
     ------
     Stopped
-        ``stop`` asked for it.
+        ``stop`` requested the end.
     """
     options: dict[str, Any] = {"ledger": False, "output_rate": QUICK_RATE} if quick else {}
     try:
@@ -277,7 +279,7 @@ def simulated(action: Action, stroke: Stroke, quick: bool, stop: Callable[[], bo
 def target_rows(
     bench: Bench, action: Action, check: Callable[[], None] = lambda: None
 ) -> list[dict[str, Any]]:
-    """Each regulation target with what is measured: held or not."""
+    """Each regulation target with its measured value, and whether it is met."""
     rows: list[dict[str, Any]] = []
     measures = Measures()
     for step in bench.targets.steps if bench.targets else ():
@@ -329,7 +331,7 @@ def speed_curve(action: Action, check: Callable[[], None] = lambda: None) -> dic
 
 
 def regulated(bench: Bench, turned: Turned, say: Callable[[str], None]) -> dict[str, Any]:
-    """What a regulation turns, as magnitudes of the knobs."""
+    """Result of a regulation as magnitudes of the knobs."""
     found = regulate(turned.action(bench), bench.targets, progress=say)
     knobs: Mapping[str, float] = {
         f"screw.{row.name}": turned.knobs.get(f"screw.{row.name}", 0.0)

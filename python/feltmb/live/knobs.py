@@ -1,8 +1,8 @@
-"""What a page may turn: screws, felts, masses, frictions, springs, string; any other number.
+"""Values that a page can change: screws, felts, masses, frictions, springs, string, any number.
 
-A knob moves one or several numbers of the mechanism file by a magnitude, zero being the file
-itself. Screws come from the regulation targets of the mechanism, all others from the tolerances and
-effects of its library: nothing here knows a piano.
+A knob changes one or several numbers of the mechanism file by a magnitude; zero means no change.
+Screws are from the regulation targets of the mechanism, and all others from the tolerances and
+effects of its library. This module has no knowledge of pianos.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from feltmb.units.quantity import shortened
 
 __all__ = ["Bench", "Knob"]
 
-#: Order of the groups, and the beginnings of the names that belong to them.
+#: Order of the groups, and the prefixes of the names in each.
 GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("screws", ("screw.",)),
     ("felts", ("felt",)),
@@ -39,30 +39,30 @@ GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("springs and straps", ("spring", "strap")),
     ("string and hammer", ("string", "bending.", "damping.")),
 )
-#: Tolerances that belong to none of them; a length or an angle among these is a screw.
+#: Group of the other tolerances; lengths and angles among them are screws.
 OTHER = "other tolerances"
-#: A knob without bounds of its own turns this many standard deviations, or times its magnitude.
+#: Range of a knob without limits, in standard deviations or in units of its magnitude.
 REACH_OF_TOLERANCE, REACH_OF_EFFECT = 4.0, 3.0
 
 
 @dataclass(frozen=True)
 class Knob:
-    """One thing to turn.
+    """A value that can be changed.
 
     Attributes
     ----------
     name, group, label
-        For the page.
+        Names for the page.
     unit
         SI unit of the magnitude; ``1``: a share of the tabulated value.
     low, high
-        Bounds of the magnitude, in ``unit``.
+        Limits of the magnitude, in ``unit``.
     sd
-        Standard deviation of the tabulated value [``unit``]; 0: not known.
+        Standard deviation of the tabulated value [``unit``]; 0: unknown.
     changes
-        How the magnitude moves numbers of the file.
+        Changes of numbers of the file by the magnitude.
     note
-        Where it comes from.
+        Source of the knob.
     """
 
     name: str
@@ -76,7 +76,7 @@ class Knob:
     note: str = ""
 
     def as_dict(self, numbers: Mapping[str, tuple[float, str, str]]) -> dict[str, Any]:
-        """Plain data for the page, with the tabulated values of what it moves."""
+        """Plain data for the page, with the tabulated values of the changed numbers."""
         return {
             "name": self.name,
             "group": self.group,
@@ -92,7 +92,7 @@ class Knob:
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """A mechanism with all that can be turned on it."""
+    """A mechanism with all of its knobs."""
 
     action: Action
     targets: Targets | None = field(init=False)
@@ -115,7 +115,7 @@ class Bench:
 
     @cached_property
     def numbers(self) -> dict[str, tuple[float, str, str]]:
-        """Every number of the file by path: value and unit as in the file, source or status."""
+        """Every number of the file by path: value and unit of the file, source or status."""
         out: dict[str, tuple[float, str, str]] = {}
         for path, value, unit, source in self.action.quantities():
             if isinstance(value, list):
@@ -156,7 +156,7 @@ class Bench:
                 )
 
     def _turn(self, step: Step) -> tuple[Change, ...]:
-        """What a screw moves; none where this mechanism lacks its part."""
+        """Changes by a screw; empty if this mechanism lacks its part."""
         assert step.screw is not None
         direction, path = step.screw.direction, step.screw.path
         if direction is None:
@@ -176,7 +176,7 @@ class Bench:
         )
 
     def _sd_of(self, changes: tuple[Change, ...]) -> float:
-        """Standard deviation of a tolerance of the library that moves the same numbers."""
+        """Standard deviation of a tolerance of the library that changes the same numbers."""
         paths = {c.path for c in changes}
         for entry in self.library.tolerances if self.library else ():
             if {c.path for c in entry.changes} & paths and entry.unit != "1":
@@ -219,7 +219,7 @@ class Bench:
             )
 
     def _turns(self, entry: Entry) -> bool:
-        """Whether the file has, or takes, the numbers that an entry moves."""
+        """Whether the file has, or accepts, the numbers that an entry changes."""
         try:
             self.action.with_values(self.values({}, {}, {entry.name: (entry, entry.magnitude)}))
         except FeltmbError:
@@ -232,19 +232,19 @@ class Bench:
         numbers: Mapping[str, float],
         entries: Mapping[str, tuple[Entry, float]] | None = None,
     ) -> dict[str, float]:
-        """What ``--set`` would be given: numbers by path, in the units of the file.
+        """Numbers by path in the units of the file, as for ``--set``.
 
         Parameters
         ----------
         knobs
-            Magnitudes by name, SI.
+            Magnitudes by name, SI units.
         numbers
-            Numbers by path, in the units of the file; they replace what knobs say.
+            Numbers by path, in the units of the file; they replace the values of knobs.
 
         Raises
         ------
         InvalidParameter
-            An unknown knob or path, all at once.
+            Knobs or paths are unknown; all of them are in the message.
         """
         faults = []
         asked: list[tuple[Change, float]] = []
@@ -266,7 +266,7 @@ class Bench:
         return out | {path: float(value) for path, value in numbers.items()}
 
     def _in_file(self, path: str, value: float) -> float:
-        """A number in SI in the unit of the file, without digits that are rounding."""
+        """Convert a number from SI to the unit of the file, without digits of rounding errors."""
         known = self.numbers.get(path)
         unit = known[1] if known else ""
         factor = si_value(f"1 {unit}") if unit else None

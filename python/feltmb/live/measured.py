@@ -1,4 +1,4 @@
-"""Measured files held against the mechanism: overlay while turning, and a diagnosis beside."""
+"""Comparison of measured files with the mechanism, and a diagnosis in the background."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ __all__ = ["Measured", "Shelf"]
 
 _LOG = logging.getLogger(__name__)
 
-#: Uploaded files that are kept; the oldest gives way.
+#: Largest number of uploaded files; the oldest one is removed.
 MOST_FILES = 12
 KINDS = (".csv", ".txt", ".tsv", ".dat", ".mat", ".nc")
-#: Samples of a curve; records that are drawn; how often progress is told [s].
+#: Number of samples of a curve, number of drawn records, interval of progress messages [s].
 MOST_SAMPLES, MOST_RECORDS, TELL_EVERY = 1500, 6, 0.3
 
 Text = Annotated[str, Field(max_length=200)]
 
 
 class _Reading(BaseModel):
-    """What the form of a file says."""
+    """Entries of the form of a file."""
 
     model_config = ConfigDict(extra="forbid")
     columns: Annotated[dict[Text, Text], Field(max_length=50)] = {}
@@ -54,7 +54,7 @@ class _Reading(BaseModel):
     scales: Annotated[dict[Text, Text], Field(max_length=50)] = {}
 
     def options(self) -> ReadOptions:
-        """For the readers of ``gap check``."""
+        """The entries as options of ``gap check``."""
         return ReadOptions(columns=self.columns, units=self.units, scales=self.scales)
 
 
@@ -69,21 +69,21 @@ class _Asked(BaseModel):
 
 @dataclass
 class Shelf:
-    """Uploaded files, in a folder of their own under names of our own."""
+    """Uploaded files, in a separate folder with names of the server."""
 
     folder: Path
     _files: dict[str, tuple[str, Path]] = field(default_factory=dict)
     _numbers: Any = field(default_factory=lambda: itertools.count(1))
 
     def add(self, name: str, data: bytes) -> dict[str, Any]:
-        """Keep a file; tells its columns.
+        """Store a file and return its columns.
 
         Raises
         ------
         InvalidParameter
-            Not a kind of file that is read.
+            The file has an unsupported format.
         DataError
-            It cannot be read.
+            The file cannot be read.
         """
         plain_name = re.sub(r"[^\w .+-]", "_", Path(name.replace("\\", "/")).name)[-80:] or "record"
         kind = Path(plain_name).suffix.lower()
@@ -108,13 +108,13 @@ class Shelf:
         }
 
     def remove(self, key: str) -> None:
-        """Drop a file."""
+        """Remove a file."""
         if (found := self._files.pop(key, None)) is not None:
             found[1].unlink(missing_ok=True)
 
     @property
     def empty(self) -> bool:
-        """Whether it holds no file."""
+        """Whether there are no files."""
         return not self._files
 
     def listing(self) -> list[dict[str, Any]]:
@@ -132,7 +132,7 @@ class Shelf:
         return out
 
     def paths(self, keys: list[str]) -> list[Path]:
-        """Paths of files by key, all for none."""
+        """Paths of files by key; all files if no keys are given."""
         missing = [k for k in keys if k not in self._files]
         if missing or not self._files:
             raise InvalidParameter(
@@ -144,7 +144,7 @@ class Shelf:
 
 
 class Measured:
-    """Overlays and the diagnosis of one page."""
+    """Comparisons and the diagnosis of one page."""
 
     def __init__(
         self,
@@ -161,16 +161,16 @@ class Measured:
         self._believed: tuple[Any, Belief] | None = None
 
     def ask(self, given: Mapping[str, Any]) -> None:
-        """Hold files against the mechanism as it is turned; replaces the request before."""
+        """Compare files with the changed mechanism; this replaces the previous request."""
         self._asked = _read(given)
         self._wake.set()
 
     def diagnose(self, given: Mapping[str, Any]) -> None:
-        """Begin a diagnosis; it or a plan, one at a time."""
+        """Start a diagnosis; only one diagnosis or plan runs at a time."""
         self._begin(self._diagnose, _read(given))
 
     def plan(self, given: Mapping[str, Any]) -> None:
-        """Begin a plan: which stroke to measure next."""
+        """Start a plan of the next stroke to be measured."""
         self._begin(self._plan, _read(given))
 
     def _begin(self, work: Callable[[_Asked], Coroutine[Any, Any, None]], asked: _Asked) -> None:
@@ -180,15 +180,15 @@ class Measured:
         self._running = asyncio.create_task(work(asked))
 
     def stop(self) -> None:
-        """End the diagnosis with what is known so far; give up the plan."""
+        """End the diagnosis with its results so far, and cancel the plan."""
         self._stop = True
 
     def close(self) -> None:
-        """The page is gone."""
+        """Stop because the page was closed."""
         self._stop = True
 
     async def work(self) -> None:
-        """Serve the overlays, for as long as the page lives."""
+        """Process the comparisons until the page is closed."""
         loop = asyncio.get_running_loop()
         while True:
             await self._wake.wait()
@@ -199,12 +199,12 @@ class Measured:
             bench = self._bench()
             try:
                 found = await loop.run_in_executor(self._pool, self._overlay, asked, bench)
-            except Exception as error:  # else the page gets no answer any more
+            except Exception as error:  # otherwise the page would get no more answers
                 found = self._fault(error)
             self._tell("measured", {"on": "measured", "id": asked.id, **found})
 
     def _fault(self, error: Exception) -> dict[str, Any]:
-        """What the page shows of an error; one of the program itself goes to the log."""
+        """Message of an error for the page; internal errors are written to the log."""
         if isinstance(error, FeltmbError):
             return {"fault": self._named(str(error))}
         _LOG.error("feltmb live: unexpected error", exc_info=error)
@@ -212,7 +212,7 @@ class Measured:
         return {"fault": f"unexpected error, {text}; the terminal of feltmb live shows more"}
 
     def _named(self, text: str) -> str:
-        """A message without the folder that the files lie in."""
+        """A message without the folder of the files."""
         return re.sub(re.escape(str(self._shelf.folder)) + r"/r\d+/", "", text)
 
     def _records(self, asked: _Asked, model: Any) -> tuple[Record, ...]:
@@ -283,7 +283,7 @@ class Measured:
                 budget=asked.budget,
                 stop=lambda: self._stop,
             )
-            # One that was stopped has not weighed all that it would have.
+            # A stopped diagnosis has not tested all effects.
             if not report.stopped:
                 belief = Belief.of_report({"which": plain(report.which)})
                 self._believed = (_state(asked, bench), belief)
@@ -313,13 +313,13 @@ class Measured:
         await self._answer("plan", work)
 
     async def _answer(self, on: str, work: Callable[[], dict[str, Any]]) -> None:
-        """Tell the page what a long work found, or why it found nothing."""
+        """Send the result of a long computation to the page, or the reason why there is none."""
         try:
-            # A thread of its own: the pool stays free for what is turned meanwhile.
+            # A separate thread, so that the pool is free for changes in the meantime.
             found = await asyncio.to_thread(work)
         except Abandoned:
             found = {"rows": [], "stopped": True}
-        except Exception as error:  # else the page waits forever
+        except Exception as error:  # otherwise the page would wait forever
             found = self._fault(error)
         self._tell(on, {"on": on, **found})
 
@@ -333,12 +333,12 @@ def _read(given: Mapping[str, Any]) -> _Asked:
 
 
 def _state(asked: _Asked, bench: Bench) -> Any:
-    """What a diagnosis holds for: records as they were read, and what was turned."""
+    """Conditions of a diagnosis: the records as they were read, and the changes."""
     return (asked.files, asked.reading, asked.turned, bench.action.hash)
 
 
 def told(report: Report, bench: Bench) -> dict[str, Any]:
-    """A report for the page: the verdict, candidates with their knob, places with their share."""
+    """A report for the page: verdict, candidates with their knobs, places with their shares."""
     ranked = sorted(report.which.effects, key=lambda r: -r.posterior)[:10]
     return {
         "verdict": report.verdict.value,
@@ -379,7 +379,7 @@ def told(report: Report, bench: Bench) -> dict[str, Any]:
 
 
 def knob_of(bench: Bench, effect: str) -> str:
-    """The knob that does what an effect says; "" where none does."""
+    """Knob that changes the same numbers as an effect; "" if there is none."""
     if effect in bench.knobs:
         return effect
     library = bench.library
@@ -392,9 +392,9 @@ def knob_of(bench: Bench, effect: str) -> str:
 
 
 def tint_of(bench: Bench, shares: Sequence[tuple[str, float]]) -> list[float]:
-    """Share of the gap by body, the ground first: the largest of the places that touch it.
+    """Share of the gap by body, ground first: the largest share of the places at the body.
 
-    A place is a knob, or what a report calls a component.
+    A place is a knob, or a component of a report.
     """
     config = bench.action.config
     bodies = ["ground", *config.bodies]

@@ -1,4 +1,4 @@
-"""What a page draws of a run: moving mechanism, curves, numbers. Small enough for each change."""
+"""Data of a run for a page: moving mechanism, curves, values; small enough for each change."""
 
 from __future__ import annotations
 
@@ -19,21 +19,22 @@ Array = npt.NDArray[np.float64]
 
 __all__ = ["default_shown", "describe_live", "outputs_of", "summary_of"]
 
-#: Pictures of the mechanism, samples of a curve and of the string, while turning and at rest.
+#: Numbers of frames of the mechanism, and of samples of a curve and of the string, in quick and
+#: full quality.
 FRAMES, SAMPLES, STRING = {"quick": 120, "full": 500}, {"quick": 900, "full": 4000}, 300
-#: Pictures that tell how much of each surface is drawn.
+#: Number of frames that determine how much of each surface is drawn.
 POSES = {"quick": 5, "full": 13}
 
 
 def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> dict[str, Any]:
-    """A run for the page, in the units of a reader, ready for JSON.
+    """A run for the page, in practical units, ready for JSON.
 
     Parameters
     ----------
     shown
-        Outputs whose curves are wanted; unknown ones are left out.
+        Outputs whose curves are shown; unknown ones are omitted.
     quality
-        ``quick`` while something is turned, ``full`` when it is at rest.
+        ``quick`` during changes, ``full`` afterwards.
     """
     low, high = busy_window(run)
     time = run.time
@@ -80,7 +81,7 @@ def _every(count: int, most: int) -> npt.NDArray[np.int64]:
 
 
 def _frames(run: Run, low: float, high: float, count: int) -> Array:
-    """Times [s] of pictures, close together where much moves."""
+    """Times [s] of frames, closer together during fast motion."""
     time = run.time
     moved = np.zeros(len(time))
     for name in run.coordinates:
@@ -97,12 +98,12 @@ def _frames(run: Run, low: float, high: float, count: int) -> Array:
 
 
 def summary_of(run: Run) -> dict[str, float]:
-    """Numbers of a run, SI; those of ``feltmb stroke --json``."""
+    """Values of a run, SI units, as in ``feltmb stroke --json``."""
     return {k: float(v) for k, v in run.summary.items() if math.isfinite(float(v))}
 
 
 def outputs_of(run: Run) -> list[list[str]]:
-    """Name, label and unit for a reader of every output."""
+    """Name, label and practical unit of every output."""
     return [
         [n, output_label(n, text), reader_unit(unit)[1]]
         for n, unit, text in zip(run.names, run.units, run.long_names, strict=True)
@@ -110,7 +111,7 @@ def outputs_of(run: Run) -> list[list[str]]:
 
 
 def default_shown(run: Run, action: Action) -> list[dict[str, Any]]:
-    """Panels of curves to begin with."""
+    """Initial panels of curves."""
     panels = default_panels_of(run, action.config.reading)
     if len(contact_numbers(run)) > 0 and "energy.kinetic" in run:
         panels.append({"title": "energy", "outputs": ["energy.kinetic"], "change": False})

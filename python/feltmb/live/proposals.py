@@ -1,4 +1,4 @@
-"""Which stroke to measure next: a small plan, told as strokes that the page can play."""
+"""Proposes the next strokes to measure: a small plan of strokes that the page can simulate."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from feltmb.live.states import Playing
 
 __all__ = ["Abandoned", "propose"]
 
-#: What a hand can repeat; a chirp needs a machine.
+#: Profiles that a person can repeat; a chirp needs a machine.
 FAMILIES = ("press", "pulse", "slow press and release", "repeated note", "half press and press")
-#: Profiles that are worked out in full, strokes that are proposed: an answer in seconds.
+#: Numbers of evaluated profiles and of proposed strokes, for an answer within seconds.
 CANDIDATES, STROKES = 4, 3
-#: Records that the plan counts.
+#: Number of records that the plan uses.
 MOST_RECORDS = 4
 
 
 class Abandoned(FeltmbError):
-    """Who asked does not want it any more."""
+    """The request was canceled."""
 
 
 def propose(
@@ -36,21 +36,21 @@ def propose(
     belief: Belief | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> dict[str, Any]:
-    """Strokes that tell most, the best first, with their reasons.
+    """The most informative strokes, best first, with reasons.
 
     Parameters
     ----------
     records
-        What was measured already; the first :data:`MOST_RECORDS` count.
+        Existing records; the first :data:`MOST_RECORDS` are used.
     belief
-        What a diagnosis of them believes.
+        Probabilities of the effects from a diagnosis of the records.
     progress
-        Told the stage, what is done and of how many; may raise :class:`Abandoned`.
+        Function of the stage, the completed number and the total; it may raise :class:`Abandoned`.
 
     Raises
     ------
     InvalidParameter
-        A mechanism that no finger plays, or that none of the profiles moves.
+        The mechanism has no finger, or none of the profiles moves it.
     """
     limits = finger_limits(model)
     if limits is None:
@@ -76,7 +76,7 @@ def propose(
 
 
 def _sensors(model: MechanismModel, records: Sequence[Record]) -> dict[str, Sensor]:
-    """Those of the records; usual ones where there are none, or where these tell no noise."""
+    """Sensors of the records; typical ones if there are none or their noise is unknown."""
     usual = planned_strokes(model, ("forte",))[0].sensors
     seen = {n: s for r in records for n, s in r.sensors.items() if n in usual}
     return {

@@ -1,4 +1,4 @@
-"""The server of the live page: one port of this machine, one secret address."""
+"""The server of the live page: one port of this computer, one secret address."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ HOST = "127.0.0.1"
 
 
 class Live:
-    """A live server that is bound and not yet running.
+    """A live server that has a port and is not running yet.
 
     Parameters
     ----------
     mechanism
-        Name of a packaged mechanism, or path of a TOML file, which is then followed.
+        Name of a packaged mechanism, or path of a TOML file, which is then monitored.
     records
-        Measured files to begin with.
+        Initial measured files.
     port
-        Of this machine; 0: a free one.
+        Port of this computer; 0: any free port.
 
     Attributes
     ----------
     address : str
-        To be opened in a browser; its token keeps others out.
+        Address for a browser; its token prevents other access.
     """
 
     def __init__(self, mechanism: str, records: Sequence[Path] = (), port: int = 0):
@@ -52,7 +52,7 @@ class Live:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._socket.bind((HOST, port))
-            self._socket.listen()  # the address can be opened as soon as it is told
+            self._socket.listen()  # the address is valid as soon as it is printed
         except OSError as error:
             self.studio.close()
             self._socket.close()
@@ -70,13 +70,13 @@ class Live:
                 proxy_headers=False,
                 ws_max_size=MOST_MESSAGE,
                 ws_max_queue=8,
-                ws_per_message_deflate=False,  # nothing leaves this machine
+                ws_per_message_deflate=False,  # accessible only from this computer
                 limit_concurrency=64,
                 timeout_graceful_shutdown=2,
             )
         )
 
-        # uvicorn would raise the signal anew after its end, which tears the lifespan apart.
+        # uvicorn would raise the signal again after its end, which interrupts the shutdown.
         vars(self._server)["capture_signals"] = lambda: _ends(self._server)
 
     def run(self) -> None:
@@ -84,18 +84,18 @@ class Live:
         self._server.run(sockets=[self._socket])
 
     def stop(self) -> None:
-        """End :meth:`run`, from another thread."""
+        """Stop :meth:`run`, from another thread."""
         self._server.should_exit = True
 
     @property
     def started(self) -> bool:
-        """Whether it answers."""
+        """Whether the server answers."""
         return bool(self._server.started)
 
 
 @contextlib.contextmanager
 def _ends(server: Any) -> Iterator[None]:
-    """Within, Ctrl-C and a request to end are a quiet end."""
+    """Context in which Ctrl-C and a termination request end the server without an error."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -117,28 +117,28 @@ def serve(
     port: int = 0,
     say: Callable[[str], object] = print,
 ) -> None:
-    """Open a page on which a mechanism can be turned and played; returns after Ctrl-C.
+    """Open a page on which a mechanism can be changed and simulated; returns after Ctrl-C.
 
     Parameters
     ----------
     mechanism
-        Name of a packaged mechanism, or path of a TOML file. The page follows the file: what is
-        saved in the editor is seen at once, with all faults of the file.
+        Name of a packaged mechanism, or path of a TOML file. The page monitors the file: a saved
+        change is shown immediately, with all faults of the file.
     records
-        Measured files to hold against it; more can be dropped on the page.
+        Measured files for comparison; more can be dropped on the page.
     browser
-        Open the page in the browser.
+        Whether the page is opened in the browser.
     port
-        Of this machine; 0: a free one.
+        Port of this computer; 0: any free port.
     say
-        Gets the address.
+        Function that is called with the address.
 
     Raises
     ------
     InvalidParameter
-        There is no such mechanism, or its file has faults.
+        The mechanism does not exist, or its file has faults.
     FeltmbError
-        The port is taken, or the packages of ``feltmb[live]`` are missing.
+        The port is in use, or the packages of ``feltmb[live]`` are missing.
     """
     live = Live(mechanism, [Path(r) for r in records], port)
     say(live.address)

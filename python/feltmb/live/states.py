@@ -1,4 +1,4 @@
-"""What a page asks for: the state of its controls, checked, as a mechanism and a stroke."""
+"""Requests of a page: the checked state of its controls, as a mechanism and a stroke."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from feltmb.units.quantity import shortened
 
 __all__ = ["Asked", "Playing", "Turned"]
 
-#: Knots of a drawn stroke; controls that are turned at once; outputs that are shown at once.
+#: Largest numbers of knots of a drawn stroke, of changed controls, and of shown outputs.
 MOST_KNOTS, MOST_TURNED, MOST_SHOWN = 400, 500, 24
-#: Longest stroke [s]: a page that asks for more would wait too long for its picture.
+#: Longest stroke [s]; the page would wait too long for a longer one.
 LONGEST = 3.0
 #: Start of the strokes of the page [s].
 START = 0.02
@@ -39,41 +39,41 @@ class _Table(BaseModel):
 
 
 class Turned(_Table):
-    """What is turned: magnitudes of knobs [SI], and numbers by path in the units of the file."""
+    """Changes: magnitudes of knobs [SI], and numbers by path in the units of the file."""
 
     knobs: Annotated[dict[str, Finite], Field(max_length=MOST_TURNED)] = {}
     numbers: Annotated[dict[str, Finite], Field(max_length=MOST_TURNED)] = {}
 
     def action(self, bench: Bench) -> Action:
-        """The mechanism with all of it.
+        """The mechanism with all changes.
 
         Raises
         ------
         InvalidParameter
-            Something that this mechanism does not have, or a value out of range.
+            This mechanism does not have a changed value, or the value is out of range.
         """
         values = bench.values(self.knobs, self.numbers)
         return bench.action.with_values(values) if values else bench.action
 
 
 class Playing(_Table):
-    """What is played."""
+    """The stroke that is simulated."""
 
     kind: Literal["packaged", "press", "strike", "drawn", "planned", "slow", "repeat", "free"] = (
         "packaged"
     )
     name: Annotated[str, Field(max_length=200)] = "forte"
     force: Annotated[float, Field(gt=0, le=200, allow_inf_nan=False)] = 5.0
-    """Of ``press`` and ``repeat`` [N]."""
+    """Force of ``press`` and ``repeat`` [N]."""
     speed: Annotated[float, Field(ge=0.005, le=5, allow_inf_nan=False)] = 0.2
-    """Of the finger in ``strike`` and ``slow`` [m/s]."""
+    """Speed of the finger in ``strike`` and ``slow`` [m/s]."""
     travel: Annotated[float, Field(gt=0, le=0.05, allow_inf_nan=False)] = 0.012
-    """Of the finger in ``strike`` and ``slow`` [m]."""
+    """Travel of the finger in ``strike`` and ``slow`` [m]."""
     rate: Annotated[float, Field(ge=1, le=20, allow_inf_nan=False)] = 6.0
-    """Strikes a second of ``repeat``."""
+    """Number of strikes per second of ``repeat`` [1/s]."""
     count: Annotated[int, Field(ge=1, le=12)] = 3
     duration: Annotated[float, Field(ge=0.01, le=LONGEST)] = 0.5
-    """Of ``free``, where nothing presses, and of ``planned`` [s]."""
+    """Duration of ``free``, without a finger, and of ``planned`` [s]."""
     drawn: Literal["force", "motion"] = "force"
     time: Annotated[list[Finite], Field(max_length=MOST_KNOTS)] = []
     value: Annotated[list[Finite], Field(max_length=MOST_KNOTS)] = []
@@ -94,7 +94,7 @@ class Playing(_Table):
         Raises
         ------
         InvalidParameter
-            It lasts too long, or its knots do not grow.
+            It is too long, or the times of its knots do not increase.
         """
         stroke = self._made()
         if stroke.duration > LONGEST:
@@ -113,7 +113,7 @@ class Playing(_Table):
             )
         if self.kind == "press":
             return ramp_stroke(self.force, START, 0.02, duration=0.3, name=f"{self.force:g} N")
-        if self.kind == "planned":  # as the files of feltmb gap plan
+        if self.kind == "planned":  # as in the files of feltmb gap plan
             return table_stroke(self.time, self.value, duration=self.duration, name=self.name)
         if self.kind == "drawn":
             end = max(self.time) + 0.15
@@ -148,21 +148,21 @@ class Asked(_Table):
     id: Annotated[int, Field(ge=0, le=2**53)]
     turned: Turned = Turned()
     minus: Turned | None = None
-    """Whose sound is taken from that of ``turned``."""
+    """Mechanism whose sound is subtracted from the sound of ``turned``."""
     playing: Playing = Playing()
     shown: Annotated[list[str], Field(max_length=MOST_SHOWN)] = []
-    """Outputs whose curves are wanted."""
+    """Outputs whose curves are shown."""
     extras: Annotated[list[Literal["targets", "touch", "speeds"]], Field(max_length=3)] = []
-    """What is wanted besides, when nothing else is to be done."""
+    """Additional results, computed when nothing else is to be done."""
 
     @classmethod
     def read(cls, data: Mapping[str, Any]) -> Asked:
-        """From the message of a page.
+        """Request from a message of the page.
 
         Raises
         ------
         InvalidParameter
-            It is no such request.
+            The message is not a valid request.
         """
         try:
             return cls.model_validate(data)

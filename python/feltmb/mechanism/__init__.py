@@ -4,9 +4,6 @@ Only this package knows the file format of mechanisms. ``load_action`` reads a p
 a file, :class:`Action` contains it, and ``Action.with_values`` changes numbers by their dotted
 path. ``schema`` defines the content of a file, ``reading`` finds and extends files, ``values``
 changes them, ``checking`` finds all faults, and ``to_core`` describes the mechanism to the core.
-
-``schema`` says what a file may hold, ``reading`` finds and extends files, ``values`` changes them,
-``checking`` tells all that is wrong, ``to_core`` describes the mechanism to the core.
 """
 
 from feltmb.mechanism.action import Action, load_action

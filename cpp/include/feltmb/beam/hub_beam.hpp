@@ -6,7 +6,7 @@
 
 namespace feltmb {
 
-/// A stretch of the arm with one cross section, the next one adjoining.
+/// A section of the arm with constant cross section.
 struct ArmSection {
   double length = 0.0;         ///< [m], > 0
   double density = 0.0;        ///< rho [kg/m^3], > 0
@@ -15,20 +15,21 @@ struct ArmSection {
   double second_moment = 0.0;  ///< I [m^4], > 0
 };
 
-/// Where the tip mass sits: r across the arm (it turns with the end of the arm), or r further
-/// along.
+/// Position of the tip mass: r perpendicular to the arm (it rotates with the end of the arm), or r
+/// beyond the end of the arm.
 enum class TipPlacement { kAcross, kAlong };
 
 struct HubBeamDescription {
-  double hub_radius = 0.0;           ///< a [m], >= 0: the arm begins there
+  double hub_radius = 0.0;           ///< a [m], >= 0: distance of the arm's start from the axis
   double hub_inertia = 0.0;          ///< J_h about the axis [kg m^2], > 0
   std::vector<ArmSection> sections;  ///< from the hub outward, at least one
   double tip_mass = 0.0;             ///< m_t [kg], >= 0
   double eccentricity = 0.0;         ///< r [m], >= 0
   TipPlacement tip = TipPlacement::kAcross;
-  int elements = 10;  ///< N, at least one a section; shared out by length
-  /// true: the second shape function of thesis eq. 5.2 as printed, l phi_1, which does not
-  /// interpolate a slope: frequencies then grow with N instead of converging. For comparison only.
+  int elements = 10;  ///< N, at least one per section; distributed by length
+  /// true: the second shape function as printed in thesis eq. 5.2, l phi_1, which does not
+  /// interpolate a slope. The frequencies then increase with N instead of converging. For
+  /// comparison only.
   bool printed_shapes = false;
 };
 
@@ -57,15 +58,15 @@ class HubBeam {
   const Eigen::MatrixXd& mass() const { return mass_; }               ///< M
   const Eigen::MatrixXd& stiffness() const { return stiffness_; }     ///< K
   const Eigen::VectorXd& tip() const { return tip_; }  ///< b = tip . q = (L + a) theta + w_N [m]
-  /// Generalized force of a unit field of gravity across the arm [kg, kg m], thesis eq. 5.15;
-  /// that of the hub, taken as balanced, and of r are left out as there.
+  /// Generalized force of a unit gravity field perpendicular to the arm [kg, kg m], thesis eq.
+  /// 5.15. As there, the contributions of the hub, which is assumed to be balanced, and of r are
+  /// neglected.
   const Eigen::VectorXd& weight() const { return weight_; }
 
   /// Moment of inertia about the axis with a rigid arm [kg m^2].
   double rigid_inertia() const { return mass_(0, 0); }
 
-  /// Modes with `tip_mass` [kg] carried along at the tip besides (the equivalent mass of an
-  /// action).
+  /// Modes with an additional mass `tip_mass` [kg] at the tip (the equivalent mass of an action).
   HubBeamModes modes(double tip_mass = 0.0) const;
 
   /// The lowest frequencies [Hz], from the flexibility: relative error of rounding 1e-12 for the

@@ -1,4 +1,5 @@
-/// Contact areas: what two surfaces share at a compression, from the geometry of the pair.
+/// Contact areas: the common area of two surfaces as a function of compression, from their
+/// geometry.
 #pragma once
 
 #include <limits>
@@ -6,7 +7,7 @@
 
 namespace feltmb {
 
-/// Flat faces: the same area at every compression > 0.
+/// Flat surfaces: the area is the same at every compression > 0.
 struct ConstantArea {
   double size = 0.0;  ///< [m^2], > 0
 };
@@ -37,7 +38,7 @@ using ContactArea = std::variant<ConstantArea, CrossedCylinders, CircleOnLayer, 
 /// Throws InvalidParameter naming every fault.
 void validate(const ContactArea& area);
 
-/// Area [m^2] at compression e [m]; 0 for e <= 0. Never falls with e.
+/// Area [m^2] at compression e [m]; 0 for e <= 0. It never decreases with e.
 double shared_area(const ContactArea& area, double e);
 
 /// Largest area [m^2] that shared_area can reach, and the compression [m] at which it does

@@ -9,9 +9,9 @@ struct CubicPiece {
   double value, slope, second, third;
 };
 
-/// F(e) = a e exp(b e) + c e, thesis eq. 4.21; F = 0 for e <= 0.
-/// Beyond b e = 40 the exponential goes on along its tangent: trial steps of a solver may
-/// overshoot to depths where exp(b e) overflows.
+/// F(e) = a e exp(b e) + c e, thesis eq. 4.21; F = 0 for e <= 0. Beyond b e = 40, the exponential
+/// is continued along its tangent, because trial steps of a solver may reach depths at which exp(b
+/// e) overflows.
 struct ExponentialCurve {
   double a = 0.0;  ///< [N/m]
   double b = 0.0;  ///< [1/m], >= 0

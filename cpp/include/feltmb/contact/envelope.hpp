@@ -13,12 +13,12 @@ namespace feltmb {
 /// A loop as functions, for envelopes that are computed.
 struct EnvelopeShape {
   std::function<double(double)> loading;  ///< F_L(e) [N], growing from F_L(0) = 0
-  /// rho(x, e_m) [-], the unloading force over the loading force at e = x e_m of the cycle to e_m:
-  /// never falling in x, in [0, 1], rho(1, e_m) = 1.
+  /// rho(x, e_m) [-], the ratio of unloading to loading force at e = x e_m in the cycle to e_m; it
+  /// does not decrease with x, is in [0, 1], and rho(1, e_m) = 1.
   std::function<double(double, double)> ratio;
   double closing = 0.0;  ///< end of the loop e_M [m]
-  double reach = 0.0;    ///< F_L is tabulated up to here [m], >= closing; its tangent beyond
-  int rows = 1;          ///< 1: rho does not depend on e_m; else rows of a table over e_m, >= 4
+  double reach = 0.0;    ///< F_L is tabulated up to this compression [m], >= closing; then linear
+  int rows = 1;          ///< 1: rho does not depend on e_m; else number of rows over e_m, >= 4
 };
 
 /// An envelope at one compression within the cycle to e_m.
@@ -32,7 +32,8 @@ struct CycleValue {
 
 class Envelope;
 
-/// What an envelope knows of the cycle to e_m before the compression: constant between reversals.
+/// Properties of the cycle to e_m that do not depend on the compression; constant between
+/// reversals.
 struct CycleStart {
   const Envelope* of = nullptr;
   double largest = 0.0;     ///< e_m [m]
@@ -41,11 +42,11 @@ struct CycleStart {
   double weight[3] = {};    ///< and their weights
 };
 
-/// What was changed to make the unloading shape of a loop monotone.
+/// Change that made the unloading shape of a loop monotone.
 struct ShapeRepair {
   double force = 0.0;  ///< largest change of the unloading force of the whole loop [N]
-  double low = 0.0;    ///< from this compression [m]
-  double high = 0.0;   ///< to this one [m]
+  double low = 0.0;    ///< start of the range of the change [m]
+  double high = 0.0;   ///< end of the range of the change [m]
 };
 
 /// Loading force F_L(e) and unloading ratio rho(x, e_m) = F_U(x e_m; e_m) / F_L(x e_m), 0 <= x <=
@@ -54,11 +55,11 @@ struct ShapeRepair {
 /// The unloading branch of a cycle to the compression e_m is F_L(e) rho(e / e_m): the measured
 /// shape scaled to the cycle. W(e_m) is the area of that loop.
 ///
-/// Repaired on the way in: F_L >= 0, 0 <= rho <= 1, rho(1) = 1, and rho never falls. Where it does
-/// (every printed pair of curves but 09 and 15 of Table A.12), a deeper cycle would unload along a
-/// higher force at the same compression. The values nearest to it that never fall, weighted by the
-/// loading force, take its place: the work of the loop is kept, and by how much the force
-/// changes is kept in `repair`.
+/// The input is corrected so that F_L >= 0, 0 <= rho <= 1, rho(1) = 1, and rho never decreases.
+/// Where rho decreases (in every printed pair of curves of Table A.12 except 09 and 15), a deeper
+/// cycle would have a higher unloading force at the same compression. rho is replaced by the
+/// closest values that do not decrease, weighted by the loading force. The work of the loop is
+/// unchanged, and `repair` holds the change of the force.
 class Envelope {
  public:
   /// From the curve fits of thesis eq. 4.21. They meet at e_M, found beyond the compressions at
@@ -69,9 +70,9 @@ class Envelope {
                                                      const ExponentialCurve& unloading,
                                                      double closing = 0.0);
 
-  /// From a measured or computed loop: compressions [m], strictly growing from 0, and the forces
-  /// [N] of both branches there; monotone splines in between; the last point is e_M. Beyond it the
-  /// loading curve goes on along its tangent. Throws InvalidParameter.
+  /// From a measured or computed loop: compressions [m], strictly increasing from 0, and the forces
+  /// [N] of both branches there; monotone splines in between; the last point is e_M. Beyond e_M,
+  /// the loading curve is continued along its tangent. Throws InvalidParameter.
   static std::shared_ptr<const Envelope> from_table(const std::vector<double>& compression,
                                                     const std::vector<double>& loading,
                                                     const std::vector<double>& unloading);
@@ -83,10 +84,10 @@ class Envelope {
   /// e_M [m].
   double closing() const { return closing_; }
 
-  /// Largest compression of the table of F_L [m]; that of curves has no end, there e_M.
+  /// Largest compression of the table of F_L [m]; for curves, which have no end, e_M.
   double reach() const { return exponential_ ? closing_ : reach_; }
 
-  /// What made rho monotone; force 0 if nothing did.
+  /// Change that made rho monotone; its force is 0 if there was none.
   const ShapeRepair& repair() const { return repair_; }
 
   CurveValue loading(double e) const;  ///< F_L [N] and slope [N/m]

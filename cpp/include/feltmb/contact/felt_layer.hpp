@@ -18,9 +18,10 @@
 
 namespace feltmb {
 
-/// Pressure [Pa] against engineering strain u / h [-]: the table that layers of one material share.
-/// Its end e_M is the strain at v_f_max; loading goes on by the same equations to half the
-/// remaining volume fraction, v = (1 + v_f_max) / 2. Made once a material. Throws InvalidParameter.
+/// Pressure [Pa] against engineering strain u / h [-]: a common table of all layers of one
+/// material. Its end e_M is the strain at v_f_max. Loading is continued by the same equations to
+/// half of the remaining volume fraction, v = (1 + v_f_max) / 2. It is made once per material.
+/// Throws InvalidParameter.
 std::shared_ptr<const Envelope> pressure_envelope(const FeltMaterial& material);
 
 enum class LayerCompression { kEven, kColumns };
@@ -42,21 +43,21 @@ struct FeltLayer {
 /// a table over e and e_m; the stick transition z is that of the contact. Throws InvalidParameter.
 std::shared_ptr<const Envelope> layer_envelope(const FeltLayer& layer);
 
-/// Tables of each kind that are kept, the oldest given up first.
+/// Number of cached tables of each kind; the oldest one is removed first.
 inline constexpr std::size_t kLayerCache = 256;
 
-/// A layer as a number of separate columns, each with its whole memory, its own transition
-/// included: what layer_envelope sums up beforehand. Quasi-static.
+/// A layer as separate columns, each with its complete memory, including its own transition.
+/// `layer_envelope` is the precomputed sum over such columns. Quasi-static.
 class LayerColumns {
  public:
   /// @param columns  number of columns, >= 1, spread over compressions up to the layer's end
   /// @param kappa    transition length of each over its loop [-], in (0, 2]
   LayerColumns(const FeltLayer& layer, int columns, double kappa);
 
-  /// Moves to compression e [m], > 0 when touching; returns the force [N].
+  /// Changes the compression to e [m], > 0 in contact; returns the force [N].
   double step(double e);
 
-  /// Forgets everything.
+  /// Restores virgin felt.
   void reset();
 
  private:

@@ -36,8 +36,8 @@ struct SpeedRange {
 
 /// Regularised Coulomb friction, thesis eq. A.1 (after Hirschkorn),
 ///   A [ tanh(v/v_t) + B1 (v/v_t) / (1 + B2 (v/v_t)^4) ].
-/// The printed text names the normal speed; the tangential sliding speed is meant. It creeps at
-/// rest: it holds no load at v = 0.
+/// The printed text names the normal speed; the tangential sliding speed is meant. At rest it
+/// creeps, because its force at v = 0 is zero.
 struct CoulombFriction {
   double amplitude = 0.0;         ///< A, >= 0
   double b1 = 0.0;                ///< B1 [-], >= 0
@@ -101,9 +101,9 @@ struct DragFriction {
   }
 };
 
-/// Stribeck's excess that holds a slow pivot back, S exp(-(v/v_s)^2) tanh(v/v_t) (R. Stribeck; the
-/// form is that of B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083,
-/// with tanh for the sign).
+/// Stribeck's excess friction at low speed, S exp(-(v/v_s)^2) tanh(v/v_t) (R. Stribeck; the form is
+/// that of B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083, with
+/// tanh for the sign).
 struct StribeckFriction {
   double stribeck = 0.0;        ///< S, >= 0
   double stribeck_speed = 0.1;  ///< v_s, > 0
@@ -134,12 +134,12 @@ struct FrictionSum : Terms... {
   static constexpr auto fields() { return std::tuple_cat(Terms::fields()...); }
   bool acts() const { return (Terms::acts() || ...); }
 
-  /// Whether a term that acts turns over within a few threshold speeds.
+  /// Whether an active term changes its sign within a few threshold speeds.
   bool turns_over() const { return ((Terms::kTurnsOver && Terms::acts()) || ...); }
 
   FrictionValue at(double v) const { return sum<Terms...>(v); }
 
-  /// Where the dry terms rise and have died away.
+  /// Speeds at which the dry terms have risen and have decayed.
   SpeedRange dry_speeds() const {
     SpeedRange out{std::numeric_limits<double>::infinity(), 0.0};
     const auto widen = [&]<class T>(const T& term) {
@@ -174,7 +174,7 @@ struct FrictionSum : Terms... {
   }
 
  private:
-  /// From the last term, which is added first; one that does not act changes no bit.
+  /// Starts with the last term; an inactive term changes no bit.
   template <class Term, class... Rest>
   FrictionValue sum(double v) const {
     FrictionValue own{0.0, 0.0};
@@ -187,7 +187,7 @@ struct FrictionSum : Terms... {
   }
 };
 
-/// The terms: one is added by its struct above and its name here.
+/// List of the terms: a new term needs its struct above and its name here.
 using Friction = FrictionSum<  //
     CoulombFriction,           //
     DragFriction,              //

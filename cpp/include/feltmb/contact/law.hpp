@@ -1,9 +1,9 @@
 /// Contact laws: normal force from compression, compression rate and the law's own history.
 ///
-/// A law knows nothing of bodies. Compression e > 0 when touching [m], rate = de/dt [m/s], force
-/// F > 0 pushes the bodies apart [N]. Every law gives its exact slopes, the energy that it can
-/// give back (stored energy) and, if it has memory, the rates of its states. The laws themselves
-/// are in contact/laws; all other code uses ContactLaw and knows none of them.
+/// A law does not depend on bodies. Compression e > 0 when touching [m], rate = de/dt [m/s], force
+/// F > 0 pushes the bodies apart [N]. Every law has exact slopes, the stored (recoverable) energy
+/// and, with memory, the rates of its states. The laws are in contact/laws; all other code only
+/// uses ContactLaw.
 #pragma once
 
 #include <cstddef>
@@ -14,7 +14,7 @@
 
 namespace feltmb {
 
-/// A law ready for use: parameters checked, derived constants computed. Immutable.
+/// A law with checked parameters and derived constants. Immutable.
 class ContactLaw {
  public:
   /// Throws InvalidParameter naming the field, its value and the permitted range.
@@ -37,16 +37,16 @@ class ContactLaw {
   /// Name of a state, and scale of its tolerance at a typical compression [m].
   LawState state(std::size_t i, double compression) const;
 
-  /// Whether the states keep still while the contact is open: nothing need be evaluated then.
+  /// Whether the states are constant while the contact is open, so that nothing must be evaluated.
   bool still_when_open() const { return still_when_open_; }
 
   /// Whether the law remembers its largest compression.
   bool has_memory() const { return has_memory_; }
 
-  /// Time in which an open contact forgets its largest compression [s]; 0: it does not.
+  /// Time constant with which an open contact forgets its largest compression [s]; 0: it does not.
   double recovery_time() const { return recovery_time_; }
 
-  /// Brings the cycle to `largest` [m] of a law with memory up to date.
+  /// Updates the cycle of a law with memory to `largest` [m].
   void keep_cycle(double largest, CycleStart& cycle) const {
     if (envelope_ == nullptr || (cycle.largest == largest && cycle.of == envelope_)) return;
     cycle = envelope_->cycle_to(largest);
@@ -57,33 +57,33 @@ class ContactLaw {
   LawValue evaluate(double compression, double rate, const LawMemory& memory = {},
                     LawStates* states = nullptr) const;
 
-  /// Force and slope after the states have come to rest under a virgin compression [m]; the rest
-  /// pose of a mechanism uses this.
+  /// Force and slope for a virgin compression with states at rest; used for the rest pose of a
+  /// mechanism.
   CurveValue static_force(double compression) const;
   double static_energy(double compression) const;  ///< its integral from 0 [J]
 
   /// States at rest under a virgin compression; `state` holds n_states() values.
   void relax(double compression, double* state) const;
 
-  /// Energy that the law stores [J]: the integral of its loading curve from 0 unless the law
-  /// names its own.
+  /// Stored energy of the law [J]: the integral of its loading curve from 0 unless the law defines
+  /// another one.
   double stored_energy(double compression, const LawMemory& memory = {}) const;
 
-  /// Power that the law turns into heat [W], F de/dt minus the rate of the stored energy.
+  /// Dissipated power of the law [W]: F de/dt minus the rate of the stored energy.
   double dissipated_power(double compression, double rate, const LawMemory& memory = {}) const;
 
   /// Compression and rate of the felt itself, behind a creeping layer if there is one.
   double felt_compression(double compression, const LawMemory& memory) const;
   double felt_rate(double compression, double rate, const LawMemory& memory) const;
 
-  /// Number of the smooth piece of the law: where it changes, the slopes of the force jump, though
-  /// not the force. 0: no force and no rate of a state. Derivatives along a motion have to stop
-  /// there (a step over a change of slope is wrong in first order).
+  /// Number of the smooth piece of the law. At a change of the piece, the slopes of the force jump
+  /// but the force does not. 0: the force and all rates of states are zero. Derivatives along a
+  /// motion must stop at such a change (a step across it has an error of first order).
   int piece(double compression, double rate, const LawMemory& memory = {}) const;
 
-  /// Moves the memory along a path exactly (path.hpp); false: not possible, nothing was done.
+  /// Advances the memory exactly along a path (path.hpp); false: not possible, nothing was changed.
   bool advance(PathPoint& at, double compression, double duration) const;
-  /// Brings states back into their range after a substep.
+  /// Moves states back into their range after a substep.
   void limit(double* state) const;
 
  private:

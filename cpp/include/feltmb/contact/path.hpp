@@ -1,4 +1,4 @@
-/// A contact law along a prescribed compression history, without a machine around it.
+/// A contact law for a prescribed history of compression, without a machine.
 #pragma once
 
 #include <span>
@@ -8,22 +8,22 @@
 
 namespace feltmb {
 
-/// Law with its memory, advanced step by step: what another engine needs to use the law.
-///
-/// Within a step the compression is taken linear in time. Laws that can be are advanced exactly
-/// (`advance` of contact/laws), so that the force of a rate-independent one depends on the path
-/// only, not on time or on the step; the states of others by substeps.
+/// A law with its memory, advanced step by step, for use in another engine. Within a step, the
+/// compression is linear in time. Where possible, a law is advanced exactly (`advance` of
+/// contact/laws), so that the force of a rate-independent law depends only on the path. The states
+/// of other laws are integrated with substeps.
 class LawPath {
  public:
   explicit LawPath(const ContactLaw& law);
 
-  /// Forgets everything: virgin felt.
+  /// Restores virgin felt.
   void reset();
 
-  /// Moves to `compression` [m] within `duration` [s], > 0; returns the normal force [N] there.
+  /// Changes the compression to `compression` [m] within `duration` [s], > 0; returns the normal
+  /// force [N].
   double step(double compression, double duration);
 
-  /// Force if the step were taken, leaving the memory as it is.
+  /// Force after the step, without a change of the memory.
   double peek(double compression, double duration) const;
 
   double compression() const { return at_.compression; }

@@ -1,4 +1,4 @@
-/// Exceptions of the core. Every message says what, where, got, expected, hint.
+/// Exceptions of the core. Every message states what, where, the value, the expectation, a hint.
 #pragma once
 
 #include <stdexcept>
@@ -6,7 +6,7 @@
 
 namespace feltmb {
 
-/// Root of all exceptions that feltmb throws on purpose.
+/// Base class of all exceptions that feltmb throws intentionally.
 class Error : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -18,7 +18,7 @@ class InvalidParameter : public Error {
   using Error::Error;
 };
 
-/// A model cannot do what was asked of it (no equilibrium, singular mass matrix, ...).
+/// A model cannot compute a requested result (no equilibrium, singular mass matrix, ...).
 class ModelError : public Error {
  public:
   using Error::Error;

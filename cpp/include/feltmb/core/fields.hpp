@@ -1,5 +1,5 @@
-/// Tables of fields: the one list of the numbers of a struct with unit, range and meaning. Schemas
-/// of files, keyword constructors of other languages, messages and references follow from it.
+/// Tables of fields: the only list of the numbers of a struct with unit, range and meaning. Schemas
+/// of files, keyword constructors of other languages, messages and references are derived from it.
 #pragma once
 
 #include <limits>
@@ -14,19 +14,19 @@ struct Range {
   double low = -std::numeric_limits<double>::infinity();
   double high = std::numeric_limits<double>::infinity();
   bool low_open = false;   ///< `low` itself is not permitted
-  bool high_open = false;  ///< nor is `high`
+  bool high_open = false;  ///< `high` itself is not permitted
 
   bool holds(double value) const;
   std::string text() const;  ///< such as "> 0" or "in (0, 2]"
 };
 
-/// Where a number acts that has another unit at each.
+/// Place of a number whose unit depends on the place.
 enum class Site { kAny, kRevolute, kPrismatic, kContact };
 
-/// Of a unit that is another at each site, "N m | N | 1", that of one; "1" where none is told.
+/// Unit at one place from the units of all, "N m | N | 1"; "1" if none is stated.
 std::string unit_at(const char* unit, Site site);
 
-/// "name = value unit, must be range"; of several units that of the site.
+/// "name = value unit, must be range", with the unit of the place.
 std::string number_fault(const char* name, double value, const char* unit, const Range& range,
                          Site site = Site::kAny);
 
@@ -52,14 +52,14 @@ constexpr Range below(Range range, double high) {
   return range;
 }
 
-/// Where a field stands in a mechanism file.
+/// Place of a field in a mechanism file.
 enum class Place {
   kTable,    ///< in the table of its own struct
   kContact,  ///< of a law: in the contact itself, shared by the laws that have it
 };
 
-/// A field of a struct S. One must be given that has no default: a curve, or a number whose default
-/// is out of its range.
+/// A field of a struct S. It is required if it has no default, i.e. for a curve, or a number whose
+/// default is out of its range.
 template <class S, class T>
 struct Field {
   const char* name;

@@ -1,4 +1,4 @@
-/// Denormal numbers taken as zero while an object of this class lives.
+/// Denormal numbers are treated as zero during the lifetime of an object of this class.
 #pragma once
 
 #if defined(__SSE2__)
@@ -7,8 +7,8 @@
 
 namespace feltmb {
 
-/// Decaying modes would turn denormal and slow every operation down a hundredfold. The setting of
-/// the thread comes back on leaving.
+/// Decaying modes would become denormal and make every operation a hundred times slower. The
+/// destructor restores the setting of the thread.
 class FlushToZero {
  public:
 #if defined(__SSE2__)

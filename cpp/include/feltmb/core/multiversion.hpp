@@ -1,9 +1,10 @@
-/// Function multiversioning: one binary runs everywhere, the loader picks the widest clone.
+/// Function multiversioning: one binary runs on all processors, and the loader selects the clone
+/// with the widest vectors.
 ///
-/// For the two kernels that gain by it, the LU of Newton's matrix and the vectors of the integrator
-/// (bench/results/2026-11-22_kernels.md).
-/// Kernels marked so must not depend on the width of the vectors: elementwise, or with a fixed
-/// number of partial sums, so that every clone gives the same bits (contraction is off).
+/// It is used for the two kernels that benefit, the LU of Newton's matrix and the vectors of the
+/// integrator (bench/results/2026-11-22_kernels.md). Kernels marked so must not depend on the width
+/// of the vectors: elementwise, or with a fixed number of partial sums, so that every clone gives
+/// the same bits (contraction is off).
 #pragma once
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \

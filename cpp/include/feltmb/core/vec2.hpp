@@ -45,7 +45,7 @@ struct Rotation {
     return is_small(angle) ? of_small(angle) : Rotation{std::cos(angle), std::sin(angle)};
   }
 
-  /// Joints turn little: Taylor series do, below a unit in the last place.
+  /// Joints rotate by small angles: a Taylor series is exact to the last digit.
   static bool is_small(double angle) { return std::fabs(angle) < 0.79; }
   static Rotation of_small(double angle) {
     const double z = angle * angle;

@@ -52,7 +52,7 @@ struct BeadSpringParams {
 /// Throws InvalidParameter naming all faults.
 void validate(const BeadSpringParams& params);
 
-/// What is measured at one moment.
+/// Measured quantities at one time.
 struct BeadSpringSample {
   std::size_t step;          ///< steps since the start
   double v_f;                ///< fiber volume over box volume [-]
@@ -72,7 +72,7 @@ struct BeadSpringSample {
   double max_force;          ///< largest residual force on a bead over E d_f^2 [-]
 };
 
-/// All that is needed to go on: arrays that can be stored and given back.
+/// Complete state for a restart, as arrays that can be stored.
 struct BeadSpringState {
   std::vector<double> positions;    ///< [m], n_fibers * n_beads * 3, not wrapped
   std::vector<double> velocities;   ///< [m/s], same
@@ -83,14 +83,15 @@ struct BeadSpringState {
   std::vector<double> contact_springs;      ///< tangential elongation [m], 3 each
 };
 
-/// A box of fibers. Not copyable; not to be used from two threads at once.
+/// A box of fibers. It cannot be copied, and only one thread at a time may use it.
 class BeadSpringNetwork {
  public:
   /// Lays the fibers at random, uniform in place, with the orientation density of `ratio`;
   /// overlaps are not avoided. @param threads 0: all cores (fewer for
   /// small boxes)
   explicit BeadSpringNetwork(const BeadSpringParams& params, std::size_t threads = 0);
-  /// Goes on from a stored state; bit for bit as if it had not been interrupted.
+  /// Continues from a stored state; the result is the same, bit for bit, as without the
+  /// interruption.
   BeadSpringNetwork(const BeadSpringParams& params, const BeadSpringState& state,
                     std::size_t threads = 0);
   ~BeadSpringNetwork();
@@ -100,25 +101,25 @@ class BeadSpringNetwork {
   /// Work and losses of the relaxation are not booked.
   void relax(std::size_t steps);
 
-  /// Steps with the true strain `strain_per_step` along axis 3 (positive compresses).
-  /// Throws ModelError when a side of the box becomes too short for the neighbor search or a bead
-  /// moves more than a segment in one step.
+  /// Steps with the true strain `strain_per_step` along axis 3 (positive compresses). Throws
+  /// ModelError if a side of the box becomes too short for the neighbor search, or if a bead moves
+  /// by more than a segment in one step.
   void advance(std::size_t steps, double strain_per_step);
 
   [[nodiscard]] BeadSpringSample sample();
   [[nodiscard]] BeadSpringState state() const;
   [[nodiscard]] const BeadSpringParams& params() const;
 
-  /// Largest volume fraction [-] to which this box can be compressed: then its height is the
-  /// shortest in which neighbors are found.
+  /// Largest volume fraction [-] to which this box can be compressed; the height of the box is then
+  /// the smallest one for the neighbor search.
   [[nodiscard]] double densest() const;
 
   /// Total potential energy [J] of the present positions and forces on all beads [N] (without
   /// friction), for tests.
   double energy_and_forces(std::vector<double>& forces);
 
-  /// Crossings of fiber axes nearer than d_f whose nearest points are not fiber ends: what
-  /// Toll's and van Wyk's formulas count (each contact once).
+  /// Crossings of fiber axes closer than d_f whose closest points are not fiber ends. Toll's and
+  /// van Wyk's formulas count these (each contact once).
   [[nodiscard]] std::size_t crossings();
 
   /// Directions of all segments [-].

@@ -20,7 +20,7 @@
 
 namespace feltmb {
 
-/// What friction needs to know about a fiber mass.
+/// Parameters of a fiber mass for friction.
 struct SlidingNetwork {
   double mu;       ///< friction coefficient between fibers [-], >= 0
   double Wf0;      ///< withdrawal force per fiber length at no load [N/m], > 0
@@ -30,7 +30,7 @@ struct SlidingNetwork {
   double Q = 2.0;  ///< [-] > 0; 2: random in space
 };
 
-/// Throws InvalidParameter naming every fault; `where` opens each line.
+/// Throws InvalidParameter with all faults; each line starts with `where`.
 void validate(const SlidingNetwork& network, const char* where);
 
 /// Sliding at one volume fraction and contact force.
@@ -58,23 +58,24 @@ double sliding_proportion(double ratio, double theta);
 /// Requires cos(theta) > mu sin(theta).
 double sliding_resistance(double ratio, double mu, double theta);
 
-/// Sliding at contact force C [N] (>= 0; below 0 it is kept, nothing slides).
+/// Sliding at contact force C [N]; for C < 0 nothing slides, and C is returned unchanged.
 Sliding sliding_at_force(const SlidingNetwork& network, double v_f, double C);
 
-/// Which pressure is known.
+/// Kind of the known pressure.
 enum class Stress {
   elastic,   ///< sigma
   loading,   ///< sigma + tau_loading
   unloading  ///< sigma - tau_unloading
 };
 
-/// Sliding where one of the pressures is known [Pa]. The unloading pressure may not grow with C
-/// (mu below 0.30 at R = 1, 0.1 at R = 2): of several contact forces the largest is taken, and
-/// `unique` is set to false. Throws InvalidParameter if mu = 0 bounds sigma below the pressure.
+/// Sliding for one known pressure [Pa]. If the unloading pressure does not increase with C
+/// everywhere (which happens for mu below 0.30 at R = 1, and below 0.1 at R = 2), there may be
+/// several contact forces: the largest one is used, and `unique` is set to false. Throws
+/// InvalidParameter if mu = 0 bounds sigma below the pressure.
 Sliding sliding_at_pressure(const SlidingNetwork& network, double v_f, double pressure, Stress kind,
                             bool* unique = nullptr);
 
-/// Whether the unloading pressure grows with the contact force throughout, at R and mu.
+/// Whether the unloading pressure increases with the contact force everywhere, at R and mu.
 bool unloading_is_unique(double ratio, double mu);
 
 /// Repaired: both caps, average over the sliding contacts, total form. Printed: one cap (half the

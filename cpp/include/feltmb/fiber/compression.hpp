@@ -17,7 +17,7 @@
 
 namespace feltmb {
 
-/// One parameter of a law: the description is used for checks, fits, command line and documents.
+/// One parameter of a law; checks, fits, command line and documents use this description.
 struct LawParameter {
   std::string name;      ///< ASCII name as in the thesis ("k_p", "v_fm", ...)
   std::string unit;      ///< SI unit, "" when dimensionless

@@ -1,4 +1,4 @@
-/// Collects every fault of a set of arguments, so that one exception names them all.
+/// Collects all faults of a set of arguments for one exception.
 #pragma once
 
 #include <cmath>

@@ -1,4 +1,4 @@
-/// Laws of the literature review that remember: comparators for the compression laws.
+/// Laws with memory from the literature, for comparison with the compression laws.
 ///
 /// Input is a history of compression x(t), output stress [Pa] or force [N], both positive in
 /// compression and never negative (felt does not pull).

@@ -1,4 +1,4 @@
-/// Which order of the BDF a mechanism may be integrated with.
+/// Permitted order of the BDF for a mechanism.
 ///
 /// No order above two is stable for every undamped mode at every step (G. Dahlquist, BIT 3 (1963)
 /// 27). Two things follow. Fast modes that move less than the tolerance, as most of a string's do,
@@ -19,14 +19,15 @@
 
 namespace feltmb {
 
-/// A mode of a mechanism that nothing touches or drives.
+/// A free mode of a mechanism, without contact or drive.
 struct FreeMode {
   double rate = 0.0;     ///< omega [rad/s], > 0
   double damping = 0.0;  ///< ratio xi [-]
 };
 
-/// Modes of bodies, springs and flexible members about a pose, condensed coordinates kept; strings
-/// are not among them. Only members damp: friction saturates, and holds back no large motion.
+/// Modes of bodies, springs and flexible members about a pose, with constant condensed coordinates;
+/// modes of strings are not included. Only members have damping: friction saturates and does not
+/// damp large motions.
 std::vector<FreeMode> free_modes(const std::shared_ptr<const Mechanism>& mechanism,
                                  std::span<const double> pose);
 

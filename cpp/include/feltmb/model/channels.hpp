@@ -10,8 +10,8 @@
 
 namespace feltmb {
 
-/// What a channel reads: a system evaluated at (t, y). It may be of another mechanism than the
-/// table was made for, with other numbers; a channel reads all from here.
+/// Input of a channel: a system evaluated at (t, y). Its mechanism may have other numbers than the
+/// one for which the table was made; a channel only reads values from here.
 struct ChannelView {
   MechanismSystem& system;
   double t;
@@ -22,13 +22,13 @@ struct ChannelView {
   Dynamics& dynamics() const { return system.dynamics(); }
 };
 
-/// An output: one row of the table.
+/// One output, i.e. one row of the table.
 struct Channel {
   std::string name;
   std::string unit;
   std::string text;
   std::function<double(const ChannelView&)> value;
-  bool place = false;  ///< follows from the places and speeds of the links alone
+  bool place = false;  ///< depends only on positions and speeds of the links
 };
 
 /// All outputs of a mechanism in their order: coordinates and their rates, tracking points,
@@ -49,7 +49,7 @@ class Channels {
   void observe(MechanismSystem& system, double t, std::span<const double> y,
                std::span<double> out) const;
 
-  /// As `observe`, but only the outputs that are places are filled in: no force is evaluated.
+  /// As `observe`, but only for outputs of positions: no force is evaluated.
   void observe_places(MechanismSystem& system, std::span<const double> y,
                       std::span<double> out) const;
 

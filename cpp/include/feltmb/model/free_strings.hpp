@@ -1,4 +1,4 @@
-/// Strings that nothing touches, at any time, exactly.
+/// Exact motion of strings without contact, at any time.
 #pragma once
 
 #include <span>
@@ -13,7 +13,7 @@ class FreeStrings {
  public:
   explicit FreeStrings(const Mechanism& mechanism);
 
-  /// From now on the strings are free; eta [m kg^1/2] and rates at t [s].
+  /// Sets the state of the free strings at t [s]: eta [m kg^1/2] and its rates.
   void start(double t, std::span<const double> eta, std::span<const double> rate);
 
   /// Moves eta() and rate() to t >= the start.

@@ -26,7 +26,8 @@ struct Input {
   Drive at(double t) const;
 };
 
-/// Height of a tracking point over a level, or of a coordinate: an event when it crosses.
+/// Height of a tracking point above a level, or of a coordinate; an event when it crosses the
+/// level.
 struct Monitor {
   std::string name;
   int point = -1;  ///< tracking point index
@@ -52,30 +53,32 @@ class MechanismSystem : public OdeSystem {
     return static_cast<std::size_t>(2 * (n_ + active_modes()) + law_states_);
   }
 
-  /// Prepares for times at which the strings are left out of the state and advanced exactly.
+  /// Prepares for intervals in which the strings are not part of the state and are advanced
+  /// exactly.
   void allow_free_strings();
 
   /// Leaves the free strings out of the state from t on: y = [q, v, s]. Their contacts are open
   /// until join_strings.
   void part_strings(double t, std::span<const double> y);
 
-  /// Takes the strings back in: `y` holds the whole state at t, its strings are filled in here.
+  /// Adds the strings to the state again: `y` has the size of the whole state at t, and its string
+  /// part is set here.
   void join_strings(double t, std::span<double> y);
 
   bool strings_apart() const { return apart_; }
 
-  /// Whether every string contact is open by more than `gap` [m] against the string as it is, by
-  /// the last right-hand side, if that was at t.
+  /// Whether every string contact is open by more than `gap` [m] relative to the present string,
+  /// according to the last right-hand side, if it was evaluated at t.
   bool strings_clear(double t, double gap) const;
 
-  /// Largest compression of a string contact at (t, y), with the free strings as they are then.
-  /// -infinity where none can reach its string.
+  /// Largest compression of a string contact at (t, y), relative to the free strings at this time;
+  /// -infinity if no contact can reach its string.
   double string_approach(double t, std::span<const double> y);
 
-  /// Modal coordinates and rates at t of the strings that are apart into the whole state y.
+  /// Writes modal coordinates and rates at t of the separate strings into the whole state y.
   void fill_strings(double t, std::span<double> y);
 
-  /// Energy that a string lost on its own since it is apart, up to the last fill [J].
+  /// Energy that a string has lost since it was separated, until the last such write [J].
   double string_heat(std::size_t string) const { return free_->heat(string); }
   std::string state_name(std::size_t i) const override;
   void rhs(double t, std::span<const double> y, std::span<double> rate) override;
@@ -130,12 +133,12 @@ class MechanismSystem : public OdeSystem {
   /// correction only; the others stay as that left them. Free strings count as out of reach.
   void locate_only(double t, std::span<const double> y, std::span<const std::size_t> contacts);
 
-  /// Lets a prescribed motion count from the state of the start. Throws InvalidParameter if the
-  /// profile starts with another speed than the state.
+  /// A prescribed motion is relative to the start state from now on. Throws InvalidParameter if the
+  /// initial speed of the profile differs from the state.
   void set_prescribed_reference(double t, std::span<const double> y);
 
-  /// Place along its direction and speed of the point under the finger, or of the motor's
-  /// coordinate for a kind of motor.
+  /// Position along its direction, and speed, of the point under the finger; for inputs of a motor,
+  /// of the motor's coordinate.
   std::pair<double, double> driven_place(double t, std::span<const double> y);
 
   /// Another input of the same kind.
@@ -159,7 +162,8 @@ class MechanismSystem : public OdeSystem {
   /// scale of a felt compression; strings likewise at their largest displacement.
   std::vector<double> absolute_tolerances(double rtol) const;
 
-  /// Contact that ties the given state most stiffly at the last linearization, -1 if none.
+  /// Contact with the largest influence on the stiffness of the given state at the last
+  /// linearization, -1 if none.
   int stiffest_contact(std::size_t state) const;
 
  private:
@@ -169,7 +173,7 @@ class MechanismSystem : public OdeSystem {
   Input input_;
   double finger_reference_ = 0.0;
   double prescribed_reference_ = 0.0;
-  /// Of the last evaluation, if that was a right-hand side or its quadratures.
+  /// Time of the last evaluation, if it was a right-hand side or its quadratures.
   double rhs_time_ = std::numeric_limits<double>::quiet_NaN();
   bool fresh_ = false;             ///< nothing was located since
   std::vector<double> rhs_state_;  ///< and its state and memory
@@ -208,7 +212,7 @@ class MechanismSystem : public OdeSystem {
     /// By coupling: sums over the modes of shapes here times shapes there, zero on another string.
     std::vector<modal::GramSums> to;
   };
-  /// A contact whose law has states: its slopes depend on gamma through them.
+  /// A contact whose law has states, through which its slopes depend on gamma.
   struct StatefulContact {
     int contact = -1;
     int coupling = -1;    ///< index in couplings_ if it is a closed string contact
@@ -222,8 +226,8 @@ class MechanismSystem : public OdeSystem {
     int first_state = 0;
     int single = -1;  ///< place in SingleStates if it is there
   };
-  /// Closed contacts with one state that touch no string: what each takes from and gives to the
-  /// rest, side by side in columns of whole blocks.
+  /// Closed contacts with one state and without a string: their couplings to the other equations,
+  /// in adjacent columns of whole blocks.
   struct SingleStates {
     std::vector<int> contacts;       ///< indices in stateful_
     std::vector<double> by_force;    ///< a column a contact: force on each coordinate for unit ds

@@ -1,4 +1,4 @@
-/// Finger force or finger motion against time.
+/// Force or motion of the finger as a function of time.
 #pragma once
 
 #include <array>
@@ -34,7 +34,7 @@ class Profile {
   double rate(double t) const;          ///< d value / dt [1/s]
   double acceleration(double t) const;  ///< d^2 value / dt^2 [1/s^2]
 
-  /// Whether the slope is continuous, so that a body can follow with finite forces.
+  /// Whether the slope is continuous, so that a body can follow the motion with finite forces.
   bool smooth() const { return interpolation_ != Interpolation::kLinear || time_.size() < 2; }
   const std::vector<double>& breakpoints() const { return breakpoints_; }  ///< slope jumps [s]
   const std::vector<double>& knots() const { return knots_; }  ///< to stop at without restart [s]

@@ -1,4 +1,4 @@
-/// Runs a mechanism through time: samples, events, peaks, ledger, statistics.
+/// Simulates a mechanism: samples, events, peaks, ledger, statistics.
 #pragma once
 
 #include <Eigen/Dense>
@@ -20,7 +20,7 @@ using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::R
 /// from there on [m].
 using StepObserver = std::function<void(double, std::span<const double>, std::span<const double>)>;
 
-/// How a run goes through time.
+/// Integration method of a run.
 enum class Method {
   kAuto,   ///< kModal if the mechanism has strings, else kCvode
   kCvode,  ///< all states, the modes of the strings among them, by CVODES (BDF)
@@ -52,31 +52,32 @@ struct SimulationOptions {
   Method method = Method::kAuto;
   int max_order = 0;      ///< of the BDF; 0: chosen by the modes of the mechanism, bdf_order.hpp
   double max_step = 0.0;  ///< [s], 0: no limit
-  /// A run with a ledger has failed where more than this share of the exchanged energy is not
-  /// accounted for [-], > 0.
+  /// A run with a ledger fails if a larger share of the exchanged energy is unaccounted for [-], >
+  /// 0.
   double ledger_limit = 0.1;
   long max_steps = 20000000;
   double max_wall = 0.0;           ///< seconds of wall time after which the run stops, 0: none
   std::vector<int> peak_contacts;  ///< numbers of contacts whose largest force is sought
-  /// Indices in Mechanism::points whose lowest place over all samples, taken or not, is sought.
+  /// Indices in Mechanism::points whose lowest position over all samples (stored or not) is
+  /// computed.
   std::vector<int> lowest_points;
-  /// Place of the finger's point along the finger's direction at which its pad just touches [m];
-  /// motion input counts from there. NaN: where the run starts.
+  /// Position of the finger's point along the finger's direction at which its pad just touches [m];
+  /// motion input is relative to it. NaN: the position at the start of the run.
   double finger_reference = std::numeric_limits<double>::quiet_NaN();
   StepObserver on_step = {};  ///< none: empty; with one, all states are CVODES's (kCvode)
 };
 
-/// Complete state from which a run can go on.
+/// Complete state from which a run can continue.
 struct SimulationState {
   double time = 0.0;                        ///< [s] on the clock of the run that ended
   std::vector<double> y;                    ///< see MechanismSystem
   std::vector<double> largest_compression;  ///< remembered by each contact [m]; empty: nothing
 
-  /// Throws InvalidParameter unless this can be a state of `mechanism` with `size` values.
+  /// Throws InvalidParameter unless this is a possible state of `mechanism` with `size` values.
   void check(const Mechanism& mechanism, std::size_t size) const;
 };
 
-/// Energy that the ledger of a run misses, over all samples.
+/// Unaccounted energy in the ledger of a run, over all samples.
 struct LedgerBalance {
   double residual = 0.0;          ///< at the end [J]
   double residual_largest = 0.0;  ///< largest size of it [J]
@@ -99,7 +100,7 @@ struct Peak {
   double time = 0.0;   ///< [s]
 };
 
-/// How far down a point came.
+/// Lowest position of a point.
 struct Lowest {
   int point = -1;       ///< index in Mechanism::points
   double start = 0.0;   ///< y at time zero [m]
@@ -114,7 +115,7 @@ struct Lowest {
   }
 };
 
-/// How far a flexible beam was displaced against its base, along or across.
+/// Largest displacement of a flexible beam relative to its base, along or perpendicular to it.
 struct Deflection {
   std::string name;
   double length = 0.0;   ///< of the beam [m]

@@ -1,5 +1,5 @@
-/// A mechanism in time by steps of the caller's, each with an input of its own: for controllers,
-/// haptic devices, co-simulation. Shares its code with `simulate` (simulation.cpp).
+/// Simulation of a mechanism in steps of the caller, each with its own input, for controllers,
+/// haptic devices and co-simulation. Shares its code with `simulate` (simulation.cpp).
 #pragma once
 
 #include <limits>
@@ -22,7 +22,7 @@ struct StepperOptions {
   double finger_reference = std::numeric_limits<double>::quiet_NaN();  ///< NaN: the rest pose
 };
 
-/// Course of a force, of a torque or of a finger over a step.
+/// Time function of a force, of a torque or of a finger's motion within a step.
 enum class Hold {
   kZero,    ///< constant at the value
   kLinear,  ///< straight from the value at the end of the last step
@@ -31,8 +31,8 @@ enum class Hold {
 /// Input of a step, in the unit of the kind.
 struct StepInput {
   double value = 0.0;
-  /// Of a prescribed motion, whose value and rate hold at the end of the step: a cubic leads there.
-  /// NaN: that of a motion which is sampled with equal steps.
+  /// Rate of a prescribed motion, whose value and rate are reached at the end of the step by a
+  /// cubic. NaN: the rate follows from equally spaced values.
   double rate = std::numeric_limits<double>::quiet_NaN();
 };
 
@@ -45,8 +45,8 @@ struct StepDrive {
   double mean = 0.0;  ///< rate over the step
 };
 
-/// All that the steps to come depend on, but for mechanism, options and kind of input. The clock is
-/// for the caller: no step depends on it.
+/// Everything that determines the following steps, except mechanism, options and kind of input.
+/// Steps do not depend on the clock, which is for the caller.
 struct StepState {
   SimulationState machine;
   StepDrive drive;
@@ -61,11 +61,11 @@ struct StepResult {
   long steps = 0;                       ///< of the integrator
 };
 
-/// Each step begins without history of the integrator: the input may jump, and a step follows from
-/// the state alone, to the last bit. A mutable workspace, one a thread.
+/// Each step starts without integrator history: the input may jump, and the result depends only on
+/// the state, bit for bit. A mutable workspace; use one per thread.
 class Stepper {
  public:
-  /// Begins at rest. Throws InvalidParameter where `simulate` does.
+  /// Starts at rest. Throws InvalidParameter in the same cases as `simulate`.
   Stepper(const std::shared_ptr<const Mechanism>& mechanism, InputKind kind,
           const StepperOptions& options, const std::vector<Monitor>& monitors = {});
   ~Stepper();
@@ -75,8 +75,8 @@ class Stepper {
   const StepState& rest() const { return rest_; }
   const StepState& state() const;
 
-  /// A state of this mechanism, of another kind of input too: then a force is zero, a finger just
-  /// touches. Throws InvalidParameter.
+  /// Sets a state of this mechanism, which may have another kind of input: then a force is zero,
+  /// and a finger just touches the key. Throws InvalidParameter.
   void set_state(const StepState& state);
 
   /// Throws InvalidParameter for bad arguments; a solver failure is a status.

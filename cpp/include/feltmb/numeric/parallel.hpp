@@ -12,7 +12,7 @@
 
 namespace feltmb {
 
-/// Most threads a core: more of them gain nothing, and each takes memory.
+/// Largest number of threads per core: more threads gain nothing and need memory.
 inline constexpr std::size_t kThreadsPerCore = 4;
 
 /// Number of threads to use: `requested` but at most kThreadsPerCore a core, or every core when it
@@ -22,8 +22,8 @@ inline std::size_t resolve_threads(std::size_t requested) {
   return requested == 0 ? cores : std::min(requested, kThreadsPerCore * cores);
 }
 
-/// Starts work(part) for the parts 1 to `count` - 1 on threads of their own, in this order; returns
-/// fewer threads where the system has no more.
+/// Starts work(part) for the parts 1 to `count` - 1 on separate threads, in this order; returns
+/// fewer threads if the system cannot start more.
 template <class Work>
 std::vector<std::thread> start_threads(std::size_t count, const Work& work) {
   std::vector<std::thread> pool;
@@ -96,7 +96,7 @@ class ThreadTeam {
     generation_.fetch_add(1);
     generation_.notify_all();
     task_(0);
-    // Parts end within microseconds of each other: look a while before sleeping.
+    // The parts end within microseconds of each other: wait actively for a while before sleeping.
     for (int spin = 0; spin < kSpins && pending_.load() > 0; ++spin) {
     }
     for (std::size_t left = pending_.load(); left > 0; left = pending_.load()) {

@@ -1,5 +1,5 @@
 /// Numerical integration on finite intervals: Gauss-Legendre rules and an adaptive Gauss-Kronrod
-/// integrator. Nothing here knows what is integrated.
+/// integrator.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +20,7 @@ struct QuadratureRule {
 /// Nodes by Newton iteration on P_n. Throws InvalidParameter for n outside the range.
 QuadratureRule make_gauss_legendre(std::size_t n);
 
-/// The 16-node rule, made once; the work horse of composite rules.
+/// The 16-node rule, computed once; the basis of composite rules.
 const QuadratureRule& gauss16();
 
 /// Integral of f over [a, b] by one application of `rule`.

@@ -1,7 +1,7 @@
 /// One interface to a multistep integrator of stiff systems (SUNDIALS CVODES, BDF).
 ///
-/// SUNDIALS: Hindmarsh et al., ACM Trans. Math. Softw. 31 (2005) 363. The integrator knows no
-/// model: it sees an OdeSystem.
+/// SUNDIALS: Hindmarsh et al., ACM Trans. Math. Softw. 31 (2005) 363. The integrator does not
+/// depend on a model; it uses an OdeSystem.
 #pragma once
 
 #include <memory>
@@ -50,10 +50,10 @@ class Integrator {
   Integrator(const Integrator&) = delete;
   Integrator& operator=(const Integrator&) = delete;
 
-  /// Starts, or starts anew after a discontinuity, at (t, y); quadratures go on unless `reset`.
+  /// Starts, or restarts after a discontinuity, at (t, y); quadratures continue unless `reset`.
   void start(double t, std::span<const double> y, bool reset_quadratures);
 
-  /// What was learned of the system so far is forgotten: the next start is as the first.
+  /// Forgets everything learned about the system: the next start is like the first one.
   void forget();
 
   /// Values of the quadratures from which the next start goes on.

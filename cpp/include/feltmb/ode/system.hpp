@@ -1,4 +1,4 @@
-/// What an integrator needs to know of a system of ordinary differential equations.
+/// Interface of a system of ordinary differential equations for an integrator.
 #pragma once
 
 #include <cstddef>
@@ -22,8 +22,8 @@ class OdeSystem {
   /// Evaluates and keeps J = df/dy at (t, y).
   virtual void linearize(double t, std::span<const double> y) = 0;
 
-  /// The same for Newton's method in a short step: parts of J that such a step does not feel may be
-  /// left out where that is quicker.
+  /// As above, for Newton's method in a short step: parts of J without influence on such a step may
+  /// be omitted if that is faster.
   virtual void linearize_stiff(double t, std::span<const double> y) { linearize(t, y); }
 
   /// Factorizes I - gamma J with the J kept; returns false if it is singular.

@@ -275,7 +275,7 @@ struct TrackingPointDescription {
   }
 };
 
-/// Where the player's finger meets the mechanism.
+/// Point at which the player's finger acts on the mechanism.
 struct FingerDescription {
   std::string body;
   Vec2 point;

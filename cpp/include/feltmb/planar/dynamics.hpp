@@ -10,7 +10,7 @@
 
 namespace feltmb {
 
-/// What drives a mechanism.
+/// Kind of the input that drives a mechanism.
 enum class InputKind {
   kForce,        ///< a finger presses with a force [N]
   kMotion,       ///< a finger moves, its pad lies in between [m]
@@ -33,7 +33,7 @@ constexpr bool is_motion(InputKind kind) {
 InputKind input_kind(const std::string& name);
 const char* input_name(InputKind kind);
 
-/// What acts on the mechanism from outside at one instant.
+/// External input of the mechanism at one time.
 struct Drive {
   InputKind kind = InputKind::kForce;
   double force = 0.0;         ///< along the finger direction [N], or torque [N m]
@@ -112,7 +112,7 @@ struct MechanicalState {
   std::span<const double> eta_rate;  ///< their rates
 };
 
-/// How much of the contacts is wanted: an open contact needs its compression only.
+/// Requested data of the contacts: for an open contact, only its compression is needed.
 enum class Detail { kClosedContacts, kAllContacts };
 
 /// Mutable workspace that evaluates one mechanism; one a thread.
@@ -129,7 +129,7 @@ class Dynamics {
 
   const Mechanism& mechanism() const { return *m_; }
 
-  /// From now on keeps the axial coordinates of beams with `condense_axial` where they are.
+  /// From now on, keeps the axial coordinates of beams with `condense_axial` constant.
   void condense_axial();
 
   /// Deflection of the kept coordinates from their kept values [m], from their equations without
@@ -151,11 +151,11 @@ class Dynamics {
   void locate_only(const MechanicalState& state, const Drive& drive,
                    std::span<const std::size_t> contacts);
 
-  /// While set, contacts with strings count as open, and their compression is that against a
-  /// string at rest: no mode is looked at.
+  /// While set, contacts with strings count as open, and their compression is relative to a string
+  /// at rest; modes are not evaluated.
   void set_strings_apart(bool apart) { strings_apart_ = apart; }
 
-  /// Laws act with their states at rest from now on (equilibrium).
+  /// From now on, laws are evaluated with their states at rest (equilibrium).
   void use_static_laws() { static_laws_ = true; }
 
   /// Largest compression that each contact remembers [m], by contact; constant while evaluating.
@@ -197,7 +197,7 @@ class Dynamics {
 
   std::span<const ContactState> contacts() const { return contacts_; }
 
-  /// What is wrong where a closed contact lies beyond the ends of its string; empty if none does.
+  /// Fault if a closed contact is beyond the ends of its string; empty if there is none.
   std::string beyond_string() const;
 
   std::span<const LinkState> links() const { return links_; }
@@ -225,8 +225,8 @@ class Dynamics {
   /// of the ground frame; links as they were last evaluated, lumps as last differentiated.
   void add_wrench(int link, Vec2 force, double moment, Eigen::VectorXd& out) const;
 
-  /// One contact of this mechanism with the links, states and memory of another workspace: what it
-  /// would do there. The joints of both mechanisms are the same.
+  /// One contact of this mechanism with the links, states and memory of another workspace, i.e. its
+  /// force there. Both mechanisms have the same joints.
   const ContactState& press(std::size_t contact, const Dynamics& at, const MechanicalState& state,
                             const Drive& drive);
 
@@ -296,7 +296,7 @@ class Dynamics {
   void differentiate_prescription();
   void factor_mass();
   void move_lumps();
-  /// Lumps, and accelerations of all links, for what needs each mass on its own.
+  /// Lumps and accelerations of all links, for quantities that need each mass separately.
   void complete_links();
   void differentiate_members();
   void release_condensed();

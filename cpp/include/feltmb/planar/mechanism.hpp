@@ -13,7 +13,7 @@
 
 namespace feltmb {
 
-/// Travel at the contacts that coordinate scales refer to [m].
+/// Contact travel to which the coordinate scales refer [m].
 inline constexpr double kFeltTravel = 1e-3;
 
 /// A point fixed to a link.
@@ -22,7 +22,7 @@ struct LinkPoint {
   Vec2 local;
 };
 
-/// Where the frame of a body sits in its link.
+/// Position of the frame of a body in its link.
 struct Placement {
   int link = 0;
   Vec2 offset;
@@ -184,7 +184,7 @@ struct AttachedString {
   int contacts = 0;       ///< how many touch it
 };
 
-/// Where and from which side a contact touches a string.
+/// Position and side at which a contact touches a string.
 struct StringContact {
   int string = -1;        ///< index in Mechanism::strings
   int contact = -1;       ///< index in Mechanism::contacts
@@ -201,7 +201,7 @@ struct TrackingPoint {
   LinkPoint point;
 };
 
-/// Everything the equations of motion need, checked once. Use through `assemble`.
+/// Everything that the equations of motion need, checked once. Made by `assemble`.
 class Mechanism {
  public:
   std::string name;

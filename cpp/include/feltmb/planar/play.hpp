@@ -1,4 +1,4 @@
-/// Play of a joint: a pin that moves in its hole until the wall holds it.
+/// Play of a joint: a pin that moves in its hole up to the wall.
 #pragma once
 
 #include <cmath>

@@ -28,16 +28,16 @@ struct Perturbed {
   double weight = 0.0;  ///< derivative ~ sum of weight x value [1 / unit of the parameter]
 };
 
-/// One column of the gradient: what to evaluate for a derivative by a parameter. What it changes is
-/// found by comparison; the forces of these parts alone are evaluated, at the state of the base.
-/// Only where links move otherwise a whole right-hand side is.
+/// One column of the gradient: the evaluations for the derivative by a parameter. The parts that
+/// the parameter changes are found by comparison, and only their forces are evaluated, at the state
+/// of the base. A complete right-hand side is evaluated only if the links move differently.
 struct SensitivityParameter {
   std::string name;
   std::vector<Perturbed> nodes;  ///< weights sum to zero, weight x shift to one
   double scale = 1.0;            ///< size of the parameter, > 0, its unit: for the error control
 };
 
-/// One stretch of a stroke.
+/// A time segment of a stroke.
 struct SensitivitySegment {
   double begin = 0.0;     ///< on the clock of the input [s]
   double end = 0.4;       ///< [s], > begin
@@ -56,7 +56,7 @@ struct SensitivityOptions {
   std::vector<int> outputs;      ///< indices in Channels
   std::size_t threads = 1;       ///< over segments; 0: all cores
   bool whole_models = false;     ///< a whole right-hand side a parameter, for tests
-  /// Height above its place at rest at which a monitored point is an event.
+  /// Height above the rest position at which a monitored point is an event.
   struct Rule {
     std::string name;
     int point = -1;

@@ -50,11 +50,11 @@ def draw_bodies(
         own = [s for s in drawn.shapes if s.body == body]
         transform = body_transform(ax, poses[body])
         z = 2.0 + 0.1 * order
-        told = None if fills is None else fills.get(body)
+        own_fill = None if fills is None else fills.get(body)
         made: list[tuple[Any, list[Shape]]] = []
         for role, fill, ink in (
-            ("wire", told or "#8A8A8A", "#555555"),
-            ("wood", told or body_fill(drawn.group[body]), INK),
+            ("wire", own_fill or "#8A8A8A", "#555555"),
+            ("wood", own_fill or body_fill(drawn.group[body]), INK),
         ):
             chosen = [s for s in own if s.role == role]
             outlines = [shape_points(action, s, bent) for s in chosen]

@@ -10,11 +10,13 @@
 namespace feltmb {
 
 /// Compiled function of compression [m], rate [m/s] and parameters, that writes F [N], dF/de [N/m]
-/// and dF/d(de/dt) [N s/m]. Called in many threads at once; keeps no memory of its own.
+/// and dF/d(de/dt) [N s/m]. It is called from several threads simultaneously and must not have a
+/// state.
 using LawFunction = void (*)(double e, double rate, const double* parameters, double* out);
 
-/// Law by a compiled function of the caller, F = max(0, function), at e > 0. No file can name it: a
-/// function is an address in this process. Stored energy: the integral of F(e, 0) by quadrature.
+/// Law by a compiled function of the caller, F = max(0, function), at e > 0. A file cannot contain
+/// it, because a function is an address in this process. Stored energy: the integral of F(e, 0) by
+/// quadrature.
 struct Callback {
   LawFunction function = nullptr;
   std::vector<double> parameters;

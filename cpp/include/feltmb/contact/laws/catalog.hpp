@@ -29,7 +29,7 @@ struct FieldInfo {
   Place place;
 };
 
-/// A law under one of its names.
+/// A law with one of its names.
 struct LawInfo {
   std::string name;
   std::string about;
@@ -40,7 +40,7 @@ struct LawInfo {
 /// All laws in the order of the list.
 const std::vector<LawInfo>& contact_laws();
 
-/// Law by name; what is not given keeps its default. Throws InvalidParameter if the name or a field
+/// Law by name; missing values have their default. Throws InvalidParameter if the name or a field
 /// is unknown or a value of the wrong kind; ranges are checked by ContactLaw.
 LawParameters make_contact_law(const std::string& name,
                                const std::map<std::string, FieldValue>& values);
@@ -50,10 +50,11 @@ std::map<std::string, FieldValue> values_of(const LawParameters& law);
 
 LawName chosen_name(const LawParameters& law);
 
-/// Whether two laws are of one name with equal fields; envelopes are equal if they are the same.
+/// Whether two laws have the same name and equal fields; envelopes are equal if they are the same
+/// object.
 bool same_law(const LawParameters& a, const LawParameters& b);
 
-/// Throws InvalidParameter naming every field out of its range and what else is wrong.
+/// Throws InvalidParameter with every field out of range and every other fault.
 void check_fields(const LawParameters& law);
 
 }  // namespace feltmb

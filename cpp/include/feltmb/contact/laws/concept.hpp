@@ -56,8 +56,8 @@ struct LawValue {
   double d_rate = 0.0;         ///< dF/d(de/dt) [N s/m]
 };
 
-/// States s of a law that has any, of number n_states(): rates and exact derivatives. What lies
-/// beyond n_states() means nothing.
+/// States s of a law, of number n_states(): rates and exact derivatives. Entries beyond n_states()
+/// are undefined.
 struct LawStates {
   std::array<double, kMaxLawStates> force{};                ///< dF/ds
   std::array<double, kMaxLawStates> rate{};                 ///< ds/dt
@@ -71,11 +71,11 @@ struct LawStates {
 struct LawMemory {
   const double* state = nullptr;  ///< n_states() values
   double largest = 0.0;           ///< e_m [m]
-  /// What the envelope knows of the cycle to e_m; used if it is that, else formed anew.
+  /// Properties of the cycle to e_m; they are used if they belong to this e_m, else computed again.
   const CycleStart* cycle = nullptr;
 };
 
-/// Where a law stands along a prescribed history (path.hpp).
+/// Present point of a law in a prescribed history (path.hpp).
 struct PathPoint {
   double compression = 0.0;  ///< [m]
   double largest = 0.0;      ///< [m]
@@ -97,14 +97,14 @@ struct LawName {
 /// Smooth pieces that laws have in common; 0 is no force and no rate of a state.
 enum LawPiece { kOff = 0, kLoading = 1, kUnloading = 2, kNoUnloadingForce = 3, kNoForce = 4 };
 
-/// Collects what is wrong with a law, to tell all of it in one message.
+/// Collects the faults of a law for one message.
 class LawFaults {
  public:
   void add(const std::string& text);
   void require(bool ok, const char* field, double value, const char* range);
   void raise() const;  ///< Throws InvalidParameter if there is a fault.
 
-  /// A term with a time of its own, which it needs if it is there.
+  /// A term with a time constant, which is required if the term is used.
   void rate_term(double amplitude, double time) {
     require(amplitude == 0.0 || time != 0.0, "rate_time [s]", time, "> 0 with a rate term");
   }

@@ -14,8 +14,8 @@
 namespace feltmb {
 
 /// Law written as a formula in a mechanism file, F = max(0, formula(e, rate)), at e > 0. Stored
-/// energy: the integral of F(e, 0) by quadrature. Passive where the formula never lies below its
-/// value at rest while loading, nor above it while unloading: nobody checks that.
+/// energy: the integral of F(e, 0) by quadrature. It is passive if the formula is never below its
+/// value at rest during loading, and never above it during unloading. This is not checked.
 struct Expression {
   std::string formula;
   std::map<std::string, double> parameters;  ///< SI
@@ -30,7 +30,7 @@ struct Expression {
         entry("parameters", &L::parameters, "numbers of the formula by name, SI")};
   }
   void check(LawFaults& faults) const {
-    if (formula.empty()) return;  // told already
+    if (formula.empty()) return;  // already reported
     try {
       const Formula trial(formula, parameters);
     } catch (const InvalidParameter& error) {

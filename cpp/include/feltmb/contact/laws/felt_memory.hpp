@@ -38,7 +38,8 @@ namespace feltmb {
 /// section 2.2.3, after Stamm); a rate term, F += rate_amplitude (F_L(e) - r), rate_time dr/dt =
 /// F_L(e) - r (after Stulov), the sum held at >= 0.
 struct FeltMemory {
-  /// A felt that was never pressed further [m] is virgin: the slopes of its memory are no numbers.
+  /// Below this largest compression [m] a felt counts as virgin, because the slopes of its memory
+  /// would not be finite.
   static constexpr double nothing = 1e-150;
   std::shared_ptr<const Envelope> envelope;
   double kappa = 0.2;            ///< transition length over the loop [-], in (0, 2]
@@ -78,8 +79,8 @@ struct FeltMemory {
   const Envelope* cycle_envelope() const { return envelope.get(); }
   bool creeps() const { return creep_stiffness > 0.0; }
   std::size_t n_states() const { return 1 + (creeps() ? 1 : 0) + (rate_amplitude > 0.0 ? 1 : 0); }
-  /// z is a fraction of a band that is a tenth of the force or less where the felts are soft; creep
-  /// a length, overstress a force of some N.
+  /// z is a fraction of a band that is at most a tenth of the force for soft felts; creep is a
+  /// length; the overstress is a force of some N.
   LawState state(std::size_t i, double compression) const {
     if (i == 0) return {"z", 10.0};
     if (i == 1 && creeps()) return {"creep", compression};
@@ -95,14 +96,14 @@ struct FeltMemory {
   double dissipated_power(double compression, double rate, const LawMemory& memory) const;
   int piece(double compression, double rate, const LawMemory& memory) const;
 
-  /// Compression and rate of the felt itself, behind a creeping layer if there is one.
+  /// Compression and rate of the felt itself, which may be in series with a creeping layer.
   double inner_compression(double compression, const LawMemory& memory) const {
     return creeps() ? compression - memory.state[1] : compression;
   }
   double inner_rate(double compression, double rate, const LawMemory& memory) const;
 
-  /// Without options exact at fixed e_m: loading, 1 - z falls by exp(-A/c), unloading z does, A the
-  /// area of the band passed, so that the force depends on the path only.
+  /// Exact at fixed e_m without options: 1 - z decreases by exp(-A/c) in loading, and z in
+  /// unloading, where A is the area of the traversed band. The force depends on the path only.
   bool advance(PathPoint& at, double compression, double duration) const;
   void limit(double* state) const { state[0] = std::clamp(state[0], 0.0, 1.0); }
 };

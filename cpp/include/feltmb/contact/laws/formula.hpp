@@ -22,10 +22,10 @@ class Formula {
   /// Throws InvalidParameter naming the place of the first fault.
   Formula(const std::string& text, const std::map<std::string, double>& parameters);
 
-  /// Value and slopes by e and rate; no number where the formula has none.
+  /// Value and slopes by e and rate; NaN where the formula is not defined.
   LawValue evaluate(double e, double rate) const;
 
-  /// Which way each min, max, abs and sign goes there, as one number >= 0.
+  /// Active branches of min, max, abs and sign, as one number >= 0.
   int choices(double e, double rate) const;
 
  private:

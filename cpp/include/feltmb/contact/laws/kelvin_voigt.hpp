@@ -6,9 +6,9 @@
 
 namespace feltmb {
 
-/// Linear Kelvin-Voigt law, a spring and a dashpot in parallel: F = k e + c de/dt, clipped at
-/// F >= 0. Stored energy k e^2/2; passive. The force jumps by c de/dt where surfaces meet, which is
-/// the known fault of the law: a contact of felt should not use it.
+/// Linear Kelvin-Voigt law, a spring and a dashpot in parallel: F = k e + c de/dt, clipped at F >=
+/// 0. Stored energy k e^2/2; passive. The force jumps by c de/dt when the surfaces meet. Because of
+/// this known fault, the law should not be used for felt.
 struct KelvinVoigt {
   double stiffness = 0.0;  ///< k [N/m], > 0
   double damping = 0.0;    ///< c [N s/m], >= 0

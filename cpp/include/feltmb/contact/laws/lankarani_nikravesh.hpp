@@ -8,9 +8,9 @@
 namespace feltmb {
 
 /// Lankarani and Nikravesh, thesis section 2.3: F = K e^n (1 + 3 (1 - r^2)/4 (de/dt)/v), clipped at
-/// F >= 0 (J. Mech. Des. 112 (1990) 369). The damping gives the restitution r at the impact speed v
-/// that it is made for, to first order in 1 - r: the law is good for r near 1. The authors take v
-/// from each impact; here it is a parameter. Stored energy K e^(n+1)/(n+1); passive.
+/// F >= 0 (J. Mech. Des. 112 (1990) 369). At the impact speed v, the damping gives the restitution
+/// r to first order in 1 - r, so that the law is accurate for r near 1. The authors use the v of
+/// each impact; here v is a parameter. Stored energy K e^(n+1)/(n+1); passive.
 struct LankaraniNikravesh {
   double stiffness = 0.0;     ///< K [N/m^n], > 0
   double exponent = 1.5;      ///< n [-], >= 1; 3/2: Hertz

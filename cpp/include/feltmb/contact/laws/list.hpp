@@ -1,4 +1,4 @@
-/// All contact laws: a law is added by its header and its name here.
+/// All contact laws; a new law needs its header and its name here.
 #pragma once
 
 #include <variant>

@@ -93,9 +93,9 @@ struct Maxwell {
 
  private:
   static double power(double e, double exponent) { return e > 0.0 ? std::pow(e, exponent) : 0.0; }
-  /// Compression at which the branch carries nothing [m].
+  /// Compression at which the force of the branch is zero [m].
   double branch_start(double g) const { return power(g, 1.0 / branch_exponent); }
-  /// Compression below which the felt carries nothing [m].
+  /// Compression below which the force of the felt is zero [m].
   double free_compression(double g) const {
     const double start = branch_start(g);
     if (start <= 0.0 || branch_stiffness == 0.0) return 0.0;
