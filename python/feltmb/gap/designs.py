@@ -1,13 +1,14 @@
-"""Which experiment next: profiles of inputs, tests of parts, sensors, by what they tell and cost.
+"""Designs the next experiments: inputs, tests of parts and sensors, by information and cost.
 
 1. Profiles of each family are drawn within the limits (Sobol points) and simulated.
-2. Those whose motion differs most, in noise, are kept (farthest point first): what moves alike
-   tells alike, and a simulation costs a fiftieth of a full linearization.
-3. What each of these tells is worked out (:mod:`feltmb.gap.information`).
-4. The best by gain and cost is taken, and the next beside it, until the budget is spent.
-5. A further sensor is taken where a plan of the same budget, which pays for it and measures all of
-   its experiments with it, ends better.
-6. The first experiment is improved by a compass search of its numbers.
+2. Profiles whose motions differ most, in units of the noise, are kept (farthest point first):
+   similar motions give similar information, and a simulation costs a fiftieth of a linearization.
+3. The information of each of these is computed (:mod:`feltmb.gap.information`).
+4. The experiment with the best gain and cost is taken, then the best one in addition to it, and so
+   on until the budget is used.
+5. A further sensor is taken if a plan of the same budget, which pays for it and measures all of its
+   experiments with it, ends better.
+6. The first experiment is improved by a compass search over the parameters of its profile.
 """
 
 from __future__ import annotations
@@ -188,7 +189,7 @@ class Design:
     """Experiments in the order in which they should be made; plan again after each of them."""
     effects: tuple[Visible, ...]
     parts: tuple[HelpfulPart, ...]
-    """Parameters that stand most in the way of an effect, after the plan."""
+    """Parameters whose uncertainty limits the detection of an effect most, after the plan."""
     sensors: tuple[HelpfulSensor, ...]
     """Further sensors of the limits, the largest gain for its cost first."""
     before: float

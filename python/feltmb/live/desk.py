@@ -36,7 +36,7 @@ PATIENCE = 0.25
 AT_REST = 0.2
 #: Largest wall time of a simulation [s].
 MOST_WALL = 20.0
-#: Samples a second while turning [Hz].
+#: Sample rate during changes [Hz].
 QUICK_RATE = 5000.0
 #: Force levels of the curve of hammer speeds [N].
 LEVELS = (1.5, 2.5, 4.0, 7.0, 12.0, 20.0, 35.0)
