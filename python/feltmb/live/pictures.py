@@ -17,7 +17,7 @@ from feltmb.style import reader_unit
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["default_shown", "describe_live", "outputs_of", "summary_of"]
+__all__ = ["SAMPLES", "default_shown", "describe_live", "outputs_of", "summary_of"]
 
 #: Pictures of the mechanism, samples of a curve and of the string, while turning and at rest.
 FRAMES, SAMPLES, STRING = {"quick": 120, "full": 500}, {"quick": 900, "full": 4000}, 300

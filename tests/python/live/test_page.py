@@ -82,6 +82,42 @@ def test_a_dragged_screw_changes_the_path_of_the_hammer(opened):
     print("change to picture, median [ms]:", np.median(opened.run("feltmbLive.times")))
 
 
+def test_while_turning_nothing_is_built_anew(opened):
+    opened.run(
+        "window.built = []; new MutationObserver(found => { for (const m of found)"
+        "for (const n of m.addedNodes) if (n.nodeType === 1) built.push(n.outerHTML); })"
+        ".observe(document.getElementById('see'), {childList: true, subtree: true}); 1"
+    )
+    turn = "feltmbLive.change('t', n => {{ n.knobs['felt.06'] = {}; }}); 1"
+    peaks = []
+    for k in range(4):
+        opened.run(turn.format(0.02 * k))
+        settled(opened)
+        until(opened, READY)
+        peaks.append(opened.run("feltmbLive.got.a.summary.max_string_force"))
+        cell = "document.querySelector('[data-name=max_string_force] [data-value]')"
+        assert opened.run(f"Number({cell}.dataset.value)") == peaks[-1]
+        assert opened.run(f"parseFloat({cell}.textContent)") == pytest.approx(peaks[-1], rel=1e-4)
+    assert opened.run("built") == []
+    assert len(set(peaks)) == 4
+
+
+def test_curves_out_of_sight_wait_until_nothing_is_turned(opened):
+    opened.resize(390, 844)
+    until(opened, "feltmbLive.viewer.panels.every(p => p.inSight === false)")
+    until(opened, READY)
+    opened.run(
+        "window.drawn = 0; feltmbLive.viewer.panels.forEach(p => { const draw = p.drawStill;"
+        "p.drawStill = function (...a) { drawn++; return draw.apply(this, a); }; }); 1"
+    )
+    render = "feltmbLive.viewer.panels.forEach(p => { p.key = null; }); feltmbLive.viewer.render();"
+    assert opened.run(f"{render} {render} drawn") == 0
+    until(opened, "drawn === feltmbLive.viewer.panels.length")
+    opened.run(f"drawn = 0; {render} feltmbLive.viewer.panels[0].box.scrollIntoView(); 1")
+    until(opened, "drawn > 0 && feltmbLive.viewer.panels[0].inSight")
+    opened.resize(1400, 900)
+
+
 def test_undo_redo_and_the_address(opened):
     opened.run("document.querySelector('[data-key=\"screw.key dip\"] input').focus(); 1")
     opened.run(

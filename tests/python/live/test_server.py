@@ -19,7 +19,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import feltmb
 from feltmb import Action
 from feltmb.action.touch import static_touch
-from feltmb.live.desk import Desk
+from feltmb.live.desk import Desk, simulated
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Shelf
 from feltmb.live.pictures import outputs_of
@@ -82,6 +82,14 @@ def test_a_picture_while_turning_tells_the_same_within_the_tolerance(live, clien
         quick = page.run(1, "quick", turned=TURNED)["run"]["summary"]
         full = page.run(2, turned=TURNED)["run"]["summary"]
     assert quick["impact_speed"] == pytest.approx(full["impact_speed"], rel=1e-3)
+
+
+@pytest.mark.parametrize(("duration", "samples"), [(0.1, 501), (0.4, 899), (1.0, 2001)])
+def test_while_turning_no_more_is_sampled_than_is_drawn(duration, samples):
+    """Samples cost a sixth of a simulation; of short and of long strokes a limit holds."""
+    stroke = Playing(kind="free", duration=duration).stroke()
+    action = feltmb.load_action("steinway45")
+    assert len(simulated(action, stroke, True, lambda: False).time) == samples
 
 
 def test_two_pages_turn_their_own(live, client):

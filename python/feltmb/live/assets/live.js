@@ -133,7 +133,7 @@ class Live {
   }
 
   say(text, off = false) {
-    this.status.textContent = text;
+    put(this.status, text);
     this.status.classList.toggle("off", off);
   }
 
@@ -655,34 +655,38 @@ class Live {
     if (this.tab === "loops") this.loopPlot();
   }
 
+  // While turning only the texts change.
   numbersTab() {
-    const {a, b} = this.got, table = element("table", {class: "plain numbers"});
+    const {a, b} = this.got;
     const unit = n => /_time$|duration$/.test(n) ? [1e3, "ms"] : /speed$/.test(n) ? [1, "m/s"] :
       /force$/.test(n) ? [1, "N"] : /gap|travel|swing/.test(n) ? [1e3, "mm"] : [1, ""];
-    const head = table.insertRow();
-    head.append(element("th", {}, a.quality === "full" ? "of the run" : "of the run, while turning"),
-      element("th", {class: "n"}, "A"), ...b ? [element("th", {class: "n"}, "B"), element("th", {class: "n"}, "A − B")] : []);
-    for (const name of Object.keys({...a.summary, ...b && b.summary})) {
-      const [factor, text] = unit(name), row = table.insertRow();
-      const cell = v => {
-        const c = element("td", {class: "n"}, v === undefined ? "–" : `${round(factor * v, 5)} ${text}`);
-        if (v !== undefined) c.dataset.value = String(v);
-        return c;
-      };
-      row.dataset.name = name;
-      row.append(element("td", {}, name.replace(/_/g, " ")), cell(a.summary[name]));
-      if (b) row.append(cell(b.summary[name]), cell(a.summary[name] === undefined || b.summary[name] === undefined
-        ? undefined : a.summary[name] - b.summary[name]));
+    const names = Object.keys({...a.summary, ...b && b.summary}), energies = Object.entries(a.energy);
+    const key = JSON.stringify([names, !!b, a.quality, energies.map(e => e[0]), a.warnings]);
+    if (this.numbers?.key !== key || !this.numbers.table.isConnected) {
+      const table = element("table", {class: "plain numbers"}), energy = element("table", {class: "plain"}), head = table.insertRow();
+      head.append(element("th", {}, a.quality === "full" ? "of the run" : "of the run, while turning"),
+        element("th", {class: "n"}, "A"), ...b ? [element("th", {class: "n"}, "B"), element("th", {class: "n"}, "A − B")] : []);
+      const rows = (table, names, columns) => names.map(name => {
+        const row = table.insertRow(), cells = columns.map(() => element("td", {class: "n"}));
+        row.dataset.name = name;
+        row.append(element("td", {}, name.replace(/_/g, " ")), ...cells);
+        return cells;
+      });
+      this.numbers = {key, table, cells: rows(table, names, b ? [1, 2, 3] : [1]), energies: rows(energy, energies.map(e => e[0]), [1])};
+      this.tabBox.replaceChildren(element("div", {class: "cards"}, table,
+        element("div", {}, ...energies.length ? [element("b", {}, "energy"), energy] : [])),
+        ...a.warnings.map(w => element("p", {class: "hint"}, w)));
     }
-    const energy = element("table", {class: "plain"});
-    for (const [name, value] of Object.entries(a.energy)) {
-      const row = energy.insertRow();
-      row.append(element("td", {}, name.replace(/_/g, " ")), element("td", {class: "n"},
-        /relative/.test(name) ? round(value, 3) : `${round(1e3 * value, 4)} mJ`));
-    }
-    this.tabBox.replaceChildren(element("div", {class: "cards"}, table,
-      element("div", {}, ...Object.keys(a.energy).length ? [element("b", {}, "energy"), energy] : [])),
-      ...a.warnings.map(w => element("p", {class: "hint"}, w)));
+    names.forEach((name, i) => {
+      const [factor, text] = unit(name), [x, y] = [a.summary[name], b?.summary[name]];
+      [x, y, x === undefined || y === undefined ? undefined : x - y].slice(0, b ? 3 : 1).forEach((v, k) => {
+        const cell = this.numbers.cells[i][k];
+        put(cell, v === undefined ? "–" : `${round(factor * v, 5)} ${text}`);
+        if (v === undefined) delete cell.dataset.value; else cell.dataset.value = String(v);
+      });
+    });
+    energies.forEach(([name, value], i) => put(this.numbers.energies[i][0],
+      /relative/.test(name) ? round(value, 3) : `${round(1e3 * value, 4)} mJ`));
   }
 
   timingTab() {
