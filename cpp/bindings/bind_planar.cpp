@@ -2,6 +2,8 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include <array>
+
 #include "bindings.hpp"
 #include "feltmb/core/error.hpp"
 #include "feltmb/planar/archive.hpp"
@@ -43,6 +45,91 @@ void bind_description(py::module_& m) {
   bind_fields<FingerDescription>(m, "FingerDescription");
   bind_fields<MotorDescription>(m, "MotorDescription");
   bind_fields<MechanismDescription>(m, "MechanismDescription");
+}
+
+/// Points (count, 2) [m] of the centerline of a beam in its own clamped frame.
+Eigen::MatrixXd centerline(const FlexibleBeam& beam, const Eigen::VectorXd& q, int count) {
+  Eigen::MatrixXd out(count, 2);
+  for (int i = 0; i < count; ++i) {
+    const double x = beam.length * i / (count - 1);
+    const ShapeValues v = beam.shapes.at(x);
+    double u = 0.0;
+    double w = 0.0;
+    for (int k = 0; k < beam.count; ++k) {
+      const double e = q[beam.first + k];
+      const int lateral = k - beam.shapes.axial();
+      if (lateral < 0)
+        u += e * v.axial[static_cast<std::size_t>(k)];
+      else
+        w += e * v.lateral[static_cast<std::size_t>(lateral)];
+    }
+    out(i, 0) = x + u;
+    out(i, 1) = w;
+  }
+  return out;
+}
+
+/// Origin x, y [m] and angle [rad] of a body in the ground frame.
+std::array<double, 3> pose_of(const Dynamics& dynamics, const Placement& placement) {
+  const LinkState& s = dynamics.links()[static_cast<std::size_t>(placement.link)];
+  const Vec2 origin = s.origin + s.rotation * placement.offset;
+  return {origin.x, origin.y, std::atan2(s.rotation.s, s.rotation.c) + placement.angle};
+}
+
+/// Bodies, points of contact and centerlines in many poses, one a row of `q`.
+py::dict move_through(const std::shared_ptr<Mechanism>& mechanism, const Eigen::MatrixXd& q,
+                      int count) {
+  if (q.cols() != mechanism->size() || !q.allFinite()) {
+    throw InvalidParameter(format("move_through: got poses of %ld coordinates, expected %d, finite",
+                                  static_cast<long>(q.cols()), mechanism->size()));
+  }
+  Dynamics dynamics(mechanism);
+  const std::vector<double> zero(static_cast<std::size_t>(mechanism->total_modes), 0.0);
+  const std::vector<double> rest(static_cast<std::size_t>(mechanism->size()), 0.0);
+  const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
+  std::vector<std::string> names;
+  for (const auto& [name, placement] : mechanism->bodies) names.push_back(name);
+  std::vector<std::size_t> chosen;
+  std::vector<int> numbers;
+  for (std::size_t i = 0; i < mechanism->contacts.size(); ++i) {
+    if (mechanism->contacts[i].finger) continue;
+    chosen.push_back(i);
+    numbers.push_back(mechanism->contacts[i].number);
+  }
+  Eigen::MatrixXd bodies(q.rows(), 3 * static_cast<Eigen::Index>(names.size()));
+  Eigen::MatrixXd contacts(q.rows(), 4 * static_cast<Eigen::Index>(chosen.size()));
+  Eigen::VectorXd position;
+  for (Eigen::Index row = 0; row < q.rows(); ++row) {
+    position = q.row(row);
+    dynamics.locate({{position.data(), rest.size()}, rest, law, zero, zero}, {},
+                    Detail::kAllContacts);
+    Eigen::Index column = 0;
+    for (const auto& [name, placement] : mechanism->bodies)
+      for (const double value : pose_of(dynamics, placement)) bodies(row, column++) = value;
+    column = 0;
+    for (const std::size_t i : chosen) {
+      const ContactState& s = dynamics.contacts()[i];
+      for (const double value : {s.point.x, s.point.y, s.normal.x, s.normal.y})
+        contacts(row, column++) = value;
+    }
+  }
+  py::dict beams;
+  for (const auto& beam : mechanism->beams) {
+    Eigen::MatrixXd lines(q.rows(), 2 * count);
+    for (Eigen::Index row = 0; row < q.rows(); ++row) {
+      position = q.row(row);
+      const Eigen::MatrixXd line = centerline(beam, position, count);
+      for (Eigen::Index i = 0; i < count; ++i) lines.block<1, 2>(row, 2 * i) = line.row(i);
+    }
+    beams[py::str(beam.name)] = lines;
+  }
+  py::dict out;
+  out["beams"] = beams;
+  out["names"] = names;
+  out["bodies"] = bodies;
+  out["numbers"] = numbers;
+  out["contacts"] = contacts;
+  return out;
 }
 
 }  // namespace
@@ -89,27 +176,8 @@ void bind_planar(py::module_& m) {
       .def(
           "beam_centerline",
           [](const Mechanism& self, const std::string& name, const Eigen::VectorXd& q, int count) {
-            for (const auto& beam : self.beams) {
-              if (beam.name != name) continue;
-              Eigen::MatrixXd out(count, 2);
-              for (int i = 0; i < count; ++i) {
-                const double x = beam.length * i / (count - 1);
-                const ShapeValues v = beam.shapes.at(x);
-                double u = 0.0;
-                double w = 0.0;
-                for (int k = 0; k < beam.count; ++k) {
-                  const double e = q[beam.first + k];
-                  const int lateral = k - beam.shapes.axial();
-                  if (lateral < 0)
-                    u += e * v.axial[static_cast<std::size_t>(k)];
-                  else
-                    w += e * v.lateral[static_cast<std::size_t>(lateral)];
-                }
-                out(i, 0) = x + u;
-                out(i, 1) = w;
-              }
-              return out;
-            }
+            for (const auto& beam : self.beams)
+              if (beam.name == name) return centerline(beam, q, count);
             throw InvalidParameter("beam_centerline: no flexible beam \"" + name + "\"");
           },
           py::arg("name"), py::arg("q"), py::arg("count") = 20,
@@ -206,10 +274,8 @@ void bind_planar(py::module_& m) {
                         {});
         py::dict out;
         for (const auto& [name, placement] : mechanism->bodies) {
-          const LinkState& s = dynamics.links()[static_cast<std::size_t>(placement.link)];
-          const Vec2 origin = s.origin + s.rotation * placement.offset;
-          out[py::str(name)] = py::make_tuple(
-              origin.x, origin.y, std::atan2(s.rotation.s, s.rotation.c) + placement.angle);
+          const auto [x, y, angle] = pose_of(dynamics, placement);
+          out[py::str(name)] = py::make_tuple(x, y, angle);
         }
         return out;
       },
@@ -217,6 +283,11 @@ void bind_planar(py::module_& m) {
       "Origin x, y [m] and angle [rad] of every body in the ground frame; of a flexible beam at "
       "its "
       "clamped end.");
+
+  m.def("move_through", &move_through, py::arg("mechanism"), py::arg("q"), py::arg("count") = 25,
+        "Poses, one a row of q: ``names`` and ``bodies`` (x, y [m], angle [rad] of each, side by "
+        "side), ``numbers`` and ``contacts`` (x, y [m] and unit normal of each; no finger), "
+        "``beams``: by name the centerline's ``count`` points [m] in the clamped frame.");
 
   m.def(
       "point_position",

@@ -77,6 +77,7 @@ __all__: list[str] = [
     "jacobian_blocks",
     "jacobian_check",
     "layer_envelope",
+    "move_through",
     "observables",
     "point_position",
     "pressure_envelope",
@@ -1771,6 +1772,15 @@ def jacobian_check(
 def layer_envelope(layer: FeltLayer) -> Envelope:
     """
     Envelope of a contact through a felt layer; kept.
+    """
+
+def move_through(
+    mechanism: Mechanism,
+    q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    count: typing.SupportsInt | typing.SupportsIndex = 25,
+) -> dict:
+    """
+    Poses, one a row of q: ``names`` and ``bodies`` (x, y [m], angle [rad] of each, side by side), ``numbers`` and ``contacts`` (x, y [m] and unit normal of each; no finger), ``beams``: by name the centerline's ``count`` points [m] in the clamped frame.
     """
 
 def observables(mechanism: Mechanism) -> list:

@@ -88,7 +88,8 @@ class Film:
             n: np.maximum(self.sample(f"contact{n:02d}.force"), 0) for n in self.contacts
         }
         self.finger = self.sample("finger.force") if "finger.force" in run else None
-        self.sides = {n: self._sides(n) for n in self.contacts}
+        rows, at = contact_rows(action, self.q[0]), self.poses(0)
+        self.sides = {n: self._sides(n, rows[n], at) for n in self.contacts}
         peaks = [float(np.max(f)) for f in self.forces.values()]
         if self.finger is not None and action.config.finger is not None:
             peaks.append(float(np.max(np.abs(self.finger))))
@@ -107,12 +108,13 @@ class Film:
         """Position and angle of every body in frame ``i``."""
         return body_poses(self.action, self.q[i])
 
-    def _sides(self, number: int) -> tuple[float, ...]:
+    def _sides(
+        self, number: int, row: tuple[float, ...], poses: dict[str, Pose]
+    ) -> tuple[float, ...]:
         """Signs of the forces on the movable bodies of a contact, along its normal."""
         config = self.action.config
         pair = [config.surfaces[n] for n in config.contacts[f"{number:02d}"].surfaces]
-        x, y, nx, ny, _ = contact_rows(self.action, self.q[0])[number]
-        poses = self.poses(0)
+        x, y, nx, ny, _ = row
 
         def depth(k: int) -> float:
             """Distance of the center of a circle from the surface, on the side of the normal."""

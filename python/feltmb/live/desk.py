@@ -17,7 +17,7 @@ from feltmb.action.touch import static_touch
 from feltmb.action.touch.strikes import simulate_strike
 from feltmb.errors import FeltmbError
 from feltmb.live.knobs import Bench
-from feltmb.live.pictures import describe_live
+from feltmb.live.pictures import SAMPLES, describe_live
 from feltmb.live.states import Asked, Turned
 from feltmb.mechanism import Action
 from feltmb.run.results import Run
@@ -36,8 +36,8 @@ PATIENCE = 0.25
 AT_REST = 0.2
 #: Largest wall time of a simulation [s].
 MOST_WALL = 20.0
-#: Sample rate during changes [Hz].
-QUICK_RATE = 5000.0
+#: Limits of the sample rate during changes, which is that of the drawn curves [Hz].
+QUICK_RATES = 2000.0, 5000.0
 #: Force levels of the curve of hammer speeds [N].
 LEVELS = (1.5, 2.5, 4.0, 7.0, 12.0, 20.0, 35.0)
 
@@ -267,7 +267,10 @@ def simulated(action: Action, stroke: Stroke, quick: bool, stop: Callable[[], bo
     Stopped
         ``stop`` requested the end.
     """
-    options: dict[str, Any] = {"ledger": False, "output_rate": QUICK_RATE} if quick else {}
+    options: dict[str, Any] = {}
+    if quick:
+        rate = min(max((SAMPLES["quick"] - 2) / stroke.duration, QUICK_RATES[0]), QUICK_RATES[1])
+        options = {"ledger": False, "output_rate": rate}
     try:
         return simulate(
             action, stroke, max_wall=MOST_WALL, progress=lambda _t: not stop(), **options

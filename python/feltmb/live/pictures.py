@@ -17,7 +17,7 @@ from feltmb.style import reader_unit
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["default_shown", "describe_live", "outputs_of", "summary_of"]
+__all__ = ["SAMPLES", "default_shown", "describe_live", "outputs_of", "summary_of"]
 
 #: Numbers of frames of the mechanism, and of samples of a curve and of the string, in quick and
 #: full quality.

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import secrets
 import signal
 import socket
+import sys
 import threading
 import webbrowser
 from collections.abc import Callable, Iterator, Sequence
@@ -18,6 +20,9 @@ from feltmb.errors import FeltmbError
 __all__ = ["Live", "serve"]
 
 HOST = "127.0.0.1"
+
+#: Option of ``mallopt`` of glibc, and its value: memory from this size on is of the system [bytes].
+M_MMAP_THRESHOLD, LARGE = -3, 2**20
 
 
 class Live:
@@ -81,6 +86,7 @@ class Live:
 
     def run(self) -> None:
         """Serve until :meth:`stop`, or Ctrl-C."""
+        give_back_large_arrays()
         self._server.run(sockets=[self._socket])
 
     def stop(self) -> None:
@@ -91,6 +97,18 @@ class Live:
     def started(self) -> bool:
         """Whether the server answers."""
         return bool(self._server.started)
+
+
+def give_back_large_arrays() -> bool:
+    """Memory of large arrays goes back to the system; whether the C library can be told so.
+
+    By itself glibc raises its limit to the largest array that was freed. The arrays of whole runs
+    then lie in its heaps, which grow by the gaps between them.
+    """
+    if not sys.platform.startswith("linux"):
+        return False
+    tell = getattr(ctypes.CDLL(None), "mallopt", None)  # musl has none, and needs none
+    return tell is not None and bool(tell(M_MMAP_THRESHOLD, LARGE))
 
 
 @contextlib.contextmanager

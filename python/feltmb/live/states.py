@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -32,6 +33,12 @@ LONGEST = 3.0
 START = 0.02
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+@cache
+def _packaged(name: str) -> Stroke:
+    """Read once: a page that turns asks for the same stroke many times a second."""
+    return load_stroke(name)
 
 
 class _Table(BaseModel):
@@ -106,7 +113,7 @@ class Playing(_Table):
 
     def _made(self) -> Stroke:
         if self.kind == "packaged":
-            return load_stroke(self.name)
+            return _packaged(self.name)
         if self.kind == "free":
             return table_stroke(
                 [0.0, self.duration], [0.0, 0.0], interpolation="linear", name="free"

@@ -354,7 +354,8 @@ effects = tuple(
 """
 
 
-def test_command_shows_sensors_in_words_and_numbers(tmp_path, capsys):
+def test_command_shows_sensors_in_words_and_numbers(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")  # no cell is folded
     (tmp_path / "lever.py").write_text(CODE)
     (tmp_path / "limits.toml").write_text(FILE)
     words = ["gap", "plan", str(tmp_path / "lever.py"), "--limits", str(tmp_path / "limits.toml")]

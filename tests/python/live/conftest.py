@@ -7,7 +7,10 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import feltmb
 
 pytest.importorskip("starlette", reason="extra live is not installed")
 pytest.importorskip("uvicorn", reason="extra live is not installed")
@@ -91,6 +94,24 @@ class Client:
         return self.until(
             lambda m: m["on"] == "run" and m["id"] == number and m["run"]["quality"] == quality
         )
+
+
+@pytest.fixture(scope="session")
+def capstan_records():
+    """Name and text of measured strokes of an action whose capstan stands 0.6 mm too low."""
+    action = feltmb.load_action("steinway45").with_values({"surfaces.Kp2.point.y": 32.0})
+    channels = ["key_front.y", "whippen.y", "hammer_tip.x", "hammer_tip.y", "backcheck.x"]
+    rng = np.random.default_rng(1)
+    out = {}
+    for name in ("forte", "piano", "staccato"):
+        run = feltmb.simulate(action, name, output_rate=2000.0)
+        moved = np.column_stack([1e3 * (run[c] - run[c][0]) for c in channels])
+        moved += rng.normal(scale=0.02, size=moved.shape)
+        table = np.column_stack([run.time, run["finger.force"], moved])
+        head = ",".join(["time [s]", "finger.force [N]", *(f"{c} [mm]" for c in channels)])
+        rows = "\n".join(",".join(f"{v:.7g}" for v in row) for row in table)
+        out[f"{name}.csv"] = f"{head}\n{rows}"
+    return out
 
 
 @pytest.fixture

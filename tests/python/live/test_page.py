@@ -82,6 +82,65 @@ def test_a_dragged_screw_changes_the_path_of_the_hammer(opened):
     print("change to picture, median [ms]:", np.median(opened.run("feltmbLive.times")))
 
 
+def test_while_turning_nothing_is_built_anew(opened):
+    opened.run(
+        "window.built = []; new MutationObserver(found => { for (const m of found)"
+        "for (const n of m.addedNodes) if (n.nodeType === 1) built.push(n.outerHTML); })"
+        ".observe(document.getElementById('see'), {childList: true, subtree: true}); 1"
+    )
+    turn = "feltmbLive.change('t', n => {{ n.knobs['felt.06'] = {}; }}); 1"
+    peaks = []
+    for k in range(4):
+        opened.run(turn.format(0.02 * k))
+        settled(opened)
+        until(opened, READY)
+        peaks.append(opened.run("feltmbLive.got.a.summary.max_string_force"))
+        cell = "document.querySelector('[data-name=max_string_force] [data-value]')"
+        assert opened.run(f"Number({cell}.dataset.value)") == peaks[-1]
+        assert opened.run(f"parseFloat({cell}.textContent)") == pytest.approx(peaks[-1], rel=1e-4)
+    assert opened.run("built") == []
+    assert len(set(peaks)) == 4
+
+
+def test_a_contact_loop_follows_in_the_chart_that_is_there(opened):
+    opened.run("feltmbLive.tab = 'loops'; feltmbLive.loop = 6; feltmbLive.fillTab(); 1")
+    until(opened, "document.querySelectorAll('#more .uplot').length === 1")
+    until(opened, READY)
+    opened.run("window.chart = feltmbLive.loopBox.plot.chart; 1")
+    peaks = []
+    for k in range(3):
+        opened.run(f"feltmbLive.change('t', n => {{ n.knobs['felt.06'] = {0.1 * k}; }}); 1")
+        settled(opened)
+        until(opened, READY)
+        assert opened.run("chart === feltmbLive.loopBox.plot.chart && chart.root.isConnected")
+        peaks.append(opened.run("Math.max(...chart.data[1][1])"))
+        scale = opened.run("[chart.scales.y.min, chart.scales.y.max]")
+        assert scale[0] < 0 < peaks[-1] < scale[1]
+    assert len(set(peaks)) == 3
+    assert opened.run("document.querySelectorAll('#more .uplot, #more .legend').length") == 2
+    opened.run("feltmbLive.tab = 'numbers'; feltmbLive.fillTab(); 1")
+    opened.run("feltmbLive.tab = 'loops'; feltmbLive.fillTab(); 1")
+    assert opened.run("chart !== feltmbLive.loopBox.plot.chart")
+    assert opened.run("feltmbLive.charts.length") == 1
+    assert opened.complaints() == []
+
+
+def test_curves_out_of_sight_wait_until_nothing_is_turned(opened):
+    opened.resize(390, 844)
+    until(opened, "feltmbLive.viewer.panels.every(p => p.inSight === false)")
+    until(opened, READY)
+    opened.run(
+        "window.drawn = 0; feltmbLive.viewer.panels.forEach(p => { const draw = p.drawStill;"
+        "p.drawStill = function (...a) { drawn++; return draw.apply(this, a); }; }); 1"
+    )
+    render = "feltmbLive.viewer.panels.forEach(p => { p.key = null; }); feltmbLive.viewer.render();"
+    assert opened.run(f"{render} {render} drawn") == 0
+    until(opened, "drawn === feltmbLive.viewer.panels.length")
+    opened.run(f"drawn = 0; {render} feltmbLive.viewer.panels[0].box.scrollIntoView(); 1")
+    until(opened, "drawn > 0 && feltmbLive.viewer.panels[0].inSight")
+    opened.resize(1400, 900)
+
+
 def test_undo_redo_and_the_address(opened):
     opened.run("document.querySelector('[data-key=\"screw.key dip\"] input').focus(); 1")
     opened.run(
@@ -224,9 +283,11 @@ def test_a_dropped_csv_is_held_against_it(opened, live):
     until(opened, "document.querySelectorAll('.residuals tr').length === 1")
     cell = "parseFloat(document.querySelector('.residuals .n').textContent)"
     exact = opened.run(cell)
+    opened.run("window.overlay = document.querySelector('#more .uplot'); 1")
     opened.run("feltmbLive.change('t', n => { n.knobs['mass.head'] = 0.1; }); 1")
     until(opened, f"{cell} > {3 * exact}")
     assert opened.run("document.querySelectorAll('#more .uplot canvas').length") == 1
+    assert opened.run("overlay === document.querySelector('#more .uplot')")
     assert opened.complaints() == []
     for entry in live.studio.shelf.listing():
         live.studio.shelf.remove(entry["file"])
@@ -257,6 +318,46 @@ def test_a_proposed_stroke_is_played_by_a_click(opened):
     opened.run("feltmbLive.undo(); 1")
     assert opened.run("feltmbLive.state.now.playing.kind") == "packaged"
     assert opened.complaints() == []
+
+
+@pytest.mark.slow
+def test_from_records_over_a_diagnosis_to_a_played_proposal(
+    browser, serve, tmp_path, capstan_records
+):
+    paths = []
+    for name, text in capstan_records.items():
+        paths.append(tmp_path / name)
+        paths[-1].write_text(text, encoding="utf-8")
+    press = (
+        "[...document.querySelectorAll('#more button')].find(b => b.textContent === {!r}).click()"
+    )
+    with serve("steinway45", paths) as live:
+        browser.resize(1400, 900)
+        browser.open(live.address)
+        until(browser, READY)
+        browser.run("feltmbLive.tab = 'measured'; feltmbLive.fillTab(); feltmbLive.measure(); 1")
+        until(browser, "document.querySelectorAll('.residuals tr').length >= 15")
+        browser.run(press.format("Diagnose"))
+        until(browser, "!!document.querySelector('.candidates')", 900.0)
+        assert "capstan" in browser.run("feltmbLive.diagnosisBox.textContent")
+        assert not browser.run("!!feltmbLive.last.diagnosis.stopped")
+        # What the diagnosis believes is what the plan goes on from.
+        browser.run(press.format("Propose strokes"))
+        until(browser, "!!document.querySelector('.proposals')", 600.0)
+        assert "Planned from: the diagnosis." in browser.run("feltmbLive.planBox.textContent")
+        browser.run("document.querySelector('.proposals button').click(); 1")
+        until(browser, "feltmbLive.played && feltmbLive.played.includes('planned')")
+        until(browser, READY)
+        rows = "[...document.querySelectorAll('.candidates tr')]"
+        row = f"{rows}.find(r => /capstan/.test(r.textContent))"
+        rms = "feltmbLive.last.measured.rows.reduce((sum, r) => sum + r.rms, 0)"
+        before = browser.run(rms)
+        browser.run(f"{row}.querySelector('button').click(); 1")
+        turned = browser.run("feltmbLive.state.now.knobs['screw.lost motion']")
+        assert turned == pytest.approx(-6e-4, rel=0.05)
+        until(browser, f"{rms} < {0.3 * before}")
+        assert browser.complaints() == []
+        browser.open("about:blank")
 
 
 def test_the_difference_can_be_heard_where_there_is_a_b(opened):

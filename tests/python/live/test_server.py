@@ -1,10 +1,13 @@
 """The live server: who may use it, numbers equal to those of feltmb stroke, nothing piled up."""
 
 import asyncio
+import ctypes
 import gc
 import os
 import resource
 import socket
+import subprocess
+import sys
 import time
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +22,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import feltmb
 from feltmb import Action
 from feltmb.action.touch import static_touch
-from feltmb.live.desk import Desk
+from feltmb.live.desk import Desk, simulated
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Shelf
 from feltmb.live.pictures import outputs_of
@@ -82,6 +85,14 @@ def test_a_picture_while_turning_tells_the_same_within_the_tolerance(live, clien
         quick = page.run(1, "quick", turned=TURNED)["run"]["summary"]
         full = page.run(2, turned=TURNED)["run"]["summary"]
     assert quick["impact_speed"] == pytest.approx(full["impact_speed"], rel=1e-3)
+
+
+@pytest.mark.parametrize(("duration", "samples"), [(0.1, 501), (0.4, 899), (1.0, 2001)])
+def test_while_turning_no_more_is_sampled_than_is_drawn(duration, samples):
+    """Samples cost a sixth of a simulation; of short and of long strokes a limit holds."""
+    stroke = Playing(kind="free", duration=duration).stroke()
+    action = feltmb.load_action("steinway45")
+    assert len(simulated(action, stroke, True, lambda: False).time) == samples
 
 
 def test_two_pages_turn_their_own(live, client):
@@ -409,6 +420,28 @@ def test_measured_files_are_held_against_it(live, client):
     assert str(live.studio.shelf.folder) not in bad.text
 
 
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="glibc from 2.33 on")
+def test_large_arrays_go_back_to_the_system_though_larger_ones_were_freed():
+    """Else those of whole runs lie in heaps that grow: from 145 to 196 MB in 13 minutes."""
+    code = (
+        "import ctypes\n"
+        "from feltmb.live.server import give_back_large_arrays\n"
+        "class Info(ctypes.Structure):\n"
+        "    _fields_ = [(f'n{i}', ctypes.c_size_t) for i in range(10)]\n"
+        "libc = ctypes.CDLL(None)\n"
+        "libc.mallinfo2.restype = Info\n"
+        "apart = lambda: libc.mallinfo2().n4\n"
+        "assert give_back_large_arrays()\n"
+        "large = bytearray(16_000_000)\n"
+        "del large\n"
+        "before = apart()\n"
+        "array = bytearray(4_000_000)\n"
+        "assert apart() - before >= 4_000_000\n"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr
+
+
 @pytest.mark.slow
 def test_memory_is_flat_while_dragging(live, client):
     """Random controls, strokes and curves, and pages that come and go; FELTMB_DRAG_MINUTES: 1.5."""
@@ -442,33 +475,20 @@ def test_memory_is_flat_while_dragging(live, client):
     print(f"{k} changes; the end: {sizes[-1][1]:.0f} MB")
     # A tenth of the time is for what is kept on purpose: caches, threads, what was imported.
     settled = [size for at, size in sizes if at > 0.1 * sizes[-1][0]]
-    assert settled[-1] - settled[0] < 30.0
+    assert settled[-1] - settled[0] < 15.0
 
 
 @pytest.mark.slow
-def test_a_diagnosis_names_a_capstan_and_the_page_can_apply_it(live, client):
-    action = feltmb.load_action("steinway45").with_values({"surfaces.Kp2.point.y": 32.0})
-    channels = ["key_front.y", "whippen.y", "hammer_tip.x", "hammer_tip.y", "backcheck.x"]
-    rng = np.random.default_rng(1)
-    files = []
-    for name in ("forte", "piano", "staccato"):
-        run = feltmb.simulate(action, name, output_rate=2000.0)
-        moved = np.column_stack([1e3 * (run[c] - run[c][0]) for c in channels])
-        moved += rng.normal(scale=0.02, size=moved.shape)
-        table = np.column_stack([run.time, run["finger.force"], moved])
-        head = ",".join(["time [s]", "finger.force [N]", *(f"{c} [mm]" for c in channels)])
-        rows = "\n".join(",".join(f"{v:.7g}" for v in row) for row in table)
-        post = {"headers": own(live), "params": {"name": f"{name}.csv"}, "timeout": 60}
-        answer = httpx.post(live.address + "records", content=f"{head}\n{rows}".encode(), **post)
-        files.append(answer.json()["file"])
-    with client(live) as page:
+def test_a_diagnosis_names_a_capstan_and_the_page_can_apply_it(serve, client, capstan_records):
+    with serve() as live, client(live) as page:
+        files = [live.studio.shelf.add(n, t.encode())["file"] for n, t in capstan_records.items()]
         page.send("diagnose", files=files, budget=300.0)
         told = page.until(lambda m: m["on"] == "diagnosis", 3000.0)
         assert "capstan" in told["statement"]
         (found,) = (c for c in told["calibrated"] if "capstan" in c["effect"])
         assert found["knob"] == "screw.lost motion"
         assert found["magnitude"] == pytest.approx(-6e-4, rel=0.05)
-        bodies = ["ground", *action.config.bodies]
+        bodies = ["ground", *live.studio.bench.action.config.bodies]
         assert told["tint"][bodies.index("key")] > 0.5
         rms = []
         for number, knobs in enumerate([{}, {found["knob"]: found["magnitude"]}]):

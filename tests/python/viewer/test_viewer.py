@@ -17,10 +17,17 @@ import feltmb
 from feltmb import Action, DataError, FileExists, InvalidParameter
 from feltmb.cli import main
 from feltmb.graphics.film import Film
-from feltmb.graphics.plot.poses import body_poses, to_ground
+from feltmb.graphics.plot.poses import (
+    bent_beams,
+    body_poses,
+    contact_rows,
+    poses_along,
+    to_body,
+    to_ground,
+)
 from feltmb.graphics.plot.readings import run_action
 from feltmb.graphics.viewer import Curves, assets, fragment, page, read_curves, view
-from feltmb.graphics.viewer.packing import MISSING, pack_columns, pack_times
+from feltmb.graphics.viewer.packing import MISSING, pack_columns, pack_points, pack_times
 from feltmb.graphics.viewer.thinning import extremes, knots, thin_outline
 
 EVIL = "</script><script>alert('1')</script>&<b>\u2028"
@@ -68,6 +75,11 @@ def unpack(packed):
 
 def unpack_times(packed):
     return packed["first"] + np.frombuffer(base64.b64decode(packed["data"]), "<f4").astype(float)
+
+
+def unpack_points(packed):
+    every = np.frombuffer(base64.b64decode(packed["data"]), "<f4").reshape(-1, 2)
+    return np.split(every, np.cumsum(packed["counts"])[:-1])
 
 
 def data_of(text):
@@ -217,15 +229,45 @@ def test_the_string_vibrates_as_in_the_run(data, forte):
     assert modes["largest"] == pytest.approx(np.abs(w).max(), rel=1e-3)
 
 
+def test_points_come_back_line_by_line():
+    lines = [np.zeros((0, 2)), np.array([[0.1, -650.25]]), np.arange(8.0).reshape(4, 2)]
+    back = unpack_points(pack_points(lines))
+    assert [len(line) for line in back] == [0, 1, 4]
+    for a, b in zip(lines, back, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-7)
+    assert pack_points([]) == {"counts": [], "data": ""}
+
+
+def test_poses_along_are_those_of_each_pose(forte):
+    action = run_action(forte)
+    q = np.column_stack([forte[name] for name in action.coordinates])[::400]
+    way = poses_along(action, q)
+    point = np.array([[0.01, -0.02]])
+    for i, pose in enumerate(q):
+        poses, rows, beams = (f(action, pose) for f in (body_poses, contact_rows, bent_beams))
+        assert {n: tuple(v[i]) for n, v in way.bodies.items()} == poses
+        assert {n: tuple(v[i]) for n, v in way.contacts.items()} == {
+            n: row[:4] for n, row in rows.items()
+        }
+        for name, line in beams.items():
+            np.testing.assert_array_equal(way.beams[name][i], line)
+        x, y = way.to_ground("shank", point)[:, i, 0]
+        assert (x, y) == pytest.approx(to_ground(poses["shank"], point)[0], abs=1e-15)
+        back = way.to_body("shank", np.full((len(q), 2), [x, y]))[i]
+        assert back == pytest.approx(to_body(poses["shank"], np.array([[x, y]]))[0], abs=1e-15)
+    with pytest.raises(InvalidParameter, match="move_through"):
+        poses_along(action, q[:, 1:])
+
+
 def test_shapes_are_those_of_the_drawing(data, forte):
     stage = data["runs"][0]["stage"]
     drawn = Film(forte, run_action(forte), 1e-3 * unpack_times(stage["time"])).scene
     assert len(stage["shapes"]) == len(drawn.shapes)
     by_role = [s.role for s in drawn.shapes]
     assert [s["role"] for s in stage["shapes"]] == by_role
-    for given_, shape in zip(stage["shapes"], drawn.shapes, strict=True):
+    outlines = unpack_points(stage["outlines"])
+    for points, shape in zip(outlines, drawn.shapes, strict=True):
         if shape.role == "wood":
-            points = np.array(given_["points"])
             np.testing.assert_allclose(
                 points.min(axis=0), 1e3 * shape.points.min(axis=0), atol=0.03
             )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from functools import lru_cache
@@ -70,11 +69,12 @@ def _hull(a: Array, ra: float, b: Array, rb: float) -> Array:
 
 def dense_outline(outline: Array, step: float) -> Array:
     """Closed outline with a largest point distance of ``step``, so that it can be bent."""
-    parts = []
-    for a, b in itertools.pairwise(np.vstack([outline, outline[:1]])):
-        count = max(1, math.ceil(float(np.hypot(*(b - a))) / step))
-        parts.append(a + np.linspace(0.0, 1.0, count, endpoint=False)[:, None] * (b - a))
-    return np.vstack(parts)
+    way = np.diff(np.vstack([outline, outline[:1]]), axis=0)
+    count = np.maximum(1, np.ceil(np.hypot(way[:, 0], way[:, 1]) / step)).astype(int)
+    side = np.repeat(np.arange(len(way)), count)
+    number = np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count)
+    out: Array = outline[side] + (number * (1.0 / count[side]))[:, None] * way[side]
+    return out
 
 
 def round_box(low: Array, high: Array, radius: float) -> Array:

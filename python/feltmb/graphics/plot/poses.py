@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,12 +19,14 @@ Array = npt.NDArray[np.float64]
 
 __all__ = [
     "Pose",
+    "Way",
     "bend",
     "bent_beams",
     "body_poses",
     "contact_rows",
     "moving_joints",
     "point_at",
+    "poses_along",
     "spring_bodies",
     "station",
     "strap_curve",
@@ -125,6 +128,57 @@ def contact_rows(action: Action, q: npt.ArrayLike) -> dict[int, tuple[float, ...
         for row in out["contacts"]
         if int(row[0]) > 0
     }
+
+
+@dataclass(frozen=True)
+class Way:
+    """A mechanism in many poses, as arrays whose first axis is the pose.
+
+    Attributes
+    ----------
+    bodies : dict of ndarray (n, 3)
+        Origin x, y [m] and angle [rad] by body, as :func:`body_poses`.
+    contacts : dict of ndarray (n, 4)
+        By number: x, y [m] of the contact point and the unit normal, as :func:`contact_rows`.
+    beams : dict of ndarray (n, points, 2)
+        Center lines [m] of the flexible beams, as :func:`bent_beams`.
+    """
+
+    bodies: dict[str, Array]
+    contacts: dict[int, Array]
+    beams: dict[str, Array]
+
+    def to_ground(self, body: str, points: Array) -> Array:
+        """Places in the ground frame [m] of points (m, 2) of a body: x and y as (2, n, m)."""
+        x, y, angle = self.bodies[body].T[:, :, None]
+        c, s = np.cos(angle), np.sin(angle)
+        px, py = points.T
+        return np.stack([x + c * px - s * py, y + s * px + c * py])
+
+    def to_body(self, body: str, points: Array) -> Array:
+        """Points (n, 2) [m] of the ground frame, one a pose, in the frame of a body."""
+        x, y, angle = self.bodies[body].T
+        c, s = np.cos(angle), np.sin(angle)
+        px, py = points[:, 0] - x, points[:, 1] - y
+        return np.column_stack([c * px + s * py, c * py - s * px])
+
+
+def poses_along(action: Action, q: npt.ArrayLike) -> Way:
+    """Everything that moves in many poses at once.
+
+    Parameters
+    ----------
+    q
+        (n, coordinates), a pose in each row.
+    """
+    found = _core.move_through(action.mechanism, np.atleast_2d(np.asarray(q, dtype=float)))
+    bodies, contacts = found["bodies"], found["contacts"]
+    ground = {"ground": np.zeros((len(bodies), 3))}
+    return Way(
+        ground | {str(n): bodies[:, 3 * i : 3 * i + 3] for i, n in enumerate(found["names"])},
+        {int(n): contacts[:, 4 * i : 4 * i + 4] for i, n in enumerate(found["numbers"]) if n > 0},
+        {str(n): line.reshape(len(line), -1, 2) for n, line in found["beams"].items()},
+    )
 
 
 def moving_joints(action: Action) -> list[tuple[str, str, str, Array]]:

@@ -23,10 +23,9 @@ from feltmb.graphics.plot.poses import (
     Pose,
     bend,
     body_poses,
-    contact_rows,
+    poses_along,
     station,
     string_line,
-    to_body,
     to_ground,
 )
 
@@ -143,14 +142,12 @@ def scene(action: Action, poses: Sequence[npt.ArrayLike] = ()) -> Scene:
     u = _unit(action, rest_poses)
     surfaces = _used_surfaces(action)
     touched: dict[str, list[Array]] = {name: [] for name in surfaces}
-    for q in (rest, *poses):
-        where = rest_poses if q is rest else body_poses(action, q)
-        rows = contact_rows(action, q)
-        for key, contact in config.contacts.items():
-            if contact.enabled and int(key) in rows:
-                point = np.array([rows[int(key)][:2]])
-                for name in contact.surfaces:
-                    touched[name].append(to_body(where[surfaces[name].body], point)[0])
+    way = poses_along(action, np.array([rest, *poses], dtype=float))
+    for key, contact in config.contacts.items():
+        if contact.enabled and int(key) in way.contacts:
+            points = way.contacts[int(key)][:, :2]
+            for name in contact.surfaces:
+                touched[name].extend(way.to_body(surfaces[name].body, points))
     string_surface = config.string.surface if config.string is not None else ""
     pieces = {
         name: _surface_piece(name, s, touched[name], body_center(action, s.body), u)
@@ -486,11 +483,10 @@ def view_box(action: Action, drawn: Scene, qs: Sequence[npt.ArrayLike]) -> tuple
     for shape in drawn.shapes:
         outlines.setdefault(shape.body, []).append(shape.points)
     bodies = {body: np.vstack(parts) for body, parts in outlines.items()}
-    for q in qs:
-        poses = body_poses(action, q)
-        for body, outline in bodies.items():
-            points = to_ground(poses[body], outline)
-            low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+    way = poses_along(action, np.array(qs, dtype=float))
+    for body, outline in bodies.items():
+        points = way.to_ground(body, outline)
+        low, high = np.minimum(low, points.min((1, 2))), np.maximum(high, points.max((1, 2)))
     line = string_line(action)
     if line is not None:
         start = line[0]

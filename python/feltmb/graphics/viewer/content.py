@@ -14,9 +14,8 @@ from feltmb.graphics.film import Film
 from feltmb.graphics.plot.outlines import spiral
 from feltmb.graphics.plot.poses import (
     bent_beams,
-    body_poses,
-    contact_rows,
     moving_joints,
+    poses_along,
     spring_bodies,
     string_line,
     string_reach,
@@ -30,7 +29,7 @@ from feltmb.graphics.plot.readings import (
 )
 from feltmb.graphics.plot.shapes import Shape, scene, station_of
 from feltmb.graphics.viewer.curves import Curves
-from feltmb.graphics.viewer.packing import pack_columns, pack_times
+from feltmb.graphics.viewer.packing import pack_columns, pack_points, pack_times
 from feltmb.graphics.viewer.thinning import extremes, knots, thin_outline
 from feltmb.run.reading import reading_of
 from feltmb.style import body_fill, reader_unit
@@ -229,20 +228,16 @@ def describe_stage(
         return shape.body in flexible and station_of(action, shape) is None
 
     count = len(film.time)
-    moved = np.zeros((count, 3 * len(bodies)))
-    places = np.zeros((count, 4 * len(film.contacts)))
-    lines: dict[str, list[Array]] = {body: [] for body in flexible}
-    for i in range(count):
-        at = body_poses(action, film.q[i])
-        moved[i] = np.ravel([[1e3 * at[b][0], 1e3 * at[b][1], at[b][2]] for b in bodies])
-        rows = contact_rows(action, film.q[i])
-        for k, n in enumerate(film.contacts):
-            x, y, nx, ny, _ = rows[n]
-            places[i, 4 * k : 4 * k + 4] = 1e3 * x, 1e3 * y, nx, ny
-        for body, line in bent_beams(action, film.q[i]).items():
-            lines[body].append(1e3 * line[::3].ravel())
-        if progress is not None:
-            progress((i + 1) / count)
+    through = poses_along(action, film.q)
+    moved = np.zeros((count, len(bodies), 3))
+    for name, pose in through.bodies.items():
+        moved[:, names[name]] = pose * (1e3, 1e3, 1.0)
+    places = np.zeros((count, len(film.contacts), 4))
+    for k, n in enumerate(film.contacts):
+        places[:, k] = through.contacts[n] * (1e3, 1e3, 1.0, 1.0)
+    lines = {body: 1e3 * line[:, ::3] for body, line in through.beams.items()}
+    if progress is not None:
+        progress(1.0)
     finger = action.config.finger
     out: dict[str, Any] = {
         "time": pack_times(1e3 * film.time),
@@ -253,23 +248,23 @@ def describe_stage(
             {
                 "body": names[s.body],
                 "role": s.role,
-                "points": _rounded(
-                    1e3 * (s.points if bends(s) else thin_outline(s.points, 2e-5)), 3
-                ),
                 "station": None
                 if (at_x := station_of(action, s)) is None
                 else round(1e3 * at_x, 3),
             }
             for s in drawn.shapes
         ],
-        "poses": pack_columns(moved),
+        "outlines": pack_points(
+            [1e3 * (s.points if bends(s) else thin_outline(s.points, 2e-5)) for s in drawn.shapes]
+        ),
+        "poses": pack_columns(moved.reshape(count, -1)),
         "beams": [
             {
                 "body": names[body],
                 "length": 1e3 * (action.config.bodies[body].length or 1.0),
-                "line": pack_columns(np.array(rows)),
+                "line": pack_columns(line.reshape(count, -1)),
             }
-            for body, rows in lines.items()
+            for body, line in lines.items()
         ],
         "contacts": [
             {
@@ -279,7 +274,7 @@ def describe_stage(
             }
             for n in film.contacts
         ],
-        "places": pack_columns(places),
+        "places": pack_columns(places.reshape(count, -1)),
         "forces": pack_columns(
             np.column_stack([film.forces[n] for n in film.contacts])
             if film.contacts
@@ -342,14 +337,15 @@ def _string(
     shapes = run.string_shapes(y)
     if not np.all(np.isfinite(eta)) or shapes.shape[1] != eta.shape[1]:
         raise InvalidParameter("the run holds motions of the string that are no finite numbers")
-    size = np.abs(eta).max(axis=0) * np.abs(shapes).max(axis=0)
+    peak = np.maximum(eta.max(axis=0), -eta.min(axis=0))
+    size = peak * np.abs(shapes).max(axis=0)
     audible = size > 1e-4 * max(float(size.max()), 1e-30)
     if not np.any(audible):
         return out
-    eta, shapes = eta[:, audible], shapes[:, audible]
+    eta, shapes, peak = eta[:, audible], shapes[:, audible], peak[audible]
     # Exact before the strike: the string is at rest until the first sample that moves.
-    moving = np.flatnonzero(np.any(np.abs(eta) > 1e-6 * np.abs(eta).max(axis=0), axis=1))
-    first = max(int(moving[0]) - 1, 0)
+    moving = np.any((eta > 1e-6 * peak) | (eta < -1e-6 * peak), axis=1)
+    first = max(int(np.argmax(moving)) - 1, 0)
     stride = -(-(len(eta) - first) // samples)
     some = np.unique(np.concatenate([[0], np.arange(first, len(eta), stride), [len(eta) - 1]]))
     w = 1e3 * eta[some] @ shapes.T

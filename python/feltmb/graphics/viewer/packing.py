@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["MISSING", "pack_columns", "pack_times"]
+__all__ = ["MISSING", "pack_columns", "pack_points", "pack_times"]
 
 #: Integer that means a missing value (NaN or infinite).
 MISSING = -32768
@@ -53,3 +54,12 @@ def pack_times(time: npt.ArrayLike) -> dict[str, Any]:
     first = float(t[0]) if t.size else 0.0
     data = base64.b64encode((t - first).astype("<f4").tobytes()).decode("ascii")
     return {"first": first, "data": data}
+
+
+def pack_points(lines: Sequence[Array]) -> dict[str, Any]:
+    """Plane lines (n, 2) one after the other as 32 bit floats, and how many points each has."""
+    every = np.concatenate([np.zeros((0, 2)), *lines]).astype("<f4")
+    return {
+        "counts": [len(line) for line in lines],
+        "data": base64.b64encode(every.tobytes()).decode("ascii"),
+    }

@@ -133,7 +133,7 @@ class Live {
   }
 
   say(text, off = false) {
-    this.status.textContent = text;
+    put(this.status, text);
     this.status.classList.toggle("off", off);
   }
 
@@ -655,34 +655,38 @@ class Live {
     if (this.tab === "loops") this.loopPlot();
   }
 
+  // While turning only the texts change.
   numbersTab() {
-    const {a, b} = this.got, table = element("table", {class: "plain numbers"});
+    const {a, b} = this.got;
     const unit = n => /_time$|duration$/.test(n) ? [1e3, "ms"] : /speed$/.test(n) ? [1, "m/s"] :
       /force$/.test(n) ? [1, "N"] : /gap|travel|swing/.test(n) ? [1e3, "mm"] : [1, ""];
-    const head = table.insertRow();
-    head.append(element("th", {}, a.quality === "full" ? "of the run" : "of the run, while turning"),
-      element("th", {class: "n"}, "A"), ...b ? [element("th", {class: "n"}, "B"), element("th", {class: "n"}, "A − B")] : []);
-    for (const name of Object.keys({...a.summary, ...b && b.summary})) {
-      const [factor, text] = unit(name), row = table.insertRow();
-      const cell = v => {
-        const c = element("td", {class: "n"}, v === undefined ? "–" : `${round(factor * v, 5)} ${text}`);
-        if (v !== undefined) c.dataset.value = String(v);
-        return c;
-      };
-      row.dataset.name = name;
-      row.append(element("td", {}, name.replace(/_/g, " ")), cell(a.summary[name]));
-      if (b) row.append(cell(b.summary[name]), cell(a.summary[name] === undefined || b.summary[name] === undefined
-        ? undefined : a.summary[name] - b.summary[name]));
+    const names = Object.keys({...a.summary, ...b && b.summary}), energies = Object.entries(a.energy);
+    const key = JSON.stringify([names, !!b, a.quality, energies.map(e => e[0]), a.warnings]);
+    if (this.numbers?.key !== key || !this.numbers.table.isConnected) {
+      const table = element("table", {class: "plain numbers"}), energy = element("table", {class: "plain"}), head = table.insertRow();
+      head.append(element("th", {}, a.quality === "full" ? "of the run" : "of the run, while turning"),
+        element("th", {class: "n"}, "A"), ...b ? [element("th", {class: "n"}, "B"), element("th", {class: "n"}, "A − B")] : []);
+      const rows = (table, names, columns) => names.map(name => {
+        const row = table.insertRow(), cells = columns.map(() => element("td", {class: "n"}));
+        row.dataset.name = name;
+        row.append(element("td", {}, name.replace(/_/g, " ")), ...cells);
+        return cells;
+      });
+      this.numbers = {key, table, cells: rows(table, names, b ? [1, 2, 3] : [1]), energies: rows(energy, energies.map(e => e[0]), [1])};
+      this.tabBox.replaceChildren(element("div", {class: "cards"}, table,
+        element("div", {}, ...energies.length ? [element("b", {}, "energy"), energy] : [])),
+        ...a.warnings.map(w => element("p", {class: "hint"}, w)));
     }
-    const energy = element("table", {class: "plain"});
-    for (const [name, value] of Object.entries(a.energy)) {
-      const row = energy.insertRow();
-      row.append(element("td", {}, name.replace(/_/g, " ")), element("td", {class: "n"},
-        /relative/.test(name) ? round(value, 3) : `${round(1e3 * value, 4)} mJ`));
-    }
-    this.tabBox.replaceChildren(element("div", {class: "cards"}, table,
-      element("div", {}, ...Object.keys(a.energy).length ? [element("b", {}, "energy"), energy] : [])),
-      ...a.warnings.map(w => element("p", {class: "hint"}, w)));
+    names.forEach((name, i) => {
+      const [factor, text] = unit(name), [x, y] = [a.summary[name], b?.summary[name]];
+      [x, y, x === undefined || y === undefined ? undefined : x - y].slice(0, b ? 3 : 1).forEach((v, k) => {
+        const cell = this.numbers.cells[i][k];
+        put(cell, v === undefined ? "–" : `${round(factor * v, 5)} ${text}`);
+        if (v === undefined) delete cell.dataset.value; else cell.dataset.value = String(v);
+      });
+    });
+    energies.forEach(([name, value], i) => put(this.numbers.energies[i][0],
+      /relative/.test(name) ? round(value, 3) : `${round(1e3 * value, 4)} mJ`));
   }
 
   timingTab() {
@@ -751,11 +755,16 @@ class Live {
 
   // -------------------------------------------------------------- curves over another number than time
 
-  // Lines of x and y; uPlot with its own x for each series.
+  // Lines of x and y; uPlot with its own x for each series. Lines that were there before take new data only; true if not.
   plot(where, {x, y, series}) {
-    const width = Math.min(560, find("more").clientWidth - 10);
-    const range = k => () => {
-      const all = series.flatMap(s => Array.from(s.data[k])).filter(Number.isFinite);
+    const width = Math.min(560, find("more").clientWidth - 10), data = [null, ...series.map(s => s.data)];
+    const key = JSON.stringify([x, y, width, PAINT === NIGHT, series.map(s => [s.name, s.color, s.dash, s.dots])]);
+    if (where.plot?.key === key && where.plot.chart.root.isConnected) {
+      where.plot.chart.setData(data);
+      return false;
+    }
+    const range = k => u => {
+      const all = u.data.slice(1).flatMap(d => Array.from(d[k])).filter(Number.isFinite);
       const low = Math.min(...all), high = Math.max(...all), pad = 0.06 * (high - low) || 1;
       return all.length ? [low - pad, high + pad] : [0, 1];
     };
@@ -784,11 +793,15 @@ class Live {
     const axis = label => ({label, stroke: PAINT.text, grid: {stroke: PAINT.grid}, ticks: {stroke: PAINT.grid},
       font: "11px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", labelSize: 22});
     where.replaceChildren();
-    return new uPlot({mode: 2, width, height: 300, legend: {show: false}, cursor: {drag: {x: true, y: true}},
+    // A chart listens to the window until it is destroyed.
+    this.charts = (this.charts || []).filter(c => c.root.isConnected || (c.destroy(), false));
+    const chart = new uPlot({mode: 2, width, height: 300, legend: {show: false}, cursor: {drag: {x: true, y: true}},
       scales: {x: {time: false, range: range(0)}, y: {range: range(1)}}, axes: [axis(x), axis(y)],
       series: [{}, ...series.map(s => ({label: s.name, stroke: s.color, paths: lines, facets: [
-        {scale: "x", auto: true}, {scale: "y", auto: true}]}))]},
-      [null, ...series.map(s => s.data)], where);
+        {scale: "x", auto: true}, {scale: "y", auto: true}]}))]}, data, where);
+    this.charts.push(chart);
+    where.plot = {key, chart};
+    return true;
   }
 
   legend(series) {
@@ -869,8 +882,8 @@ class Live {
       this.loopBox.replaceChildren(element("p", {class: "hint"}, "this contact does not meet in this stroke"));
       return;
     }
-    this.plot(this.loopBox, {x: "compression [mm]", y: "force [N]", series: series.filter(s => s.data[0].length > 1)});
-    this.loopBox.append(this.legend(series));
+    const met = series.filter(s => s.data[0].length > 1);
+    if (this.plot(this.loopBox, {x: "compression [mm]", y: "force [N]", series: met})) this.loopBox.append(this.legend(met));
   }
 
   // -------------------------------------------------------------- measured
@@ -964,23 +977,29 @@ class Live {
       this.overlayBox.replaceChildren(...m.fault.split("\n").map(t => element("p", {class: "hint"}, t)));
       return;
     }
-    const table = element("table", {class: "plain residuals"});
-    for (const r of m.rows) table.insertRow().append(element("td", {}, r.record), element("td", {}, r.channel),
-      element("td", {class: "n"}, `${round(r.rms, 4)} ${r.unit}`), element("td", {class: "hint"}, r.noise ? `${round(r.noise, 3)} times the noise` : ""));
-    const boxes = m.records.map(record => {
-      const time = times(record.time), box = element("div", {}, element("b", {}, record.name), this.legend(
-        [{name: "measured", color: PAINT.ink}, {name: "model, turned", color: COLOR.a}]));
+    const cells = r => [r.record, r.channel, `${round(r.rms, 4)} ${r.unit}`, r.noise ? `${round(r.noise, 3)} times the noise` : ""];
+    const key = JSON.stringify([m.rows.map(r => [r.record, r.channel]), m.notes, PAINT === NIGHT,
+      m.records.map(r => [r.name, r.channels.map(c => [c.name, c.unit])])]);
+    if (this.overlay?.key !== key || !this.overlay.table.isConnected) {
+      const table = element("table", {class: "plain residuals"}), wheres = [];
+      for (const r of m.rows) table.insertRow().append(...["", "", "n", "hint"].map(name => element("td", {class: name})));
+      const boxes = m.records.map(record => element("div", {}, element("b", {}, record.name), this.legend(
+        [{name: "measured", color: PAINT.ink}, {name: "model, turned", color: COLOR.a}]),
+        ...record.channels.flatMap(channel => [element("div", {}, `${channel.name}, ${channel.unit}`),
+          wheres[wheres.push(element("div")) - 1]])));
+      this.overlayBox.replaceChildren(table, ...m.notes.map(n => element("p", {class: "hint"}, n)), element("div", {class: "cards"}, ...boxes));
+      this.overlay = {key, table, wheres};
+    }
+    m.rows.forEach((r, i) => cells(r).forEach((text, k) => put(this.overlay.table.rows[i].cells[k], text)));
+    let at = 0;
+    for (const record of m.records) {
+      const time = times(record.time);
       for (const channel of record.channels) {
-        const [measured, model] = columns(channel.values), where = element("div");
-        const series = [{name: "measured", color: PAINT.ink, data: [time, measured]}, {name: "model, turned", color: COLOR.a, data: [time, model]}];
-        box.append(element("div", {}, `${channel.name}, ${channel.unit}`), where);
-        box.plots = [...(box.plots || []), [where, series, channel]];
+        const [measured, model] = columns(channel.values);
+        this.plot(this.overlay.wheres[at++], {x: "time [ms]", y: `${channel.name} [${channel.unit}]`, series: [
+          {name: "measured", color: PAINT.ink, data: [time, measured]}, {name: "model, turned", color: COLOR.a, data: [time, model]}]});
       }
-      return box;
-    });
-    this.overlayBox.replaceChildren(table, ...m.notes.map(n => element("p", {class: "hint"}, n)), element("div", {class: "cards"}, ...boxes));
-    for (const box of boxes) for (const [where, series, channel] of box.plots || [])
-      this.plot(where, {x: "time [ms]", y: `${channel.name} [${channel.unit}]`, series});
+    }
   }
 
   diagnose() {

@@ -91,7 +91,7 @@ class Panel {
     this.canvas.width = Math.round(this.width * dpr);
     this.canvas.height = Math.round(height * dpr);
     this.canvas.style.height = height + "px";
-    this.still = null;
+    this.key = null;
   }
 
   timeAt(x, [a, b]) {
@@ -125,12 +125,9 @@ class Panel {
     return [low - pad, high + pad];
   }
 
-  // What does not change with the cursor is drawn once and kept.
-  drawStill(window, events) {
-    const still = document.createElement("canvas");
-    still.width = this.canvas.width;
-    still.height = this.canvas.height;
-    const g = still.getContext("2d"), w = this.width, h = this.height;
+  // What does not change with the cursor.
+  drawStill(g, window, events) {
+    const w = this.width, h = this.height;
     g.setTransform(this.dpr, 0, 0, this.dpr, 0, 0);
     const [low, high] = this.limits = this.range(window), [a, b] = window;
     const X = t => LEFT + (w - LEFT - RIGHT) * (t - a) / (b - a);
@@ -183,20 +180,31 @@ class Panel {
       });
     });
     g.restore();
-    this.still = still;
+  }
+
+  keep(window, events) {
+    this.still ||= document.createElement("canvas");
+    this.still.width = this.canvas.width;
+    this.still.height = this.canvas.height;
+    this.drawStill(this.still.getContext("2d"), window, events);
+    this.kept = true;
   }
 
   draw(now, window, events) {
     const key = JSON.stringify([window, this.outputs, this.change, events,
                                 this.runs.map(r => [r.shown, r.time(0)])]);
-    if (!this.still || this.key !== key) {
-      this.key = key;
-      this.drawStill(window, events);
-    }
     const g = this.canvas.getContext("2d");
     g.setTransform(1, 0, 0, 1, 0, 0);
     g.clearRect(0, 0, this.canvas.width, this.canvas.height);
-    g.drawImage(this.still, 0, 0);
+    if (this.key !== key) {
+      this.key = key;
+      this.kept = false;
+      this.drawStill(g, window, events);
+    } else {
+      // Drawn a second time, only the cursor has moved: from now on the rest is copied.
+      if (!this.kept) this.keep(window, events);
+      g.drawImage(this.still, 0, 0);
+    }
     if (now < window[0] || now > window[1]) return;
     g.setTransform(this.dpr, 0, 0, this.dpr, 0, 0);
     const x = this.X(now);

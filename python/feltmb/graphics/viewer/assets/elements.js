@@ -32,3 +32,10 @@ function choice(label, pairs, onchange) {
   for (const [value, text] of pairs) select.append(element("option", {value}, text));
   return select;
 }
+
+// Writes a text where it is another one: a text that is written costs a layout, though it is the same.
+function put(e, text) {
+  const now = e.firstChild;
+  if (!now) { if (text !== "") e.append(text); }
+  else if (now.data !== text) now.data = text;
+}

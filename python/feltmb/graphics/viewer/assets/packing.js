@@ -22,6 +22,16 @@ function columns(packed) {
   return out;
 }
 
+// Lines of points [x, y].
+function lines(packed) {
+  const view = bytes(packed.data);
+  let at = 0;
+  return packed.counts.map(count => Array.from({length: count}, () => {
+    at += 8;
+    return [view.getFloat32(at - 8, true), view.getFloat32(at - 4, true)];
+  }));
+}
+
 function times(packed) {
   const view = bytes(packed.data), out = new Float64Array(view.byteLength / 4);
   for (let i = 0; i < out.length; i++) out[i] = packed.first + view.getFloat32(4 * i, true);

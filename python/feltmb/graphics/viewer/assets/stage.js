@@ -4,8 +4,10 @@
 function unpackStage(s) {
   const string = s.string;
   const modes = string && string.modes;
+  const outlines = lines(s.outlines);
   return {
     ...s,
+    shapes: s.shapes.map((shape, i) => ({...shape, points: outlines[i]})),
     time: times(s.time),
     poses: columns(s.poses),
     places: columns(s.places),

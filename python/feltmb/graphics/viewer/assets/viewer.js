@@ -45,7 +45,7 @@ class Viewer {
     this.fillEvents();
     for (const panel of this.panels) {
       panel.runs = this.runs;
-      panel.still = null;
+      panel.key = null;
       this.fillLegend(panel);
     }
     this.align(this.aligner ? this.aligner.value : "", false);
@@ -83,6 +83,15 @@ class Viewer {
     }
     this.right = element("div", {class: "fv-right"});
     this.panels = [];
+    this.sight = new IntersectionObserver(found => {
+      for (const {target, isIntersecting} of found) {
+        const panel = this.panels.find(p => p.box === target);
+        if (!panel) continue;
+        const late = isIntersecting && panel.inSight === false;
+        panel.inSight = isIntersecting;
+        if (late) this.drawPanels([panel]);
+      }
+    });
     this.panelBox = element("div");
     this.events = element("table", {class: "fv-table fv-events"});
     this.fillEvents();
@@ -156,6 +165,12 @@ class Viewer {
 
   fillForces() {
     const rows = new Map(), table = this.forces;
+    const key = JSON.stringify(this.runs.map(r => [r.color, r.stage && r.stage.contacts.map(c => [c.number, c.label])]));
+    if (this.forcesKey === key) {
+      for (const cell of this.forceRows) cell.run = this.runs[cell.r];
+      return;
+    }
+    this.forcesKey = key;
     table.replaceChildren();
     this.runs.forEach((run, r) => {
       if (!run.stage) return;
@@ -169,36 +184,44 @@ class Viewer {
       const near = element("button", {type: "button", class: "fv-link fv-near", title: "go near this contact",
         onclick: () => this.stage.approach(number, this.now)}, label);
       row.append(element("td", {class: "fv-n"}, String(number)), element("td", {}, near));
-      const cells = of.map(({run, k}) => {
+      const cells = of.map(({run, k, r}) => {
         const value = element("td", {class: "fv-v"}), bar = element("i", {class: "fv-bar"});
         bar.style.background = run.color;
         row.append(value, element("td", {class: "fv-b"}, bar));
-        return {run, k, value, bar};
+        return {run, k, r, value, bar};
       });
       return cells;
     }).flat();
   }
 
   fillEvents() {
-    const names = [], table = this.events;
-    table.replaceChildren();
+    const names = [], table = this.events, several = this.runs.length > 1;
     for (const run of this.runs) for (const [, name] of run.events)
       if (!names.includes(name)) names.push(name);
-    names.forEach(name => {
-      const row = table.insertRow();
-      const go = element("button", {type: "button", class: "fv-link", onclick: () => {
-        const run = this.runs.find(r => r.events.some(e => e[1] === name));
-        this.toggle(false);
-        this.seek(run.events.find(e => e[1] === name)[0] - run.shift, true);
-      }}, name);
-      row.append(element("td", {}, go));
-      for (const run of this.runs) {
-        const found = run.events.find(e => e[1] === name);
-        const cell = element("td", {class: "fv-v"}, found ? found[0].toFixed(2) + " ms" : "–");
-        cell.style.color = this.runs.length > 1 ? run.color : "";
-        row.append(cell);
-      }
-    });
+    const key = JSON.stringify([names, this.runs.map(r => r.color)]);
+    if (this.eventsKey !== key) {
+      this.eventsKey = key;
+      table.replaceChildren();
+      this.eventCells = names.map(name => {
+        const row = table.insertRow();
+        const go = element("button", {type: "button", class: "fv-link", onclick: () => {
+          const run = this.runs.find(r => r.events.some(e => e[1] === name));
+          this.toggle(false);
+          this.seek(run.events.find(e => e[1] === name)[0] - run.shift, true);
+        }}, name);
+        const cells = this.runs.map(run => {
+          const cell = element("td", {class: "fv-v"});
+          cell.style.color = several ? run.color : "";
+          return cell;
+        });
+        row.append(element("td", {}, go), ...cells);
+        return cells;
+      });
+    }
+    names.forEach((name, i) => this.runs.forEach((run, r) => {
+      const found = run.events.find(e => e[1] === name);
+      put(this.eventCells[i][r], found ? found[0].toFixed(2) + " ms" : "–");
+    }));
   }
 
   adder() {
@@ -246,6 +269,7 @@ class Viewer {
       onclick: () => {
         this.panels = this.panels.filter(p => p !== panel);
         panel.box.remove();
+        this.sight.unobserve(panel.box);
         this.wanted();
       }}, "×");
     panel.box = element("div", {class: "fv-panel"},
@@ -258,11 +282,19 @@ class Viewer {
     this.fillLegend(panel);
     this.panelBox.append(panel.box);
     this.panels.push(panel);
+    this.sight.observe(panel.box);
     this.scrub(panel);
     return panel;
   }
 
   fillLegend(panel) {
+    const key = JSON.stringify([PAINT === NIGHT, panel.outputs, this.runs.map(r => [r.color,
+      panel.outputs.map(n => r.curves.get(n)?.output.label)])]);
+    if (panel.legendKey === key) {
+      for (const reading of panel.readings) reading.run = this.runs[reading.r];
+      return;
+    }
+    panel.legendKey = key;
     panel.legend.replaceChildren();
     panel.readings = [];
     panel.box.classList.toggle("fv-many", panel.outputs.length > 1);
@@ -281,7 +313,7 @@ class Viewer {
         const value = element("span", {class: "fv-v"});
         if (this.runs.length > 1) value.style.color = run.color;
         item.append(" ", value);
-        panel.readings.push({run, name, value});
+        panel.readings.push({run, r, name, value});
       });
       panel.legend.append(item);
     });
@@ -416,26 +448,34 @@ class Viewer {
     return out;
   }
 
+  drawPanels(panels) {
+    const marks = this.marks();
+    for (const panel of panels) {
+      if (!panel.width) panel.fit(devicePixelRatio || 1, 128);
+      panel.draw(this.now, this.window, marks);
+      for (const {run, name, value} of panel.readings)
+        put(value, valueText(panel.value(run, name, this.now), panel.limits[1] - panel.limits[0]));
+    }
+  }
+
   render() {
     const {now, window} = this;
     if (now === undefined) return;
     if (this.stage) this.stage.draw(now, {arrows: this.arrows.checked,
       magnified: this.magnified ? Number(this.magnified.value) : 1});
     if (this.strip) this.strip.draw(now);
-    const marks = this.marks();
-    for (const panel of this.panels) {
-      if (!panel.width) panel.fit(devicePixelRatio || 1, 128);
-      panel.draw(now, window, marks);
-      for (const {run, name, value} of panel.readings)
-        value.textContent = valueText(panel.value(run, name, now), panel.limits[1] - panel.limits[0]);
-    }
+    // Panels out of sight wait until nothing is drawn any more.
+    clearTimeout(this.resting);
+    const [seen, unseen] = [true, false].map(sight => this.panels.filter(p => (p.inSight ?? true) === sight));
+    this.drawPanels(seen);
+    if (unseen.length) this.resting = setTimeout(() => this.drawPanels(unseen), 200);
     const digits = Math.max(1, Math.min(6, 3 - Math.floor(Math.log10(window[1] - window[0]))));
-    this.clock.textContent = now.toFixed(digits) + " ms";
+    put(this.clock, now.toFixed(digits) + " ms");
     this.slider.value = Math.round(10000 * (now - window[0]) / (window[1] - window[0]));
     const largest = Math.max(...this.runs.map(r => r.stage ? r.stage.largest : 0), 1e-30);
     for (const {run, k, value, bar} of this.forceRows || []) {
       const s = run.stage, force = mix(s.forces[k], locate(s.time, run.time(now)));
-      value.textContent = run.shown && force > 0 ? force.toFixed(2) + " N" : "";
+      put(value, run.shown && force > 0 ? force.toFixed(2) + " N" : "");
       bar.style.width = (run.shown && force > 0 ? 60 * Math.sqrt(force / largest) : 0) + "px";
     }
   }
