@@ -6,7 +6,7 @@
 The server is a process of its own. Latency: from a change of the slider to the frame after the new
 picture was drawn, of every change; processor times of the server and of all processes of the
 browser by picture. Memory: three random controls at a time, two strokes, six random curves, a rest
-of 0.8 s after 20 changes, a new connection after 400.
+of 0.8 s after 20 changes, a new connection after 400; the least and the largest of each minute.
 """
 
 from __future__ import annotations
@@ -147,13 +147,13 @@ def latency(changes: int, every: float, tab: str) -> None:
 def memory(minutes: float, rate: float) -> None:
     client = of_tests("python/live/conftest.py").Client
     rng = np.random.default_rng(5)
-    begin, k, pages, due = time.monotonic(), 0, 0, 0.0
+    begin, k, pages, due, sizes = time.monotonic(), 0, 0, 0.0, []
     with serving() as (pid, address):
 
         def tell() -> None:
             print(
                 f"{(time.monotonic() - begin) / 60.0:5.1f} min, {k} changes, {pages} pages: "
-                f"{resident(pid):.1f} MB, {processor(pid):.0f} s of processor time",
+                f"{min(sizes):.1f} to {max(sizes):.1f} MB, {processor(pid):.0f} s processor",
                 flush=True,
             )
 
@@ -179,10 +179,13 @@ def memory(minutes: float, rate: float) -> None:
                     page.until(lambda m, k=k: m["on"] in ("run", "fault") and m["id"] == k)
                     rest = 0.8 if k % 20 == 0 else 0.0
                     time.sleep(max(rest, 1.0 / rate - (time.monotonic() - at)))
+                    sizes.append(resident(pid))
                     if time.monotonic() - begin >= due:
                         tell()
                         due += 60.0
-        tell()
+                        sizes.clear()
+        if sizes:
+            tell()
 
 
 def main() -> None:

@@ -475,7 +475,7 @@ def test_memory_is_flat_while_dragging(live, client):
     print(f"{k} changes; the end: {sizes[-1][1]:.0f} MB")
     # A tenth of the time is for what is kept on purpose: caches, threads, what was imported.
     settled = [size for at, size in sizes if at > 0.1 * sizes[-1][0]]
-    assert settled[-1] - settled[0] < 15.0
+    assert settled[-1] - settled[0] < 20.0
 
 
 @pytest.mark.slow
