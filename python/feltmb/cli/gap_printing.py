@@ -154,7 +154,7 @@ def _remains(report: Report) -> None:
     far = report.how_far
     if report.model.included:
         say(
-            f"What is named closes {far.closed:.0%} of the calibrated gap "
+            f"What is named closes {min(far.closed, 1.0):.0%} of the calibrated gap "
             f"({far.low:.0%} to {far.high:.0%})."
         )
     named = bool(report.model.included)

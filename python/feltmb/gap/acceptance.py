@@ -11,11 +11,11 @@ import numpy as np
 
 from feltmb.fit.solve import Fit, FitSettings
 from feltmb.gap.criteria import (
-    CLOSES,
     CLOSES_ALL,
     DEEP_GAP,
     EXPLAINS_MOST,
     INFLATED,
+    LEAST_CLOSED,
     LEAST_GAIN,
     NO_EFFECT,
     NOT_LISTED,
@@ -255,7 +255,7 @@ class _Attempt:
     def _completes(self, c: CandidateSet, name: str) -> bool:
         """Whether a weak effect is more than an error in the form of a strong one."""
         share = self.closes(c, name)
-        if self.discrepancy and share >= CLOSES:
+        if self.discrepancy and share >= LEAST_CLOSED:
             return True
         gaps = self._gaps(self._outcome_without(c, name))
         return share >= CLOSES_ALL and any(DEEP_GAP < g < np.inf for g in gaps)

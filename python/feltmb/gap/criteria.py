@@ -351,12 +351,6 @@ WALD = _number(
     "smallest distance of a magnitude from zero, or score of the effect alone",
     _STATISTICS, "gap/test_rules.py",
 )  # fmt: skip
-CLOSES = _number(
-    "CLOSES", 0.05, "share of the remaining held-out gap",
-    "share that an effect must close to be significant if an unexplained residual was "
-    "accepted",
-    _JUDGED, "gap/test_rules.py",
-)  # fmt: skip
 CLOSES_ALL = _number(
     "CLOSES_ALL", 0.99, "share of the remaining held-out gap",
     "share above which an effect is always significant: an effect that does not exist cannot "
@@ -407,8 +401,9 @@ SURE = _number(
 )  # fmt: skip
 LEAST_CLOSED = _number(
     "LEAST_CLOSED", 0.2, "share of the held-out gap",
-    "share that a named effect must close if an unexplained residual was accepted", _JUDGED,
-    "gap/test_rules.py",
+    "share that the named effects together, and a named effect that is small beside another, must "
+    "close of the gap without them if an unexplained residual was accepted",
+    _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
 REST_EXCESS = _number(
     "REST_EXCESS", 3.0, "sd",
