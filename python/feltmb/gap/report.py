@@ -32,8 +32,8 @@ class Report(Findings):
     def __repr__(self) -> str:
         names = ", ".join(self.named or self.one_of) or "nothing"
         return (
-            f"Report({self.verdict.value}: {names}; closes {min(self.how_far.closed, 1.0):.0%} of the "
-            f"held-out gap, confidence {self.confidence:.0%})"
+            f"Report({self.verdict.value}: {names}; closes {min(self.how_far.closed, 1.0):.0%} of "
+            f"the held-out gap, confidence {self.confidence:.0%})"
         )
 
     def _repr_html_(self) -> str:
