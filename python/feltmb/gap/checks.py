@@ -35,6 +35,8 @@ __all__ = ["ChannelCheck", "DataChecks", "check_records"]
 LEAST_COPY = 8
 #: Differences of values below this share of their spread are errors of arithmetic.
 LEAST_STEP = 1e-9
+#: Methods that estimate the noise from one record.
+ESTIMATED = ("rest", "differences", "prediction", "spread")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +54,8 @@ class ChannelCheck:
     sigma: float
     """Standard deviation of the noise that is used, resolution included [unit]."""
     method: str
-    """Source of sigma: "sensor", "repeats", "rest", "differences", "prediction"."""
+    """Source of sigma: "sensor", "repeats", "rest", "differences", "prediction",
+    "spread"."""
     correlation_time: float
     """Correlation time of the noise [s]."""
     averaged: int
@@ -261,19 +264,23 @@ def _same(unit: str, other: str) -> bool:
 
 
 def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:
-    """One noise per sensor: of several estimates, the smallest is used for all records."""
+    """One noise per sensor: of several estimates, the smallest is used for all records.
+
+    A record in which the channel never changes says nothing about its noise. A record that moves
+    over a few steps of a grid does not show the grid: the noise is at least the rounding error of
+    the finest grid that another record shows.
+    """
     out = []
     for c in channels:
-        if c.method in ("rest", "differences", "prediction"):
+        if c.method in ESTIMATED:
             same = [
                 o
                 for o in channels
-                if o.channel == c.channel
-                and o.unit == c.unit
-                and o.method in ("rest", "differences", "prediction")
+                if o.channel == c.channel and o.unit == c.unit and o.method in ESTIMATED
             ]
-            best = min(same, key=lambda o: o.sigma)
-            c = replace(c, sigma=best.sigma, method=best.method)
+            best = min((o for o in same if o.spread > 0.0), key=lambda o: o.sigma, default=c)
+            step = min((o.quantum for o in same if o.quantum > 0.0), default=0.0)
+            c = replace(c, sigma=max(best.sigma, step / math.sqrt(12.0)), method=best.method)
         out.append(c)
     return out
 

@@ -318,3 +318,22 @@ def test_a_grid_of_values_bounds_the_noise_from_below(sigma, found):
     assert any("rounding error" in w for w in checks.warnings) is (sigma == 0.05)
     free = replace(record, outputs={"q": 0.3 * exact})
     assert check_records([free]).channels[0].quantum == 0.0
+
+
+@pytest.mark.parametrize("still", ["few steps", "constant"])
+def test_a_record_that_hardly_moves_does_not_set_the_noise_of_others(still):
+    """One quiet record gave all records of a rounded channel a noise of 1e-9 or less."""
+    rng = np.random.default_rng(4)
+    t = np.arange(600)
+    wave = np.sin(0.03 * t)
+    second = np.round(1.2 * wave, 0) if still == "few steps" else 0.0 * wave
+    records = [
+        Record(name=name, time=1e-3 * t, inputs={}, outputs={"q": 0.01 * values})
+        for name, values in (
+            ("a", np.round(100.0 * wave + 0.05 * rng.standard_normal(t.size))),
+            ("b", second),
+        )
+    ]
+    for order in (records, records[::-1]):
+        for channel in check_records(order).channels:
+            assert channel.sigma == pytest.approx(0.01 / np.sqrt(12.0), rel=1e-6)

@@ -24,6 +24,7 @@ from feltmb.gap import (
     read_limits,
     session,
 )
+from feltmb.gap.designs import sensors_now
 from feltmb.gap.further_sensors import Sensors, offered
 from feltmb.gap.information import information, informations
 from feltmb.gap.score import all_candidates
@@ -331,6 +332,51 @@ def test_an_answer_about_another_sensor_is_refused(tmp_path):
                 MODEL, [SQUARE, lookalike], run, lambda p: [read_record(p)], tmp_path / str(k),
                 limits=box, sensors=SENSORS, budget=4, candidates=1, refinements=0,
             )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("output", "sigma", "told"),
+    [
+        ("z", 30.0, "z: noise 30 m, the plan assumed 0.05 m"),
+        ("y", 0.9, "y: noise 0.9 m, the plan assumed 0.05 m; the present sensor with 0.5 m is"),
+    ],
+)
+def test_a_sensor_with_more_noise_than_assumed_is_not_asked_for_again(
+    tmp_path, output, sigma, told
+):
+    """The same sensor was requested until the budget was used."""
+    lever, asked = Lever(), []
+
+    def run(request, answer):
+        asked.append(request.name)
+        if request.suffix == ".toml":
+            lever.sensors[output] = Sensor(name=output, unit="m", sigma=sigma)
+            answer.write_text(f"[sensors.{output}]\nsigma = {sigma}\n")
+        else:
+            lever(request, answer)
+
+    box = replace(LIMITS, further=(FurtherSensor(output=output, sigma=0.05, cost=0.5),))
+    found = session(
+        MODEL, [SQUARE, both(1.0, 1.0, 2, "lookalike")], run, lambda p: [read_record(p)], tmp_path,
+        limits=box, sensors=SENSORS, budget=2, candidates=1, refinements=0, units=MODEL.units,
+        options=Options(bootstrap=0, restarts=0, advice=False),
+    )  # fmt: skip
+    assert asked.count("request.toml") == 1
+    assert [s.kind for s in found.steps][:2] == ["sensor", "stroke"]
+    assert found.steps[0].warnings[0].startswith(told)
+
+
+def test_given_sensors_are_all_that_is_measured():
+    """Outputs of old records, and those of the limits, were planned in addition."""
+    time = np.arange(20) * 0.01
+    seen = {n: Sensor(name=n, unit="m", sigma=0.1) for n in ("y", "z")}
+    record = Record(name="a", time=time, inputs={"u": time}, outputs=dict.fromkeys("yz", time),
+                    sensors=seen)  # fmt: skip
+    box = replace(LIMITS, sensors={"z": 0.2})
+    assert sensors_now(MODEL, LIMITS, [record], SENSORS) == SENSORS
+    assert sensors_now(MODEL, box, [record], SENSORS) == SENSORS
+    assert {n: s.sigma for n, s in sensors_now(MODEL, box, [record], None).items()} == {"z": 0.2}
+    assert sensors_now(MODEL, LIMITS, [record], None) == seen
 
 
 CODE = """
