@@ -145,20 +145,16 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
                     f"{where}: {check.clipped:.0%} of the values sit at the end of the range; "
                     "is the sensor saturated?"
                 )
-            sensor, error = record.sensors[name], check.quantum / math.sqrt(12.0)
-            if sensor.quantum == 0.0 and sensor.sigma is not None and error > sensor.sigma:
-                warnings.append(
-                    f"{where}: all values are multiples of {check.quantum:.3g} {check.unit}; their "
-                    f"rounding error of {error:.3g} {check.unit} exceeds the given noise of "
-                    f"{sensor.sigma:.3g} {check.unit}, and is used instead"
-                )
             channels.append(check)
         if outputs is not None and not set(outputs) & set(record.outputs):
             problems.append(
                 f"{record.name}: none of its outputs ({', '.join(record.outputs)}) is one of the "
                 f"model ({', '.join(outputs)})"
             )
-    channels = _colored(_pooled(channels), records, warnings)
+    warnings += _rounded(channels, records)
+    channels = _pooled(channels)
+    problems += _dead(channels)
+    channels = _colored(channels, records, warnings)
     flat = tuple((label, channel, sd) for (label, channel), sd in sorted(repeats.items()))
     return DataChecks(
         channels=tuple(channels),
@@ -167,6 +163,39 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
         repeatability=flat,
         estimated=estimated,
     )
+
+
+def _rounded(channels: Sequence[ChannelCheck], records: Sequence[Record]) -> list[str]:
+    """One warning for each sensor whose given noise is less than its rounding error."""
+    given = {(r.name, n): s for r in records for n, s in r.sensors.items()}
+    found: dict[tuple[str, str], list[str]] = {}
+    for c in channels:
+        sensor, error = given[c.record, c.channel], c.quantum / math.sqrt(12.0)
+        if sensor.quantum == 0.0 and sensor.sigma is not None and error > sensor.sigma:
+            own = "" if c.unit == "1" else f" {c.unit}"
+            text = (
+                f"all values are multiples of {c.quantum:.3g}{own}; their rounding error of "
+                f"{error:.3g}{own} exceeds the given noise of {sensor.sigma:.3g}{own}, and is used "
+                "instead"
+            )
+            found.setdefault((c.channel, text), []).append(c.record)
+    return [
+        f"{channel if len(names) > 1 else names[0] + '.' + channel}: {text}"
+        + (f" ({len(names)} records)" if len(names) > 1 else "")
+        for (channel, text), names in found.items()
+    ]
+
+
+def _dead(channels: Sequence[ChannelCheck]) -> list[str]:
+    """Channels of unknown noise that change in no record, as faults: their noise is not known."""
+    own = [c for c in channels if c.method in ESTIMATED]
+    alive = {c.channel for c in own if c.spread > 0.0}
+    return [
+        f"{name}: never changes, so that its noise cannot be estimated; expected sigma of its "
+        "sensor, or a model without this output"
+        for name in dict.fromkeys(c.channel for c in own)
+        if name not in alive
+    ]
 
 
 def without_copies(
@@ -427,6 +456,8 @@ def _grid(values: Array, spread: float) -> float:
         return 0.0
     step = float(np.min(steps))
     ratio = steps / step
+    if steps.size == values.size - 1 and np.max(ratio) < 1.5:
+        return 0.0  # a straight line: each value occurs once, at equal distances
     off, most = WHOLE_STEPS
     return step if np.mean(np.abs(ratio - np.round(ratio)) < off) > most else 0.0
 

@@ -115,8 +115,8 @@ def offered(
             present = now[offer.output].sigma
             if present is None:
                 faults.append(
-                    f"{offer.output}: is measured already, with an unknown noise; expected sigma "
-                    "of what is measured in [sensors]"
+                    f"{offer.output}: is measured already, by a sensor of unknown noise; expected "
+                    f"its sigma in [sensors.{offer.output}]"
                 )
                 continue
             sigma = present / BETTER_SENSOR if sigma is None else sigma

@@ -8,6 +8,8 @@ import pytest
 
 from feltmb.adapters.resolve import resolve
 from feltmb.cli import main as feltmb_main
+from feltmb.cli.gap_models import Adapter
+from feltmb.cli.gap_plan import sensors_of
 from feltmb.data import read_record, write_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import (
@@ -188,7 +190,11 @@ def test_one_linearization_gives_each_way_to_measure():
         (FurtherSensor(output="x"), SENSORS, "further sensor x: no output of lever"),
         (FurtherSensor(output="y", sigma=0.5), SENSORS, "expected less than that of its present"),
         (FurtherSensor(output="z"), {"y": Sensor(name="y")}, "z: no noise is told; expected sigma"),
-        (FurtherSensor(output="y"), {"y": Sensor(name="y")}, "y: is measured already, with an unk"),
+        (
+            FurtherSensor(output="y"),
+            {"y": Sensor(name="y")},
+            "y: is measured already, by a sensor of unk",
+        ),
     ],
 )
 def test_bad_sensors_are_refused(further, sensors, told):
@@ -201,6 +207,8 @@ def test_all_bad_sensors_are_told_at_once():
     rows = (FurtherSensor(output="y", sigma=1.0), FurtherSensor(output="y", sigma=2.0))
     with pytest.raises(InvalidParameter, match=r"1 m, .*; y: sigma = 2 m"):
         offered(rows, SENSORS, MODEL)
+    with pytest.raises(InvalidParameter, match="further sensor y: is stated twice"):
+        replace(LIMITS, further=(rows[0], rows[0]))  # both were marked as planned
     for bad in ({"sigma": 0.0}, {"sigma": -1.0}, {"cost": 0.0}, {"sigma": np.inf}):
         with pytest.raises(InvalidParameter, match=next(iter(bad))):
             FurtherSensor(output="y", **bad)
@@ -366,6 +374,24 @@ def test_a_sensor_with_more_noise_than_assumed_is_not_asked_for_again(
     assert found.steps[0].warnings[0].startswith(told)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ("further_sensors = 3", "further_sensors: got 3, expected a list"),
+        ("further_sensors = [3]", "further_sensors.0: got 3, expected a table"),
+        ("[further_sensors]\noutput = 'y'", "hint: [[further_sensors]] in place of [further_"),
+    ],
+)
+def test_a_wrong_kind_of_table_is_told_in_words_of_toml(tmp_path, wrong, told):
+    """The message spoke of dictionaries and of a class."""
+    path = tmp_path / "limits.toml"
+    text = FILE[: FILE.index("[[further")]
+    path.write_text(wrong + "\n" + text if wrong.startswith("f") else text + wrong)
+    with pytest.raises(DataError) as failure:
+        read_limits(path, MODEL)
+    assert told in str(failure.value)
+
+
 def test_given_sensors_are_all_that_is_measured():
     """Outputs of old records, and those of the limits, were planned in addition."""
     time = np.arange(20) * 0.01
@@ -377,6 +403,20 @@ def test_given_sensors_are_all_that_is_measured():
     assert sensors_now(MODEL, box, [record], SENSORS) == SENSORS
     assert {n: s.sigma for n, s in sensors_now(MODEL, box, [record], None).items()} == {"z": 0.2}
     assert sensors_now(MODEL, LIMITS, [record], None) == seen
+
+
+def test_channels_of_the_command_may_be_new_ones():
+    """A channel that no record has was dropped without a word."""
+    time = np.arange(20) * 0.01
+    planned = Record(name="p", time=time, inputs={"u": time},
+                     outputs=dict.fromkeys("yz", time), sensors={
+                         n: Sensor(name=n, unit="m", sigma=0.1) for n in ("y", "z")})  # fmt: skip
+    adapter = Adapter(model=MODEL, effects=(SQUARE,), planned=(planned,))
+    old = replace(planned, name="a", outputs={"y": time},
+                  sensors={"y": Sensor(name="y", unit="m", sigma=0.3)})  # fmt: skip
+    for wanted, sigmas in (((), {"y": 0.3}), (("z",), {"z": 0.1}), (("y",), {"y": 0.3})):
+        found = sensors_of(adapter, LIMITS, [old], wanted)
+        assert {n: s.sigma for n, s in found.items()} == sigmas
 
 
 CODE = """
