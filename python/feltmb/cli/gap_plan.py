@@ -269,7 +269,9 @@ def sensors_of(
     known = dict(adapter.planned[0].sensors)
     if records:
         seen = {n: s for r in records for n, s in r.sensors.items()}
-        known = {
+        # Channels that are asked for may be new ones.
+        new = {} if wanted is None else known
+        known = new | {
             n: replace(s, sigma=known[n].sigma) if s.sigma is None and n in known else s
             for n, s in seen.items()
             if n in adapter.model.outputs

@@ -35,6 +35,8 @@ __all__ = ["ChannelCheck", "DataChecks", "check_records"]
 LEAST_COPY = 8
 #: Differences of values below this share of their spread are errors of arithmetic.
 LEAST_STEP = 1e-9
+#: Methods that estimate the noise from one record.
+ESTIMATED = ("rest", "differences", "prediction", "spread")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +54,8 @@ class ChannelCheck:
     sigma: float
     """Standard deviation of the noise that is used, resolution included [unit]."""
     method: str
-    """Source of sigma: "sensor", "repeats", "rest", "differences", "prediction"."""
+    """Source of sigma: "sensor", "repeats", "rest", "differences", "prediction",
+    "spread"."""
     correlation_time: float
     """Correlation time of the noise [s]."""
     averaged: int
@@ -142,20 +145,16 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
                     f"{where}: {check.clipped:.0%} of the values sit at the end of the range; "
                     "is the sensor saturated?"
                 )
-            sensor, error = record.sensors[name], check.quantum / math.sqrt(12.0)
-            if sensor.quantum == 0.0 and sensor.sigma is not None and error > sensor.sigma:
-                warnings.append(
-                    f"{where}: all values are multiples of {check.quantum:.3g} {check.unit}; their "
-                    f"rounding error of {error:.3g} {check.unit} exceeds the given noise of "
-                    f"{sensor.sigma:.3g} {check.unit}, and is used instead"
-                )
             channels.append(check)
         if outputs is not None and not set(outputs) & set(record.outputs):
             problems.append(
                 f"{record.name}: none of its outputs ({', '.join(record.outputs)}) is one of the "
                 f"model ({', '.join(outputs)})"
             )
-    channels = _colored(_pooled(channels), records, warnings)
+    warnings += _rounded(channels, records)
+    channels = _pooled(channels)
+    problems += _dead(channels)
+    channels = _colored(channels, records, warnings)
     flat = tuple((label, channel, sd) for (label, channel), sd in sorted(repeats.items()))
     return DataChecks(
         channels=tuple(channels),
@@ -164,6 +163,39 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
         repeatability=flat,
         estimated=estimated,
     )
+
+
+def _rounded(channels: Sequence[ChannelCheck], records: Sequence[Record]) -> list[str]:
+    """One warning for each sensor whose given noise is less than its rounding error."""
+    given = {(r.name, n): s for r in records for n, s in r.sensors.items()}
+    found: dict[tuple[str, str], list[str]] = {}
+    for c in channels:
+        sensor, error = given[c.record, c.channel], c.quantum / math.sqrt(12.0)
+        if sensor.quantum == 0.0 and sensor.sigma is not None and error > sensor.sigma:
+            own = "" if c.unit == "1" else f" {c.unit}"
+            text = (
+                f"all values are multiples of {c.quantum:.3g}{own}; their rounding error of "
+                f"{error:.3g}{own} exceeds the given noise of {sensor.sigma:.3g}{own}, and is used "
+                "instead"
+            )
+            found.setdefault((c.channel, text), []).append(c.record)
+    return [
+        f"{channel if len(names) > 1 else names[0] + '.' + channel}: {text}"
+        + (f" ({len(names)} records)" if len(names) > 1 else "")
+        for (channel, text), names in found.items()
+    ]
+
+
+def _dead(channels: Sequence[ChannelCheck]) -> list[str]:
+    """Channels of unknown noise that change in no record, as faults: their noise is not known."""
+    own = [c for c in channels if c.method in ESTIMATED]
+    alive = {c.channel for c in own if c.spread > 0.0}
+    return [
+        f"{name}: never changes, so that its noise cannot be estimated; expected sigma of its "
+        "sensor, or a model without this output"
+        for name in dict.fromkeys(c.channel for c in own)
+        if name not in alive
+    ]
 
 
 def without_copies(
@@ -261,19 +293,23 @@ def _same(unit: str, other: str) -> bool:
 
 
 def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:
-    """One noise per sensor: of several estimates, the smallest is used for all records."""
+    """One noise per sensor: of several estimates, the smallest is used for all records.
+
+    A record in which the channel never changes says nothing about its noise. A record that moves
+    over a few steps of a grid does not show the grid: the noise is at least the rounding error of
+    the finest grid that another record shows.
+    """
     out = []
     for c in channels:
-        if c.method in ("rest", "differences", "prediction"):
+        if c.method in ESTIMATED:
             same = [
                 o
                 for o in channels
-                if o.channel == c.channel
-                and o.unit == c.unit
-                and o.method in ("rest", "differences", "prediction")
+                if o.channel == c.channel and o.unit == c.unit and o.method in ESTIMATED
             ]
-            best = min(same, key=lambda o: o.sigma)
-            c = replace(c, sigma=best.sigma, method=best.method)
+            best = min((o for o in same if o.spread > 0.0), key=lambda o: o.sigma, default=c)
+            step = min((o.quantum for o in same if o.quantum > 0.0), default=0.0)
+            c = replace(c, sigma=max(best.sigma, step / math.sqrt(12.0)), method=best.method)
         out.append(c)
     return out
 
@@ -420,6 +456,8 @@ def _grid(values: Array, spread: float) -> float:
         return 0.0
     step = float(np.min(steps))
     ratio = steps / step
+    if steps.size == values.size - 1 and np.max(ratio) < 1.5:
+        return 0.0  # a straight line: each value occurs once, at equal distances
     off, most = WHOLE_STEPS
     return step if np.mean(np.abs(ratio - np.round(ratio)) < off) > most else 0.0
 

@@ -31,6 +31,7 @@ from feltmb.gap.search import Search
 from feltmb.gap.sizes import Sizes
 from feltmb.gap.tabulated import of_the_machine
 from feltmb.gap.tolerance import prior_deviations_told
+from feltmb.units import readable_unit
 
 __all__ = ["Decision", "Facts", "decide"]
 
@@ -226,10 +227,11 @@ def _closest(closest: Closest | None) -> str:
     """Sentence about the closest tested set."""
     if closest is None:
         return ""
-    sizes = ", ".join(
-        f"{name} of {size:.3g}{'' if unit == '1' else ' ' + unit}"
-        for name, size, unit in zip(closest.effects, closest.magnitudes, closest.units, strict=True)
-    )
+    rows = []
+    for name, size, unit in zip(closest.effects, closest.magnitudes, closest.units, strict=True):
+        factor, shown = readable_unit(size, unit)
+        rows.append(f"{name} of {factor * size:.3g}{'' if shown == '1' else ' ' + shown}")
+    sizes = ", ".join(rows)
     text = (
         f" The closest is {sizes}: it would close {closest.closed:.0%} of the held-out gap "
         f"(95% from {closest.low:.0%} to {closest.high:.0%})"

@@ -357,9 +357,9 @@ def _families(names: Sequence[str]) -> list[str]:
 def sensors_now(
     model: Model, limits: Limits, records: Sequence[Record], given: Mapping[str, Sensor] | None
 ) -> dict[str, Sensor]:
-    """By output that is measured in any case."""
+    """By output that is measured in any case: as given, else by the limits, else by the records."""
     known: dict[str, Sensor] = dict(given or {})
-    for r in records:
+    for r in () if given else records:
         for n, s in r.sensors.items():
             known.setdefault(n, s)
     unknown = [n for n in known if n not in model.outputs]
@@ -369,7 +369,7 @@ def sensors_now(
             f"{', '.join(model.outputs)}"
         )
     known = {n: s for n, s in known.items() if n in model.outputs}
-    if limits.sensors:
+    if limits.sensors and not given:
         return {
             n: replace(known.get(n, Sensor(name=n, unit=model.units.get(n, "1"))), sigma=sigma)
             for n, sigma in limits.sensors.items()

@@ -71,6 +71,20 @@ class Sensors:
         )
         return Sensors({**self.now, offer.output: new}, left)
 
+    def answered(self, asked: FurtherSensor, sigma: float) -> Sensors:
+        """With the sensor that was asked for and has this noise, which is not offered again.
+
+        The present sensor is kept if it has less noise.
+        """
+        old = self.now.get(asked.output)
+        best = sigma if old is None or old.sigma is None else min(sigma, old.sigma)
+        left = tuple(
+            o
+            for o in self.offers
+            if (o.output, o.sigma, o.how) != (asked.output, asked.sigma, asked.how)
+        )
+        return Sensors(self.now, left).having(replace(asked, sigma=best))
+
     def words(self, offer: FurtherSensor, unit: str) -> str:
         """Name of an offer with its noise."""
         factor, shown = reader_unit(unit)
@@ -101,15 +115,16 @@ def offered(
             present = now[offer.output].sigma
             if present is None:
                 faults.append(
-                    f"{offer.output}: is measured already, with an unknown noise; expected sigma "
-                    "of what is measured in [sensors]"
+                    f"{offer.output}: is measured already, by a sensor of unknown noise; expected "
+                    f"its sigma in [sensors.{offer.output}]"
                 )
                 continue
             sigma = present / BETTER_SENSOR if sigma is None else sigma
             if not sigma < present:
+                own = "" if unit == "1" else f" {unit}"
                 faults.append(
-                    f"{offer.output}: sigma = {sigma:g} {unit}, expected less than that of its "
-                    f"present sensor, {present:g} {unit}"
+                    f"{offer.output}: sigma = {sigma:g}{own}, expected less than that of its "
+                    f"present sensor, {present:g}{own}"
                 )
                 continue
         elif sigma is None:

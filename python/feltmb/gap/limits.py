@@ -158,6 +158,9 @@ class Limits:
         for name, sigma in self.sensors.items():
             if not 0.0 < sigma < math.inf:
                 faults.append(f"sensor {name}: sigma = {sigma!r}, expected finite, > 0")
+        for offer in dict.fromkeys(self.further):
+            if self.further.count(offer) > 1:
+                faults.append(f"further sensor {offer.output}: is stated twice")
         if faults:
             raise InvalidParameter("limits: " + "; ".join(faults))
 

@@ -155,6 +155,7 @@ def session(
         here = place / str(number)
         plan: Design | None = None
         step = _finished_step(here)
+        warnings: tuple[str, ...] = ()
         if number:
             if step is None and not _asked(here):
                 current = with_measured(model, parts)
@@ -185,14 +186,12 @@ def session(
             if asked["kind"] == "stroke":
                 known += _measured_records(read, answer, number, measuring)
             elif asked["kind"] == "sensor":
-                # From here on they are told by output, and no longer by the limits.
-                measuring = sensors_now(model, limits, records, measuring)
-                limits = replace(limits, sensors={})
-                for output, sigma in _answered_sensors(answer, model, request).items():
-                    had = Sensors(measuring, limits.further).having(
-                        FurtherSensor(output=output, sigma=sigma)
-                    )
-                    measuring, limits = had.now, replace(limits, further=had.offers)
+                wanted = FurtherSensor(**read_toml(request)["sensor"])
+                sigma = _answered_sigma(answer, model, wanted.output)
+                now = sensors_now(model, limits, records, measuring)
+                had = Sensors(now, limits.further).answered(wanted, sigma)
+                measuring, limits = had.now, replace(limits, further=had.offers)
+                warnings = _noisier(wanted, sigma, now, model)
             else:
                 parts += read_measured(answer, model)
             spent += float(asked["cost"])
@@ -214,7 +213,7 @@ def session(
                 one_of=() if found is None else tuple(found.one_of),
                 statement="" if found is None else found.statement,
                 expected=float(asked["expected"]),
-                warnings=() if found is None else tuple(found.checks.warnings),
+                warnings=warnings if found is None else tuple(found.checks.warnings),
             )
             make_folder(here)
             write_text(here / "step.json", json.dumps(asdict(step), indent=1) + "\n", force=True)
@@ -361,17 +360,32 @@ def _without(limits: Limits, parts: Sequence[Measured]) -> Limits:
     return replace(limits, parts=tuple(t for t in limits.parts if t.parameter not in made))
 
 
-def _answered_sensors(answer: Path, model: Model, request: Path) -> dict[str, float]:
-    """Noise by output of the sensor that was asked for."""
+def _answered_sigma(answer: Path, model: Model, output: str) -> float:
+    """Noise of the sensor that was asked for [its unit]."""
     if not is_file(answer):
         raise DataError(f"{answer}: missing; expected [sensors.OUTPUT] with sigma")
     found = read_sensors(answer, model)
-    asked = read_toml(request)["sensor"]["output"]
-    if list(found) != [asked]:
+    if list(found) != [output]:
         raise DataError(
-            f"{answer}: got {', '.join(found) or 'no sensor'}, expected the sensor of {asked}"
+            f"{answer}: got {', '.join(found) or 'no sensor'}, expected the sensor of {output}"
         )
-    return found
+    return found[output]
+
+
+def _noisier(
+    wanted: FurtherSensor, sigma: float, now: Mapping[str, Sensor], model: Model
+) -> tuple[str, ...]:
+    """Warning that a sensor has more noise than the plan assumed; empty: it has not."""
+    assumed = float(wanted.sigma or 0.0)
+    if sigma <= assumed:
+        return ()
+    unit = model.units.get(wanted.output) or "1"
+    own = "" if unit == "1" else f" {unit}"
+    text = f"{wanted.output}: noise {sigma:g}{own}, the plan assumed {assumed:g}{own}"
+    old = now[wanted.output].sigma if wanted.output in now else None
+    if old is not None and sigma >= old:
+        text += f"; the present sensor with {old:g}{own} is used further"
+    return (text,)
 
 
 def _measured_records(

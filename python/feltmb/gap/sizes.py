@@ -45,11 +45,14 @@ class Size:
         """The effect with its magnitude and interval, small lengths in mm."""
         effect = self.candidate.effect
         shown = digits(self.magnitude, self.sd, 3)
-        factor, name = readable_unit(self.magnitude, effect.unit)
-        unit = "" if name == "1" else f" {name}"
+        bounded = math.isfinite(self.low) and math.isfinite(self.high)
+        # One unit for all numbers: that of the largest one.
+        ends = (self.low, self.high) if bounded else ()
+        factor, name = readable_unit(max(map(abs, (self.magnitude, *ends))), effect.unit)
+        unit = "" if name in ("", "1") else f" {name}"
         text = f"{effect.name} of {factor * self.magnitude:.{shown}g}{unit}"
-        if not (math.isfinite(self.low) and math.isfinite(self.high)):
-            return text
+        if not bounded:
+            return f"{text} (no finite 95% interval)"
         low, high = (f"{factor * end:.{shown}g}" for end in (self.low, self.high))
         return f"{text} (95% from {low} to {high}{unit})"
 

@@ -388,6 +388,11 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
             lines.append(f"{where}: got {got}, expected {item['ctx']['expected']}")
         elif kind == "value_error":
             lines.append(f"{where}: {item['ctx']['error']}")
+        elif kind in ("model_type", "dict_type"):
+            lines.append(f"{where}: got {got}, expected a table")
+        elif kind == "list_type":
+            hint = f"; hint: [[{where}]] in place of [{where}]" if "{" in got else ""
+            lines.append(f"{where}: got {got}, expected a list{hint}")
         else:
             lines.append(f"{where}: got {got}: {item['msg'].lower()}")
     return [shortened(line, 1000) for line in lines]

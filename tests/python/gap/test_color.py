@@ -318,3 +318,59 @@ def test_a_grid_of_values_bounds_the_noise_from_below(sigma, found):
     assert any("rounding error" in w for w in checks.warnings) is (sigma == 0.05)
     free = replace(record, outputs={"q": 0.3 * exact})
     assert check_records([free]).channels[0].quantum == 0.0
+
+
+@pytest.mark.parametrize("still", ["few steps", "constant"])
+def test_a_record_that_hardly_moves_does_not_set_the_noise_of_others(still):
+    """One quiet record gave all records of a rounded channel a noise of 1e-9 or less."""
+    rng = np.random.default_rng(4)
+    t = np.arange(600)
+    wave = np.sin(0.03 * t)
+    second = np.round(1.2 * wave, 0) if still == "few steps" else 0.0 * wave
+    records = [
+        Record(name=name, time=1e-3 * t, inputs={}, outputs={"q": 0.01 * values})
+        for name, values in (
+            ("a", np.round(100.0 * wave + 0.05 * rng.standard_normal(t.size))),
+            ("b", second),
+        )
+    ]
+    for order in (records, records[::-1]):
+        for channel in check_records(order).channels:
+            assert channel.sigma == pytest.approx(0.01 / np.sqrt(12.0), rel=1e-6)
+
+
+def test_a_straight_line_is_no_grid():
+    """A motion of constant speed without noise was taken for rounded values."""
+    t = 1e-3 * np.arange(300)
+    line = Record(
+        name="a", time=t, inputs={}, outputs={"q": 0.3 * t},
+        sensors={"q": Sensor(name="q", sigma=1e-6)},
+    )  # fmt: skip
+    (channel,) = check_records([line]).channels
+    assert (channel.quantum, channel.sigma) == (0.0, 1e-6)
+
+
+def test_a_sensor_with_too_small_a_noise_is_told_once():
+    t = np.arange(600)
+    rounded = [
+        Record(
+            name=name, time=1e-3 * t, inputs={}, outputs={"q": np.round(50.0 * np.sin(k * t))},
+            sensors={"q": Sensor(name="q", sigma=0.1)},
+        )
+        for name, k in (("a", 0.1), ("b", 0.13))
+    ]  # fmt: skip
+    (warning,) = check_records(rounded).warnings
+    assert warning.startswith("q: all values are multiples of 1; ")
+    assert warning.endswith("(2 records)")
+
+
+def test_a_channel_that_never_changes_needs_a_sigma():
+    """Its noise was "estimated" as 1e-16, and its parameter as known to nine digits."""
+    t = 1e-3 * np.arange(300)
+    dead = Record(name="a", time=t, inputs={"f": t}, outputs={"q": 0.0 * t + 0.5})
+    (fault,) = check_records([dead]).problems
+    assert fault.startswith("q: never changes, so that its noise cannot be estimated")
+    alive = replace(dead, name="b", outputs={"q": np.random.default_rng(0).normal(size=300)})
+    assert check_records([dead, alive]).problems == ()
+    known = replace(dead, sensors={"q": Sensor(name="q", sigma=0.01)})
+    assert check_records([known]).problems == ()

@@ -8,6 +8,8 @@ import pytest
 
 from feltmb.adapters.resolve import resolve
 from feltmb.cli import main as feltmb_main
+from feltmb.cli.gap_models import Adapter
+from feltmb.cli.gap_plan import sensors_of
 from feltmb.data import read_record, write_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import (
@@ -24,6 +26,7 @@ from feltmb.gap import (
     read_limits,
     session,
 )
+from feltmb.gap.designs import sensors_now
 from feltmb.gap.further_sensors import Sensors, offered
 from feltmb.gap.information import information, informations
 from feltmb.gap.score import all_candidates
@@ -187,7 +190,11 @@ def test_one_linearization_gives_each_way_to_measure():
         (FurtherSensor(output="x"), SENSORS, "further sensor x: no output of lever"),
         (FurtherSensor(output="y", sigma=0.5), SENSORS, "expected less than that of its present"),
         (FurtherSensor(output="z"), {"y": Sensor(name="y")}, "z: no noise is told; expected sigma"),
-        (FurtherSensor(output="y"), {"y": Sensor(name="y")}, "y: is measured already, with an unk"),
+        (
+            FurtherSensor(output="y"),
+            {"y": Sensor(name="y")},
+            "y: is measured already, by a sensor of unk",
+        ),
     ],
 )
 def test_bad_sensors_are_refused(further, sensors, told):
@@ -200,6 +207,8 @@ def test_all_bad_sensors_are_told_at_once():
     rows = (FurtherSensor(output="y", sigma=1.0), FurtherSensor(output="y", sigma=2.0))
     with pytest.raises(InvalidParameter, match=r"1 m, .*; y: sigma = 2 m"):
         offered(rows, SENSORS, MODEL)
+    with pytest.raises(InvalidParameter, match="further sensor y: is stated twice"):
+        replace(LIMITS, further=(rows[0], rows[0]))  # both were marked as planned
     for bad in ({"sigma": 0.0}, {"sigma": -1.0}, {"cost": 0.0}, {"sigma": np.inf}):
         with pytest.raises(InvalidParameter, match=next(iter(bad))):
             FurtherSensor(output="y", **bad)
@@ -331,6 +340,83 @@ def test_an_answer_about_another_sensor_is_refused(tmp_path):
                 MODEL, [SQUARE, lookalike], run, lambda p: [read_record(p)], tmp_path / str(k),
                 limits=box, sensors=SENSORS, budget=4, candidates=1, refinements=0,
             )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("output", "sigma", "told"),
+    [
+        ("z", 30.0, "z: noise 30 m, the plan assumed 0.05 m"),
+        ("y", 0.9, "y: noise 0.9 m, the plan assumed 0.05 m; the present sensor with 0.5 m is"),
+    ],
+)
+def test_a_sensor_with_more_noise_than_assumed_is_not_asked_for_again(
+    tmp_path, output, sigma, told
+):
+    """The same sensor was requested until the budget was used."""
+    lever, asked = Lever(), []
+
+    def run(request, answer):
+        asked.append(request.name)
+        if request.suffix == ".toml":
+            lever.sensors[output] = Sensor(name=output, unit="m", sigma=sigma)
+            answer.write_text(f"[sensors.{output}]\nsigma = {sigma}\n")
+        else:
+            lever(request, answer)
+
+    box = replace(LIMITS, further=(FurtherSensor(output=output, sigma=0.05, cost=0.5),))
+    found = session(
+        MODEL, [SQUARE, both(1.0, 1.0, 2, "lookalike")], run, lambda p: [read_record(p)], tmp_path,
+        limits=box, sensors=SENSORS, budget=2, candidates=1, refinements=0, units=MODEL.units,
+        options=Options(bootstrap=0, restarts=0, advice=False),
+    )  # fmt: skip
+    assert asked.count("request.toml") == 1
+    assert [s.kind for s in found.steps][:2] == ["sensor", "stroke"]
+    assert found.steps[0].warnings[0].startswith(told)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ("further_sensors = 3", "further_sensors: got 3, expected a list"),
+        ("further_sensors = [3]", "further_sensors.0: got 3, expected a table"),
+        ("[further_sensors]\noutput = 'y'", "hint: [[further_sensors]] in place of [further_"),
+    ],
+)
+def test_a_wrong_kind_of_table_is_told_in_words_of_toml(tmp_path, wrong, told):
+    """The message spoke of dictionaries and of a class."""
+    path = tmp_path / "limits.toml"
+    text = FILE[: FILE.index("[[further")]
+    path.write_text(wrong + "\n" + text if wrong.startswith("f") else text + wrong)
+    with pytest.raises(DataError) as failure:
+        read_limits(path, MODEL)
+    assert told in str(failure.value)
+
+
+def test_given_sensors_are_all_that_is_measured():
+    """Outputs of old records, and those of the limits, were planned in addition."""
+    time = np.arange(20) * 0.01
+    seen = {n: Sensor(name=n, unit="m", sigma=0.1) for n in ("y", "z")}
+    record = Record(name="a", time=time, inputs={"u": time}, outputs=dict.fromkeys("yz", time),
+                    sensors=seen)  # fmt: skip
+    box = replace(LIMITS, sensors={"z": 0.2})
+    assert sensors_now(MODEL, LIMITS, [record], SENSORS) == SENSORS
+    assert sensors_now(MODEL, box, [record], SENSORS) == SENSORS
+    assert {n: s.sigma for n, s in sensors_now(MODEL, box, [record], None).items()} == {"z": 0.2}
+    assert sensors_now(MODEL, LIMITS, [record], None) == seen
+
+
+def test_channels_of_the_command_may_be_new_ones():
+    """A channel that no record has was dropped without a word."""
+    time = np.arange(20) * 0.01
+    planned = Record(name="p", time=time, inputs={"u": time},
+                     outputs=dict.fromkeys("yz", time), sensors={
+                         n: Sensor(name=n, unit="m", sigma=0.1) for n in ("y", "z")})  # fmt: skip
+    adapter = Adapter(model=MODEL, effects=(SQUARE,), planned=(planned,))
+    old = replace(planned, name="a", outputs={"y": time},
+                  sensors={"y": Sensor(name="y", unit="m", sigma=0.3)})  # fmt: skip
+    for wanted, sigmas in (((), {"y": 0.3}), (("z",), {"z": 0.1}), (("y",), {"y": 0.3})):
+        found = sensors_of(adapter, LIMITS, [old], wanted)
+        assert {n: s.sigma for n, s in found.items()} == sigmas
 
 
 CODE = """

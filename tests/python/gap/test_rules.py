@@ -16,7 +16,7 @@ from feltmb.cli.gap_printing import print_report
 from feltmb.data import Record, Sensor
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.linearize import Linear, _tame
-from feltmb.fit.model import Effect, Parameter
+from feltmb.fit.model import Candidate, Effect, Parameter
 from feltmb.fit.problem import Problem, _by_input_noise
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
@@ -28,6 +28,7 @@ from feltmb.gap.digits import digits
 from feltmb.gap.refine import refit
 from feltmb.gap.report import write_report
 from feltmb.gap.search import search
+from feltmb.gap.sizes import Size
 
 _spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
 models = importlib.util.module_from_spec(_spec)
@@ -114,6 +115,22 @@ def sized(report, name):
         f"{name} of {row.magnitude:.{shown}g}{unit} (95% from {row.low:.{shown}g} to "
         f"{row.high:.{shown}g}{unit})"
     )
+
+
+@pytest.mark.parametrize(
+    ("unit", "magnitude", "sd", "told"),
+    [
+        ("m", 0.0, 0.001, "0 mm (95% from -1.96 to 1.96 mm)"),  # was 0 um, from -1.96e+03
+        ("m", 0.997, 0.015, "0.997 m (95% from 0.968 to 1.03 m)"),  # was 997 mm, to 1.03e+03
+        ("m", 2e-4, 1e-5, "0.2 mm (95% from 0.18 to 0.22 mm)"),
+        ("rad", 2e-4, 1e-5, "0.0002 rad (95% from 0.00018 to 0.00022 rad)"),
+        ("1", 0.02, 0.001, "0.02 (95% from 0.018 to 0.022)"),
+        ("m", 1e-4, np.inf, "0.1 mm (no finite 95% interval)"),
+    ],
+)
+def test_a_size_and_its_interval_have_one_unit(unit, magnitude, sd, told):
+    one = Candidate(replace(power(3), unit=unit))
+    assert Size(one, magnitude, sd, {}).text == f"power 3 of {told}"
 
 
 def test_a_named_effect_is_told_with_its_size_and_in_words(tmp_path, capsys):

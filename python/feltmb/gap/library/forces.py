@@ -29,7 +29,7 @@ class Scales:
 
 
 def force_law(c: Part, law: Callable[[Any, Any, Any], Any]) -> Rate:
-    """Derivative of a force law f(position, speed, shape) by its magnitude, against the motion."""
+    """Rate of an effect with the force ``-magnitude * law(position, speed, shape)``."""
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
         return c.push(-size * law(*c.motion(x), shape), t, x, u, p)
