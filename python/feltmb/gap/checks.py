@@ -293,8 +293,11 @@ def _same(unit: str, other: str) -> bool:
 
 
 def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:
-    """One noise per sensor: of several estimates, the smallest is used for all records.
+    """One noise per sensor: the median of the estimates that are as small as the smallest one.
 
+    Motion can only increase an estimate, so the quietest records show the noise. Estimates that
+    exceed the smallest one by no more than its sampling error are of quiet records too. (The
+    smallest one alone would be too small by chance, the more so the more records there are.)
     A record in which the channel never changes says nothing about its noise. A record that moves
     over a few steps of a grid does not show the grid: the noise is at least the rounding error of
     the finest grid that another record shows.
@@ -308,8 +311,12 @@ def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:
                 if o.channel == c.channel and o.unit == c.unit and o.method in ESTIMATED
             ]
             best = min((o for o in same if o.spread > 0.0), key=lambda o: o.sigma, default=c)
+            # Relative error of an estimate from n samples: about 2 / sqrt(n); four of these.
+            most = best.sigma * (1.0 + 8.0 / math.sqrt(max(best.samples, 1)))
+            quiet = [o.sigma for o in same if o.spread > 0.0 and o.sigma <= most] or [c.sigma]
             step = min((o.quantum for o in same if o.quantum > 0.0), default=0.0)
-            c = replace(c, sigma=max(best.sigma, step / math.sqrt(12.0)), method=best.method)
+            sigma = max(float(np.median(quiet)), step / math.sqrt(12.0))
+            c = replace(c, sigma=sigma, method=best.method)
         out.append(c)
     return out
 

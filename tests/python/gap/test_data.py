@@ -434,3 +434,24 @@ def test_a_unit_that_the_model_knows_is_asked_for_whatever_the_model_is(tmp_path
         adapter.read([tmp_path / "a.csv"])
     (record,) = adapter.read([tmp_path / "a.csv"], ReadOptions(units={"y": "mm"}))
     assert record.outputs["y"][0] == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("samples", [20, 100, 300])
+def test_many_records_do_not_make_the_estimated_noise_small(samples):
+    """The smallest of forty estimates was used: 0.35 of the noise for records of 20 samples."""
+    rng = np.random.default_rng(samples)
+    time = 1e-3 * np.arange(samples)
+    many = [
+        Record(
+            name=f"r{i}",
+            time=time,
+            inputs={},
+            outputs={"q": np.sin(9.0 * time) + 0.1 * rng.standard_normal(samples)},
+        )
+        for i in range(40)
+    ]
+    found = check_records(many).channels[0].sigma
+    assert 0.07 < found < 0.13
+    # A record that moves as fast as it is sampled does not make the noise larger.
+    fast = replace(many[0], name="fast", outputs={"q": np.sin(9e2 * time)})
+    assert check_records([*many, fast]).channels[0].sigma == pytest.approx(found, rel=0.1)
