@@ -453,5 +453,6 @@ def test_many_records_do_not_make_the_estimated_noise_small(samples):
     found = check_records(many).channels[0].sigma
     assert 0.07 < found < 0.13
     # A record that moves as fast as it is sampled does not make the noise larger.
-    fast = replace(many[0], name="fast", outputs={"q": np.sin(9e2 * time)})
+    noise = 0.1 * rng.standard_normal(samples)
+    fast = replace(many[0], name="fast", outputs={"q": 5.0 * np.sin(9e2 * time) + noise})
     assert check_records([*many, fast]).channels[0].sigma == pytest.approx(found, rel=0.1)
