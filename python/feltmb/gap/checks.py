@@ -153,7 +153,6 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
             )
     warnings += _rounded(channels, records)
     channels = _pooled(channels)
-    problems += _dead(channels)
     channels = _colored(channels, records, warnings)
     flat = tuple((label, channel, sd) for (label, channel), sd in sorted(repeats.items()))
     return DataChecks(
@@ -186,16 +185,43 @@ def _rounded(channels: Sequence[ChannelCheck], records: Sequence[Record]) -> lis
     ]
 
 
-def _dead(channels: Sequence[ChannelCheck]) -> list[str]:
-    """Channels of unknown noise that change in no record, as faults: their noise is not known."""
-    own = [c for c in channels if c.method in ESTIMATED]
-    alive = {c.channel for c in own if c.spread > 0.0}
-    return [
-        f"{name}: never changes, so that its noise cannot be estimated; expected sigma of its "
-        "sensor, or a model without this output"
-        for name in dict.fromkeys(c.channel for c in own)
-        if name not in alive
-    ]
+def without_constant(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:
+    """Remove channels without a stated noise that change in no record, and explain each.
+
+    Their noise cannot be estimated, and a channel that does not move says nothing without it.
+
+    Raises
+    ------
+    DataError
+        No other channel is left.
+    """
+    moves: dict[str, bool] = {}
+    for r in records:
+        for name, values in r.outputs.items():
+            seen = values[np.isfinite(values)]
+            told = r.sensors[name].sigma is not None or seen.size == 0
+            moves[name] = moves.get(name, False) or told or bool(np.ptp(seen) > 0.0)
+    constant = [name for name, moving in moves.items() if not moving]
+    if not constant:
+        return tuple(records), ()
+    if len(constant) == len(moves):
+        raise DataError(
+            f"records: {', '.join(constant)}: never changes, so that its noise cannot be "
+            "estimated; expected sigma of its sensor, or a channel that changes"
+        )
+    kept = tuple(
+        replace(
+            r,
+            outputs={n: v for n, v in r.outputs.items() if n not in constant},
+            sensors={n: s for n, s in r.sensors.items() if n not in constant},
+        )
+        for r in records
+    )
+    return kept, tuple(
+        f"{name}: never changes, so that its noise cannot be estimated: it is not used; specify "
+        "sigma of its sensor to use it"
+        for name in constant
+    )
 
 
 def without_copies(

@@ -27,6 +27,7 @@ from feltmb.gap.checks import (
     check_against,
     check_records,
     with_sigma,
+    without_constant,
     without_copies,
 )
 from feltmb.gap.components import component_table
@@ -162,6 +163,7 @@ def _ready(
         The faults because of which the records cannot be used, all in one message.
     """
     records, copies = without_copies(records, hold_out)
+    records, constant = without_constant(records)
     checks = check_against(model, records)
     ready = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
     channels, notes = [], list(ready.notes)
@@ -175,7 +177,7 @@ def _ready(
             )
             c = replace(c, sigma=floor)
         channels.append(c)
-    warnings = (*copies, *checks.warnings, *notes)
+    warnings = (*copies, *constant, *checks.warnings, *notes)
     checks = replace(checks, channels=tuple(channels), warnings=warnings)
     return ready.model, ready.records, checks, copies
 

@@ -10,14 +10,15 @@ import pytest
 from blind.bench import Bench
 from blind.key_hammer import KeyHammer
 from feltmb.data import Record, Sensor
+from feltmb.errors import DataError
 from feltmb.fit import Effect, Parameter
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.noise import WHITE, Noise
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
-from feltmb.gap import Verdict, calibrate, diagnose
-from feltmb.gap.checks import check_records
+from feltmb.gap import Verdict, calibrate, diagnose, fit_model
+from feltmb.gap.checks import check_records, without_constant
 from feltmb.gap.color import AVERAGES, BLOCK, color_at_rest, still_blocks
 from feltmb.gap.refine import tighten
 
@@ -368,9 +369,27 @@ def test_a_channel_that_never_changes_needs_a_sigma():
     """Its noise was "estimated" as 1e-16, and its parameter as known to nine digits."""
     t = 1e-3 * np.arange(300)
     dead = Record(name="a", time=t, inputs={"f": t}, outputs={"q": 0.0 * t + 0.5})
-    (fault,) = check_records([dead]).problems
-    assert fault.startswith("q: never changes, so that its noise cannot be estimated")
-    alive = replace(dead, name="b", outputs={"q": np.random.default_rng(0).normal(size=300)})
-    assert check_records([dead, alive]).problems == ()
+    with pytest.raises(DataError, match="q: never changes, so that its noise cannot be estimated"):
+        without_constant([dead])
+    noise = np.random.default_rng(0).normal(size=300)
+    alive = replace(dead, name="b", outputs={"q": noise})
+    assert without_constant([dead, alive]) == ((dead, alive), ())
     known = replace(dead, sensors={"q": Sensor(name="q", sigma=0.01)})
-    assert check_records([known]).problems == ()
+    assert without_constant([known]) == ((known,), ())
+    both = replace(dead, outputs={"q": noise, "z": 0.0 * t})
+    (kept,), (note,) = without_constant([both])
+    assert list(kept.outputs) == ["q"]
+    assert note.startswith("z: never changes")
+
+
+def test_a_constant_channel_is_left_out_of_a_fit():
+    data = [
+        replace(
+            r,
+            outputs={**r.outputs, "still": np.full(r.samples, 0.5)},
+            sensors={**r.sensors, "still": Sensor(name="still")},
+        )
+        for r in models.records(4)
+    ]
+    fit = fit_model(models.NOMINAL, data)
+    assert any(n.startswith("still: never changes") for n in fit.notes)

@@ -194,7 +194,7 @@ def test_an_unknown_says_what_comes_closest():
     assert 0.0 < closest.closed < 0.3
     assert closest.low <= closest.closed <= closest.high
     assert closest.why
-    assert f"The closest is power 2 of {closest.magnitudes[0]:.3g} m" in report.statement
+    assert f"The closest is power 2 of {1e3 * closest.magnitudes[0]:.3g} mm" in report.statement
     assert f"it would close {closest.closed:.0%} of the held-out gap" in report.statement
     assert f"not proven: {closest.why}" in report.statement
     assert any("power 2" in a.text for a in report.next)
