@@ -10,6 +10,7 @@ import numpy as np
 
 from feltmb.data import Record
 from feltmb.data.smoothing import NEAR, start_of
+from feltmb.fit.noise import rounding_error
 
 __all__ = ["from_rest"]
 
@@ -84,7 +85,7 @@ class _Start:
     @classmethod
     def of(cls, record: Record, name: str, rest: float) -> _Start:
         sensor, values = record.sensors[name], record.outputs[name]
-        sigma = math.hypot(sensor.sigma or 0.0, sensor.quantum / math.sqrt(12.0))
+        sigma = math.hypot(sensor.sigma or 0.0, rounding_error(sensor.quantum))
         start = start_of(values, sigma)
         finite = np.abs(values[np.isfinite(values)])
         near = max(NEAR * sigma, ROUNDED * abs(rest))

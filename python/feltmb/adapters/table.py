@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from feltmb.adapters.library import Entry, Library
+from feltmb.units import unit_suffix
 
 __all__ = ["effects_markdown", "tolerances_markdown"]
 
@@ -12,7 +13,7 @@ __all__ = ["effects_markdown", "tolerances_markdown"]
 def _size(entry: Entry) -> str:
     sign = {1: "+", -1: "-", 0: "±"}[entry.sign]
     unit = entry.unit.replace("{input_unit}", "N")
-    return f"{sign}{entry.magnitude:.3g}" + ("" if unit == "1" else f" {unit}")
+    return f"{sign}{entry.magnitude:.3g}" + unit_suffix(unit)
 
 
 def _shapes(entry: Entry) -> str:

@@ -23,6 +23,7 @@ from feltmb.cli.common import (
     say_written,
 )
 from feltmb.cli.completing import actions, effects
+from feltmb.units import unit_suffix
 
 if TYPE_CHECKING:
     from feltmb.gap import WithheldCase
@@ -39,7 +40,7 @@ class _Told:
     def __call__(self, done: int, total: int, case: WithheldCase) -> None:
         left = (time.monotonic() - self.start) / done * (total - done)
         rest = f"; about {left:.0f} s left" if done < total else ""
-        unit = "" if case.unit == "1" else f" {case.unit}"
+        unit = unit_suffix(case.unit)
         what = f"{case.effect} {case.magnitude:.3g}{unit}" if case.effect else "nothing withheld"
         said = case.verdict or case.error
         text = f"{done} of {total}: {what}: {said} ({case.outcome}){rest}"

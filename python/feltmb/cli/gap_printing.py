@@ -7,6 +7,7 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from feltmb.cli.common import console, new_table, pretty, say
+from feltmb.units import unit_suffix
 
 if TYPE_CHECKING:
     from feltmb.gap import Report
@@ -100,7 +101,7 @@ def _missing(report: Report) -> None:
     room = max(27, out.width - 55)
     for r in report.which.effects[:MOST_EFFECTS]:
         mark = "* " if r.named else ("? " if r.effect in report.one_of else "  ")
-        unit = "" if r.unit == "1" else f" {r.unit}"
+        unit = unit_suffix(r.unit)
         left = [f"{mark}{r.effect}", *(f"  {b}" for b in textwrap.wrap(r.component, room))]
         shown = digits(r.magnitude, r.sd, 3)
         right = [
@@ -154,7 +155,7 @@ def _remains(report: Report) -> None:
     far = report.how_far
     if report.model.included:
         say(
-            f"What is named closes {min(far.closed, 1.0):.0%} of the calibrated gap "
+            f"What is named closes {far.closed_text} of the calibrated gap "
             f"({far.low:.0%} to {far.high:.0%})."
         )
     named = bool(report.model.included)

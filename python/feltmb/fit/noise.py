@@ -84,6 +84,11 @@ class Noise:
         return out
 
 
+def rounding_error(step: float) -> float:
+    """Standard deviation of the rounding error of values that are multiples of a step."""
+    return step / math.sqrt(12.0)
+
+
 def noise_of(sensor: Sensor, sigma: float, quantum: float) -> Noise:
     """Noise of a sensor from its white, colored and quantization parts.
 

@@ -12,7 +12,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Model
-from feltmb.fit.noise import Noise, noise_of
+from feltmb.fit.noise import Noise, noise_of, rounding_error
 from feltmb.gap.color import color_at_rest, still_blocks
 from feltmb.gap.criteria import (
     AWAY_FROM_REST,
@@ -22,11 +22,12 @@ from feltmb.gap.criteria import (
     MOST_CLIPPED,
     MOST_MISSING,
     QUIET_BLOCKS,
+    QUIET_RECORDS,
     SAME_CLOCK,
     UNEVEN_STEP,
     WHOLE_STEPS,
 )
-from feltmb.units import conversion_factor
+from feltmb.units import conversion_factor, unit_suffix
 
 __all__ = ["ChannelCheck", "DataChecks", "check_records"]
 
@@ -169,9 +170,9 @@ def _rounded(channels: Sequence[ChannelCheck], records: Sequence[Record]) -> lis
     given = {(r.name, n): s for r in records for n, s in r.sensors.items()}
     found: dict[tuple[str, str], list[str]] = {}
     for c in channels:
-        sensor, error = given[c.record, c.channel], c.quantum / math.sqrt(12.0)
+        sensor, error = given[c.record, c.channel], rounding_error(c.quantum)
         if sensor.quantum == 0.0 and sensor.sigma is not None and error > sensor.sigma:
-            own = "" if c.unit == "1" else f" {c.unit}"
+            own = unit_suffix(c.unit)
             text = (
                 f"all values are multiples of {c.quantum:.3g}{own}; their rounding error of "
                 f"{error:.3g}{own} exceeds the given noise of {sensor.sigma:.3g}{own}, and is used "
@@ -199,8 +200,8 @@ def without_constant(records: Sequence[Record]) -> tuple[tuple[Record, ...], tup
     for r in records:
         for name, values in r.outputs.items():
             seen = values[np.isfinite(values)]
-            told = r.sensors[name].sigma is not None or seen.size == 0
-            moves[name] = moves.get(name, False) or told or bool(np.ptp(seen) > 0.0)
+            known = r.sensors[name].sigma is not None or seen.size == 0
+            moves[name] = moves.get(name, False) or known or bool(np.ptp(seen) > 0.0)
     constant = [name for name, moving in moves.items() if not moving]
     if not constant:
         return tuple(records), ()
@@ -328,21 +329,24 @@ def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:
     over a few steps of a grid does not show the grid: the noise is at least the rounding error of
     the finest grid that another record shows.
     """
-    out = []
+    sensors: dict[tuple[str, str], list[ChannelCheck]] = {}
     for c in channels:
         if c.method in ESTIMATED:
-            same = [
-                o
-                for o in channels
-                if o.channel == c.channel and o.unit == c.unit and o.method in ESTIMATED
-            ]
-            best = min((o for o in same if o.spread > 0.0), key=lambda o: o.sigma, default=c)
-            # Relative error of an estimate from n samples: about 2 / sqrt(n); four of these.
-            most = best.sigma * (1.0 + 8.0 / math.sqrt(max(best.samples, 1)))
-            quiet = [o.sigma for o in same if o.spread > 0.0 and o.sigma <= most] or [c.sigma]
-            step = min((o.quantum for o in same if o.quantum > 0.0), default=0.0)
-            sigma = max(float(np.median(quiet)), step / math.sqrt(12.0))
-            c = replace(c, sigma=sigma, method=best.method)
+            sensors.setdefault((c.channel, c.unit), []).append(c)
+    found: dict[tuple[str, str], tuple[float, str]] = {}
+    for sensor, same in sensors.items():
+        moving = [c for c in same if c.spread > 0.0]
+        if moving:
+            best = min(moving, key=lambda c: c.sigma)
+            most = best.sigma * (1.0 + QUIET_RECORDS / math.sqrt(best.samples))
+            sigma = float(np.median([c.sigma for c in moving if c.sigma <= most]))
+            step = min((c.quantum for c in same if c.quantum > 0.0), default=0.0)
+            found[sensor] = max(sigma, rounding_error(step)), best.method
+    out = []
+    for c in channels:
+        if c.method in ESTIMATED and (c.channel, c.unit) in found:
+            sigma, method = found[c.channel, c.unit]
+            c = replace(c, sigma=sigma, method=method)
         out.append(c)
     return out
 
@@ -462,7 +466,7 @@ def _channel(
             if predicted is not None and predicted < sigma:
                 sigma, method = predicted, "prediction"
     # A sigma may contain the rounding error of a grid that was not given, but is at least that.
-    noise = noise_of(sensor, max(sigma, grid / math.sqrt(12.0)), sensor.quantum)
+    noise = noise_of(sensor, max(sigma, rounding_error(grid)), sensor.quantum)
     return ChannelCheck(
         record=record.name,
         channel=name,

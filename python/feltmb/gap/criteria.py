@@ -214,6 +214,12 @@ SAME_CLOCK = _number(
     "largest relative difference between the steps of repeats that are compared",
     _JUDGED, "gap/test_data.py",
 )  # fmt: skip
+QUIET_RECORDS = _number(
+    "QUIET_RECORDS", 8.0, "1 / square root of the samples",
+    "relative distance to the smallest estimate of the noise of a sensor up to which an estimate "
+    "of another record is used as well: four times the error of an estimate, which is 2 / sqrt(n)",
+    _STATISTICS, "gap/test_data.py",
+)  # fmt: skip
 WHOLE_STEPS = _pair(
     "WHOLE_STEPS", (0.02, 0.95), "step, share",
     "distance from a multiple of the smallest step between different values, and share of the "

@@ -31,7 +31,7 @@ from feltmb.gap.search import Search
 from feltmb.gap.sizes import Sizes
 from feltmb.gap.tabulated import of_the_machine
 from feltmb.gap.tolerance import prior_deviations_told
-from feltmb.units import readable_unit
+from feltmb.units import readable_unit, unit_suffix
 
 __all__ = ["Decision", "Facts", "decide"]
 
@@ -230,7 +230,7 @@ def _closest(closest: Closest | None) -> str:
     rows = []
     for name, size, unit in zip(closest.effects, closest.magnitudes, closest.units, strict=True):
         factor, shown = readable_unit(size, unit)
-        rows.append(f"{name} of {factor * size:.3g}{'' if shown == '1' else ' ' + shown}")
+        rows.append(f"{name} of {factor * size:.3g}{unit_suffix(shown)}")
     sizes = ", ".join(rows)
     text = (
         f" The closest is {sizes}: it would close {closest.closed:.0%} of the held-out gap "
@@ -277,7 +277,7 @@ def _name(facts: Facts) -> Decision:
         return _unsure(facts, sure or tuple(unsure), why)
     far = facts.how_far
     if _widens(far) or (facts.unexplained and far.closed < LEAST_CLOSED):
-        why = f"closes {far.closed:.0%} of the held-out gap{_band(far)}"
+        why = f"closes {far.closed_text} of the held-out gap{_band(far)}"
         return _unsure(facts, sure or tuple(unsure), why)
     after = misfit(
         best.fit,
@@ -340,8 +340,7 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
         by = "by it" if len(gains) == 1 else "or more by each"
         least = f"{min(gains):.2g} units of log evidence {by}"
         return f"Held-out records, whose gap is hardly above their noise, gain {least}."
-    # Start states and nuisance parameters of held-out records may fit some of the noise as well.
-    return f"It closes {min(far.closed, 1.0):.0%} of the held-out gap{_band(far)}."
+    return f"It closes {far.closed_text} of the held-out gap{_band(far)}."
 
 
 def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:

@@ -43,6 +43,7 @@ from feltmb.gap.limits import FurtherSensor, Limits, PartTest
 from feltmb.gap.planning import _noise
 from feltmb.gap.profiles import FAMILIES, Profile
 from feltmb.gap.score import all_candidates
+from feltmb.units import unit_suffix
 
 __all__ = [
     "Design",
@@ -137,7 +138,7 @@ class HelpfulPart:
     def text(self) -> str:
         """Description in a sentence."""
         own = f"{self.known_to:.1%}" if self.unit == "1" else f"{self.known_to:.2g} {self.unit}"
-        unit = "" if self.effect_unit == "1" else f" {self.effect_unit}"
+        unit = unit_suffix(self.effect_unit)
         now = f"{self.smallest_before:.2g}{unit}"
         if math.isinf(self.smallest_before):
             now = "at no magnitude"
@@ -808,7 +809,7 @@ def _hidden(all_: Knowledge, at: int) -> str:
     smallest = float(all_.smallest()[at])
     candidate = all_.candidates[at]
     if math.isfinite(smallest):
-        unit = "" if candidate.effect.unit == "1" else f" {candidate.effect.unit}"
+        unit = unit_suffix(candidate.effect.unit)
         return (
             "no experiment of the plan shows it; all tested experiments together show it from "
             f"{smallest:.2g}{unit}"

@@ -232,7 +232,7 @@ def _investigate(
         point = replace(known.model_fit.point, memo={})
         brief = replace(settings, restarts=0)
         fit = fit_problem(problem, brief, point=point, progress=progress, label=label)
-    if fit is None or not (fit.explains or known is None):
+    if fit is None or (known is not None and not fit.explains):
         way = settings if fit is None else replace(settings, restarts=0)
         other = fit_problem(problem, way, progress=progress, label=label)
         fit = other if fit is None or other.log_evidence > fit.log_evidence else fit
@@ -445,10 +445,10 @@ def _diagnosed(
         )
         first = _investigate(model, segmented_records, usable, options, settings, store, progress)
         model = first.model_fit.problem.model
-    factor = {} if watch.stopping() else _rescaled(first, segmented_records, checks)
-    if factor:
+    rescaled = None if watch.stopping() else _rescaled(first, segmented_records, checks)
+    if rescaled is not None:
+        factor, segmented_records = rescaled
         checks = _with_factor(checks, factor)
-        segmented_records = tuple(with_factor(model, s, factor) for s in segmented_records)
         sensed = held_segmented_records = tuple(
             with_factor(model, s, factor) for s in held_segmented_records
         )
@@ -825,24 +825,25 @@ def _recolored(
 
 def _rescaled(
     first: Search, segmented_records: tuple[SegmentedRecord, ...], checks: DataChecks
-) -> dict[str, float]:
-    """Factors of the noise if the residual is only noise with them; see :func:`noise_factors`.
+) -> tuple[dict[str, float], tuple[SegmentedRecord, ...]] | None:
+    """Factors of the noise and records with it, if the residual is only noise then; else None.
 
-    A residual that exceeds this larger noise as well is not due to the given sigma. It is admitted
-    as a discrepancy then, whose noise does not depend on the given sigma.
+    See :func:`noise_factors`. A residual that exceeds this larger noise as well is not due to the
+    given sigma. It is admitted as a discrepancy, whose noise does not depend on the given sigma.
     """
     best = first.best
     fit, tight = (first.model_fit, first.tight_fit) if best is None else (best.fit, None)
     if not misfit(fit, tight, estimated=checks.estimated).left:
-        return {}
+        return None
     factor = noise_factors(first)
     if not factor:
-        return {}
+        return None
     model = fit.problem.model
     noisier = tuple(with_factor(model, s, factor) for s in segmented_records)
     fit = _with_other_noise(fit, noisier)
     tight = None if tight is None else _with_other_noise(tight, noisier)
-    return {} if misfit(fit, tight, estimated=checks.estimated).left else factor
+    left = misfit(fit, tight, estimated=checks.estimated).left
+    return None if left else (factor, noisier)
 
 
 def _with_factor(checks: DataChecks, factor: dict[str, float]) -> DataChecks:

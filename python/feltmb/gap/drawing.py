@@ -24,6 +24,7 @@ from feltmb.style import (
     plain_text,
     style_axes,
 )
+from feltmb.units import unit_suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -122,7 +123,7 @@ def bars(
             color, note = PALE, "refused; "
         tips[f"belief-{i}"] = r.mechanism or r.effect
         ax.barh(i, r.posterior, 0.7, color=color, gid=f"belief-{i}")
-        unit = "" if r.unit == "1" else f" {r.unit}"
+        unit = unit_suffix(r.unit)
         value = f"{r.magnitude:.{digits(r.magnitude, r.sd, 4)}g}"
         text = f"{note}{r.posterior:.0%}; {value} ± {1.96 * r.sd:.2g}{unit}"
         ax.text(r.posterior + 0.01, i, plain_text(text), va="center", fontsize=NORMAL)

@@ -16,6 +16,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter, no_such
 from feltmb.fit import Candidate, Jobs, Model
 from feltmb.fit.observe import observe_jobs
+from feltmb.units import unit_suffix
 
 __all__ = [
     "Advice",
@@ -353,7 +354,7 @@ class Profile:
     @property
     def text(self) -> str:
         """Sentence about the interval."""
-        unit = "" if self.unit == "1" else f" {self.unit}"
+        unit = unit_suffix(self.unit)
         ends = [
             f"{end:.4g}{unit}" if math.isfinite(end) else f"beyond {edge:.4g}{unit}"
             for end, edge in ((self.low, self.values[0]), (self.high, self.values[-1]))
@@ -425,6 +426,15 @@ class HowFar:
     """Names of the held-out records."""
     per_record: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Record -> (before, after): segmented gaps, whitened [1]."""
+
+    @property
+    def closed_text(self) -> str:
+        """Closed share as text, at most 100 %.
+
+        ``closed`` may exceed 1, because start states and nuisance parameters of held-out records
+        fit some of the noise as well.
+        """
+        return f"{min(self.closed, 1.0):.0%}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ from feltmb.fit.model import Model
 from feltmb.gap.criteria import BETTER_SENSOR
 from feltmb.gap.limits import FurtherSensor
 from feltmb.style import reader_unit
+from feltmb.units import unit_suffix
 
 __all__ = ["Sensors", "offered"]
 
@@ -88,7 +89,7 @@ class Sensors:
     def words(self, offer: FurtherSensor, unit: str) -> str:
         """Name of an offer with its noise."""
         factor, shown = reader_unit(unit)
-        own = "" if shown == "1" else f" {shown}"
+        own = unit_suffix(shown)
         noise = f"noise {factor * float(offer.sigma or 0.0):.3g}{own}"
         if offer.output in self.now:
             noise += f" in place of {factor * float(self.now[offer.output].sigma or 0.0):.3g}{own}"
@@ -121,7 +122,7 @@ def offered(
                 continue
             sigma = present / BETTER_SENSOR if sigma is None else sigma
             if not sigma < present:
-                own = "" if unit == "1" else f" {unit}"
+                own = unit_suffix(unit)
                 faults.append(
                     f"{offer.output}: sigma = {sigma:g}{own}, expected less than that of its "
                     f"present sensor, {present:g}{own}"

@@ -346,11 +346,7 @@ def read_limits(path: str | Path, model: Model) -> Limits:
                 known["sigma"] = read.number(where, entry, "sigma", unit)
             place = ("further_sensors", at)
             further.append(read.made(place, f"{where}: ", FurtherSensor, output=name, **known))
-    sensors = {
-        name: read.number(where, entry, "sigma", model.units.get(name) or "1")
-        for name, where, entry in read.entries("sensors")
-        if ("sensors", name) not in strange
-    }
+    sensors = _sigmas(read, model, strange)
     given = read.raw.get("inputs")
     found = read.made(
         (),
@@ -367,6 +363,17 @@ def read_limits(path: str | Path, model: Model) -> Limits:
     return found
 
 
+def _sigmas(
+    read: TableReader, model: Model, strange: Mapping[tuple[str, str], str]
+) -> dict[str, float]:
+    """Noise of each known output in the tables ``[sensors.OUTPUT]`` [its unit]."""
+    return {
+        name: read.number(where, entry, "sigma", model.units.get(name) or "1")
+        for name, where, entry in read.entries("sensors")
+        if ("sensors", name) not in strange
+    }
+
+
 @checked
 def read_sensors(path: str | Path, model: Model) -> dict[str, float]:
     """Read ``[sensors.OUTPUT]`` tables with ``sigma``: noise by output [its unit].
@@ -380,13 +387,10 @@ def read_sensors(path: str | Path, model: Model) -> dict[str, float]:
     table = read.raw.get("sensors")
     strange = _strangers(model, (), table if isinstance(table, dict) else (), (), ())
     read.check(strange.values())
-    out = {}
-    for name, where, entry in read.entries("sensors"):
-        if ("sensors", name) not in strange:
-            sigma = read.number(where, entry, "sigma", model.units.get(name) or "1")
-            if sigma <= 0.0:
-                read.faults.append(f"{where}.sigma: got {sigma:g}, expected > 0")
-            out[name] = sigma
+    out = _sigmas(read, model, strange)
+    for name, sigma in out.items():
+        if sigma <= 0.0:
+            read.faults.append(f"sensors.{name}.sigma: got {sigma:g}, expected > 0")
     read.finish()
     return out
 

@@ -32,7 +32,7 @@ class Report(Findings):
     def __repr__(self) -> str:
         names = ", ".join(self.named or self.one_of) or "nothing"
         return (
-            f"Report({self.verdict.value}: {names}; closes {min(self.how_far.closed, 1.0):.0%} of "
+            f"Report({self.verdict.value}: {names}; closes {self.how_far.closed_text} of "
             f"the held-out gap, confidence {self.confidence:.0%})"
         )
 

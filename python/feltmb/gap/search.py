@@ -178,14 +178,6 @@ def _again(
 ) -> Search:
     """The search with its best sets fitted again to another problem."""
     effects = list({t.effect.name: t.effect for t in found.scores.candidates}.values())
-    total = sum(e.weight for e in effects)
-
-    def moved(c: CandidateSet) -> CandidateSet:
-        problem = other(c.fit.problem)
-        if not rescore:
-            return CandidateSet(replace(c.fit, problem=problem), c.evidence)
-        fit = finish(problem, replace(c.fit.point, memo={}), c.fit.level, c.fit.gap_sd)
-        return CandidateSet(fit, full_evidence(fit, total))
 
     def again(fit: Fit) -> Fit:
         problem = other(fit.problem)
@@ -201,11 +193,19 @@ def _again(
     hunt.start = full_evidence(hunt.model_fit, hunt.total)
     hunt.failed.update(found.failed)
     hunt.skipped.update(dict.fromkeys(found.skipped))
+
+    def moved(c: CandidateSet) -> CandidateSet:
+        problem = other(c.fit.problem)
+        if not rescore:
+            return CandidateSet(replace(c.fit, problem=problem), c.evidence)
+        fit = finish(problem, replace(c.fit.point, memo={}), c.fit.level, c.fit.gap_sd)
+        return CandidateSet(fit, full_evidence(fit, hunt.total))
+
     # Larger sets may only compensate the error of large steps; they are built again from the best
     # set.
     for c in found.sets:
-        best = found.sets[0]
-        if len(c.names) <= len(best.names) and c.evidence > best.evidence - NEAR_BEST:
+        small = len(c.names) <= len(found.sets[0].names)
+        if small and c.evidence > found.sets[0].evidence - NEAR_BEST:
             hunt._tell(f"{what}: " + " + ".join(c.names))
             fit = again(c.fit)
             hunt.done[c.key] = CandidateSet(fit, full_evidence(fit, hunt.total))

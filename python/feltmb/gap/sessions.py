@@ -34,6 +34,7 @@ from feltmb.gap.limits import FurtherSensor, Limits, read_sensors
 from feltmb.gap.measured import Measured, read_measured, with_measured
 from feltmb.gap.plan_files import request_file, write_design
 from feltmb.gap.report import Report, write_report
+from feltmb.units import unit_suffix
 
 __all__ = ["Session", "SessionStep", "session"]
 
@@ -380,7 +381,7 @@ def _noisier(
     if sigma <= assumed:
         return ()
     unit = model.units.get(wanted.output) or "1"
-    own = "" if unit == "1" else f" {unit}"
+    own = unit_suffix(unit)
     text = f"{wanted.output}: noise {sigma:g}{own}, the plan assumed {assumed:g}{own}"
     old = now[wanted.output].sigma if wanted.output in now else None
     if old is not None and sigma >= old:

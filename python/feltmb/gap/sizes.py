@@ -12,7 +12,7 @@ from feltmb.gap.digits import digits
 from feltmb.gap.refine import CandidateSet
 from feltmb.gap.search import Search
 from feltmb.gap.spread import Spread, spread
-from feltmb.units import readable_unit
+from feltmb.units import readable_unit, unit_suffix
 
 __all__ = ["Size", "Sizes", "where_refitted"]
 
@@ -49,7 +49,7 @@ class Size:
         # One unit for all numbers: that of the largest one.
         ends = (self.low, self.high) if bounded else ()
         factor, name = readable_unit(max(map(abs, (self.magnitude, *ends))), effect.unit)
-        unit = "" if name in ("", "1") else f" {name}"
+        unit = unit_suffix(name or "1")
         text = f"{effect.name} of {factor * self.magnitude:.{shown}g}{unit}"
         if not bounded:
             return f"{text} (no finite 95% interval)"

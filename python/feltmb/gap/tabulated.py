@@ -20,6 +20,7 @@ from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated
 from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
 from feltmb.gap.tolerance import beyond_tolerance
+from feltmb.units import unit_suffix
 
 __all__ = [
     "as_it_is",
@@ -225,7 +226,7 @@ def _text(p: Parameter, row: Calibrated) -> str:
     """Sentence about the change of a parameter."""
     subject = p.label or f"Parameter {p.name}" + (f" ({p.component})" if p.component else "")
     if row.prior_deviations is None:
-        unit = "" if p.unit == "1" else f" {p.unit}"
+        unit = unit_suffix(p.unit)
         places = digits(row.value, row.sd, 3)
         return (
             f"{subject} is {row.value:.{places}g} ± {1.96 * row.sd:.2g}{unit}, "

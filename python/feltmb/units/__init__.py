@@ -8,6 +8,7 @@ from feltmb.units.names import (
     readable_unit,
     si_value,
     split_quantity,
+    unit_suffix,
 )
 from feltmb.units.spelling import PIXEL, spelled_unit, split_column
 
@@ -22,4 +23,5 @@ __all__ = [
     "spelled_unit",
     "split_column",
     "split_quantity",
+    "unit_suffix",
 ]

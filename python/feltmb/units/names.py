@@ -21,6 +21,7 @@ __all__ = [
     "readable_unit",
     "si_value",
     "split_quantity",
+    "unit_suffix",
 ]
 
 #: name -> (factor to SI, exponents of m, kg, s, rad). Volts and degrees Celsius are not mechanical
@@ -199,3 +200,8 @@ def readable_unit(value: float, unit: str) -> tuple[float, str]:
         if abs(value) < limit:
             return factor, name
     return 1.0, unit
+
+
+def unit_suffix(unit: str) -> str:
+    """Text after a number: a space and the unit, or nothing for the unit 1."""
+    return "" if unit == "1" else f" {unit}"

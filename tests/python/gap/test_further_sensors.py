@@ -14,12 +14,10 @@ from feltmb.data import read_record, write_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import (
     Effect,
-    FunctionModel,
     FurtherSensor,
     InputLimits,
     Limits,
     Options,
-    Parameter,
     Record,
     Sensor,
     design,
@@ -32,8 +30,11 @@ from feltmb.gap.information import information, informations
 from feltmb.gap.score import all_candidates
 
 SAMPLES = 200
-#: y = slope u + magnitude u^2, z = 0.5 slope u - 2 magnitude u^2
-MODEL = FunctionModel(
+#: y = slope u + magnitude u^2, z = 0.5 slope u - 2 magnitude u^2; the file of a user.
+CODE = """
+import numpy as np
+from feltmb.gap import Effect, FunctionModel, Parameter
+model = FunctionModel(
     name="lever",
     outputs={
         "y": lambda r, p: p.slope * r.inputs["u"],
@@ -41,8 +42,17 @@ MODEL = FunctionModel(
     },
     parameters=[Parameter(name="slope", value=1.0, sd=0.2)],
 )
-MODEL.inputs = ("u",)
-MODEL.units = {"u": "N", "y": "m", "z": "m"}
+model.inputs = ("u",)
+model.units = {"u": "N", "y": "m", "z": "m"}
+effects = tuple(
+    Effect(name=name, component="c", unit="m",
+           regressor=lambda r, s, a=a: np.outer(r.inputs["u"] ** 2, [1.0, a]))
+    for name, a in (("square", -2.0), ("lookalike", 1.0))
+)
+"""
+_NAMES: dict = {}
+exec(CODE, _NAMES)
+MODEL = _NAMES["model"]
 
 
 def both(a, b, power, name):
@@ -417,27 +427,6 @@ def test_channels_of_the_command_may_be_new_ones():
     for wanted, sigmas in (((), {"y": 0.3}), (("z",), {"z": 0.1}), (("y",), {"y": 0.3})):
         found = sensors_of(adapter, LIMITS, [old], wanted)
         assert {n: s.sigma for n, s in found.items()} == sigmas
-
-
-CODE = """
-import numpy as np
-from feltmb.gap import Effect, FunctionModel, Parameter
-model = FunctionModel(
-    name="lever",
-    outputs={
-        "y": lambda r, p: p.slope * r.inputs["u"],
-        "z": lambda r, p: 0.5 * p.slope * r.inputs["u"],
-    },
-    parameters=[Parameter(name="slope", value=1.0, sd=0.2)],
-)
-model.inputs = ("u",)
-model.units = {"u": "N", "y": "m", "z": "m"}
-effects = tuple(
-    Effect(name=name, component="c", unit="m",
-           regressor=lambda r, s, a=a: np.outer(r.inputs["u"] ** 2, [1.0, a]))
-    for name, a in (("square", -2.0), ("lookalike", 1.0))
-)
-"""
 
 
 def test_command_shows_sensors_in_words_and_numbers(tmp_path, capsys, monkeypatch):

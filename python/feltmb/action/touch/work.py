@@ -19,7 +19,7 @@ from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter, no_such
 from feltmb.files import make_folder, write_file
 from feltmb.mechanism import Action, load_action
-from feltmb.units import conversion_factor
+from feltmb.units import conversion_factor, unit_suffix
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,7 +58,7 @@ class TouchRow:
                 return "below"
             return "above" if self.value > self.high else "inside"
         if self.published is not None:
-            unit = "" if self.unit == "1" else f" {self.unit}"
+            unit = unit_suffix(self.unit)
             return f"{round(self.value - self.published, 2) + 0.0:+.3g}{unit}"
         return ""
 
