@@ -16,7 +16,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from multiprocessing import get_context, parent_process
@@ -123,15 +123,25 @@ class Bench:
     # ------------------------------------------------------------ work
 
     def make_records(
-        self, half: Half = "both", *, workers: int = 2, progress: Progress | None = None
+        self,
+        half: Half = "both",
+        *,
+        workers: int = 2,
+        executor: Executor | None = None,
+        progress: Progress | None = None,
     ) -> None:
-        """Simulate the records of all cases that have none."""
+        """Simulate the records of all cases that have none.
+
+        ``executor``: any ``concurrent.futures.Executor``, for example ``client.get_executor()`` of
+        Dask, in place of ``workers`` processes. Its workers must see the folder of the bench under
+        the same path and import this package; the executor is not shut down.
+        """
         todo = [n for n in self.numbers(half) if not self._made(n)]
         size = self.machine.chunk
         chunks = [todo[i : i + size] for i in range(0, len(todo), size)]
         batches = [(_make, (self.machine, self.folder, self.outside, chunk)) for chunk in chunks]
         done = 0
-        for made in _run(batches, workers):
+        for made in _run(batches, workers, executor):
             done += len(made)
             if progress is not None:
                 progress("records", done, len(todo))
@@ -146,15 +156,19 @@ class Bench:
         half: Half = "both",
         *,
         workers: int = 2,
+        executor: Executor | None = None,
         oracle: bool = True,
         progress: Progress | None = None,
     ) -> None:
-        """Diagnose all cases without a result of this engine."""
+        """Diagnose all cases without a result of this engine.
+
+        ``executor``: see :meth:`make_records`.
+        """
         results = self.folder / "results"
         engine = self.machine.engine_hash
         todo = [n for n in self.numbers(half) if _engine_of(results / f"{n}.json") != engine]
         batches = [(_diagnose, (self.machine, self.folder, n, oracle)) for n in todo]
-        for done, _ in enumerate(_run(batches, workers), start=1):
+        for done, _ in enumerate(_run(batches, workers, executor), start=1):
             if progress is not None:
                 progress("diagnoses", done, len(todo))
 
@@ -180,9 +194,17 @@ def _end_with_parent() -> None:
 
 
 def _run(
-    batches: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int
+    batches: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]],
+    workers: int,
+    executor: Executor | None = None,
 ) -> Iterator[Any]:
-    """Yield results of batches as they are finished, from worker processes with one thread each."""
+    """Yield results of batches as they are finished.
+
+    They run on an executor of the caller, or in worker processes with one thread each.
+    """
+    if executor is not None:
+        yield from _finished(batches, executor)
+        return
     if workers <= 1 or len(batches) <= 1:
         for function, arguments in batches:
             yield function(*arguments)
@@ -194,19 +216,26 @@ def _run(
         with ProcessPoolExecutor(
             workers, mp_context=get_context("spawn"), initializer=_end_with_parent
         ) as pool:
-            pending = [pool.submit(function, *arguments) for function, arguments in batches]
-            try:
-                for future in as_completed(pending):
-                    yield future.result()
-            finally:
-                for future in pending:
-                    future.cancel()
+            yield from _finished(batches, pool)
     finally:
         for key, value in before.items():
             if value is None:
                 os.environ.pop(key, None)
             else:
                 os.environ[key] = value
+
+
+def _finished(
+    batches: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], executor: Executor
+) -> Iterator[Any]:
+    """Yield results from an executor as they are finished; the rest is canceled on an error."""
+    pending = [executor.submit(function, *arguments) for function, arguments in batches]
+    try:
+        for future in as_completed(pending):
+            yield future.result()
+    finally:
+        for future in pending:
+            future.cancel()
 
 
 def _make(

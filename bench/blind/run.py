@@ -9,6 +9,9 @@ import json
 import math
 import sys
 import time
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -55,6 +58,29 @@ class _Told:
             click.echo(f"\r{text:<70}", nl=done == total, err=True)
         else:
             click.echo(text, err=True)
+
+
+@contextmanager
+def _cluster(address: str | None) -> Iterator[Executor | None]:
+    """Executor of a Dask cluster; None without an address."""
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InvalidParameter(
+            "--dask: distributed is not installed; install it with pip install feltmb[dask]"
+        ) from None
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise InvalidParameter(
+            f"--dask {address}: no scheduler answers ({error}); expected the address that dask "
+            "scheduler prints, for example tcp://127.0.0.1:8786"
+        ) from None
+    with client:
+        yield client.get_executor(pure=False)
 
 
 @click.command()
@@ -104,6 +130,13 @@ class _Told:
     "--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Processes."
 )
 @click.option(
+    "--dask",
+    "address",
+    metavar="ADDRESS",
+    help="Scheduler of a Dask cluster, in place of processes of this machine. Its workers see the "
+    "folder under the same path and have bench on their PYTHONPATH.",
+)
+@click.option(
     "--oracle/--no-oracle",
     default=True,
     show_default=True,
@@ -113,7 +146,8 @@ class _Told:
 @json_option
 def command(
     cases: int, seed: int, output: Path, machine: str, outside: Path | None, half: Any,
-    resume: bool, workers: int, oracle: bool, score_only: bool, as_json: bool,
+    resume: bool, workers: int, address: str | None, oracle: bool, score_only: bool,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Make sealed cases of a model, diagnose them blindly, score.
 
@@ -121,15 +155,17 @@ def command(
     bench that was cut off goes on with --resume) and the table of scores as score.json and
     score.md. See docs/validation/2026-11_gap_blind_bench.md.
     """
-    bench = Bench(output, outside, MACHINES[machine])
+    # Workers of a cluster may start in other folders.
+    bench = Bench(output.resolve(), outside and outside.resolve(), MACHINES[machine])
     told = _Told()
     if score_only:
         seal = bench.sealed()
     else:
-        seal = bench.seal(cases, seed, resume=resume)
-        complain(f"sealed {seal['cases']} cases, SHA-256 {seal['truths_sha256'][:16]}...")
-        bench.make_records(half, workers=workers, progress=told)
-        bench.diagnose(half, workers=workers, oracle=oracle, progress=told)
+        with _cluster(address) as pool:
+            seal = bench.seal(cases, seed, resume=resume)
+            complain(f"sealed {seal['cases']} cases, SHA-256 {seal['truths_sha256'][:16]}...")
+            bench.make_records(half, workers=workers, executor=pool, progress=told)
+            bench.diagnose(half, workers=workers, executor=pool, oracle=oracle, progress=told)
     try:
         scored = read(output, bench.numbers(half))
     except ValueError as error:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -136,6 +137,43 @@ def test_two_cases_are_diagnosed(tmp_path):
     assert drag.truth == {"hammer_drag"}
     assert drag.top(1)
     assert not drag.wrong()
+
+
+@pytest.mark.slow
+def test_dask_cluster_gives_the_same(made, tmp_path, monkeypatch):
+    """Records, answers and results of a local Dask cluster are those of this process."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setenv("PYTHONPATH", str(Path(RUN).parents[1]), prepend=os.pathsep)
+    folder = tmp_path / "b"
+    with distributed.LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=None,
+        local_directory=tmp_path,
+    ) as cluster:
+        told = ["--cases", "4", "--seed", "11", "-o", str(folder), "--half", "development"]
+        with pytest.raises(SystemExit) as end:
+            main([*told, "--no-oracle", "--dask", cluster.scheduler_address], command)
+        assert end.value.code in (None, 0)
+    for n in (0, 2):
+        for name in (f"records/{n}.npz", f"answers/{n}.json"):
+            assert (folder / name).read_bytes() == (made.folder / name).read_bytes()
+        _diagnose(made.machine, made.folder, n, False)
+        here, there = (
+            json.loads((f / "results" / f"{n}.json").read_text()) for f in (made.folder, folder)
+        )
+        assert there.pop("cpu_seconds") > 0.0
+        assert here.pop("cpu_seconds") > 0.0
+        assert here == there
+
+
+def test_a_cluster_that_does_not_answer_is_told(tmp_path, capsys):
+    pytest.importorskip("distributed")
+    with pytest.raises(SystemExit) as end:
+        main(["--cases", "2", "-o", str(tmp_path / "b"), "--dask", "nowhere"], command)
+    assert end.value.code == 2
+    assert "--dask nowhere: no scheduler answers" in capsys.readouterr().err
 
 
 @pytest.mark.slow
