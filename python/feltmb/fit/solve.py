@@ -39,8 +39,8 @@ RADIUS, WIDEST, NARROWEST = 3.0, 64.0, 1e-4
 TAKEN, GOOD = 0.1, 0.6
 #: Fits to beginnings of records: largest mean square of the innovations over a number of
 #: consecutive samples, up to which the model follows the record; that number; steps per stage;
-#: smallest extension in the first stage as a share of the record. It doubles with every stage.
-FOLLOWED, ROW, LED, ONWARD = 9.0, 5, 4, 1.0 / 64.0
+#: smallest extension as a share of the record.
+FOLLOWED, ROW, LED, ONWARD = 9.0, 5, 4, 1.0 / 32.0
 #: Two fits whose log evidence differs by less are equal.
 SAME = 0.5
 
@@ -551,9 +551,10 @@ def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
             _agrees_until(s, x)
             for s, x in zip(problem.segmented_records, problem.linear(point), strict=True)
         ]
+        onward = ONWARD if np.all(followed >= until) else 2.0 * onward
         least = np.maximum(2.0, onward * lengths)
         until = np.minimum(lengths, np.maximum(until, followed) + least.astype(int))
-        if np.all(until > 0.95 * lengths):
+        if np.all(until == lengths):
             break
         beginnings = tuple(
             s.until(int(n)) for s, n in zip(problem.segmented_records, until, strict=True)
@@ -565,7 +566,7 @@ def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
             way,
             LED,
         )[0]
-        point, onward = replace(point, memo={}), 2.0 * onward
+        point = replace(point, memo={})
     return point
 
 
