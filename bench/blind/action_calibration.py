@@ -31,33 +31,40 @@ __all__ = ["calibrate", "packaged_scales", "to_record"]
 SHARE = 0.3  # of the natural magnitude of the effect that is tried
 
 
-def to_record(name: str, view: Mapping[str, Array], outputs: tuple[str, ...]) -> Record:
+def to_record(name: str, view: Mapping[str, Array]) -> Record:
     """A view of the generator with what a data sheet says of its sensors."""
+    motion = "displacement" in view
+    driven = "displacement" if motion else "force"
+    outputs = [o for o in view if o != driven]
+    force_noise = float(np.hypot(truth.NOISE_FORCE, truth.STEP_FORCE / np.sqrt(12.0)))
+    sensors = {
+        o: Sensor(name=o, unit="N", sigma=truth.NOISE_FORCE, quantum=truth.STEP_FORCE)
+        if o == "finger.force"
+        else Sensor(
+            name=o,
+            unit="m",
+            sigma=truth.NOISE_CAMERA,
+            quantum=truth.PIXEL,
+            # The mean of three frames is worth one independent look per three frames.
+            correlation_time=1.5 / truth.RATE,
+        )
+        for o in outputs
+    }
     return Record(
         name=name,
-        time=np.arange(view["force"].size) / truth.RATE,
-        inputs={"force": view["force"]},
+        time=np.arange(view[driven].size) / truth.RATE,
+        inputs={driven: view[driven]},
         outputs={o: view[o] for o in outputs},
-        sensors={
-            o: Sensor(
-                name=o,
-                unit="m",
-                sigma=truth.NOISE_CAMERA,
-                quantum=truth.PIXEL,
-                # The mean of three frames is worth one independent look per three frames.
-                correlation_time=1.5 / truth.RATE,
-            )
-            for o in outputs
-        },
-        input_mode="force",
-        input_sigma={"force": float(np.hypot(truth.NOISE_FORCE, truth.STEP_FORCE / np.sqrt(12.0)))},
+        sensors=sensors,
+        input_mode="motion" if motion else "force",
+        input_sigma={driven: truth.NOISE_ENCODER if motion else force_noise},
         role="fit" if name in truth.FIT else "held_out",
     )
 
 
 def whole_segmented(model: Any, record: Record) -> SegmentedRecord:
-    """A record in one piece with the noise of its cameras."""
-    noise = {o: Noise(truth.NOISE_CAMERA, s.correlation_time) for o, s in record.sensors.items()}
+    """A record in one piece with the noise of its sensors."""
+    noise = {o: Noise(s.sigma or 0.0, s.correlation_time) for o, s in record.sensors.items()}
     return segment_record(model, record, noise, None, np.array([[0, record.samples - 1]]))
 
 
@@ -86,7 +93,7 @@ def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[s
     for stroke in truth.FIT:
         view, _ = truth.record(base, library, plain, stroke, outputs, ideal=True)
         views.append(view)
-        records.append(to_record(stroke, view, outputs))
+        records.append(to_record(stroke, view))
     whole = model.with_variability(records)
     for r in records:
         segmented = whole_segmented(whole, r)

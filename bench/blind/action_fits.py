@@ -65,7 +65,9 @@ def cases(numbers: Sequence[int], seed: int = SEED) -> Iterator[truth.Case]:
     _, _, library, outputs = truth.setup()
     scales = packaged_scales()
     for n in numbers:
-        one = truth.draw(seed, n, scales, library, outputs, mix=(0.0, 1.0, 0.0, 0.0, 0.0))
+        one = truth.draw(
+            seed, n, scales, library, outputs, mix=(0.0, 1.0, 0.0, 0.0, 0.0), views={"force": 1.0}
+        )
         yield replace(one, parts=())
         yield one
 
@@ -73,9 +75,7 @@ def cases(numbers: Sequence[int], seed: int = SEED) -> Iterator[truth.Case]:
 def problem_of(case: truth.Case) -> Problem:
     """The model alone and the fitted records of a case."""
     action, base, library, outputs = truth.setup()
-    records = [
-        to_record(s, truth.record(base, library, case, s, outputs)[0], outputs) for s in truth.FIT
-    ]
+    records = [to_record(s, truth.record(base, library, case, s, outputs)[0]) for s in truth.FIT]
     model, _ = mechanism_model(
         action, library=library, effects=["input_gain"], rtol=RTOL, workers=1
     )

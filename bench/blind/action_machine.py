@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,18 +52,29 @@ class ActionMachine(Machine):
             self.write_answer(folder, n, answer)
 
     def read_records(self, path: Path) -> list[Record]:
-        outputs = _setup()[3]
         file = read_npz(path)
-        return [
-            to_record(s, {c: file[f"{s}.{c}"] for c in ("force", *outputs)}, outputs)
+        whole = bool(file.pop("whole", False))
+        views = {
+            s: {k.partition(".")[2]: v for k, v in file.items() if k.partition(".")[0] == s}
             for s in truth.STROKES
-        ]
+        }
+        conditions = {"whole": "yes"} if whole else {}
+        return [replace(to_record(s, v), conditions=conditions) for s, v in views.items()]
 
     def diagnose(self, records: Sequence[Record], names: Sequence[str] = ()) -> Any:
         action, _, library, outputs = _setup()
-        asked = list(names) or [e.name for e in truth.candidates(library, outputs)]
+        first = records[0]
+        view = "motion" if first.input_mode == "motion" else "force"
+        seen = outputs if first.outputs.keys() >= {*outputs} else truth.ONE_CAMERA
+        asked = list(names) or [e.name for e in truth.candidates(library, seen, view)]
         model, known = mechanism_model(
-            action, library=library, effects=asked, shooting="single", rtol=RTOL, workers=1
+            action,
+            channels=[*first.outputs],
+            library=library,
+            effects=asked,
+            rtol=RTOL,
+            workers=1,
+            until=math.inf if "whole" in first.conditions else None,
         )
         model = model.with_variability(records, truth.VARIATION)  # type: ignore[attr-defined]
         options = gap.Options(bootstrap=0, restarts=0, width=3, max_effects=3, advice=False)
@@ -78,7 +90,7 @@ def _make(data: dict[str, Any], path: Path) -> dict[str, Any]:
     """Simulate and store the records of one case; what the scorer must know of it."""
     _, base, library, outputs = _setup()
     case = truth.from_dict(data)
-    arrays: dict[str, Any] = {}
+    arrays: dict[str, Any] = {"whole": np.array(case.view == "whole")}
     onsets: dict[str, list[float]] = {}
     for stroke in truth.STROKES:
         view, _ = truth.record(base, library, case, stroke, outputs)
@@ -110,4 +122,4 @@ def _answer(case: truth.Case, library: Any, onsets: dict[str, list[float]]) -> d
         if strengths[k] is not None:
             told["nc"] = strengths[k]
         parts.append({**asdict(part), **told})
-    return {"number": case.number, "mode": "force", "parts": parts}
+    return {"number": case.number, "mode": case.view, "parts": parts}

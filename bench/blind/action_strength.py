@@ -8,7 +8,8 @@ engine and nothing of its model's run is in it:
 
     nc^2 = min over p, z of |W (y(with) - y(p) - D z)|^2 + |(p - p0) / sd|^2 + |z|^2,
 
-p0 the case's own tolerances, D run-to-run variability, W the whitening by the camera's noise.
+p0 the case's own tolerances, D run-to-run variability, W the whitening by the sensors' noise. In
+the view "motion" the key front of y(p) follows the motion that it has with the effect.
 """
 
 from __future__ import annotations
@@ -41,7 +42,6 @@ class _Stroke:
 
     name: str
     length: float
-    view: Mapping[str, Array]
     segmented: SegmentedRecord
     columns: Array
     """Whitened derivatives by tolerances, in standard deviations."""
@@ -50,21 +50,30 @@ class _Stroke:
 
 
 @functools.cache
-def _fixed() -> tuple[Any, ...]:
+def _fixed(view: str) -> tuple[Any, ...]:
     from feltmb.adapters import mechanism_model
 
     action, base, library, outputs = truth.setup()
-    model = mechanism_model(action, shooting="single", rtol=1e-6, workers=1)[0]
+    channels = truth.watched(view, outputs)
+    model = mechanism_model(action, channels=channels, rtol=1e-6, workers=1)[0]
     return base, library, outputs, model
+
+
+#: Motion of the key front: time [s], displacement [m].
+Motion = tuple[Array, Array]
 
 
 def noncentralities(case: truth.Case) -> list[float | None]:
     """Noncentrality of every part of a case, without the other parts [1].
 
-    An upper bound, because the fit may end above its minimum. None if it could not be computed.
+    An upper bound, because the fit may end above its minimum. None if it could not be computed. In
+    the view "whole" only the part until shortly after the blow counts: what follows is chaotic, and
+    the number is what the view "force" would have.
     """
     if not case.parts:
         return []
+    if case.view == "whole":
+        case = replace(case, view="force")
     bare = replace(case, parts=())
     try:
         strokes = [_stroke(bare, name) for name in truth.FIT]
@@ -79,46 +88,69 @@ def noncentralities(case: truth.Case) -> list[float | None]:
     return out
 
 
-def _view(case: truth.Case, name: str, length: float | None = None) -> dict[str, Array]:
-    base, library, outputs, _ = _fixed()
-    return truth.record(base, library, case, name, outputs, rtol=1e-7, ideal=True, length=length)[0]
+def _run(
+    case: truth.Case, name: str, length: float | None = None, motion: Motion | None = None
+) -> tuple[dict[str, Array], Motion]:
+    """Ideal view of a stroke, and the motion of the key front in it."""
+    base, library, outputs, _ = _fixed(case.view)
+    view, run = truth.record(
+        base, library, case, name, outputs, rtol=1e-7, ideal=True, length=length, motion=motion
+    )
+    return view, truth.motion_of(run)
 
 
-def _stacked(view: Mapping[str, Array]) -> Array:
-    return np.stack([view[o] for o in _fixed()[2]], axis=-1)
+def _view(
+    case: truth.Case, name: str, length: float | None = None, motion: Motion | None = None
+) -> Array:
+    """Ideal outputs of a stroke; ``motion`` is that of the key front, if it is the input."""
+    return _stacked(case, _run(case, name, length, motion)[0])
+
+
+def _stacked(case: truth.Case, view: Mapping[str, Array]) -> Array:
+    return np.stack([view[o] for o in truth.watched(case.view, _fixed(case.view)[2])], axis=-1)
 
 
 def _stroke(bare: truth.Case, name: str) -> _Stroke:
-    _, _, outputs, model = _fixed()
-    view = _view(bare, name)
-    length = view["force"].size / truth.RATE
-    record = to_record(name, view, outputs)
+    model = _fixed(bare.view)[3]
+    view, motion = _run(bare, name)
+    length = len(next(iter(view.values()))) / truth.RATE
+    record = to_record(name, view)
     segmented = whole_segmented(model, record)
     variability = model.with_variability([record], truth.VARIATION).variabilities[name].columns
     white = segmented.whiten(variability[None]).reshape(-1, variability.shape[2])
-    return _Stroke(name, length, view, segmented, _columns(bare, name, length, segmented), white)
+    driven = motion if bare.view == "motion" else None
+    columns = _columns(bare, name, length, segmented, driven)
+    return _Stroke(name, length, segmented, columns, white)
 
 
-def _columns(case: truth.Case, name: str, length: float, segmented: SegmentedRecord) -> Array:
+def _columns(
+    case: truth.Case, name: str, length: float, segmented: SegmentedRecord, motion: Motion | None
+) -> Array:
     """Whitened derivatives of a stroke by all tolerances, at the tolerances of the case."""
-    base = _stacked(_view(case, name, length))
+    base = _view(case, name, length, motion)
     columns = []
-    for e in _fixed()[1].tolerances:
+    for e in _fixed(case.view)[1].tolerances:
         at = case.tolerances.get(e.name, 0.0)
         step = STEP * e.magnitude if at <= 0.0 else -STEP * e.magnitude
         moved = replace(case, tolerances={**case.tolerances, e.name: at + step})
-        change = (_stacked(_view(moved, name, length)) - base) * (e.magnitude / step)
+        change = (_view(moved, name, length, motion) - base) * (e.magnitude / step)
         columns.append(segmented.whiten(change[None]).reshape(-1))
     return np.column_stack(columns)
 
 
 def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> float:
-    _, library, _, model = _fixed()
-    targets = []
+    _, library, _, model = _fixed(case.view)
+    targets: list[Array] = []
+    driven: list[Motion | None] = []
     for s in strokes:
-        moved = _view(case, s.name, s.length)
-        answer = answer_to_force(model, s.segmented.record, moved["force"])
-        targets.append(_stacked(moved) - answer)
+        moved, motion = _run(case, s.name, s.length)
+        if case.view == "motion":
+            targets.append(_stacked(case, moved))
+            driven.append(motion)
+        else:
+            answer = answer_to_force(model, s.segmented.record, moved["force"])
+            targets.append(_stacked(case, moved) - answer)
+            driven.append(None)
     magnitudes = np.array([e.magnitude for e in library.tolerances])
     names = [e.name for e in library.tolerances]
     own = np.array([bare.tolerances.get(n, 0.0) for n in names])
@@ -131,8 +163,8 @@ def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> flo
 
     def residual(p: Array) -> Array:
         parts = [
-            s.segmented.whiten((y - _stacked(_view(at(p), s.name, s.length)))[None]).reshape(-1)
-            for s, y in zip(strokes, targets, strict=True)
+            s.segmented.whiten((y - _view(at(p), s.name, s.length, m))[None]).reshape(-1)
+            for s, y, m in zip(strokes, targets, driven, strict=True)
         ]
         return np.concatenate(parts)
 
@@ -146,7 +178,12 @@ def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> flo
     columns = np.vstack([s.columns for s in strokes])
     for renewal in range(1 + RENEWALS):
         if renewal:
-            columns = np.vstack([_columns(at(p), s.name, s.length, s.segmented) for s in strokes])
+            columns = np.vstack(
+                [
+                    _columns(at(p), s.name, s.length, s.segmented, m)
+                    for s, m in zip(strokes, driven, strict=True)
+                ]
+            )
         before = best
         root = np.hstack([columns, variability])
         height = np.linalg.inv(root.T @ root + np.eye(root.shape[1]))

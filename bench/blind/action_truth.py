@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from feltmb.adapters.refined import refined
 from feltmb.mechanism import Action, load_action
 from feltmb.run.results import Run
 from feltmb.run.simulate import simulate
-from feltmb.run.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
+from feltmb.run.stroke import Stroke, load_stroke, motion_stroke, pulse_stroke, ramp_stroke
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,13 @@ STROKES = FIT + HELD_OUT
 AFTER_BLOW = 0.010  # records end so long after the hammer was farthest [s]
 NOISE_CAMERA, PIXEL = 5e-5, 2e-5  # [m]
 NOISE_FORCE, STEP_FORCE = 0.01, 25.0 / 4096.0  # [N]
+NOISE_ENCODER = 1e-6  # of the key front [m]
+#: What is recorded, and its share of the cases. force: force of the finger and all cameras until
+#: shortly after the blow. motion: motion of the key front as input, force of the finger and all
+#: cameras as outputs. whole: as force, through check, release and second strikes. one camera: as
+#: force, with the camera of the hammer only.
+VIEWS = {"force": 0.4, "motion": 0.2, "whole": 0.2, "one camera": 0.2}
+ONE_CAMERA = ("hammer_tip.x", "hammer_tip.y")
 VARIATION = 0.01  # from stroke to stroke [1]
 VARYING = ("felt.", "joint_friction.", "contact_friction.")
 LARGEST = 3.0  # of an effect, times the magnitude that one would expect to meet
@@ -95,6 +103,8 @@ class Case:
     """By stroke: what is added to the tolerances."""
     strength: Mapping[str, float]
     seed: tuple[int, int]
+    view: str = "force"
+    """What is recorded, see :data:`VIEWS`."""
 
 
 def forms(entry: Entry, library: Library) -> list[tuple[str, list[tuple[Entry, float]]]]:
@@ -128,12 +138,22 @@ def is_signal(entry: Entry) -> bool:
     return entry.sensor is not None or entry.input is not None
 
 
-def candidates(library: Library, outputs: Sequence[str]) -> list[Entry]:
+def watched(view: str, outputs: Sequence[str]) -> tuple[str, ...]:
+    """Outputs that are recorded in a view; ``outputs``: those of all cameras."""
+    if view == "one camera":
+        return ONE_CAMERA
+    return (*outputs, "finger.force") if view == "motion" else tuple(outputs)
+
+
+def candidates(library: Library, outputs: Sequence[str], view: str = "force") -> list[Entry]:
     """Effects that a case may withhold: those that these records could show."""
+    outputs = watched(view, outputs)
     points = {o.rpartition(".")[0] for o in outputs}
     out = []
     for e in library.effects:
         if e.condition is not None or e.name in SYNONYMS:
+            continue
+        if e.input is not None and view == "motion":  # errors of the input act on the force sensor
             continue
         moved = {c.path.split(".")[1] for c in e.changes if c.path.startswith("points.")}
         if moved and not moved & points:
@@ -154,15 +174,19 @@ def draw(
     outputs: Sequence[str],
     *,
     mix: Sequence[float] = (0.25, 0.45, 0.15, 0.05, 0.10),
+    views: Mapping[str, float] = MappingProxyType(VIEWS),
 ) -> Case:
     """Draw the truth of a case.
 
-    ``scales``: {"name:form": noncentrality per unit of magnitude}. ``mix``: shares of none, one,
-    two, three effects, outside.
+    ``scales``: {"name:form": noncentrality per unit of magnitude in the view "force"}. ``mix``:
+    shares of none, one, two, three effects, outside. ``views``: shares of the views.
     """
+    shares = np.array(list(views.values()))
+    own = np.random.default_rng([seed, number, 5])
+    view = [*views][int(own.choice(shares.size, p=shares / shares.sum()))]
     rng = np.random.default_rng([seed, number, 1])
     kind = int(rng.choice(5, p=np.asarray(mix) / np.sum(mix)))
-    entries = {e.name: e for e in candidates(library, outputs)}
+    entries = {e.name: e for e in candidates(library, outputs, view)}
     pool = [
         (name, form, LARGEST * e.magnitude)
         for name, e in sorted(entries.items())
@@ -204,12 +228,12 @@ def draw(
         for s in STROKES
     }
     strength = {s: float(np.exp(0.05 * rng.standard_normal())) for s in STROKES}
-    return Case(number, tuple(parts), tolerances, varied, strength, (seed, number))
+    return Case(number, tuple(parts), tolerances, varied, strength, (seed, number), view)
 
 
-def plain_case(parts: Sequence[Part] = ()) -> Case:
+def plain_case(parts: Sequence[Part] = (), view: str = "force") -> Case:
     """Drawing values, plain strokes: for the calibration of magnitudes."""
-    return Case(0, tuple(parts), {}, {}, {}, (0, 0))
+    return Case(0, tuple(parts), {}, {}, {}, (0, 0), view)
 
 
 def as_dict(case: Case) -> dict[str, Any]:
@@ -293,6 +317,15 @@ def _seen(run: Run, output: str, frames: Array, size: Mapping[str, float]) -> Ar
     return np.asarray(gain * value)
 
 
+def motion_of(run: Run) -> tuple[Array, Array]:
+    """Motion of the key front in a run: time [s] and displacement downward from rest [m].
+
+    Four knots a frame; with more of them the spline would shorten the steps of the integrator.
+    """
+    time, front = run.time[::2], run["key_front.y"][::2]
+    return time, -(front - front[0])
+
+
 def record(
     base: Action,
     library: Library,
@@ -303,38 +336,61 @@ def record(
     rtol: float = 1e-8,
     ideal: bool = False,
     length: float | None = None,
+    motion: tuple[Array, Array] | None = None,
 ) -> tuple[dict[str, Array], Run]:
-    """Sensors' view of one stroke, {"force", output, ...}, and the run behind it.
+    """Sensors' view of one stroke, {input, output, ...}, and the run behind it.
 
-    ``ideal``: no noise and no steps. ``length``: of the record [s]; None: until ``AFTER_BLOW``
-    after the hammer was farthest.
+    The input is "force" [N], in the view "motion" "displacement" [m]. ``outputs``: those of all
+    cameras. ``ideal``: no noise and no steps. ``length``: of the record [s]; None: until
+    ``AFTER_BLOW`` after the hammer was farthest, in the view "whole" all of it. ``motion``: time
+    [s] and displacement [m] that the key front follows in place of the force of the stroke.
     """
     played, longest = command(stroke, case)
+    whole = case.view == "whole"
+    if whole:
+        longest = float(played.duration)
+    acting = played
+    if motion is not None:
+        acting = motion_stroke(tuple(motion[0]), tuple(motion[1]), of="key", name=stroke)
     run = simulate(
-        machine(base, library, case, stroke), played, duration=length or longest, rtol=rtol,
+        machine(base, library, case, stroke), acting, duration=length or longest, rtol=rtol,
         method="cvode", output_rate=8.0 * RATE, ledger=False, events=False,
     )  # fmt: skip
     if length is None:
         tip = run["hammer_tip.x"]
         farthest = float(run.time[int(np.argmax(np.abs(tip - tip[0])))])
-        length = min(longest, farthest + AFTER_BLOW)
+        length = longest if whole else min(longest, farthest + AFTER_BLOW)
     frames = np.arange(int(length * RATE + 1e-9)) / RATE
     size = _magnitudes(case)
     rng = np.random.default_rng([*case.seed, 2, STROKES.index(stroke)])
-    view = {o: _seen(run, o, frames, size) for o in outputs}
+    seen = watched(case.view, outputs)
+    cameras = [o for o in seen if o != "finger.force"]
+    view = {o: _seen(run, o, frames, size) for o in cameras}
     for channel, names in library.channels.items():
         gain = size.get(f"channel_gain.{channel}", 0.0)
         for o in names:
             if o in view and gain:
                 view[o] = (1.0 + gain) * view[o]
-    force = played.at(frames - size.get("input_delay", 0.0))
-    force = (1.0 + size.get("input_gain", 0.0)) * force + size.get("input_offset", 0.0)
-    view["force"] = np.asarray(force)
+    if case.view == "motion":
+        view["displacement"] = np.interp(frames, *motion_of(run))
+        force = np.interp(frames, run.time, run["finger.force"])
+        for channel, names in library.channels.items():
+            if "finger.force" in names:
+                force = (1.0 + size.get(f"channel_gain.{channel}", 0.0)) * force
+        view["finger.force"] = np.asarray(force)
+    else:
+        force = played.at(frames - size.get("input_delay", 0.0))
+        force = (1.0 + size.get("input_gain", 0.0)) * force + size.get("input_offset", 0.0)
+        view["force"] = np.asarray(force)
     if ideal:
         return view, run
-    view["force"] = force + NOISE_FORCE * rng.standard_normal(frames.size)
-    view["force"] = np.round(view["force"] / STEP_FORCE) * STEP_FORCE
-    for o in outputs:
+    for name in ("force", "finger.force"):
+        if name in view:
+            value = view[name] + NOISE_FORCE * rng.standard_normal(frames.size)
+            view[name] = np.round(value / STEP_FORCE) * STEP_FORCE
+    if "displacement" in view:
+        view["displacement"] += NOISE_ENCODER * rng.standard_normal(frames.size)
+    for o in cameras:
         white = rng.standard_normal(frames.size + 2)
         grain = (white[:-2] + white[1:-1] + white[2:]) / np.sqrt(3.0)
         view[o] = np.round((view[o] + NOISE_CAMERA * grain) / PIXEL) * PIXEL
@@ -345,7 +401,10 @@ def onset(part: Part, view: Mapping[str, Array]) -> float:
     """Time [s] at which the key starts to move: what effects of the machine cannot precede."""
     if part.name in ("input_offset",):
         return 0.0
-    moved = np.flatnonzero(np.abs(view["key_front.y"]) > 3e-4)
+    if "key_front.y" in view:
+        moved = np.flatnonzero(np.abs(view["key_front.y"]) > 3e-4)
+    else:  # the hammer follows the key within a millisecond
+        moved = np.flatnonzero(np.abs(view["hammer_tip.x"]) > 3e-4)
     return float(moved[0] / RATE) if moved.size else float("nan")
 
 

@@ -71,7 +71,7 @@ def strengths(names: Sequence[str] | None = None) -> tuple[list[str], dict[str, 
     for stroke in truth.FIT:
         longest = truth.command(stroke, plain)[1]
         view, _ = truth.record(base, library, plain, stroke, outputs, length=longest)
-        parts.append(_linearized(model, to_record(stroke, view, outputs), candidates))
+        parts.append(_linearized(model, to_record(stroke, view), candidates))
     scale = np.array([s.scale for s in model.states()])
     vibrating = np.array([s.vibrates for s in model.states()])
     spread = np.std(np.vstack([p[2].starts for p in parts]), axis=0)

@@ -11,6 +11,8 @@ from typing import Any
 
 import click
 
+from feltmb.blas import one_thread_from_the_start
+
 __all__ = ["main"]
 
 #: command -> (module below feltmb.cli, one line of help)
@@ -97,23 +99,11 @@ def cli() -> None:
     """
 
 
-def _small_matrices() -> None:
-    """Limit the threads of the BLAS: fits solve many small systems with a hundred unknowns.
-
-    With threads, such systems wait longer than they compute: a diagnosis took three times the
-    processor time. Simulations have their own threads. The limit has no effect after the import of
-    NumPy.
-    """
-    if "numpy" not in sys.modules:
-        for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-            os.environ.setdefault(name, "1")
-
-
 def main(
     arguments: list[str] | None = None, command: click.Command = cli, name: str = "feltmb"
 ) -> None:
     """Run the command line, or another command; no traceback is shown for invalid input."""
-    _small_matrices()
+    one_thread_from_the_start()
     from feltmb.cli.common import complain, say
     from feltmb.errors import FeltmbError, FileExists, ModelError
 

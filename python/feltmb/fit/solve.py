@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -35,6 +36,9 @@ COARSE = 3e-5
 #: Trust region of a fit without continuity defects, in units of ``Problem.reach``: first, largest
 #: and smallest radius. At the smallest radius without a gain, the fit ends.
 RADIUS, WIDEST, NARROWEST = 3.0, 64.0, 1e-4
+#: Length of the step across a jump of the sum of squares, in the same units; how often such a step
+#: is tried; iterations on the other side.
+ACROSS, CROSSINGS, BEYOND = 1.0, 4, 15
 #: Ratios of actual to predicted gain above which a step is accepted, and above which it is good.
 TAKEN, GOOD = 0.1, 0.6
 #: Fits to beginnings of records: largest mean square of the innovations over a number of
@@ -303,7 +307,38 @@ def _minimize_whole(
     settings: FitSettings,
     iterations: int,
 ) -> tuple[Point, float, list[Linear], bool]:
-    """Gauss-Newton steps in a trust region, for records that are simulated as a whole.
+    """Gauss-Newton steps in a trust region, also across jumps of the sum of squares.
+
+    Where a part is just caught or just missed, or where friction just holds, the sum of squares
+    jumps. A search that ends at such a jump, although its derivatives promise a lower value, goes
+    on from the other side, whatever the value there is. The lower of both ends is the result.
+    """
+    found, end = _to_a_minimum(problem, point, gap_sd, settings, iterations)
+    for _ in range(CROSSINGS):
+        if end != "jump":
+            break
+        start, cost, linears = found
+        normal = problem.normal(start, linears, gap_sd)
+        delta, _ = _within(problem, start, normal, ACROSS)
+        beyond = problem.moved(start, normal, delta, linears)
+        if not np.isfinite(problem.cost(beyond, gap_sd, linears)[0]):
+            break
+        other, end = _to_a_minimum(problem, beyond, gap_sd, settings, min(iterations, BEYOND))
+        if not other[1] < cost - SAME:
+            end = "jump"
+            break
+        found = other
+    return (*found, end == "minimum")
+
+
+def _to_a_minimum(
+    problem: Problem,
+    point: Point,
+    gap_sd: Array,
+    settings: FitSettings,
+    iterations: int,
+) -> tuple[tuple[Point, float, list[Linear]], Literal["minimum", "jump", "unfinished"]]:
+    """Gauss-Newton steps in a trust region; also returns why they end.
 
     The region is a sphere in prior standard deviations, because plausible values are within some of
     them. A simulation costs a tenth of the derivatives. If a step gives the predicted gain, a step
@@ -314,15 +349,15 @@ def _minimize_whole(
     radius, trusted = RADIUS, False
     for _ in range(iterations):
         if current().stopping():
-            return point, cost, linears, False
+            return (point, cost, linears), "unfinished"
         normal = problem.normal(point, linears, gap_sd)
         promised = _gain(normal, problem.newton(point, normal))
         least = max(settings.decrement, COARSE * max(cost - 4.0 * problem.samples, 0.0))
         if promised < least:
-            return point, cost, linears, True
+            return (point, cost, linears), "minimum"
         # Far from the minimum, a linear model cannot predict the result of a fit.
         if trusted and cost - promised > settings.worth:
-            return point, cost, linears, False
+            return (point, cost, linears), "unfinished"
         best: tuple[float, Point, float, float] | None = None
         while radius > NARROWEST:
             delta, length = _within(problem, point, normal, radius)
@@ -341,8 +376,8 @@ def _minimize_whole(
                     radius *= 2.0
                     continue
             break
-        if best is None:  # nothing is lower within the region: a minimum or a kink
-            return point, cost, linears, promised < 1.0
+        if best is None:  # nothing is lower within the region
+            return (point, cost, linears), "minimum" if promised < 1.0 else "jump"
         new, point, ratio, length = best
         trusted = ratio > GOOD
         done = cost - new < least
@@ -352,8 +387,8 @@ def _minimize_whole(
         linears = problem.linear(point)
         cost, _ = problem.cost_at(point, gap_sd, linears)
         if done:
-            return point, cost, linears, True
-    return point, cost, linears, False
+            return (point, cost, linears), "minimum"
+    return (point, cost, linears), "unfinished"
 
 
 def _gain(normal: Normal, delta: Array) -> float:

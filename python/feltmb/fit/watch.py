@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from threading import Lock
 
 from feltmb.arguments import checked
+from feltmb.blas import one_thread
 
 __all__ = [
     "CHECKS",
@@ -192,9 +193,10 @@ def current() -> Watch:
 
 @contextmanager
 def watching(watch: Watch) -> Iterator[Watch]:
-    """Use a watch in a block."""
+    """Use a watch in a block, with one thread for linear algebra."""
     token = _current.set(watch)
     try:
-        yield watch
+        with one_thread():
+            yield watch
     finally:
         _current.reset(token)

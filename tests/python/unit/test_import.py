@@ -96,6 +96,28 @@ def test_the_command_line_leaves_threads_of_the_blas_alone():
     assert out.stdout.split()[-2:] == ["1", "3"]
 
 
+def test_fits_in_python_use_one_thread_of_the_blas():
+    """NumPy is loaded there; the number is set back, and one that the user sets is kept."""
+    code = (
+        "import numpy, threadpoolctl\n"
+        "from feltmb.fit.watch import Watch, watching\n"
+        "def most(): return max(p['num_threads'] for p in threadpoolctl.threadpool_info())\n"
+        "threadpoolctl.threadpool_limits(2)\n"
+        "with watching(Watch()):\n    print(most())\n"
+        "print(most())"
+    )
+    free = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    for environment, inside in ((free, "1"), ({**free, "OMP_NUM_THREADS": "2"}, "2")):
+        out = subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            check=True,
+            env=environment,
+        )
+        assert out.stdout.split() == [inside, "2"]
+
+
 def test_help_of_the_package_fits_two_screens():
     """In a process of its own, since names that were used before must not lengthen it."""
     script = (
