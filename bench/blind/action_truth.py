@@ -191,6 +191,7 @@ def draw(
         (name, form, LARGEST * e.magnitude)
         for name, e in sorted(entries.items())
         for form, _ in forms(e, library)
+        if f"{name}:{form}" in scales  # the gain of the force sensor has none
     ]
     if kind == 4:
         pool = [(name, "outside", LARGEST_OUTSIDE) for name in sorted(OUTSIDE)]
