@@ -4,11 +4,16 @@ No truth and no diagnosis: the linearized expectation that `feltmb gap plan` wor
 default effects at half, once and twice the size that one would expect. It says what a plan promises
 over chance; what comes of it is for the interactive bench.
 
-    PYTHONPATH=bench python -m blind.action_plans
+    PYTHONPATH=bench python -m blind.action_plans [--whole] [FOLDER]
+
+With --whole, records count to their end; else until 10 ms after the impact, as in a diagnosis
+without further settings.
 """
 
 from __future__ import annotations
 
+import argparse
+import math
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +33,12 @@ COUNTS = (1, 2, 4, 6)
 DRAWS = 12
 
 
-def compare(folder: Path | None = None) -> list[tuple[str, int, float, float]]:
+def compare(
+    folder: Path | None = None, *, whole: bool = False
+) -> list[tuple[str, int, float, float]]:
     """(policy, experiments, expected probability of the correct name, the same for two names)."""
-    model, effects = mechanism_model(load_action("steinway45"))
+    until = math.inf if whole else None
+    model, effects = mechanism_model(load_action("steinway45"), until=until)
     limits = finger_limits(model)
     assert limits is not None
     planned = planned_strokes(model)
@@ -72,7 +80,9 @@ def compare(folder: Path | None = None) -> list[tuple[str, int, float, float]]:
 
 
 if __name__ == "__main__":
-    import sys
-
-    for row in compare(Path(sys.argv[1]) if len(sys.argv) > 1 else None):
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path, nargs="?")
+    parser.add_argument("--whole", action="store_true")
+    given = parser.parse_args()
+    for row in compare(given.folder, whole=given.whole):
         print("| {} | {} | {:.0%} | {:.0%} |".format(*row))

@@ -308,6 +308,13 @@ def score(cases: Sequence[Scored]) -> list[Figure]:
     said = [c for c in cases if not c.failed and c.ranking and c.kind != 0]
     first = [(float(c.ranking[0]["posterior"]), float(c.top(1))) for c in said]
     number("ECE, posterior of the first", first, _ece, "1", 0.08, 0.03)
+    # A posterior also stands for the cases in which there was nothing to find.
+    every = [
+        (float(c.ranking[0]["posterior"]), float(c.top(1)))
+        for c in cases
+        if not c.failed and c.ranking
+    ]
+    number("ECE, posterior of the first, nulls included", every, _ece, "1")
     number(
         "Brier, posteriors of all effects",
         [

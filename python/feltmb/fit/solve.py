@@ -77,6 +77,11 @@ class FitSettings:
         )
 
 
+def _limit_of_noise(count: float) -> float:
+    """Largest sum of squares of so many numbers that agrees with noise [four deviations]."""
+    return float(count + 4.0 * np.sqrt(2.0 * count))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Interval:
     """A fitted value with its uncertainty."""
@@ -122,7 +127,7 @@ class Fit:
     @property
     def explains(self) -> bool:
         """Whether the sum of squares agrees with noise within four standard deviations."""
-        return bool(self.chi2 < self.dof + 4.0 * np.sqrt(2.0 * self.dof))
+        return bool(self.chi2 < _limit_of_noise(self.dof))
 
     @property
     def included(self) -> tuple[Candidate, ...]:
@@ -311,11 +316,12 @@ def _minimize_whole(
 
     Where a part is just caught or just missed, or where friction just holds, the sum of squares
     jumps. A search that ends at such a jump, although its derivatives promise a lower value, goes
-    on from the other side, whatever the value there is. The lower of both ends is the result.
+    on from the other side, whatever the value there is. The lower of both ends is the result. This
+    is done for fits that explain the records; where the model does not follow them, jumps abound.
     """
     found, end = _to_a_minimum(problem, point, gap_sd, settings, iterations)
     for _ in range(CROSSINGS):
-        if end != "jump":
+        if end != "jump" or found[1] > _limit_of_noise(problem.samples):
             break
         start, cost, linears = found
         normal = problem.normal(start, linears, gap_sd)
@@ -505,7 +511,7 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
         problem, point, gap_sd, settings, settings.iterations
     )
     if settings.chain and gap_sd.size and level < 0.1:
-        bar = problem.samples + 4.0 * np.sqrt(2.0 * problem.samples)
+        bar = _limit_of_noise(problem.samples)
         # A chain of segments may be in a local minimum that one simulation from the first state
         # avoids.
         for _ in range(2):
@@ -758,7 +764,7 @@ def fit_problem(
     free = [i for i in problem.free]
     if not free or not fit.gap_sd.size or problem.frozen:
         return fit
-    if loosest < problem.samples + 4.0 * np.sqrt(2.0 * problem.samples):
+    if loosest < _limit_of_noise(problem.samples):
         return fit  # with segments the model can follow: no other start would change that
     generator = np.random.default_rng(settings.seed)
     way = settings.coarser(0.3)
