@@ -1,9 +1,9 @@
 """The interactive blind bench: a machine with a sealed truth answers requests.
 
 The diagnosing side gets default records of the small machine, may ask for further experiments
-within limits, and is scored after 0, 2 and 4 of them: designed ones (planned anew after each
-pair), ones that are drawn at random from the same limits, and repeats of the default strokes (after
-4 only).
+within limits, and is scored after 0, 1, 2, 4 and 6 of them (--rounds): designed ones (planned anew
+after each score), ones that are drawn at random from the same limits, and repeats of the default
+strokes (after the last round only).
 
 Scored is the screen of the diagnosis: a fit of the model alone to all records, the scores of all
 effects there, and the log evidence of each alone. A name needs a belief of 90 % and a score that
@@ -25,6 +25,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,7 @@ from feltmb.gap.score import all_candidates, family_threshold, score_fit, screen
 __all__ = ["ROUNDS", "Requests", "command", "draw", "outcome_of"]
 
 #: Numbers of experiments after which a diagnosis is scored.
-ROUNDS = (0, 2, 4)
+ROUNDS = (0, 1, 2, 4, 6)
 POLICIES = ("designed", "random", "repeats")
 #: Records before any experiment: role by stroke.
 DEFAULT = {"piano": "fit", "staccato": "fit", "forte": "held_out"}
@@ -327,7 +328,7 @@ class Case:
 
 def run_cases(
     player: Player, requests: Requests, cases: Sequence[truth.Case], folder: Path,
-    policies: Sequence[str], left: Callable[[], bool],
+    policies: Sequence[str], left: Callable[[], bool], rounds: Sequence[int] = ROUNDS,
 ) -> None:  # fmt: skip
     """Run cases with all policies; the requests of all cases are integrated together."""
 
@@ -356,7 +357,7 @@ def run_cases(
     def done(case: truth.Case, policy: str) -> bool:
         found = read_json(path(case)) if path(case).exists() else {}
         rows = found.get(policy, {}).get("rounds", [])
-        return bool(rows) and rows[-1]["experiments"] == ROUNDS[-1]
+        return bool(rows) and rows[-1]["experiments"] == rounds[-1]
 
     first = defaults(cases)
     for policy in policies:
@@ -365,7 +366,7 @@ def run_cases(
             for c, r in zip(cases, first, strict=True)
             if not done(c, policy)
         ]
-        for until in ROUNDS:
+        for until in rounds:
             owners, batch = [], []
             for own in todo if left() else []:
                 for name, force, number in ask(player, requests, policy, own, until):
@@ -373,7 +374,7 @@ def run_cases(
                     batch.append((own.truth, name, force, number))
             for own, record in zip(owners, requests.records(batch), strict=True):
                 own.records.append(record)
-            if policy == "repeats" and until not in (0, ROUNDS[-1]):
+            if policy == "repeats" and until not in (0, rounds[-1]):
                 continue
             for own in todo:
                 if left():
@@ -453,7 +454,10 @@ def table(folder: Path, truths: Sequence[truth.Case]) -> str:
         "|---|---|---|" + "---|" * (len(words) + 3),
     ]
     for policy in POLICIES:
-        for count in ROUNDS:
+        counts = sorted(
+            {r["experiments"] for d in done for r in d.get(policy, {}).get("rounds", ())}
+        )
+        for count in counts:
             rows = [
                 (case[d["number"]], r)
                 for d in done
@@ -462,8 +466,6 @@ def table(folder: Path, truths: Sequence[truth.Case]) -> str:
             ]
             single = [r["outcome"] for c, r in rows if c.parts]
             null = [r["outcome"] for c, r in rows if not c.parts]
-            if not rows:
-                continue
             good = sum(o in ("right", "class") for o in single)
             share = f"{good / len(single):.0%}" if single else "-"
             cells = " | ".join(str(single.count(w)) for w in words)
@@ -512,17 +514,36 @@ def _plot(points: Sequence[tuple[str, float, float]], path: Path) -> None:
     write_file(path, lambda p: figure.savefig(p, format="png", dpi=110), force=True)
 
 
+def _rounds(_: click.Context, __: click.Parameter, value: str) -> tuple[int, ...]:
+    """Numbers of experiments; they start at 0 and increase."""
+    try:
+        found = tuple(int(word) for word in value.split(","))
+    except ValueError:
+        found = ()
+    if not found or found[0] != 0 or any(b <= a for a, b in pairwise(found)):
+        raise click.BadParameter(f"got {value}, expected increasing integers from 0, as 0,2,4")
+    return found
+
+
 @click.command()
 @click.option("--cases", type=click.IntRange(1, 10_000), default=20, show_default=True)
 @click.option("--seed", type=click.IntRange(0), default=26, show_default=True)
 @click.option("--out", "-o", "output", type=click.Path(path_type=Path), required=True)
 @click.option("--until", type=float, default=math.inf, help="Stop after so many seconds [s].")
 @click.option("--policy", "policies", multiple=True, type=click.Choice(POLICIES))
+@click.option(
+    "--rounds",
+    default=",".join(map(str, ROUNDS)),
+    show_default=True,
+    metavar="N,N,...",
+    callback=_rounds,
+    help="Numbers of experiments after which the diagnosis is scored, in increasing order.",
+)
 @click.option("--diagnose", "whole", is_flag=True, help="Score the whole diagnosis.")
 @click.option("--score-only", is_flag=True)
 def command(
-    cases: int, seed: int, output: Path, until: float, policies: tuple[str, ...], whole: bool,
-    score_only: bool,
+    cases: int, seed: int, output: Path, until: float, policies: tuple[str, ...],
+    rounds: Sequence[int], whole: bool, score_only: bool,
 ) -> None:  # fmt: skip
     """Sealed cases of the small machine; experiments that are designed, random, or repeats."""
     _seal(output, cases, seed)
@@ -533,7 +554,7 @@ def command(
         for n in range(0, cases, TOGETHER):
             run_cases(
                 player, requests, truths[n : n + TOGETHER], output, policies or POLICIES,
-                lambda: time.monotonic() - began < until,
+                lambda: time.monotonic() - began < until, rounds,
             )  # fmt: skip
             click.echo(f"{n + TOGETHER} cases: {time.monotonic() - began:.0f} s", err=True)
             if time.monotonic() - began > until:

@@ -325,8 +325,9 @@ def _minimize_whole(
             break
         start, cost, linears = found
         normal = problem.normal(start, linears, gap_sd)
-        delta, _ = _within(problem, start, normal, ACROSS)
-        beyond = problem.moved(start, normal, delta, linears)
+        delta, length = _within(problem, start, normal, ACROSS)
+        # Derivatives by differences are wrong across a jump: they give the direction at most.
+        beyond = problem.moved(start, normal, delta * (ACROSS / length), linears)
         if not np.isfinite(problem.cost(beyond, gap_sd, linears)[0]):
             break
         other, end = _to_a_minimum(problem, beyond, gap_sd, settings, min(iterations, BEYOND))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from feltmb.fit import solve
 from feltmb.fit.noise import Noise
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import segment_record
@@ -108,3 +109,70 @@ def test_fits_from_random_starts_end_where_the_fit_from_the_truth_ends(problem):
             point=problem.start(theta=np.clip(theta, 0.1, None)),
         )
         assert fit.cost < best.cost + 0.1
+
+
+def caught(_, inputs, parameters):
+    """A part follows the input; above a gain of 1 it is caught, and held hard near 1.2."""
+    gain = parameters["gain"]
+    held = 20.0 * (1.2 - gain) if gain >= 1.0 else 0.0
+    return {"y": gain * inputs["u"] + held}
+
+
+def caught_problem(sigma):
+    m = SimulatorModel(
+        caught,
+        parameters=[Parameter(name="gain", value=0.8, sd=0.3)],
+        inputs={"u": "1"},
+        outputs={"y": "1"},
+    )
+    time = np.linspace(0.0, 1.0, 200)
+    y = 1.5 * time + sigma * np.random.default_rng(1).standard_normal(time.size)
+    record = Record(
+        name="r",
+        time=time,
+        inputs={"u": time},
+        outputs={"y": y},
+        sensors={"y": Sensor(name="y", sigma=sigma)},
+    )
+    return Problem(m, (segment_record(m, record, {"y": Noise(sigma)}, 0.5),))
+
+
+def test_a_fit_crosses_a_jump_of_the_sum_of_squares(monkeypatch):
+    problem = caught_problem(0.6)
+    fit = fit_problem(problem, FitSettings(restarts=0))
+    assert fit.point.theta[0] == pytest.approx(1.2, abs=0.05)
+    assert fit.converged
+    # Without the crossing it ends in front of the jump, 15 units of log evidence below.
+    monkeypatch.setattr(solve, "CROSSINGS", 0)
+    stuck = fit_problem(problem, FitSettings(restarts=0))
+    assert 0.95 < stuck.point.theta[0] < 1.0
+    assert not stuck.converged
+    assert stuck.cost > fit.cost + 20.0
+
+
+def test_a_fit_along_the_records_extends_little_beyond_what_the_model_follows(problem, monkeypatch):
+    """Each beginning ends at most a thirty-second of the record after what was followed."""
+    followed, ends = [], []
+    agrees, optimize = solve._agrees_until, solve._optimize
+
+    def watched_agrees(segmented, linear):
+        count = agrees(segmented, linear)
+        followed.append(count)
+        return count
+
+    def watched_optimize(part, *more):
+        ends.append([int(np.sum(s.samples)) for s in part.segmented_records])
+        return optimize(part, *more)
+
+    monkeypatch.setattr(solve, "_agrees_until", watched_agrees)
+    monkeypatch.setattr(solve, "_optimize", watched_optimize)
+    fit = fit_problem(problem, FitSettings(restarts=0))
+    assert fit.explains
+    pairs = [followed[i : i + 2] for i in range(0, len(followed), 2)]
+    assert len(ends) >= 3  # two beginnings at least, and the whole
+    begun = [0, 0]
+    for reached, end in zip(pairs, ends, strict=False):
+        for k in range(2):
+            if reached[k] >= begun[k]:
+                assert end[k] <= reached[k] + np.ceil(200 / 32)
+        begun = end
