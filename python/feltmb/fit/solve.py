@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 
@@ -312,40 +311,7 @@ def _minimize_whole(
     settings: FitSettings,
     iterations: int,
 ) -> tuple[Point, float, list[Linear], bool]:
-    """Gauss-Newton steps in a trust region, also across jumps of the sum of squares.
-
-    Where a part is just caught or just missed, or where friction just holds, the sum of squares
-    jumps. A search that ends at such a jump, although its derivatives promise a lower value, goes
-    on from the other side, whatever the value there is. The lower of both ends is the result. This
-    is done for fits that explain the records; where the model does not follow them, jumps abound.
-    """
-    found, end = _to_a_minimum(problem, point, gap_sd, settings, iterations)
-    for _ in range(CROSSINGS):
-        if end != "jump" or found[1] > _limit_of_noise(problem.samples):
-            break
-        start, cost, linears = found
-        normal = problem.normal(start, linears, gap_sd)
-        delta, length = _within(problem, start, normal, ACROSS)
-        # Derivatives by differences are wrong across a jump: they give the direction at most.
-        beyond = problem.moved(start, normal, delta * (ACROSS / length), linears)
-        if not np.isfinite(problem.cost(beyond, gap_sd, linears)[0]):
-            break
-        other, end = _to_a_minimum(problem, beyond, gap_sd, settings, min(iterations, BEYOND))
-        if not other[1] < cost - SAME:
-            end = "jump"
-            break
-        found = other
-    return (*found, end == "minimum")
-
-
-def _to_a_minimum(
-    problem: Problem,
-    point: Point,
-    gap_sd: Array,
-    settings: FitSettings,
-    iterations: int,
-) -> tuple[tuple[Point, float, list[Linear]], Literal["minimum", "jump", "unfinished"]]:
-    """Gauss-Newton steps in a trust region; also returns why they end.
+    """Gauss-Newton steps in a trust region, for records that are simulated as a whole.
 
     The region is a sphere in prior standard deviations, because plausible values are within some of
     them. A simulation costs a tenth of the derivatives. If a step gives the predicted gain, a step
@@ -356,15 +322,15 @@ def _to_a_minimum(
     radius, trusted = RADIUS, False
     for _ in range(iterations):
         if current().stopping():
-            return (point, cost, linears), "unfinished"
+            return point, cost, linears, False
         normal = problem.normal(point, linears, gap_sd)
         promised = _gain(normal, problem.newton(point, normal))
         least = max(settings.decrement, COARSE * max(cost - 4.0 * problem.samples, 0.0))
         if promised < least:
-            return (point, cost, linears), "minimum"
+            return point, cost, linears, True
         # Far from the minimum, a linear model cannot predict the result of a fit.
         if trusted and cost - promised > settings.worth:
-            return (point, cost, linears), "unfinished"
+            return point, cost, linears, False
         best: tuple[float, Point, float, float] | None = None
         while radius > NARROWEST:
             delta, length = _within(problem, point, normal, radius)
@@ -383,8 +349,8 @@ def _to_a_minimum(
                     radius *= 2.0
                     continue
             break
-        if best is None:  # nothing is lower within the region
-            return (point, cost, linears), "minimum" if promised < 1.0 else "jump"
+        if best is None:  # nothing is lower within the region: a minimum or a jump
+            return point, cost, linears, promised < 1.0
         new, point, ratio, length = best
         trusted = ratio > GOOD
         done = cost - new < least
@@ -394,8 +360,8 @@ def _to_a_minimum(
         linears = problem.linear(point)
         cost, _ = problem.cost_at(point, gap_sd, linears)
         if done:
-            return (point, cost, linears), "minimum"
-    return (point, cost, linears), "unfinished"
+            return point, cost, linears, True
+    return point, cost, linears, False
 
 
 def _gain(normal: Normal, delta: Array) -> float:
@@ -739,6 +705,32 @@ def estimate_states(problem: Problem, point: Point, level: float) -> Point:
     return point
 
 
+def _across_jumps(fit: Fit, settings: FitSettings) -> Fit:
+    """Continue a fit that explains the records but ends where the sum of squares jumps.
+
+    Where a part is just caught or just missed, or where friction just holds, no shorter step is
+    better, although the derivatives promise it. The search goes on from the other side, whatever
+    the value there is. The lower of both ends is the result.
+    """
+    brief = replace(settings, iterations=min(settings.iterations, BEYOND))
+    for _ in range(CROSSINGS):
+        if fit.converged or not fit.explains or current().stopping():
+            break
+        problem, point, linears = fit.problem, fit.point, list(fit.linears)
+        delta, length = _within(problem, point, fit.normal, ACROSS)
+        if not length > 0.0:
+            break
+        # Derivatives by differences are wrong across a jump: they give the direction at most.
+        beyond = problem.moved(point, fit.normal, delta * (ACROSS / length), linears)
+        if not np.isfinite(problem.cost(beyond, fit.gap_sd, linears)[0]):
+            break
+        other = polish(problem, replace(beyond, memo={}), fit.level, brief)
+        if not other.cost < fit.cost - SAME:
+            break
+        fit = other
+    return fit
+
+
 def fit_problem(
     problem: Problem,
     settings: FitSettings | None = None,
@@ -749,21 +741,23 @@ def fit_problem(
 ) -> Fit:
     """Fit a problem, starting from its priors.
 
-    Records that are simulated as a whole are first fitted as far as the model follows them; see
-    :func:`_led`. With segments, continuity defects decrease from loose to tight, and the level with
-    the largest marginal likelihood is used. If such a fit is poor, it is repeated from other
-    starts, so that a local minimum is not mistaken for a gap. Segments with a large residual are
-    restarted from their neighbors. Parameters are drawn from their priors until the best fit is
-    reached a second time.
+    Records that are simulated as a whole are first fitted as far as the model follows them (see
+    :func:`_led`), and fits that explain them continue across jumps (see :func:`_across_jumps`).
+    With segments, continuity defects decrease from loose to tight, and the level with the largest
+    marginal likelihood is used. If such a fit is poor, it is repeated from other starts, so that a
+    local minimum is not mistaken for a gap. Segments with a large residual are restarted from their
+    neighbors. Parameters are drawn from their priors until the best fit is reached a second time.
     """
     settings = settings or FitSettings()
     first = point or problem.start()
     fit, loose, loosest = _descend(problem, first, settings, progress, label)
+    if not fit.gap_sd.size:
+        return _across_jumps(fit, settings)
     fit = _rescue(fit, settings)
     if fit.explains and fit.converged:
         return fit
     free = [i for i in problem.free]
-    if not free or not fit.gap_sd.size or problem.frozen:
+    if not free or problem.frozen:
         return fit
     if loosest < _limit_of_noise(problem.samples):
         return fit  # with segments the model can follow: no other start would change that
