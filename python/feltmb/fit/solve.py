@@ -62,6 +62,9 @@ class FitSettings:
     seed: int = 0
     chain: bool = False
     """Whether a poor fit is also started from one simulation through all segments."""
+    jumps: bool = True
+    """Whether a fit without continuity defects that ends at a jump of the sum of squares goes on
+    from the other side."""
     worth: float = np.inf
     """Sum of squares of a competing fit. A search without continuity defects ends, unfinished, if
     its linear model predicts no smaller value, provided that the prediction for the previous step
@@ -71,6 +74,7 @@ class FitSettings:
         """Settings of an intermediate fit: at least this decrement, other iterations if given."""
         return replace(
             self,
+            jumps=False,
             decrement=max(self.decrement, decrement),
             iterations=self.iterations if iterations is None else iterations,
         )
@@ -752,7 +756,7 @@ def fit_problem(
     first = point or problem.start()
     fit, loose, loosest = _descend(problem, first, settings, progress, label)
     if not fit.gap_sd.size:
-        return _across_jumps(fit, settings)
+        return _across_jumps(fit, settings) if settings.jumps else fit
     fit = _rescue(fit, settings)
     if fit.explains and fit.converged:
         return fit

@@ -16,7 +16,7 @@ import numpy as np
 
 from feltmb.fit.model import Effect
 from feltmb.fit.problem import Point, Problem
-from feltmb.fit.solve import Fit, FitSettings, finish, polish
+from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem, polish
 from feltmb.fit.watch import current
 from feltmb.gap.criteria import NEAR_BEST
 from feltmb.gap.refine import CandidateSet, full_evidence, plausible, taken_over, worth_of
@@ -162,6 +162,10 @@ class _Stage:
         return self.problem.with_candidates(problem.included)
 
     def _fit(self, problem: Problem, point: Point) -> None:
-        fit = polish(problem, replace(point, memo={}), 1.0, self.way)
+        start = replace(point, memo={})
+        if problem.included:
+            fit = polish(problem, start, 1.0, self.way)
+        else:  # the model alone gets the chance to follow the longer records step by step
+            fit = fit_problem(problem, self.way, point=start)
         kept = CandidateSet(fit, full_evidence(fit, self.total))
         self.found[kept.key] = kept
