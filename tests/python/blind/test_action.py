@@ -18,10 +18,10 @@ from feltmb.files import make_folder, write_text
 def made(tmp_path_factory):
     """A bench with the records of one case."""
     bench = Bench(tmp_path_factory.mktemp("bench") / "b", machine=MACHINES["steinway45"])
-    seal = bench.seal(40, 3)
+    seal = bench.seal(40, 4)
     truths = json.loads((bench.folder / "truths.json").read_text())
     number = next(t["number"] for t in truths if len(t["parts"]) == 1 and
-                  t["parts"][0]["form"] == "A")  # fmt: skip
+                  t["parts"][0]["form"] == "A" and t["view"] == "force")  # fmt: skip
     bench.machine.make_records(bench.folder, None, [number])
     return bench, seal, number
 
@@ -29,10 +29,10 @@ def made(tmp_path_factory):
 def test_sealed_truths_are_those_of_the_seed(made, tmp_path):
     bench, seal, _ = made
     other = Bench(tmp_path / "b", machine=MACHINES["steinway45"])
-    assert other.seal(40, 3)["truths_sha256"] == seal["truths_sha256"] != ""
+    assert other.seal(40, 4)["truths_sha256"] == seal["truths_sha256"] != ""
     assert seal["machine"] == "steinway45"
     with pytest.raises(InvalidParameter, match="machine = steinway45, got key_hammer"):
-        Bench(bench.folder).seal(40, 3, resume=True)
+        Bench(bench.folder).seal(40, 4, resume=True)
 
 
 def test_every_number_is_off_and_magnitudes_are_plausible(made):
@@ -71,6 +71,47 @@ def test_records_are_as_the_data_sheet_says_and_end_after_the_impact(made):
         assert 1e-5 < np.std(still) < 1e-4
         steps = tip / action_truth.PIXEL
         assert np.allclose(steps, np.round(steps), atol=1e-6)
+
+
+def test_views_are_drawn_in_their_shares_and_do_not_change_the_rest():
+    _, _, library, outputs = action_truth.setup()
+    scales = packaged_scales()
+    cases = [action_truth.draw(1, n, scales, library, outputs) for n in range(200)]
+    for view, share in action_truth.VIEWS.items():
+        count = sum(c.view == view for c in cases)
+        assert abs(count - 200 * share) < 4.0 * np.sqrt(200 * share * (1.0 - share))
+    one = next(c for c in cases if c.view == "whole")
+    again = action_truth.draw(1, one.number, scales, library, outputs, views={"force": 1.0})
+    assert again.view == "force"
+    assert (again.parts, again.tolerances) == (one.parts, one.tolerances)
+    assert all(
+        not p.name.startswith("input_") for c in cases if c.view == "motion" for p in c.parts
+    )
+
+
+def test_views_show_what_they_say():
+    _, base, library, outputs = action_truth.setup()
+
+    def seen(view, **more):
+        case = action_truth.plain_case(view=view)
+        return action_truth.record(base, library, case, "staccato", outputs, ideal=True, **more)
+
+    force, run = seen("force")
+    assert set(force) == {"force", *outputs}
+    assert set(seen("one camera")[0]) == {"force", *action_truth.ONE_CAMERA}
+    whole, _ = seen("whole")
+    assert whole["force"].size > 2 * force["force"].size
+    np.testing.assert_array_equal(whole["hammer_tip.x"][:50], force["hammer_tip.x"][:50])
+    motion, _ = seen("motion")
+    assert set(motion) == {"displacement", "finger.force", *outputs}
+    np.testing.assert_allclose(motion["displacement"], -force["key_front.y"], atol=5e-6)
+    # The key, driven by the motion that the force gave, answers with this force. Where contacts
+    # close, the spline misses the jump of its acceleration.
+    driven, _ = seen("motion", motion=action_truth.motion_of(run))
+    error = np.abs(driven["finger.force"] - motion["finger.force"])
+    assert np.median(error) < 0.02
+    assert np.max(error) < 2.0
+    np.testing.assert_allclose(driven["hammer_tip.x"], force["hammer_tip.x"], atol=1e-4)
 
 
 def test_the_scorer_reads_what_the_bench_writes(made):
