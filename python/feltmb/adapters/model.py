@@ -9,7 +9,6 @@ affect anything that a camera measures.
 
 from __future__ import annotations
 
-import copy
 import fnmatch
 import math
 import os
@@ -24,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb import _core
+from feltmb.adapters.accuracy import with_force_error, with_integration_error
 from feltmb.adapters.aliases import Alias, alias_of
 from feltmb.adapters.derivatives import sensitivities
 from feltmb.adapters.differentiable import DifferentiableMechanism
@@ -60,9 +60,6 @@ VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
 DEPARTURE = 0.05
 #: Scale of the rate of such a deviation: it lasts for some milliseconds [1/s].
 DEPARTURE_RATE = 50.0
-#: If the noise of a sensor is below this many relative tolerances of the integrator, as a share of
-#: the motion, it is compared with the error of the simulation.
-SHARP = 100.0
 
 
 @dataclass(frozen=True)
@@ -258,7 +255,7 @@ class MechanismModel(DifferentiableMechanism):
             notes += said
             record = with_noise(record, notes)
             if not self.single or self.until is None:
-                cut.append(record)
+                cut.append(with_force_error(self, record, None, notes))
                 continue
             turn = self._turn(record)
             last = record.time[-1] if turn is None else turn + self.until.after_turn
@@ -271,43 +268,9 @@ class MechanismModel(DifferentiableMechanism):
                     "until=math.inf, uses them)"
                 )
                 record = record.cut(0, kept)
-            cut.append(record)
-        floors = self._errors(cut) if self.single else {}
-        return Ready(self, tuple(_at_least(r, floors) for r in cut), tuple(notes), floors)
-
-    def _errors(self, records: Sequence[Record]) -> dict[str, float]:
-        """Error of the simulation by channel, where it exceeds the noise of a sensor [its unit].
-
-        The error is estimated from a simulation with a tenth of the tolerance. It varies slowly. It
-        is therefore expressed as the white noise with an equal spectrum at low frequencies;
-        otherwise every sample would count as independent information.
-        """
-        fine = copy.copy(self)
-        fine.rtol = 0.1 * self.rtol
-        out: dict[str, float] = {}
-        for record in records:
-            sharp = [
-                (i, o)
-                for i, o in enumerate(self.outputs)
-                if o in record.outputs
-                and (record.sensors[o].sigma or 0.0)
-                < SHARP * self.rtol * float(np.nanmax(np.abs(record.outputs[o])))
-            ]
-            if not sharp:
-                continue
-            runs = [m.whole(record, self._base()) for m in (self, fine)]
-            if runs[0] is None or runs[1] is None:
-                continue
-            for i, name in sharp:
-                off = runs[0][:, i] - runs[1][:, i]
-                kept = float(off[1:] @ off[:-1]) / max(float(off @ off), 1e-300)
-                kept = min(max(kept, 0.0), 1.0 - 1.0 / off.size)
-                # Variance of a long mean of an AR(1) process relative to that of white noise.
-                smooth = math.sqrt((1.0 + kept) / (1.0 - kept))
-                error = smooth * float(np.sqrt(np.mean(off**2)))
-                if error > (record.sensors[name].sigma or 0.0):
-                    out[name] = max(out.get(name, 0.0), error)
-        return out
+            cut.append(with_force_error(self, record, turn, notes))
+        ready = with_integration_error(self, cut, notes) if self.single else cut
+        return Ready(self, tuple(ready), tuple(notes))
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
         """Channels of tracking points as displacements from rest, also if they are absolute.
@@ -396,6 +359,10 @@ class MechanismModel(DifferentiableMechanism):
 
         self.in_parallel(work, list(groups.items()))
         return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
+
+    def nominal(self, record: Record) -> Array | None:
+        """Outputs (n, ny) of the packaged mechanism over the whole record; None if it failed."""
+        return self.whole(record, self._base())
 
     def whole(self, record: Record, variant: Variant) -> Array | None:
         """Outputs of one version over the whole record from rest, (n, ny); None if it failed."""
@@ -646,12 +613,3 @@ def _resample(old: Array, values: Array, new: Array) -> Array:
     slope = np.gradient(values, old, axis=0)
     out: Array = CubicHermiteSpline(old, values, slope, axis=0)(new)
     return out
-
-
-def _at_least(record: Record, floors: Mapping[str, float]) -> Record:
-    """A record whose sensor noise is at least the given floors."""
-    sensors = {
-        name: replace(s, sigma=max(s.sigma or 0.0, floors[name])) if name in floors else s
-        for name, s in record.sensors.items()
-    }
-    return replace(record, sensors=sensors) if floors else record

@@ -472,9 +472,8 @@ class Ready:
     model: Model
     records: tuple[Record, ...]
     notes: tuple[str, ...] = ()
-    """Sentences for the report about parts of the records that are not used."""
-    floors: Mapping[str, float] = field(default_factory=dict)
-    """Error of the simulation by channel, if it exceeds the noise of the sensor [unit]."""
+    """Sentences for the report: parts of the records that are not used, and larger noise of
+    sensors."""
 
 
 @checked

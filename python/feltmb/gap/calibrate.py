@@ -13,9 +13,13 @@ from feltmb.fit.linearize import Linear, predict
 from feltmb.fit.model import Candidate, Effect, Model
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, finish, polish
+from feltmb.fit.watch import current
+from feltmb.gap.criteria import REFUTED
+from feltmb.gap.refine import refit
 from feltmb.gap.score import Scores, all_candidates, family_threshold, score_fit
+from feltmb.gap.search import Search
 
-__all__ = ["Null", "calibrate"]
+__all__ = ["Null", "calibrate", "largest_statistic"]
 
 Progress = Callable[[str, int, int], None]
 
@@ -97,6 +101,60 @@ def calibrate(
         excess.append(_largest(refitted, included) - _largest(linear_fit, included))
     stretch = max(1.0, 1.0 + float(np.mean(excess)) / max(float(np.mean(maxima)), 1e-12))
     return Null(threshold * stretch, maxima, stretch, replicates)
+
+
+def largest_statistic(
+    found: Search,
+    scores: Scores,
+    maxima: Array,
+    settings: FitSettings,
+    *,
+    confirm: bool,
+    progress: Progress | None = None,
+) -> float:
+    """Largest test statistic of all candidates.
+
+    The statistic of a candidate is its score T. T is the predicted decrease of the sum of squares
+    by the candidate. If the candidate was refitted, the statistic is the smaller of T and the
+    actual decrease (the likelihood ratio), which has the same null distribution. They differ if a
+    derivative jumps at the fit: a hammer that is just caught has another slope to either side, and
+    T predicts what no fit reaches.
+
+    Parameters
+    ----------
+    found
+        The search with its refitted sets.
+    scores
+        Scores at the fit of the model with the tightest continuity defects.
+    maxima
+        Draws of the largest T under the null.
+    confirm
+        Whether candidates that were not refitted, and whose T refutes the model, are refitted now.
+
+    Returns
+    -------
+    float
+        The largest statistic [1]; with continuity defects, the largest T, because free start states
+        remove such jumps.
+    """
+    statistic = scores.singles()
+    fit = found.model_fit
+    if not statistic.size or fit.gap_sd.size:
+        return float(np.max(statistic, initial=0.0))
+    realized = {c.names[0]: fit.cost - c.fit.cost for c in found.sets if len(c.names) == 1}
+    limit, way = float(np.quantile(maxima, 1.0 - REFUTED)), settings.coarser(0.1, iterations=15)
+    size = scores.one_step()
+    while True:
+        for i, t in enumerate(scores.candidates):
+            statistic[i] = max(0.0, min(statistic[i], realized.get(t.name, np.inf)))
+        i = int(np.argmax(statistic))
+        t = scores.candidates[i]
+        if not confirm or statistic[i] < limit or t.name in realized or current().over():
+            return float(statistic[i])
+        if progress is not None:
+            progress(f"refine: {t.name}", len(realized), 0)
+        again = refit(fit, (t,), np.array([size[i] * t.effect.scale]), way)
+        realized[t.name] = fit.cost - again.cost if np.isfinite(again.cost) else 0.0
 
 
 def _largest(fit: Fit, candidates: tuple[Candidate, ...]) -> float:

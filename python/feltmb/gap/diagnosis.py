@@ -21,7 +21,7 @@ from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem, polish
 from feltmb.fit.watch import FIT, PROOF, REPORT, SEARCH, Tell, Watch, current, watching
 from feltmb.gap.acceptance import Accepted, accept, refutes, shapley
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
-from feltmb.gap.calibrate import calibrate
+from feltmb.gap.calibrate import calibrate, largest_statistic
 from feltmb.gap.checks import (
     DataChecks,
     check_against,
@@ -166,18 +166,13 @@ def _ready(
     records, constant = without_constant(records)
     checks = check_against(model, records)
     ready = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
-    channels, notes = [], list(ready.notes)
-    for c in checks.channels:
-        floor = ready.floors.get(c.channel, 0.0)
-        if floor > c.sigma:
-            notes.append(
-                f"{c.record}: noise of {c.channel} is {c.sigma:.2g} {c.unit}, less than the error "
-                f"of a simulation, which is equivalent to white noise of {floor:.2g} {c.unit}: the "
-                "latter is used"
-            )
-            c = replace(c, sigma=floor)
-        channels.append(c)
-    warnings = (*copies, *constant, *checks.warnings, *notes)
+    # A model may increase the noise of a sensor to the error of its own outputs.
+    known = {r.name: r.sensors for r in ready.records}
+    channels = [
+        replace(c, sigma=max(c.sigma, known[c.record][c.channel].sigma or 0.0))
+        for c in checks.channels
+    ]
+    warnings = (*copies, *constant, *checks.warnings, *ready.notes)
     checks = replace(checks, channels=tuple(channels), warnings=warnings)
     return ready.model, ready.records, checks, copies
 
@@ -557,13 +552,19 @@ def _diagnosed(
     reference_fit = found.tight_fit if found.tight_fit is not None else fit
     judged = besides_tolerances(fit, usable)
     reference = reference.among(judged)
-    alarm = float(np.max(reference.singles())) if reference.candidates else 0.0
-    bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
+    bar, maxima = family_threshold(reference, options.alpha, seed=options.seed)
     # A correction can only raise the threshold. It matters only for a score slightly above the
     # threshold, and only if there is no other evidence against the model.
-    close = bar < alarm < CLOSE_ALARM * bar
     bare_misfit = misfit(first.bare, first.tight_fit, estimated=checks.estimated)
-    close = close and not bare_misfit.left
+    alarm = largest_statistic(
+        found,
+        reference,
+        maxima,
+        settings,
+        confirm=accepted.best is None and not bare_misfit.left,
+        progress=progress,
+    )
+    close = bar < alarm < CLOSE_ALARM * bar and not bare_misfit.left
     null = calibrate(
         reference_fit,
         reference,

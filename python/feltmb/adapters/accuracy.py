@@ -1,0 +1,171 @@
+"""Error of simulated outputs: of the integration, and of the noise of a measured motion."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb.data import Array, Record
+from feltmb.data.smoothing import LEAST_SAMPLES, smooth_record
+
+if TYPE_CHECKING:
+    from feltmb.adapters.model import MechanismModel
+
+__all__ = ["with_force_error", "with_integration_error"]
+
+Mask = NDArray[np.bool_]
+
+#: If the noise of a sensor is below this many relative tolerances of the integrator, as a share of
+#: the motion, it is compared with the error of the simulation.
+SHARP = 100.0
+#: Number of simulated motions with noise: their rms is then known to a fifth in each window.
+DRAWS = 4
+#: Window in which the error of a force is averaged [s].
+WINDOW = 8e-3
+
+
+def with_integration_error(
+    model: MechanismModel, records: Sequence[Record], notes: list[str]
+) -> list[Record]:
+    """Increase the noise of sensors to the error of the integration, if it is smaller.
+
+    The error is estimated from a simulation with a tenth of the tolerance. It varies slowly. It is
+    therefore expressed as the white noise with an equal spectrum at low frequencies; otherwise
+    every sample would count as independent information. The largest error of all records counts.
+    """
+    fine = copy.copy(model)
+    fine.rtol = 0.1 * model.rtol
+    errors: dict[str, float] = {}
+    for record in records:
+        sharp = [
+            (i, o)
+            for i, o in enumerate(model.outputs)
+            if o in record.outputs
+            and (record.sensors[o].sigma or 0.0)
+            < SHARP * model.rtol * float(np.nanmax(np.abs(record.outputs[o])))
+        ]
+        if not sharp:
+            continue
+        runs = [m.nominal(record) for m in (model, fine)]
+        if runs[0] is None or runs[1] is None:
+            continue
+        for i, name in sharp:
+            off = runs[0][:, i] - runs[1][:, i]
+            kept = float(off[1:] @ off[:-1]) / max(float(off @ off), 1e-300)
+            kept = min(max(kept, 0.0), 1.0 - 1.0 / off.size)
+            # Variance of a long mean of an AR(1) process relative to that of white noise.
+            smooth = math.sqrt((1.0 + kept) / (1.0 - kept))
+            error = smooth * float(np.sqrt(np.mean(off**2)))
+            if error > (record.sensors[name].sigma or 0.0):
+                errors[name] = max(errors.get(name, 0.0), error)
+    out = []
+    for record in records:
+        sensors = dict(record.sensors)
+        for name, error in errors.items():
+            own = sensors[name].sigma if name in sensors else None
+            if own is not None and own < error:
+                unit = model.units[name]
+                notes.append(
+                    f"{record.name}: noise of {name} is {own:.2g} {unit}, less than the error of a "
+                    f"simulation, which is equivalent to white noise of {error:.2g} {unit}: the "
+                    "latter is used"
+                )
+            if name in sensors:
+                sensors[name] = replace(sensors[name], sigma=max(own or 0.0, error))
+        out.append(replace(record, sensors=sensors) if errors else record)
+    return out
+
+
+def with_force_error(
+    model: MechanismModel, record: Record, turn: float | None, notes: list[str]
+) -> Record:
+    """Carry the noise of a measured motion into the force that the motion needs.
+
+    The force depends on the acceleration of the motion, which is known only as far as the motion is
+    sampled and smoothed. The smoothed motion is given new noise and smoothed again, and the force
+    of the packaged mechanism is simulated with it. The rms difference of four such forces is the
+    error. If it exceeds the noise of the force sensor, it is added to it (root sum of squares).
+
+    A record has one noise by channel, but the error is several times larger where the motion has a
+    kink. Samples with the largest error (rms over 8 ms) are therefore not used: as many as make the
+    information of the other n samples, ``n^2 / sum(sigma_i^2)``, a maximum. Nor are samples after
+    the reversal of the stroke: the impact shakes the key faster than a sampled motion shows.
+
+    Parameters
+    ----------
+    model
+        The mechanism.
+    record
+        A record; it is returned unchanged if its input is not a motion with noise, or if no force
+        is measured.
+    turn
+        Time of the reversal of the stroke [s]; None: unknown.
+    notes
+        A sentence is added for each force that is changed.
+    """
+    names = [o for o in model.outputs if model.units[o] == "N" and o in record.outputs]
+    sigma = record.input_sigma.get("displacement", 0.0)
+    if record.input_mode != "motion" or not names or not sigma > 0.0:
+        return record
+    if record.samples < LEAST_SAMPLES:
+        return record
+    square = _squared_errors(model, record, sigma)
+    if square is None:
+        return record
+    width = max(1, round(WINDOW / record.interval))
+    outputs, sensors = dict(record.outputs), dict(record.sensors)
+    for name in names:
+        finite = np.isfinite(outputs[name])
+        measured = finite if turn is None else finite & (record.time <= turn)
+        own = sensors[name].sigma or 0.0
+        used, error = _most_informative(square[:, model.outputs.index(name)], measured, own, width)
+        if not error > own:
+            continue
+        outputs[name] = np.where(used, outputs[name], np.nan)
+        sensors[name] = replace(sensors[name], sigma=math.hypot(own, error))
+        left = 1.0 - np.count_nonzero(used) / np.count_nonzero(finite)
+        notes.append(
+            f"{record.name}: displacement has a noise of {sigma:.2g} m, which causes an error of "
+            f"{error:.2g} N (rms) of the simulated {name}: it is added to the noise of the sensor; "
+            f"{left:.0%} of the samples have larger errors or follow the impact, and are not used"
+        )
+    return replace(record, outputs=outputs, sensors=sensors)
+
+
+def _squared_errors(model: MechanismModel, record: Record, sigma: float) -> Array | None:
+    """Mean squared error of the outputs by the noise of a motion, (n, ny); None if it failed."""
+    random = np.random.default_rng(0)
+    clean = replace(record, input_sigma={**record.input_sigma, "displacement": 0.0})
+
+    def outputs(displacement: Array) -> Array | None:
+        return model.nominal(clean.with_inputs({"displacement": displacement}))
+
+    smoothed = smooth_record(record.time, record.inputs["displacement"], sigma)
+    base, found = outputs(smoothed), []
+    for _ in range(DRAWS):
+        noisy = smoothed + sigma * random.standard_normal(record.samples)
+        other = outputs(smooth_record(record.time, noisy, sigma))
+        if base is not None and other is not None:
+            found.append(np.square(other - base))
+    return np.mean(found, axis=0) if found else None
+
+
+def _most_informative(
+    square: Array, measured: Mask, sigma: float, width: int
+) -> tuple[Mask, float]:
+    """Samples that are used, and their rms error, from the squared error of each sample."""
+    window = np.ones(min(width, square.size))
+    local = np.convolve(square, window, "same") / np.convolve(np.ones(square.size), window, "same")
+    order = np.argsort(np.where(measured, local, np.inf), kind="stable")[: measured.sum()]
+    used = np.zeros(square.size, dtype=bool)
+    if order.size:
+        total = np.cumsum(local[order] + sigma**2)
+        count = np.arange(1, order.size + 1)
+        used[order[: int(np.argmax(count**2 / np.maximum(total, 1e-300))) + 1]] = True
+    return used, float(np.sqrt(np.mean(square[used]))) if used.any() else 0.0
