@@ -76,7 +76,6 @@ class ActionMachine(Machine):
             workers=1,
             until=math.inf if "whole" in first.conditions else None,
         )
-        model = model.with_variability(records, truth.VARIATION)  # type: ignore[attr-defined]
         options = gap.Options(bootstrap=0, restarts=0, width=3, max_effects=3, advice=False)
         return gap.diagnose(model, known, records, options=options)
 

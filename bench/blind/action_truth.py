@@ -166,6 +166,11 @@ def candidates(library: Library, outputs: Sequence[str], view: str = "force") ->
     return out
 
 
+def varying(library: Library) -> list[str]:
+    """Tolerances that change from stroke to stroke."""
+    return [e.name for e in library.tolerances if e.unit == "1" and e.name.startswith(VARYING)]
+
+
 def draw(
     seed: int,
     number: int,
@@ -221,12 +226,7 @@ def draw(
         for e in library.tolerances
     }
     varied = {
-        s: {
-            e.name: float(VARIATION * rng.standard_normal())
-            for e in library.tolerances
-            if e.unit == "1" and e.name.startswith(VARYING)
-        }
-        for s in STROKES
+        s: {n: float(VARIATION * rng.standard_normal()) for n in varying(library)} for s in STROKES
     }
     strength = {s: float(np.exp(0.05 * rng.standard_normal())) for s in STROKES}
     return Case(number, tuple(parts), tolerances, varied, strength, (seed, number), view)
@@ -338,6 +338,7 @@ def record(
     ideal: bool = False,
     length: float | None = None,
     motion: tuple[Array, Array] | None = None,
+    played: Stroke | None = None,
 ) -> tuple[dict[str, Array], Run]:
     """Sensors' view of one stroke, {input, output, ...}, and the run behind it.
 
@@ -345,8 +346,12 @@ def record(
     cameras. ``ideal``: no noise and no steps. ``length``: of the record [s]; None: until
     ``AFTER_BLOW`` after the hammer was farthest, in the view "whole" all of it. ``motion``: time
     [s] and displacement [m] that the key front follows in place of the force of the stroke.
+    ``played``: another stroke than the one of that name.
     """
-    played, longest = command(stroke, case)
+    if played is None:
+        played, longest = command(stroke, case)
+    else:
+        longest = float(played.duration)
     whole = case.view == "whole"
     if whole:
         longest = float(played.duration)
@@ -363,7 +368,8 @@ def record(
         length = longest if whole else min(longest, farthest + AFTER_BLOW)
     frames = np.arange(int(length * RATE + 1e-9)) / RATE
     size = _magnitudes(case)
-    rng = np.random.default_rng([*case.seed, 2, STROKES.index(stroke)])
+    order = STROKES.index(stroke) if stroke in STROKES else len(STROKES)
+    rng = np.random.default_rng([*case.seed, 2, order])
     seen = watched(case.view, outputs)
     cameras = [o for o in seen if o != "finger.force"]
     view = {o: _seen(run, o, frames, size) for o in cameras}

@@ -1,9 +1,9 @@
 """The interactive blind bench: a machine with a sealed truth answers requests.
 
-The diagnosing side gets default records of the small machine, may ask for further experiments
-within limits, and is scored after 0, 1, 2, 4 and 6 of them (--rounds): designed ones (planned anew
-after each score), ones that are drawn at random from the same limits, and repeats of the default
-strokes (after the last round only).
+The diagnosing side gets default records, may ask for further experiments within limits, and is
+scored after 0, 1, 2, 4 and 6 of them (--rounds): designed ones (planned anew after each score),
+ones that are drawn at random from the same limits, and repeats of the default strokes (after the
+last round only). The machine is the small one (key_hammer) or the whole action (steinway45).
 
 Scored is the screen of the diagnosis: a fit of the model alone to all records, the scores of all
 effects there, and the log evidence of each alone. A name needs a belief of 90 % and a score that
@@ -11,6 +11,7 @@ nothing reaches by chance in 99 of 100; a class of two 90 % together. With --dia
 diagnosis is scored, every second experiment held out: that takes ten times as long.
 
     python bench/blind/experiments.py --cases 20 --seed 26 -o out/experiments
+    python bench/blind/experiments.py --machine steinway45 --cases 20 --seed 26 -o out/action
 
 Folder: seal.json (hash of the truths), truths.json, cases/N.json (what was asked, measured and
 said), score.json, score.md, calibration.png. A bench that was cut off goes on where it was.
@@ -35,12 +36,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 
-from blind import truth, truth_machine, truth_sensors
-from blind.key_hammer import PARAMETERS, KeyHammer, effects
+from blind.action_requests import ActionRequests
+from blind.interactive import Asked, Interactive
 from blind.machine import as_json, sha256
-from blind.small_machine import record_of_view
+from blind.small_requests import SmallRequests
 from feltmb import gap
-from feltmb.data import Array, Record
+from feltmb.data import Record
 from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder, read_json, write_file, write_text
 from feltmb.fit.solve import FitSettings
@@ -48,147 +49,21 @@ from feltmb.gap.information import Knowledge, information
 from feltmb.gap.report import report_json
 from feltmb.gap.score import all_candidates, family_threshold, score_fit, screen_sets
 
-__all__ = ["ROUNDS", "Requests", "command", "draw", "outcome_of"]
+__all__ = ["MACHINES", "ROUNDS", "command", "outcome_of"]
 
 #: Numbers of experiments after which a diagnosis is scored.
 ROUNDS = (0, 1, 2, 4, 6)
 POLICIES = ("designed", "random", "repeats")
-#: Records before any experiment: role by stroke.
-DEFAULT = {"piano": "fit", "staccato": "fit", "forte": "held_out"}
-#: Share of the cases without a withheld effect.
-NULLS = 0.2
+#: Machines by name.
+MACHINES: dict[str, Callable[[], Interactive]] = {
+    "key_hammer": SmallRequests,
+    "steinway45": ActionRequests,
+}
 #: Probability that a name requires.
 NAME = 0.9
-#: Number of cases whose requests are integrated together.
-TOGETHER = 6
-#: Parts that can be measured separately: standard deviation as a share of their tolerance; cost.
-PARTS = {
-    "key_mass": (0.1, 0.5),
-    "hammer_mass": (0.1, 0.5),
-    "jack_stiffness": (0.2, 1.0),
-    "bed_stiffness": (0.2, 1.0),
-    "bed_position": (0.2, 0.5),
-    "string_stiffness": (0.2, 1.0),
-    "check_position": (0.2, 0.5),
-    "key_balance": (0.2, 0.5),
-    "hammer_spring_rate": (0.2, 1.0),
-}
 
 
-def limits() -> gap.Limits:
-    """Limits of the finger of the small machine, and of its parts."""
-    sd = {name: own for name, _, own, _, _ in PARAMETERS}
-    return gap.Limits(
-        inputs={
-            "finger": gap.InputLimits(
-                most=12.0, rate=1500.0, unit="N", sigma=truth_sensors.NOISE_INPUT["force"]
-            )
-        },
-        duration=truth.LENGTH - 1e-6,
-        sample_rate=1.0 / truth.FRAME,
-        parts=tuple(
-            gap.PartTest(parameter=name, sd=share * sd[name], cost=cost, how="test of the part")
-            for name, (share, cost) in PARTS.items()
-        ),
-    )
-
-
-def draw(seed: int, number: int) -> truth.Case:
-    """A case with one effect of plausible magnitude, at any signal-to-noise ratio, or with none."""
-    rng = np.random.default_rng([seed, number, 26])
-    bare = truth.draw(seed, number, {"force": {}, "motion": {}}, {}, mix=(1.0, 0.0, 0.0, 0.0, 0.0))
-    bare.mode = "force"
-    if rng.random() < NULLS:
-        return bare
-    library = {e.name: e for e in effects()}
-    names = sorted(library)
-    name = names[int(rng.integers(len(names)))]
-    form = "AB"[int(rng.integers(2))]
-    size = library[name].scale * float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
-    size = min(size, truth.LARGEST[name])
-    if name in truth.BOTH_SIGNS and rng.random() < 0.5:
-        size = -size
-    bare.parts = [truth.Part(name, form, size, float("nan"))]
-    return bare
-
-
-@dataclass
-class Requests:
-    """Answers requests with a sealed truth: noisy records within the limits, and tests of parts."""
-
-    allowed: gap.Limits
-
-    def records(self, asked: Sequence[tuple[truth.Case, str, Array, int]]) -> list[Record]:
-        """Records of requests: (case, name, force at the frames, number of the request).
-
-        All requests are integrated together.
-
-        Raises
-        ------
-        InvalidParameter
-            A request is not within the limits.
-        """
-        own = self.allowed.inputs["finger"]
-        cases, strokes = [], []
-        for case, name, force, number in asked:
-            rate = np.abs(np.diff(force)) / truth.FRAME
-            if force.min() < own.least - 1e-9 or force.max() > own.most + 1e-9:
-                raise InvalidParameter(f"{name}: force beyond {own.least:g} to {own.most:g} N")
-            if rate.max() > 1.001 * own.rate:
-                raise InvalidParameter(f"{name}: {rate.max():g} N/s, expected <= {own.rate:g}")
-            cases.append(self._played(case, force, number))
-            strokes.append(["piano"])
-        if not cases:
-            return []
-        result = truth_machine.integrate(cases, strokes, {})
-        out = []
-        for i, (case, (_, name, force, number)) in enumerate(zip(cases, asked, strict=True)):
-            view = truth_sensors.record(case, ["piano"], result, i, {})["piano"]
-            view = {k: v[: force.size] for k, v in view.items()}
-            role = "held_out" if number % 2 == 0 else "fit"
-            out.append(record_of_view(name, view, "force", role))
-        return out
-
-    def _played(self, case: truth.Case, force: Array, number: int) -> truth.Case:
-        """The case with a request instead of its strokes, and the run-to-run variability."""
-        rng = np.random.default_rng([*case.seed, 3, number])
-        n = len(truth.STROKES)
-        parameters = {}
-        for name, values in case.parameters.items():
-            value = float(np.mean(values))
-            if name in truth.WANDERING:
-                value *= 1.0 + 0.01 * rng.standard_normal()
-            elif name == "gate_width":
-                value = 1e-4 * (1.0 + 0.1 * rng.standard_normal())
-            elif name in ("start_key", "start_hammer"):
-                value = (5e-5 if name == "start_key" else 1e-4) * rng.standard_normal()
-            parameters[name] = [value] * n
-        time = np.arange(force.size) * truth.FRAME
-        strokes = [{"profile": (time, force)} for _ in range(n)]
-        return replace(
-            case, parameters=parameters, strokes=strokes, seed=[*case.seed, 100 + number]
-        )
-
-    def part(self, case: truth.Case, test: gap.PartTest, number: int) -> gap.Measured:
-        """Result of a test of a part."""
-        rng = np.random.default_rng([*case.seed, 4, number])
-        value = float(np.mean(case.parameters[test.parameter])) + test.sd * rng.standard_normal()
-        return gap.Measured(parameter=test.parameter, value=value, sd=test.sd, how=test.how)
-
-
-def defaults(cases: Sequence[truth.Case]) -> list[list[Record]]:
-    """Default records of cases."""
-    names = list(DEFAULT)
-    out: list[list[Record]] = []
-    # Jobs of a case are at the indices of all strokes, because parameters are selected by number.
-    result = truth_machine.integrate(cases, [truth.STROKES] * len(cases), {})
-    for i, case in enumerate(cases):
-        views = truth_sensors.record(case, truth.STROKES, result, i * len(truth.STROKES), {})
-        out.append([record_of_view(n, views[n], "force", DEFAULT[n]) for n in names])
-    return out
-
-
-def outcome_of(case: truth.Case, report: Mapping[str, Any]) -> str:
+def outcome_of(case: Any, report: Mapping[str, Any]) -> str:
     """right, class (of two), rest, wrong, silent or unknown; without an effect quiet or alarm."""
     named, one_of = list(report["named"]), list(report["one_of"])
     verdict = report["verdict"]
@@ -209,11 +84,11 @@ def outcome_of(case: truth.Case, report: Mapping[str, Any]) -> str:
     return "silent" if quiet else "unknown"
 
 
-def evidence_of(case: truth.Case, sets: Mapping[str, float]) -> float:
-    """Log evidence of the true effect relative to the best other effect, or none."""
+def evidence_of(case: Any, sets: Mapping[tuple[str, ...], float]) -> float:
+    """Log evidence of the best set with the true effect relative to the best one without it."""
     true = case.parts[0].name
-    other = [v for n, v in sets.items() if n != true]
-    return sets[true] - max([0.0, *other]) if true in sets else math.nan
+    own = max((v for names, v in sets.items() if true in names), default=math.nan)
+    return own - max([0.0, *(v for names, v in sets.items() if true not in names)])
 
 
 @dataclass
@@ -222,16 +97,16 @@ class Seen:
 
     row: dict[str, Any]
     belief: gap.Belief
-    sets: Mapping[str, float]
-    """Log evidence of each effect relative to the model, prior included."""
+    sets: Mapping[tuple[str, ...], float]
+    """Log evidence of each set of effects relative to the model, prior included."""
 
 
 class Player:
     """The diagnosing side, which gets records and tests of parts, but no truth."""
 
-    def __init__(self, *, whole: bool):
-        self.model, self.library = KeyHammer(), effects()
-        self.allowed = limits()
+    def __init__(self, machine: Interactive, *, whole: bool):
+        self.model, self.library = machine.model, machine.effects
+        self.allowed = machine.limits
         self.whole = whole
         self.every = all_candidates(self.library)
 
@@ -243,10 +118,7 @@ class Player:
     def _diagnosed(self, model: gap.Model, records: Sequence[Record]) -> Seen:
         options = gap.Options(bootstrap=0, restarts=0, width=2, max_effects=2, advice=False)
         report = gap.diagnose(model, self.library, records, options=options)
-        sets: dict[str, float] = {}
-        for s in report.which.sets:
-            for n in s.effects:
-                sets[n] = max(sets.get(n, -math.inf), s.evidence)
+        sets = {s.effects: s.evidence for s in report.which.sets if s.refitted}
         row = {
             "verdict": str(report.verdict),
             "named": list(report.named),
@@ -276,7 +148,7 @@ class Player:
         sizes = {n: abs(found[n].magnitudes[0]) * scale[n] for n in order if weights[n] > 0.01}
         belief = gap.Belief(weights=weights, none=math.exp(-top) / total, magnitudes=sizes)
         row["misfit"] = fit.chi2 / fit.dof
-        return Seen(row, belief, sets)
+        return Seen(row, belief, {(n,): v for n, v in sets.items()})
 
     def plan(
         self, records: Sequence[Record], parts: Sequence[gap.Measured], belief: gap.Belief,
@@ -293,7 +165,7 @@ class Player:
         )  # fmt: skip
 
     def expected(
-        self, case: truth.Case, records: Sequence[Record], parts: Sequence[gap.Measured]
+        self, case: Any, records: Sequence[Record], parts: Sequence[gap.Measured]
     ) -> float:
         """Log evidence of the true effect relative to its best rival, as expected by the plan.
 
@@ -316,7 +188,7 @@ class Player:
 class Case:
     """One running case with one policy."""
 
-    truth: truth.Case
+    truth: Any
     records: list[Record]
     parts: list[gap.Measured]
     belief: gap.Belief
@@ -327,15 +199,15 @@ class Case:
 
 
 def run_cases(
-    player: Player, requests: Requests, cases: Sequence[truth.Case], folder: Path,
+    player: Player, machine: Interactive, cases: Sequence[Any], folder: Path,
     policies: Sequence[str], left: Callable[[], bool], rounds: Sequence[int] = ROUNDS,
 ) -> None:  # fmt: skip
     """Run cases with all policies; the requests of all cases are integrated together."""
 
-    def path(case: truth.Case) -> Path:
+    def path(case: Any) -> Path:
         return make_folder(folder / "cases") / f"{case.number}.json"
 
-    def keep(case: truth.Case, **more: Any) -> None:
+    def keep(case: Any, **more: Any) -> None:
         found = read_json(path(case)) if path(case).exists() else {"number": case.number}
         text = json.loads(json.dumps({**found, **more}), parse_constant=lambda _: None)
         write_text(path(case), as_json(text), force=True)
@@ -354,12 +226,12 @@ def run_cases(
             row["expected"] = player.expected(own.truth, own.records, own.parts)
         return row
 
-    def done(case: truth.Case, policy: str) -> bool:
+    def done(case: Any, policy: str) -> bool:
         found = read_json(path(case)) if path(case).exists() else {}
         rows = found.get(policy, {}).get("rounds", [])
         return bool(rows) and rows[-1]["experiments"] == rounds[-1]
 
-    first = defaults(cases)
+    first = machine.defaults(cases)
     for policy in policies:
         todo = [
             Case(c, list(r), [], gap.Belief(weights={}), [], [])
@@ -367,12 +239,13 @@ def run_cases(
             if not done(c, policy)
         ]
         for until in rounds:
-            owners, batch = [], []
+            owners: list[Case] = []
+            batch: list[Asked] = []
             for own in todo if left() else []:
-                for name, force, number in ask(player, requests, policy, own, until):
+                for asked in ask(player, machine, policy, own, until):
                     owners.append(own)
-                    batch.append((own.truth, name, force, number))
-            for own, record in zip(owners, requests.records(batch), strict=True):
+                    batch.append(asked)
+            for own, record in zip(owners, machine.records(batch), strict=True):
                 own.records.append(record)
             if policy == "repeats" and until not in (0, rounds[-1]):
                 continue
@@ -382,11 +255,9 @@ def run_cases(
                     keep(own.truth, **{policy: {"rounds": own.rows, "asked": own.asked}})
 
 
-def ask(
-    player: Player, requests: Requests, policy: str, own: Case, until: float
-) -> list[tuple[str, Array, int]]:
-    """Next request: (name, force at the frames, number); tests of parts are performed here."""
-    out: list[tuple[str, Array, int]] = []
+def ask(player: Player, machine: Interactive, policy: str, own: Case, until: float) -> list[Asked]:
+    """Requests of the next round; tests of parts are performed here."""
+    out: list[Asked] = []
     chosen: list[Any] = []
     if policy == "designed" and own.spent < until - 1e-9:
         left = until - own.spent
@@ -401,30 +272,29 @@ def ask(
             name = e.name
             own.spent += e.cost
             if e.part is not None:
-                own.parts.append(requests.part(own.truth, e.part, own.number))
+                own.parts.append(machine.part(own.truth, e.part, own.number))
                 own.asked.append(name)
                 continue
-            force = e.record.inputs["finger"]
+            values = machine.input_of(e.record)
         elif policy == "random":
             seed = 1000 * own.truth.number + own.number
-            _, profile, r = gap.draw_experiment(player.model, player.allowed, seed=seed)
-            force, name = r.inputs["finger"], profile.family
+            sensors = own.records[0].sensors
+            _, profile, r = gap.draw_experiment(
+                player.model, player.allowed, sensors=sensors, seed=seed
+            )
+            values, name = machine.input_of(r), profile.family
             own.spent += 1.0
         else:
-            name = list(DEFAULT)[(own.number - 1) % len(DEFAULT)]
-            count = round(truth.LENGTH / truth.FRAME)
-            frames: Array = np.arange(count, dtype=np.float64) * truth.FRAME
-            plain = {"strength": 1.0, "speed": 1.0, "shape": 0.05}
-            force = truth.played(frames, "force", name, plain)
+            name, values = machine.default(own.number - 1)
             own.spent += 1.0
         own.asked.append(name)
-        out.append((f"experiment_{own.number}", np.asarray(force), own.number))
+        out.append(Asked(own.truth, f"experiment_{own.number}", np.asarray(values), own.number))
     return out
 
 
-def _seal(folder: Path, cases: int, seed: int) -> None:
+def _seal(machine: Interactive, folder: Path, truths: Sequence[Any], seed: int) -> None:
     """Write the truths and their hash before any diagnosis."""
-    text = as_json([asdict(draw(seed, n)) for n in range(cases)])
+    text = as_json([asdict(t) for t in truths])
     path = folder / "seal.json"
     make_folder(folder)
     if path.exists():
@@ -434,7 +304,8 @@ def _seal(folder: Path, cases: int, seed: int) -> None:
         return
     write_text(folder / "truths.json", text, force=True)
     seal = {
-        "cases": cases,
+        "machine": machine.name,
+        "cases": len(truths),
         "seed": seed,
         "sealed": datetime.now(UTC).isoformat(timespec="seconds"),
         "truths_sha256": sha256(text.encode()),
@@ -442,7 +313,7 @@ def _seal(folder: Path, cases: int, seed: int) -> None:
     write_text(path, as_json(seal))
 
 
-def table(folder: Path, truths: Sequence[truth.Case]) -> str:
+def table(folder: Path, truths: Sequence[Any]) -> str:
     """Outcomes by policy and round, and the calibration, as Markdown."""
     done = [read_json(p) for p in sorted((folder / "cases").glob("*.json"))]
     case = {c.number: c for c in truths}
@@ -477,7 +348,7 @@ def table(folder: Path, truths: Sequence[truth.Case]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def calibration(folder: Path, truths: Sequence[truth.Case]) -> list[tuple[str, float, float]]:
+def calibration(folder: Path, truths: Sequence[Any]) -> list[tuple[str, float, float]]:
     """(policy, expected gain, realized gain) of log evidence from the start to each round."""
     case = {c.number: c for c in truths}
     out = []
@@ -526,6 +397,9 @@ def _rounds(_: click.Context, __: click.Parameter, value: str) -> tuple[int, ...
 
 
 @click.command()
+@click.option(
+    "--machine", "of", default="key_hammer", show_default=True, type=click.Choice([*MACHINES])
+)
 @click.option("--cases", type=click.IntRange(1, 10_000), default=20, show_default=True)
 @click.option("--seed", type=click.IntRange(0), default=26, show_default=True)
 @click.option("--out", "-o", "output", type=click.Path(path_type=Path), required=True)
@@ -542,21 +416,25 @@ def _rounds(_: click.Context, __: click.Parameter, value: str) -> tuple[int, ...
 @click.option("--diagnose", "whole", is_flag=True, help="Score the whole diagnosis.")
 @click.option("--score-only", is_flag=True)
 def command(
-    cases: int, seed: int, output: Path, until: float, policies: tuple[str, ...],
+    of: str, cases: int, seed: int, output: Path, until: float, policies: tuple[str, ...],
     rounds: Sequence[int], whole: bool, score_only: bool,
 ) -> None:  # fmt: skip
-    """Sealed cases of the small machine; experiments that are designed, random, or repeats."""
-    _seal(output, cases, seed)
-    truths = [draw(seed, n) for n in range(cases)]
+    """Sealed cases of a machine; experiments that are designed, random, or repeats."""
+    machine = MACHINES[of]()
+    truths = [machine.draw(seed, n) for n in range(cases)]
+    _seal(machine, output, truths, seed)
     began = time.monotonic()
     if not score_only:
-        requests, player = Requests(limits()), Player(whole=whole)
-        for n in range(0, cases, TOGETHER):
+        player = Player(machine, whole=whole)
+        for n in range(0, cases, machine.together):
             run_cases(
-                player, requests, truths[n : n + TOGETHER], output, policies or POLICIES,
+                player, machine, truths[n : n + machine.together], output, policies or POLICIES,
                 lambda: time.monotonic() - began < until, rounds,
             )  # fmt: skip
-            click.echo(f"{n + TOGETHER} cases: {time.monotonic() - began:.0f} s", err=True)
+            click.echo(
+                f"{min(cases, n + machine.together)} cases: {time.monotonic() - began:.0f} s",
+                err=True,
+            )
             if time.monotonic() - began > until:
                 break
     text = table(output, truths)

@@ -26,6 +26,8 @@ Mask = NDArray[np.bool_]
 SHARP = 100.0
 #: Number of simulated motions with noise: their rms is then known to a fifth in each window.
 DRAWS = 4
+#: A key moves where its speed exceeds so many standard deviations of the noise of the speed.
+MOVING = 3.0
 #: Window in which the error of a force is averaged [s].
 WINDOW = 8e-3
 
@@ -94,8 +96,10 @@ def with_force_error(
 
     A record has one noise by channel, but the error is several times larger where the motion has a
     kink. Samples with the largest error (rms over 8 ms) are therefore not used: as many as make the
-    information of the other n samples, ``n^2 / sum(sigma_i^2)``, a maximum. Nor are samples after
-    the reversal of the stroke: the impact shakes the key faster than a sampled motion shows.
+    information of the other n samples, ``n^2 / sum(sigma_i^2)``, a maximum. Two other parts are not
+    used: samples after the reversal of the stroke, because the impact shakes the key faster than a
+    sampled motion shows; and a key at rest, because the sign of friction is that of a speed, which
+    is known there only by its noise.
 
     Parameters
     ----------
@@ -115,14 +119,15 @@ def with_force_error(
         return record
     if record.samples < LEAST_SAMPLES:
         return record
-    square = _squared_errors(model, record, sigma)
-    if square is None:
-        return record
     width = max(1, round(WINDOW / record.interval))
+    errors = _squared_errors(model, record, sigma, width)
+    if errors is None:
+        return record
+    square, moving = errors
     outputs, sensors = dict(record.outputs), dict(record.sensors)
     for name in names:
         finite = np.isfinite(outputs[name])
-        measured = finite if turn is None else finite & (record.time <= turn)
+        measured = finite & moving & (record.time <= (np.inf if turn is None else turn))
         own = sensors[name].sigma or 0.0
         used, error = _most_informative(square[:, model.outputs.index(name)], measured, own, width)
         if not error > own:
@@ -133,13 +138,18 @@ def with_force_error(
         notes.append(
             f"{record.name}: displacement has a noise of {sigma:.2g} m, which causes an error of "
             f"{error:.2g} N (rms) of the simulated {name}: it is added to the noise of the sensor; "
-            f"{left:.0%} of the samples have larger errors or follow the impact, and are not used"
+            f"{left:.0%} of the samples are not used: larger errors, rest, or after the impact"
         )
     return replace(record, outputs=outputs, sensors=sensors)
 
 
-def _squared_errors(model: MechanismModel, record: Record, sigma: float) -> Array | None:
-    """Mean squared error of the outputs by the noise of a motion, (n, ny); None if it failed."""
+def _squared_errors(
+    model: MechanismModel, record: Record, sigma: float, width: int
+) -> tuple[Array, Mask] | None:
+    """Mean squared error of the outputs by the noise of a motion, (n, ny), and where it moves.
+
+    None if the mechanism cannot be simulated.
+    """
     random = np.random.default_rng(0)
     clean = replace(record, input_sigma={**record.input_sigma, "displacement": 0.0})
 
@@ -147,21 +157,33 @@ def _squared_errors(model: MechanismModel, record: Record, sigma: float) -> Arra
         return model.nominal(clean.with_inputs({"displacement": displacement}))
 
     smoothed = smooth_record(record.time, record.inputs["displacement"], sigma)
-    base, found = outputs(smoothed), []
+    base, squares, speeds = outputs(smoothed), [], []
     for _ in range(DRAWS):
         noisy = smoothed + sigma * random.standard_normal(record.samples)
-        other = outputs(smooth_record(record.time, noisy, sigma))
+        again = smooth_record(record.time, noisy, sigma)
+        other = outputs(again)
         if base is not None and other is not None:
-            found.append(np.square(other - base))
-    return np.mean(found, axis=0) if found else None
+            squares.append(np.square(other - base))
+            speeds.append(np.square(np.gradient(again - smoothed, record.time)))
+    if not squares:
+        return None
+    noise = np.sqrt(_local_mean(np.mean(speeds, axis=0), width))
+    moving = np.abs(np.gradient(smoothed, record.time)) > MOVING * noise
+    return np.mean(squares, axis=0), moving
+
+
+def _local_mean(values: Array, width: int) -> Array:
+    """Mean over a window of some samples, shorter at the ends."""
+    window = np.ones(min(width, values.size))
+    count = np.convolve(np.ones(values.size), window, "same")
+    return np.asarray(np.convolve(values, window, "same") / count)
 
 
 def _most_informative(
     square: Array, measured: Mask, sigma: float, width: int
 ) -> tuple[Mask, float]:
     """Samples that are used, and their rms error, from the squared error of each sample."""
-    window = np.ones(min(width, square.size))
-    local = np.convolve(square, window, "same") / np.convolve(np.ones(square.size), window, "same")
+    local = _local_mean(square, width)
     order = np.argsort(np.where(measured, local, np.inf), kind="stable")[: measured.sum()]
     used = np.zeros(square.size, dtype=bool)
     if order.size:

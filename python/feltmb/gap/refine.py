@@ -22,6 +22,7 @@ __all__ = [
     "plausible",
     "refit",
     "refit_at",
+    "short_of",
     "taken_over",
     "tighten",
     "worth_of",
@@ -97,7 +98,7 @@ def refit(
     problem = base.problem.with_candidates(included)
     start, promised = _reachable(problem, base, included, magnitudes)
     fit = refit_at(problem, start, base.level, settings)
-    if fit.gap_sd.size or base.cost - fit.cost > 0.5 * promised - 1.0:
+    if fit.gap_sd.size or not short_of(promised, base.cost - fit.cost):
         return fit
     known = {t.name for t in base.included}
     expected = [
@@ -107,6 +108,11 @@ def refit(
     way = replace(settings, restarts=0)
     again = fit_problem(problem, way, point=problem.start(np.array(expected)))
     return again if again.cost < fit.cost else fit
+
+
+def short_of(promised: float, reached: float) -> bool:
+    """Whether a fit reaches less than half of the gain that a linear model promised."""
+    return reached <= 0.5 * promised - 1.0
 
 
 def refit_at(

@@ -32,6 +32,7 @@ from feltmb.gap.refine import (
     plausible,
     refit,
     refit_at,
+    short_of,
     tighten,
     worth_of,
 )
@@ -261,6 +262,7 @@ class _Hunt:
         # Differences of log evidence below 1 do not matter for the ranking: 0.05 is accurate
         # enough.
         self.quick = settings.coarser(0.1, iterations=15)
+        self.effects = effects
         self.total = sum(e.weight for e in effects)
         self.candidates = all_candidates(effects)
         self.done: dict[tuple[str, ...], CandidateSet] = {}
@@ -347,30 +349,48 @@ class _Hunt:
         if self.near is not None:
             near, scores = self.near, score_fit(self.near, self.candidates)
             self.traces = scores
+        if self.explained and not near.gap_sd.size:
+            # The scores of a model that explains the records are valid except at jumps of its
+            # derivatives. Sets of effects whose own fits contradict their scores are not fitted.
+            self._singles(near, scores)
+            left = [e for e in self.effects if not self._contradicted(e, scores)]
+            self._extend(near, scores.among(left), self.width)
+            return
         self._extend(near, scores, self.width)
         if self.tight is not None and self.tight_fit is not None:
             base = replace(self.tight_fit, level=self.model_fit.level)
             self._extend(base, self.tight, self.width)
-        # The best single effects are always refitted, so that similar effects are compared equally.
         for at in (scores, self.tight):
-            if at is None:
+            if at is not None:
+                self._singles(near, at)
+
+    def _singles(self, near: Fit, at: Scores) -> None:
+        """Refit the best single effects, so that similar effects are compared equally."""
+        single, size = at.singles(), at.one_step()
+        least = self._least(near, at)
+        promised = {t.name: -np.inf for t in at.candidates}
+        for s in screen_sets(at, largest=1):
+            name = at.candidates[s.index[0]].name
+            promised[name] = max(promised[name], s.evidence)
+        names: list[str] = []
+        for i in np.argsort(-single, kind="stable"):
+            t = at.candidates[i]
+            if t.name in names or single[i] <= FAINT_SCORE or promised[t.name] < least:
                 continue
-            single, size = at.singles(), at.one_step()
-            least = self._least(near, at)
-            promised = {t.name: -np.inf for t in at.candidates}
-            for s in screen_sets(at, largest=1):
-                name = at.candidates[s.index[0]].name
-                promised[name] = max(promised[name], s.evidence)
-            names: list[str] = []
-            for i in np.argsort(-single, kind="stable"):
-                t = at.candidates[i]
-                if t.name in names or single[i] <= FAINT_SCORE or promised[t.name] < least:
-                    continue
-                names.append(t.name)
-                if (t.name,) not in self.done:
-                    self._attempt(near, (t,), np.array([size[i] * t.effect.scale]))
-                if len(names) >= self.width:
-                    break
+            names.append(t.name)
+            if (t.name,) not in self.done:
+                self._attempt(near, (t,), np.array([size[i] * t.effect.scale]))
+            if len(names) >= self.width:
+                break
+
+    def _contradicted(self, effect: Effect, at: Scores) -> bool:
+        """Whether the fit of an effect alone reaches less than half of the gain of its score."""
+        known = self.done.get((effect.name,))
+        if known is None:
+            return False
+        scores = zip(at.candidates, at.singles(), strict=True)
+        promised = max(value for t, value in scores if t.name == effect.name)
+        return short_of(promised, self.model_fit.cost - known.fit.cost)
 
     def _nearby(self) -> Fit | None:
         """The model with the parameters of a set that explains the records, if the model does not.

@@ -285,3 +285,93 @@ def test_what_was_made_part_of_a_model_is_written_with_it(tmp_path):
     point = feltmb.load_action(path).config.surfaces["Kp2"].point[1]
     assert point - ACTION.config.surfaces["Kp2"].point[1] == pytest.approx(3e-4)
     assert "a test" in path.read_text()
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """A stroke by its motion: displacement of the key, force of the finger; and the true force."""
+    stroke = feltmb.load_stroke("piano")
+    run = feltmb.simulate(ACTION, stroke, duration=0.3, rtol=1e-8, ledger=False)
+    time = np.arange(600) * 5e-4
+    down = np.interp(time, run.time, run["finger.displacement"])
+    force = np.interp(time, run.time, run["finger.force"])
+    tip = np.interp(time, run.time, run["hammer_tip.x"]) - run["hammer_tip.x"][0]
+    random = np.random.default_rng(4)
+    sensors = {
+        "finger.force": Sensor(name="finger.force", unit="N", sigma=5e-3),
+        "hammer_tip.x": Sensor(name="hammer_tip.x", unit="m", sigma=5e-5),
+    }
+    outputs = {"finger.force": force + 5e-3 * random.standard_normal(time.size)}
+    record = Record(
+        name="piano",
+        time=time,
+        input_mode="motion",
+        inputs={"displacement": down + 1e-6 * random.standard_normal(time.size)},
+        outputs={**outputs, "hammer_tip.x": tip + 5e-5 * random.standard_normal(time.size)},
+        sensors=sensors,
+        input_sigma={"displacement": 1e-6},
+    )
+    return record, force
+
+
+FORCE = {"tolerances": "let_off_button,felt.03", "channels": "force,hammer_tip.x"}
+
+
+def test_the_noise_of_a_motion_is_carried_into_its_force(driven):
+    """A null left 2.4 times the expected sum of squares, and its diagnosis did not end."""
+    record, force = driven
+    model, _ = resolve("steinway45", {**FORCE, "effects": "camera_skew"})
+    own, (kept,), checks, _ = ready_with_checks(model, [record])
+    used = np.isfinite(kept.outputs["finger.force"])
+    turn = first_turn(record.time, record.outputs["hammer_tip.x"])
+    assert not used[kept.time > turn].any()
+    assert 0.5 < np.mean(used[kept.time <= turn]) < 1.0
+    # The error that the nominal mechanism really has with this motion.
+    simulated = own.nominal(kept)[:, own.outputs.index("finger.force")]
+    error = np.sqrt(np.mean((simulated - force[: kept.samples])[used] ** 2))
+    sigma = kept.sensors["finger.force"].sigma
+    assert error > 4.0 * 5e-3
+    assert sigma == pytest.approx(math.hypot(5e-3, error), rel=0.25)
+    assert kept.sensors["hammer_tip.x"].sigma == 5e-5
+    assert {c.channel: c.sigma for c in checks.channels} == pytest.approx(
+        {"finger.force": sigma, "hammer_tip.x": 5e-5}, rel=0.01
+    )
+    (note,) = [n for n in checks.warnings if "displacement has a noise of 1e-06 m" in n]
+    assert "are not used" in note
+    # What is ready stays as it is.
+    (again,) = own.ready([kept]).records
+    assert again.sensors["finger.force"].sigma == sigma
+    assert np.array_equal(np.isfinite(again.outputs["finger.force"]), used)
+
+
+def test_a_planned_motion_has_an_error_of_its_force(driven):
+    """Its input has no noise yet, but its sensor will have.
+
+    A motion without noise is smoothed more, so that the error is smaller than that of a record.
+    """
+    record, force = driven
+    model, _ = resolve("steinway45", {**FORCE, "effects": "camera_skew"})
+    smooth = smooth_record(record.time, record.inputs["displacement"], 1e-6)
+    planned = replace(
+        record, inputs={"displacement": smooth}, outputs={**record.outputs, "finger.force": force}
+    )
+    sigma = [model.ready([r]).records[0].sensors["finger.force"].sigma for r in (record, planned)]
+    assert 2.0 * 5e-3 < sigma[1] < sigma[0]
+
+
+def test_a_motion_without_a_noise_or_a_force_stays_as_it_is(driven):
+    record, _ = driven
+    model, _ = resolve("steinway45", {**FORCE, "effects": "camera_skew"})
+    for other in (
+        replace(record, input_sigma={"displacement": 0.0}),
+        replace(
+            record,
+            outputs={"hammer_tip.x": record.outputs["hammer_tip.x"]},
+            sensors={"hammer_tip.x": record.sensors["hammer_tip.x"]},
+        ),
+    ):
+        (kept,) = model.ready([other]).records
+        for name, sensor in kept.sensors.items():
+            assert sensor.sigma == record.sensors[name].sigma
+        for name, values in kept.outputs.items():
+            assert np.array_equal(values, other.outputs[name][: kept.samples])

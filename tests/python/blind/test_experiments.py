@@ -1,18 +1,31 @@
 """The machine that answers requests: what it gives, what it refuses, how it is scored."""
 
+import json
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
-from blind import experiments, truth
+from blind import action_truth, experiments, truth
+from blind.action_requests import ActionRequests
+from blind.interactive import Asked
 from blind.key_hammer import effects
+from blind.small_requests import SmallRequests
 from feltmb.errors import InvalidParameter
 from feltmb.gap import PartTest
+
+SMALL = SmallRequests()
+
+
+@pytest.fixture(scope="module")
+def action():
+    return ActionRequests()
 
 
 def test_truths_are_single_effects_of_plausible_size():
     library = {e.name: e for e in effects()}
-    cases = [experiments.draw(26, n) for n in range(200)]
-    assert repr(cases[:5]) == repr([experiments.draw(26, n) for n in range(5)])
+    cases = [SMALL.draw(26, n) for n in range(200)]
+    assert repr(cases[:5]) == repr([SMALL.draw(26, n) for n in range(5)])
     nulls = sum(not c.parts for c in cases)
     assert 20 <= nulls <= 60
     for case in cases:
@@ -23,41 +36,101 @@ def test_truths_are_single_effects_of_plausible_size():
     assert len({p.name for c in cases for p in c.parts}) > 15
 
 
+def test_truths_of_the_action_are_single_effects_of_plausible_size(action):
+    scale = {e.name: e.scale for e in action.effects}
+    cases = [action.draw(26, n) for n in range(100)]
+    assert repr(cases[7]) == repr(action.draw(26, 7))
+    assert 8 <= sum(not c.parts for c in cases) <= 35
+    for case in cases:
+        assert case.view == "force"
+        assert len(case.tolerances) == len(action.model.parameters)
+        for part in case.parts:
+            assert 0.49 <= abs(part.size) / scale[part.name] <= 2.01
+    assert len({p.name for c in cases for p in c.parts}) > 30
+    json.dumps([asdict(c) for c in cases])  # can be sealed
+
+
 def test_requests_beyond_the_limits_are_refused():
-    machine = experiments.Requests(experiments.limits())
-    case = experiments.draw(26, 0)
+    case = SMALL.draw(26, 0)
     time = np.arange(100) * truth.FRAME
     with pytest.raises(InvalidParameter, match="force beyond 0 to 12 N"):
-        machine.records([(case, "x", 13.0 * np.ones_like(time), 1)])
+        SMALL.records([Asked(case, "x", 13.0 * np.ones_like(time), 1)])
     with pytest.raises(InvalidParameter, match="N/s, expected <="):
-        machine.records([(case, "x", np.where(time > 0.01, 5.0, 0.0), 1)])
+        SMALL.records([Asked(case, "x", np.where(time > 0.01, 5.0, 0.0), 1)])
+    assert SMALL.records([]) == []
 
 
 def test_parts_are_measured_with_the_stated_noise():
-    machine = experiments.Requests(experiments.limits())
     test = PartTest(parameter="key_mass", sd=2e-4)
-    cases = [experiments.draw(26, n) for n in range(60)]
+    cases = [SMALL.draw(26, n) for n in range(60)]
     off = [
-        (machine.part(c, test, 1).value - np.mean(c.parameters["key_mass"])) / test.sd
-        for c in cases
+        (SMALL.part(c, test, 1).value - np.mean(c.parameters["key_mass"])) / test.sd for c in cases
     ]
     assert abs(np.mean(off)) < 0.5
     assert 0.7 < np.std(off) < 1.4
-    assert machine.part(cases[0], test, 1) == machine.part(cases[0], test, 1)
+    assert SMALL.part(cases[0], test, 1) == SMALL.part(cases[0], test, 1)
+
+
+def test_parts_of_the_action_are_measured_with_the_stated_noise(action):
+    cases = [action.draw(26, n) for n in range(60)]
+    for name in ("mass.key", "let_off_button"):
+        (test,) = [t for t in action.limits.parts if t.parameter == name]
+        off = [(action.part(c, test, 1).value - c.tolerances[name]) / test.sd for c in cases]
+        assert abs(np.mean(off)) < 0.5
+        assert 0.7 < np.std(off) < 1.4
 
 
 @pytest.mark.slow
 def test_a_request_is_played():
-    machine = experiments.Requests(experiments.limits())
-    case = experiments.draw(26, 1)
+    case = SMALL.draw(26, 1)
     time = np.arange(400) * truth.FRAME
     force = 6.0 * np.clip((time - 0.01) / 0.02, 0.0, 1.0)
-    one, two = machine.records([(case, "a", force, 1), (case, "b", force, 2)])
+    one, two = SMALL.records([Asked(case, "a", force, 1), Asked(case, "b", force, 2)])
     assert one.role == "fit"
     assert two.role == "held_out"
     assert np.abs(one.inputs["finger"] - force).max() < 0.1
     assert one.outputs["key"].max() > 8e-3
     assert not np.array_equal(one.outputs["key"], two.outputs["key"])  # other noise
+
+
+def test_a_request_is_played_on_the_action(action):
+    case = action.draw(26, 1)
+    time = np.arange(300) / action_truth.RATE
+    force = 6.0 * np.clip((time - 0.01) / 0.02, 0.0, 1.0)
+    one, two = action.records([Asked(case, "a", force, 1), Asked(case, "b", force, 2)])
+    assert (one.role, two.role) == ("fit", "held_out")
+    n = one.samples
+    assert np.abs(one.inputs["force"] - force[:n]).max() < 0.05
+    assert np.nanmin(one.outputs["hammer_tip.x"]) < -0.02
+    off = one.outputs["hammer_tip.y"][:20] - two.outputs["hammer_tip.y"][:20]
+    assert 1e-5 < np.std(off) < 2e-4  # other noise
+    first = action.defaults([case])[0]
+    assert [r.name for r in first] == ["piano", "staccato", "forte"]
+    assert [r.role for r in first] == ["fit", "fit", "held_out"]
+    # The default strokes may be requested too.
+    for k in range(3):
+        name, values = action.default(k)
+        assert name == first[k].name
+        assert values.max() <= action.limits.inputs["force"].most
+
+
+def test_a_bench_is_sealed_and_not_opened_with_other_truths(action, tmp_path):
+    truths = [action.draw(3, n) for n in range(2)]
+    experiments._seal(action, tmp_path, truths, 3)
+    seal = json.loads((tmp_path / "seal.json").read_text())
+    assert (seal["machine"], seal["cases"], seal["seed"]) == ("steinway45", 2, 3)
+    experiments._seal(action, tmp_path, truths, 3)
+    with pytest.raises(InvalidParameter, match="sealed with other truths"):
+        experiments._seal(action, tmp_path, [action.draw(4, n) for n in range(2)], 4)
+
+
+def test_evidence_of_the_truth_is_that_of_the_best_set_with_it():
+    case = next(c for c in (SMALL.draw(26, n) for n in range(20)) if c.parts)
+    true = case.parts[0].name
+    sets = {(true,): 5.0, (true, "x"): 7.0, ("x",): 4.0, ("x", "y"): 4.5}
+    assert experiments.evidence_of(case, sets) == 2.5
+    assert experiments.evidence_of(case, {(true,): 5.0}) == 5.0
+    assert np.isnan(experiments.evidence_of(case, {("x",): 4.0}))
 
 
 @pytest.mark.parametrize(
@@ -74,7 +147,7 @@ def test_a_request_is_played():
     ],
 )
 def test_outcomes(named, one_of, verdict, outcome):
-    case = next(c for c in (experiments.draw(26, n) for n in range(20)) if c.parts)
+    case = next(c for c in (SMALL.draw(26, n) for n in range(20)) if c.parts)
     true = case.parts[0].name
     report = {
         "named": [true if n == "T" else n for n in named],
@@ -82,5 +155,5 @@ def test_outcomes(named, one_of, verdict, outcome):
         "verdict": verdict,
     }
     assert experiments.outcome_of(case, report) == outcome
-    null = next(c for c in (experiments.draw(26, n) for n in range(40)) if not c.parts)
+    null = next(c for c in (SMALL.draw(26, n) for n in range(40)) if not c.parts)
     assert experiments.outcome_of(null, report) == ("quiet" if outcome == "silent" else "alarm")

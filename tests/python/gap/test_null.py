@@ -1,5 +1,7 @@
 """The null law of the largest score: p is uniform under a null, and small under a true cause."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -11,8 +13,10 @@ from feltmb.fit.noise import Noise
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
-from feltmb.gap.calibrate import calibrate
-from feltmb.gap.score import all_candidates, score_fit
+from feltmb.gap.calibrate import calibrate, largest_statistic
+from feltmb.gap.criteria import REFUTED
+from feltmb.gap.score import all_candidates, family_threshold, score_fit
+from feltmb.gap.search import search
 
 NOISE, SD = 0.02, 0.3
 NAMES = ("bend", "gain", "offset", "slope")
@@ -105,3 +109,41 @@ def test_the_strain_of_a_true_cause_is_not_repeated_by_the_replicates(size):
     assert 15.0 < largest < 120.0
     assert null.stretch < 1.1
     assert p < 1e-3
+
+
+def saturating(limit):
+    """An effect with a derivative at zero, but hardly any change beyond a small magnitude."""
+
+    def observe(_, outputs, segments, magnitudes, __):
+        reached = limit * np.tanh(magnitudes / limit)
+        at = np.minimum(segments[:, :1] + np.arange(outputs.shape[1]), X.size - 1)
+        return outputs + (reached[:, None] * np.sin(7.0 * X[at]))[..., None]
+
+    return Effect(name="kink", component="x", scale=0.1, observe=observe)
+
+
+@pytest.mark.parametrize("limit", [np.inf, 1e-3])
+def test_a_refitted_candidate_counts_by_the_decrease_that_its_fit_reaches(limit):
+    """A derivative at a kink promised a gain of 300 that no fit reached, and refuted the model."""
+    line = FunctionModel(
+        name="line",
+        outputs={"y": lambda r, p: p["offset"] + p["slope"] * X},
+        parameters=[Parameter(name=n, value=0.0, sd=SD) for n in ("offset", "slope")],
+    )
+    y = 0.02 * np.sin(7.0 * X) + NOISE * np.random.default_rng(5).standard_normal(X.size)
+    fit = fitted(y, line)
+    effect = EFFECTS[2] if np.isinf(limit) else saturating(limit)
+    settings = FitSettings(restarts=0)
+    found = search(fit, [effect], settings, most=1)
+    bare = replace(found, sets=())
+    _, maxima = family_threshold(found.scores, 0.01)
+    promised = float(np.max(found.scores.singles()))
+    assert promised > np.quantile(maxima, 1.0 - REFUTED)
+    # Refitted by the search, or now.
+    for known, confirm in ((found, False), (bare, True)):
+        seen = largest_statistic(known, found.scores, maxima, settings, confirm=confirm)
+        if np.isinf(limit):
+            assert seen == pytest.approx(promised, rel=1e-3)
+        else:
+            assert 0.0 <= seen < 0.3 * promised
+    assert largest_statistic(bare, found.scores, maxima, settings, confirm=False) == promised
