@@ -92,7 +92,7 @@ def with_force_error(
     The force depends on the acceleration of the motion, which is known only as far as the motion is
     sampled and smoothed. The smoothed motion is given new noise and smoothed again, and the force
     of the packaged mechanism is simulated with it. The rms difference of four such forces is the
-    error. If it exceeds the noise of the force sensor, it is added to it (root sum of squares).
+    error. It is added to the noise of the force sensor (root sum of squares).
 
     A record has one noise by channel, but the error is several times larger where the motion has a
     kink. Samples with the largest error (rms over 8 ms) are therefore not used: as many as make the
@@ -130,7 +130,7 @@ def with_force_error(
         measured = finite & moving & (record.time <= (np.inf if turn is None else turn))
         own = sensors[name].sigma or 0.0
         used, error = _most_informative(square[:, model.outputs.index(name)], measured, own, width)
-        if not error > own:
+        if not used.any():
             continue
         outputs[name] = np.where(used, outputs[name], np.nan)
         sensors[name] = replace(sensors[name], sigma=math.hypot(own, error))

@@ -9,6 +9,7 @@ affect anything that a camera measures.
 
 from __future__ import annotations
 
+import copy
 import fnmatch
 import math
 import os
@@ -56,6 +57,8 @@ __all__ = ["MechanismModel"]
 #: Tolerances of felt and friction: these vary from stroke to stroke, and their laws have a form
 #: error.
 VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
+#: Input of a record that is driven by a motion.
+_MOTION = "displacement"
 #: Scale of a deviation from the motion of the model, as a share of 1 mm of felt compression.
 DEPARTURE = 0.05
 #: Scale of the rate of such a deviation: it lasts for some milliseconds [1/s].
@@ -178,6 +181,8 @@ class MechanismModel(DifferentiableMechanism):
         self.chaotic = not self.single
         self.workers = workers or min(8, os.cpu_count() or 1)
         self.drives = Drives()
+        self.carried: frozenset[int] = frozenset()
+        """Motions whose noise was carried into the force of their records by :meth:`ready`."""
         self._aliases: dict[str, Alias | None] = {}
         self._workshop = Workshop()
         self._shifter = Shifter(action.config)
@@ -250,12 +255,21 @@ class MechanismModel(DifferentiableMechanism):
         """
         cut: list[Record] = []
         notes: list[str] = []
+        model = copy.copy(self)
+
+        def with_error(record: Record, turn: float | None) -> Record:
+            motion = hash(record.inputs[_MOTION].tobytes()) if _MOTION in record.inputs else 0
+            if motion in self.carried:
+                return record
+            model.carried |= {motion}
+            return with_force_error(self, record, turn, notes)
+
         for record in records:
             record, said = self.referred(record)
             notes += said
             record = with_noise(record, notes)
             if not self.single or self.until is None:
-                cut.append(with_force_error(self, record, None, notes))
+                cut.append(with_error(record, None))
                 continue
             turn = self._turn(record)
             last = record.time[-1] if turn is None else turn + self.until.after_turn
@@ -268,9 +282,10 @@ class MechanismModel(DifferentiableMechanism):
                     "until=math.inf, uses them)"
                 )
                 record = record.cut(0, kept)
-            cut.append(with_force_error(self, record, turn, notes))
+            cut.append(with_error(record, turn))
         ready = with_integration_error(self, cut, notes) if self.single else cut
-        return Ready(self, tuple(ready), tuple(notes))
+        same = model.carried == self.carried
+        return Ready(self if same else model, tuple(ready), tuple(notes))
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
         """Channels of tracking points as displacements from rest, also if they are absolute.

@@ -144,7 +144,8 @@ class StrokeModel(MechanismModel):
             for r in base.records
         ):
             return base
-        return replace(base, model=self.with_variability(base.records))
+        assert isinstance(base.model, StrokeModel)
+        return replace(base, model=base.model.with_variability(base.records))
 
     def _variability(self, record: Record, variation: float) -> Array:
         """Directions of the variability that exceed the noise of the sensors, (n, ny, k)."""

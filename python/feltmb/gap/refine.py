@@ -105,7 +105,7 @@ def refit(
         m if t.name in known else float(np.clip(np.copysign(t.effect.scale, m), *t.effect.bounds))
         for t, m in zip(included, magnitudes, strict=True)
     ]
-    way = replace(settings, restarts=0)
+    way = replace(settings, restarts=0, worth=min(settings.worth, fit.cost))
     again = fit_problem(problem, way, point=problem.start(np.array(expected)))
     return again if again.cost < fit.cost else fit
 

@@ -144,17 +144,36 @@ def test_smoothing_takes_noise_and_leaves_the_stroke(rate):
     noise = 2e-6
     noisy = down + noise * np.random.default_rng(2).standard_normal(time.size)
     smooth = smooth_record(time, noisy, noise)
-    assert np.std(smooth - noisy) == pytest.approx(noise, rel=0.05)
+    assert 0.5 * noise < np.std(smooth - noisy) < 1.05 * noise
     wrong = [np.sqrt(np.mean((x - down) ** 2)) for x in (smooth, noisy)]
     bend = [np.sqrt(np.mean(np.diff(x - down, 2) ** 2)) for x in (smooth, noisy)]
+    assert wrong[0] < 0.8 * wrong[1]
     if rate > 2000.0:
         assert wrong[0] < 0.5 * wrong[1]
         assert bend[0] < 0.05 * bend[1]  # it is the second derivative that drives
-    else:  # few samples a rise: what noise leaves of it is kept
-        assert wrong[0] < 1.5 * wrong[1]
     # It follows the record: a small change of it is a small change of what is left.
     moved = smooth_record(time, noisy + 0.1 * noise * np.cos(300.0 * time), noise)
     assert np.max(np.abs(moved - smooth)) < 0.3 * noise
+
+
+@pytest.mark.parametrize("even", [True, False])
+def test_smoothing_is_strongest_where_a_motion_is_quiet(even):
+    """One penalty for the whole record left the noise of its kinks at rest."""
+    generator = np.random.default_rng(8)
+    time = np.sort(generator.uniform(0.0, 0.2, 400)) if not even else np.arange(400) * 5e-4
+    noise = 1e-6
+    # At rest, then a constant acceleration of 2 m/s^2, then a knock that ends within 1 ms.
+    down = np.maximum(time - 0.08, 0.0) ** 2 + 2e-5 * np.tanh((time - 0.17) / 5e-4)
+    smooth = smooth_record(time, down + noise * generator.standard_normal(time.size), noise)
+    wrong = (smooth - down) / noise
+    parts = [wrong[(time > a) & (time < b)] for a, b in ((0.0, 0.07), (0.09, 0.15), (0.16, 0.18))]
+    rms = [float(np.sqrt(np.mean(p**2))) for p in parts]
+    assert rms[0] < 0.3
+    assert rms[1] < 0.3
+    assert rms[2] < 1.0
+    # A straight line is left as it is, whatever its slope.
+    line = 0.3 + 0.7 * time
+    assert np.max(np.abs(smooth_record(time, line, noise) - line)) < 1e-3 * noise
 
 
 def test_a_noisy_motion_drives_the_mechanism_as_the_clean_one():
@@ -325,7 +344,7 @@ def test_the_noise_of_a_motion_is_carried_into_its_force(driven):
     used = np.isfinite(kept.outputs["finger.force"])
     turn = first_turn(record.time, record.outputs["hammer_tip.x"])
     assert not used[kept.time > turn].any()
-    assert 0.5 < np.mean(used[kept.time <= turn]) < 1.0
+    assert 0.2 < np.mean(used[kept.time <= turn]) < 0.9
     # The error that the nominal mechanism really has with this motion.
     simulated = own.nominal(kept)[:, own.outputs.index("finger.force")]
     error = np.sqrt(np.mean((simulated - force[: kept.samples])[used] ** 2))
@@ -344,11 +363,8 @@ def test_the_noise_of_a_motion_is_carried_into_its_force(driven):
     assert np.array_equal(np.isfinite(again.outputs["finger.force"]), used)
 
 
-def test_a_planned_motion_has_an_error_of_its_force(driven):
-    """Its input has no noise yet, but its sensor will have.
-
-    A motion without noise is smoothed more, so that the error is smaller than that of a record.
-    """
+def test_a_planned_motion_has_the_error_of_its_force(driven):
+    """Its input has no noise yet, but its sensor will have."""
     record, force = driven
     model, _ = resolve("steinway45", {**FORCE, "effects": "camera_skew"})
     smooth = smooth_record(record.time, record.inputs["displacement"], 1e-6)
@@ -356,7 +372,7 @@ def test_a_planned_motion_has_an_error_of_its_force(driven):
         record, inputs={"displacement": smooth}, outputs={**record.outputs, "finger.force": force}
     )
     sigma = [model.ready([r]).records[0].sensors["finger.force"].sigma for r in (record, planned)]
-    assert 2.0 * 5e-3 < sigma[1] < sigma[0]
+    assert sigma[1] == pytest.approx(sigma[0], rel=0.25)
 
 
 def test_a_motion_without_a_noise_or_a_force_stays_as_it_is(driven):
