@@ -1,10 +1,13 @@
 """The machine that answers requests: what it gives, what it refuses, how it is scored."""
 
+import json
+
 import numpy as np
 import pytest
 
 from blind import experiments, truth
 from blind.key_hammer import effects
+from feltmb.cli import main
 from feltmb.errors import InvalidParameter
 from feltmb.gap import PartTest
 
@@ -44,6 +47,41 @@ def test_parts_are_measured_with_the_stated_noise():
     assert abs(np.mean(off)) < 0.5
     assert 0.7 < np.std(off) < 1.4
     assert machine.part(cases[0], test, 1) == machine.part(cases[0], test, 1)
+
+
+@pytest.mark.parametrize("rounds", [(0, 1), (0, 2), (0, 1, 4)])
+def test_results_of_other_rounds_are_not_replaced(tmp_path, rounds):
+    """Before, the rounds 0,1 replaced what 0,1,2 had found, and 0,2 counted as done."""
+    case = experiments.draw(26, 0)
+    done = {"random": {"rounds": [{"experiments": n} for n in (0, 1, 2)]}}
+    (tmp_path / "cases").mkdir()
+    (tmp_path / "cases" / "0.json").write_text(json.dumps(done), encoding="utf-8")
+    with pytest.raises(InvalidParameter, match=f"random was scored after 0, 1, 2.*{rounds[-1]};"):
+        experiments.run_cases(None, None, [case], tmp_path, ["random"], lambda: True, rounds)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--rounds", "0,0"], "got '0,0', expected increasing integers from 0 to 1000"),
+        (["--rounds", ""], "got '', expected increasing"),
+        (["--rounds", "0,9999"], "from 0 to 1000"),
+        (["--score-only"], "is no bench: seal.json is missing"),
+    ],
+)
+def test_options_that_cannot_be_used_are_told(tmp_path, capsys, options, said):
+    folder = tmp_path / "bench"
+    with pytest.raises(SystemExit) as end:
+        main(["-o", str(folder), *options], command=experiments.command, name="experiments.py")
+    assert end.value.code == 2
+    assert said in capsys.readouterr().err
+    assert not folder.exists()
+
+
+def test_another_seed_than_the_sealed_one_is_told(tmp_path):
+    experiments._seal(tmp_path, 1, 26)
+    with pytest.raises(InvalidParameter, match="sealed with 1 cases of seed 26, got 1 of seed 27"):
+        experiments._seal(tmp_path, 1, 27)
 
 
 @pytest.mark.slow
