@@ -41,6 +41,7 @@ from blind.interactive import Asked, Interactive
 from blind.machine import as_json, sha256
 from blind.small_requests import SmallRequests
 from feltmb import gap
+from feltmb.cli import main
 from feltmb.data import Record
 from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder, read_json, write_file, write_text
@@ -53,6 +54,8 @@ __all__ = ["MACHINES", "ROUNDS", "command", "outcome_of"]
 
 #: Numbers of experiments after which a diagnosis is scored.
 ROUNDS = (0, 1, 2, 4, 6)
+#: Largest of these numbers.
+MOST_EXPERIMENTS = 1000
 POLICIES = ("designed", "random", "repeats")
 #: Machines by name.
 MACHINES: dict[str, Callable[[], Interactive]] = {
@@ -226,17 +229,29 @@ def run_cases(
             row["expected"] = player.expected(own.truth, own.records, own.parts)
         return row
 
+    def scored(policy: str) -> list[int]:
+        """Numbers of experiments after which a policy is scored."""
+        return [n for n in rounds if policy != "repeats" or n in (0, rounds[-1])]
+
     def done(case: Any, policy: str) -> bool:
         found = read_json(path(case)) if path(case).exists() else {}
-        rows = found.get(policy, {}).get("rounds", [])
-        return bool(rows) and rows[-1]["experiments"] == rounds[-1]
+        counts = [r["experiments"] for r in found.get(policy, {}).get("rounds", [])]
+        # Plans are made anew after each score: results of other rounds are of other experiments.
+        if counts != scored(policy)[: len(counts)]:
+            raise InvalidParameter(
+                f"{path(case)}: {policy} was scored after {', '.join(map(str, counts))} "
+                f"experiments, got --rounds {','.join(map(str, rounds))}; give these rounds or "
+                "another folder"
+            )
+        return len(counts) == len(scored(policy))
 
+    left_out = {(c.number, p) for p in policies for c in cases if done(c, p)}
     first = machine.defaults(cases)
     for policy in policies:
         todo = [
             Case(c, list(r), [], gap.Belief(weights={}), [], [])
             for c, r in zip(cases, first, strict=True)
-            if not done(c, policy)
+            if (c.number, policy) not in left_out
         ]
         for until in rounds:
             owners: list[Case] = []
@@ -247,7 +262,7 @@ def run_cases(
                     batch.append(asked)
             for own, record in zip(owners, machine.records(batch), strict=True):
                 own.records.append(record)
-            if policy == "repeats" and until not in (0, rounds[-1]):
+            if until not in scored(policy):
                 continue
             for own in todo:
                 if left():
@@ -292,16 +307,25 @@ def ask(player: Player, machine: Interactive, policy: str, own: Case, until: flo
     return out
 
 
-def _seal(machine: Interactive, folder: Path, truths: Sequence[Any], seed: int) -> None:
-    """Write the truths and their hash before any diagnosis."""
+def _seal(
+    machine: Interactive, folder: Path, truths: Sequence[Any], seed: int, *, new: bool = True
+) -> None:
+    """Write the truths and their hash before any diagnosis; ``new``: if there are none."""
     text = as_json([asdict(t) for t in truths])
     path = folder / "seal.json"
-    make_folder(folder)
     if path.exists():
         seal = read_json(path)
         if seal["truths_sha256"] != sha256(text.encode()):
-            raise InvalidParameter(f"{folder}: was sealed with other truths; give another folder")
+            raise InvalidParameter(
+                f"{folder}: was sealed with {seal['cases']} cases of seed {seal['seed']}, got "
+                f"{len(truths)} of seed {seed} or another generator; give these or another folder"
+            )
         return
+    if not new:
+        raise InvalidParameter(
+            f"{folder}: is no bench: seal.json is missing; omit --score-only to make one"
+        )
+    make_folder(folder)
     write_text(folder / "truths.json", text, force=True)
     seal = {
         "machine": machine.name,
@@ -391,8 +415,11 @@ def _rounds(_: click.Context, __: click.Parameter, value: str) -> tuple[int, ...
         found = tuple(int(word) for word in value.split(","))
     except ValueError:
         found = ()
-    if not found or found[0] != 0 or any(b <= a for a, b in pairwise(found)):
-        raise click.BadParameter(f"got {value}, expected increasing integers from 0, as 0,2,4")
+    rising = all(a < b for a, b in pairwise(found))
+    if not found or found[0] != 0 or found[-1] > MOST_EXPERIMENTS or not rising:
+        raise click.BadParameter(
+            f"got {value!r}, expected increasing integers from 0 to {MOST_EXPERIMENTS}, as 0,2,4"
+        )
     return found
 
 
@@ -422,7 +449,7 @@ def command(
     """Sealed cases of a machine; experiments that are designed, random, or repeats."""
     machine = MACHINES[of]()
     truths = [machine.draw(seed, n) for n in range(cases)]
-    _seal(machine, output, truths, seed)
+    _seal(machine, output, truths, seed, new=not score_only)
     began = time.monotonic()
     if not score_only:
         player = Player(machine, whole=whole)
@@ -447,4 +474,4 @@ def command(
 
 
 if __name__ == "__main__":
-    command()
+    main(command=command, name="experiments.py")

@@ -10,7 +10,7 @@ import math
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, wait
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -21,6 +21,7 @@ import click
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from blind.bench import MACHINES, Bench
+from blind.machine import sha256
 from blind.score import markdown, read, score
 from feltmb.cli import main
 from feltmb.cli.common import (
@@ -74,13 +75,27 @@ def _cluster(address: str | None) -> Iterator[Executor | None]:
         ) from None
     try:
         client = Client(address, timeout="10s")
-    except (OSError, ValueError) as error:
+    except (OSError, TypeError, ValueError) as error:
         raise InvalidParameter(
             f"--dask {address}: no scheduler answers ({error}); expected the address that dask "
             "scheduler prints, for example tcp://127.0.0.1:8786"
         ) from None
     with client:
-        yield client.get_executor(pure=False)
+        executor = client.get_executor(pure=False)
+        probe = executor.submit(sha256, b"")
+        if wait([probe], timeout=10.0).not_done:
+            complain(
+                f"--dask {address}: no worker answers, waiting; a worker ends if it cannot import "
+                "the bench, see its log"
+            )
+        try:
+            probe.result()
+        except RuntimeError as error:
+            raise InvalidParameter(
+                f"--dask {address}: the scheduler cannot import the bench; expected bench on its "
+                f"PYTHONPATH ({error})"
+            ) from None
+        yield executor
 
 
 @click.command()
@@ -134,7 +149,7 @@ def _cluster(address: str | None) -> Iterator[Executor | None]:
     "address",
     metavar="ADDRESS",
     help="Scheduler of a Dask cluster, in place of processes of this machine. Its workers see the "
-    "folder under the same path and have bench on their PYTHONPATH.",
+    "folder under the same path; they and the scheduler have bench on their PYTHONPATH.",
 )
 @click.option(
     "--oracle/--no-oracle",

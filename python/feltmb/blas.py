@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -24,13 +25,24 @@ def one_thread_from_the_start() -> None:
             os.environ.setdefault(name, "1")
 
 
+#: Held by the block that has set the limit.
+_limiting = threading.Lock()
+
+
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit a block of a process whose NumPy is already loaded, for example of a notebook."""
-    if any(name in os.environ for name in NUMBERS):
+    """Limit a block of a process whose NumPy is already loaded, for example of a notebook.
+
+    The limit holds for the whole process, and only the thread that set it can remove it. Blocks
+    that begin within another one, in this or another thread, therefore change nothing.
+    """
+    if any(name in os.environ for name in NUMBERS) or not _limiting.acquire(blocking=False):
         yield
         return
-    from threadpoolctl import threadpool_limits
+    try:
+        from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(limits=1, user_api="blas"):
-        yield
+        with threadpool_limits(limits=1, user_api="blas"):
+            yield
+    finally:
+        _limiting.release()

@@ -724,8 +724,11 @@ def _across_jumps(fit: Fit, settings: FitSettings) -> Fit:
         delta, length = _within(problem, point, fit.normal, ACROSS)
         if not length > 0.0:
             break
-        # Derivatives by differences are wrong across a jump: they give the direction at most.
-        beyond = problem.moved(point, fit.normal, delta * (ACROSS / length), linears)
+        # Derivatives by differences are wrong across a jump: they give the direction at most. What
+        # has no unit of length (run-to-run variability, nuisances) is not part of the length.
+        reach = problem.reach
+        delta[: reach.size][np.isfinite(reach)] *= ACROSS / length
+        beyond = problem.moved(point, fit.normal, delta, linears)
         if not np.isfinite(problem.cost(beyond, fit.gap_sd, linears)[0]):
             break
         other = polish(problem, replace(beyond, memo={}), fit.level, brief)

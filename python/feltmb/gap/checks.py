@@ -120,7 +120,6 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
     warnings += without_copies(records)[1]
     repeats = _repeatability(records, warnings)
     channels = []
-    estimated = False
     for record in records:
         warnings += [f"{record.name}: {note}" for note in record.notes]
         _clock(record, problems, warnings)
@@ -128,13 +127,12 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
             if outputs is not None and name not in outputs:
                 continue
             check = _channel(record, name, values, repeats)
-            estimated |= check.method != "sensor"
             where = f"{record.name}.{name}"
             if check.samples < 8 and check.method != "sensor":
                 problems.append(f"{where}: {check.samples} values, expected at least 8")
-            elif check.spread == 0.0:
+            elif check.samples and check.spread == 0.0:
                 warnings.append(f"{where}: never changes")
-            elif check.samples < 8:
+            elif 0 < check.samples < 8:
                 warnings.append(
                     f"{where}: {check.samples} values: enough for a model of single numbers, not "
                     "for one that moves"
@@ -161,7 +159,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
         problems=tuple(problems),
         warnings=tuple(warnings),
         repeatability=flat,
-        estimated=estimated,
+        estimated=any(c.method != "sensor" for c in channels),
     )
 
 
@@ -194,7 +192,7 @@ def without_constant(records: Sequence[Record]) -> tuple[tuple[Record, ...], tup
     Raises
     ------
     DataError
-        No other channel is left.
+        A record has no other channel.
     """
     moves: dict[str, bool] = {}
     for r in records:
@@ -205,9 +203,11 @@ def without_constant(records: Sequence[Record]) -> tuple[tuple[Record, ...], tup
     constant = [name for name, moving in moves.items() if not moving]
     if not constant:
         return tuple(records), ()
-    if len(constant) == len(moves):
+    empty = [r.name for r in records if r.outputs.keys() <= {*constant}]
+    if empty:
+        where = "records" if len(empty) == len(records) else "record " + ", ".join(empty)
         raise DataError(
-            f"records: {', '.join(constant)}: never changes, so that its noise cannot be "
+            f"{where}: {', '.join(constant)}: never changes, so that its noise cannot be "
             "estimated; expected sigma of its sensor, or a channel that changes"
         )
     kept = tuple(
@@ -325,9 +325,10 @@ def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:
     Motion can only increase an estimate, so the quietest records show the noise. Estimates that
     exceed the smallest one by no more than its sampling error are of quiet records too. (The
     smallest one alone would be too small by chance, the more so the more records there are.)
-    A record in which the channel never changes says nothing about its noise. A record that moves
-    over a few steps of a grid does not show the grid: the noise is at least the rounding error of
-    the finest grid that another record shows.
+    A record in which the channel never changes says nothing about its noise: if no other one shows
+    it, the largest noise that is stated for the channel is used. A record that moves over a few
+    steps of a grid does not show the grid: the noise is at least the rounding error of the finest
+    grid that another record shows.
     """
     sensors: dict[tuple[str, str], list[ChannelCheck]] = {}
     for c in channels:
@@ -336,6 +337,12 @@ def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:
     found: dict[tuple[str, str], tuple[float, str]] = {}
     for sensor, same in sensors.items():
         moving = [c for c in same if c.spread > 0.0]
+        stated = [
+            c for c in channels if (c.channel, c.unit) == sensor and c.method not in ESTIMATED
+        ]
+        if not moving and stated:
+            most_noise = max(stated, key=lambda c: c.sigma)
+            found[sensor] = most_noise.sigma, most_noise.method
         if moving:
             best = min(moving, key=lambda c: c.sigma)
             most = best.sigma * (1.0 + QUIET_RECORDS / math.sqrt(best.samples))
@@ -432,8 +439,10 @@ def _repeatability(records: Sequence[Record], warnings: list[str]) -> dict[tuple
         for channel in same[0].outputs:
             if all(channel in r.outputs for r in same):
                 stack = np.array([r.outputs[channel] for r in same])
-                variance = np.nanvar(stack, axis=0, ddof=1)
-                out[label, channel] = float(np.sqrt(np.nanmean(variance)))
+                stack = stack[:, np.isfinite(stack).sum(axis=0) > 1]
+                if stack.size:
+                    variance = np.nanvar(stack, axis=0, ddof=1)
+                    out[label, channel] = float(np.sqrt(np.mean(variance)))
     return out
 
 
@@ -465,8 +474,11 @@ def _channel(
             predicted = _predicted(values, record.inputs)
             if predicted is not None and predicted < sigma:
                 sigma, method = predicted, "prediction"
-    # A sigma may contain the rounding error of a grid that was not given, but is at least that.
-    noise = noise_of(sensor, max(sigma, rounding_error(grid)), sensor.quantum)
+    # A stated sigma is without the rounding error of a stated quantum. Any other sigma contains the
+    # rounding error, and is at least that.
+    added = sensor.quantum if method == "sensor" else 0.0
+    least = grid if method == "sensor" else quantum
+    noise = noise_of(sensor, max(sigma, rounding_error(least)), added)
     return ChannelCheck(
         record=record.name,
         channel=name,

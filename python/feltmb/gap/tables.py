@@ -44,16 +44,10 @@ class TableReader:
     def entries(self, table: str) -> Iterator[tuple[Any, str, dict[str, Any]]]:
         """Key or place, name in a message, and content of the tables below a name."""
         found = self.raw.get(table)
-        if isinstance(found, dict):
-            rows = [(k, f"{table}.{k}", v) for k, v in found.items()]
-        else:
-            rows = [
-                (k, f"{table}[{k}]", v)
-                for k, v in enumerate(found if isinstance(found, list) else [])
-            ]
-        for key, where, entry in rows:
+        rows: Iterable[tuple[Any, Any]] = found.items() if isinstance(found, dict) else ()
+        for key, entry in enumerate(found) if isinstance(found, list) else rows:
             if isinstance(entry, dict):
-                yield key, where, entry
+                yield key, f"{table}.{key}", entry
 
     def number(
         self,

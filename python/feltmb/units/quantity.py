@@ -357,6 +357,10 @@ def validated(
         raise error(fault_text(origin, fault_lines(fault, model))) from None
 
 
+#: Faults of a value that is no finite number.
+_NO_NUMBER = ("float_type", "finite_number")
+
+
 def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
     """One line for each fault: place, value, expectation, hint.
 
@@ -364,15 +368,22 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
     time.
     """
     lines: list[str] = []
-    for item in error.errors(include_url=False):
+    items = error.errors(include_url=False)
+    neither = [i["loc"][:-1] for i in items if i["type"] in _NO_NUMBER and i["loc"][-1] == "float"]
+    for item in items:
+        if item["loc"][-1:] == ("str",) and item["loc"][:-1] in neither:
+            continue  # the fault of a number or text is told once
         loc = tuple(p for p in item["loc"] if p != "function-before")
-        where = ".".join(str(p) for p in loc) or "file"
         kind = item["type"]
+        number_or_text = loc[-1:] == ("float",) and kind in _NO_NUMBER
+        where = ".".join(str(p) for p in (loc[:-1] if number_or_text else loc)) or "file"
         if len(lines) >= MOST_FAULTS:
             lines.append(f"{where}: {kind}")
             continue
         got = _plain_input(item.get("input"))
-        if kind == "missing":
+        if number_or_text:
+            lines.append(f"{where}: got {got}, expected a finite number or a text")
+        elif kind == "missing":
             lines.append(f"{where}: is missing")
         elif kind == "extra_forbidden":
             known = _fields_at(model, loc)

@@ -6,7 +6,10 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import Future
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -168,12 +171,39 @@ def test_dask_cluster_gives_the_same(made, tmp_path, monkeypatch):
         assert here == there
 
 
-def test_a_cluster_that_does_not_answer_is_told(tmp_path, capsys):
+@pytest.mark.parametrize("address", ["nowhere", "tls://127.0.0.1:1"])
+def test_a_cluster_that_does_not_answer_is_told(tmp_path, capsys, address):
     pytest.importorskip("distributed")
     with pytest.raises(SystemExit) as end:
-        main(["--cases", "2", "-o", str(tmp_path / "b"), "--dask", "nowhere"], command)
+        main(["--cases", "2", "-o", str(tmp_path / "b"), "--dask", address], command)
     assert end.value.code == 2
-    assert "--dask nowhere: no scheduler answers" in capsys.readouterr().err
+    assert f"--dask {address}: no scheduler answers" in capsys.readouterr().err
+
+
+def test_a_cluster_that_cannot_import_the_bench_is_told(tmp_path, capsys, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    probe = Future()
+
+    class Cluster(nullcontext):
+        def get_executor(self, **_):
+            return self
+
+        def submit(self, *_):
+            return probe
+
+    def fail_late(*_, **__):  # as if the worker answered after the first wait
+        probe.set_exception(RuntimeError("different environments"))
+        return SimpleNamespace(not_done={probe})
+
+    monkeypatch.setattr(distributed, "Client", lambda *_, **__: Cluster())
+    monkeypatch.setattr(blind.run, "wait", fail_late)
+    with pytest.raises(SystemExit) as end:
+        main(["--cases", "2", "-o", str(tmp_path / "b"), "--dask", "tcp://a:1"], command)
+    assert end.value.code == 2
+    told = capsys.readouterr().err
+    assert "no worker answers, waiting" in told
+    assert "scheduler cannot import the bench" in told
+    assert not (tmp_path / "b").exists()
 
 
 @pytest.mark.slow

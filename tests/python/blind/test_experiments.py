@@ -11,6 +11,7 @@ from blind.action_requests import ActionRequests
 from blind.interactive import Asked
 from blind.key_hammer import effects
 from blind.small_requests import SmallRequests
+from feltmb.cli import main
 from feltmb.errors import InvalidParameter
 from feltmb.gap import PartTest
 
@@ -80,6 +81,41 @@ def test_parts_of_the_action_are_measured_with_the_stated_noise(action):
         assert 0.7 < np.std(off) < 1.4
 
 
+@pytest.mark.parametrize("rounds", [(0, 1), (0, 2), (0, 1, 4)])
+def test_results_of_other_rounds_are_not_replaced(tmp_path, rounds):
+    """Before, the rounds 0,1 replaced what 0,1,2 had found, and 0,2 counted as done."""
+    case = SMALL.draw(26, 0)
+    done = {"random": {"rounds": [{"experiments": n} for n in (0, 1, 2)]}}
+    (tmp_path / "cases").mkdir()
+    (tmp_path / "cases" / "0.json").write_text(json.dumps(done), encoding="utf-8")
+    with pytest.raises(InvalidParameter, match=f"random was scored after 0, 1, 2.*{rounds[-1]};"):
+        experiments.run_cases(None, None, [case], tmp_path, ["random"], lambda: True, rounds)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--rounds", "0,0"], "got '0,0', expected increasing integers from 0 to 1000"),
+        (["--rounds", ""], "got '', expected increasing"),
+        (["--rounds", "0,9999"], "from 0 to 1000"),
+        (["--score-only"], "is no bench: seal.json is missing"),
+    ],
+)
+def test_options_that_cannot_be_used_are_told(tmp_path, capsys, options, said):
+    folder = tmp_path / "bench"
+    with pytest.raises(SystemExit) as end:
+        main(["-o", str(folder), *options], command=experiments.command, name="experiments.py")
+    assert end.value.code == 2
+    assert said in capsys.readouterr().err
+    assert not folder.exists()
+
+
+def test_another_seed_than_the_sealed_one_is_told(tmp_path):
+    experiments._seal(SMALL, tmp_path, [SMALL.draw(26, 0)], 26)
+    with pytest.raises(InvalidParameter, match="sealed with 1 cases of seed 26, got 1 of seed 27"):
+        experiments._seal(SMALL, tmp_path, [SMALL.draw(27, 0)], 27)
+
+
 @pytest.mark.slow
 def test_a_request_is_played():
     case = SMALL.draw(26, 1)
@@ -120,7 +156,7 @@ def test_a_bench_is_sealed_and_not_opened_with_other_truths(action, tmp_path):
     seal = json.loads((tmp_path / "seal.json").read_text())
     assert (seal["machine"], seal["cases"], seal["seed"]) == ("steinway45", 2, 3)
     experiments._seal(action, tmp_path, truths, 3)
-    with pytest.raises(InvalidParameter, match="sealed with other truths"):
+    with pytest.raises(InvalidParameter, match="sealed with 2 cases of seed 3, got 2 of seed 4"):
         experiments._seal(action, tmp_path, [action.draw(4, n) for n in range(2)], 4)
 
 

@@ -1,6 +1,7 @@
 """Measured files: what is read, and what is said of files that cannot be used."""
 
 import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from feltmb.data import (
 )
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import SimulatorModel, check_records
-from feltmb.gap.checks import without_copies
+from feltmb.gap.checks import without_constant, without_copies
 from feltmb.gap.split import split_records
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -456,3 +457,58 @@ def test_many_records_do_not_make_the_estimated_noise_small(samples):
     noise = 0.1 * rng.standard_normal(samples)
     fast = replace(many[0], name="fast", outputs={"q": 5.0 * np.sin(9e2 * time) + noise})
     assert check_records([*many, fast]).channels[0].sigma == pytest.approx(found, rel=0.1)
+
+
+def flat_and_moving(**sensor):
+    """A record in which a channel never changes, and one in which it does."""
+    time = 1e-3 * np.arange(200)
+    noise = 1e-2 * np.random.default_rng(1).standard_normal(200)
+    one = Record(name="flat", time=time, inputs={}, outputs={"q": np.full(200, 0.1)})
+    other = replace(one, name="moving", outputs={"q": np.sin(20.0 * time) + noise})
+    return one, replace(other, sensors={"q": Sensor(name="q", **sensor)})
+
+
+@pytest.mark.parametrize("sigma", [None, 1e-2])
+def test_a_channel_that_never_changes_in_a_record_has_the_noise_of_its_other_records(sigma):
+    """With a stated noise in the other record, that of the flat one was 1e-16."""
+    checks = check_records(flat_and_moving(sigma=sigma))
+    assert checks.estimated is (sigma is None)
+    for c in checks.channels:
+        assert c.sigma == pytest.approx(1e-2, rel=0.3), c
+
+
+def test_a_record_that_only_has_a_channel_that_never_changes_is_named():
+    one, other = flat_and_moving(sigma=1e-2)
+    only = replace(one, outputs={"z": one.outputs["q"]}, sensors={})
+    with pytest.raises(DataError, match=r"record flat: z: never changes.*expected sigma"):
+        without_constant([only, other])
+
+
+def test_the_rounding_error_counts_once_in_an_estimated_noise():
+    """An estimate from the values contains it, whether the step is stated or not."""
+    (_, moving) = flat_and_moving()
+    rounded = 0.05 * np.round(moving.outputs["q"] / 0.05)
+    found = [
+        check_records([replace(moving, outputs={"q": rounded}, sensors={"q": own})])
+        for own in (Sensor(name="q"), Sensor(name="q", quantum=0.05))
+    ]
+    free, stated = (c.channels[0].sigma for c in found)
+    assert stated == pytest.approx(free)
+    assert free >= 0.05 / np.sqrt(12.0)
+
+
+def test_values_missing_in_repeats_and_everywhere_are_told_without_numpy():
+    (_, other) = flat_and_moving(sigma=1e-2)
+    time = np.arange(200)
+    holes = [np.where(time % 2 == k, np.nan, other.outputs["q"]) for k in (0, 1)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        apart = check_records(
+            [
+                replace(other, name=f"r{k}", outputs={"q": q}, sensors={}, repeats="same")
+                for k, q in enumerate(holes)
+            ]
+        )
+        empty = check_records([other, replace(other, name="e", outputs={"q": np.nan * time})])
+    assert apart.repeatability == ()  # no sample was measured twice
+    assert empty.warnings == ("e.q: 100% of the values are missing",)

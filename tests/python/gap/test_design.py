@@ -338,9 +338,9 @@ sigma = 0
     lines = str(failure.value).splitlines()[1:]
     for k, text in enumerate(("part slop: no", "sensor z: no", "input v: no", "inputs.u.most: ")):
         assert lines[k].strip().startswith(text), lines
-    assert "parts[1]: test of slope: sd = 0" in lines[4]
+    assert "parts.1: test of slope: sd = 0" in lines[4]
     assert "sensor y: sigma = 0" in "".join(lines)
-    assert "parts[0]" not in str(failure.value)
+    assert "parts.0" not in str(failure.value)
 
 
 def test_keys_and_numbers_of_limits_are_told_together(tmp_path):
@@ -377,8 +377,8 @@ sigma = -1
         "inputs.u.moste: unknown key",
         "parts.0.cost: got -1",
         "inputs.u.rate: ",
-        "parts[0].sd: ",
-        "parts[1]: test of slope: sd = 0",
+        "parts.0.sd: ",
+        "parts.1: test of slope: sd = 0",
         "limits: lead = 1 s",
     )
     assert [t.startswith(s) for t, s in zip(lines, starts, strict=False)] == [True] * 8, lines

@@ -390,6 +390,11 @@ def test_a_sensor_with_more_noise_than_assumed_is_not_asked_for_again(
         ("further_sensors = 3", "further_sensors: got 3, expected a list"),
         ("further_sensors = [3]", "further_sensors.0: got 3, expected a table"),
         ("[further_sensors]\noutput = 'y'", "hint: [[further_sensors]] in place of [further_"),
+        (
+            "[[further_sensors]]\noutput = 'y'\nsigma = nan",
+            "1 fault\n  further_sensors.0.sigma: got nan, expected a finite number or a text",
+        ),
+        ("[[further_sensors]]\noutput = 'y'\nsigma = ''", "further_sensors.0.sigma: got ''"),
     ],
 )
 def test_a_wrong_kind_of_table_is_told_in_words_of_toml(tmp_path, wrong, told):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feltmb.fit import solve
+from feltmb.fit import VARIABILITY, solve
 from feltmb.fit.noise import Noise
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import segment_record
@@ -148,6 +148,29 @@ def test_a_fit_crosses_a_jump_of_the_sum_of_squares(monkeypatch):
     assert 0.95 < stuck.point.theta[0] < 1.0
     assert not stuck.converged
     assert stuck.cost > fit.cost + 20.0
+
+
+def test_the_step_across_a_jump_does_not_extend_the_variability():
+    """It has no unit of length; 60 times its step would end the simulation instead."""
+
+    def shaken(time, inputs, parameters):
+        shift = parameters["shift"]
+        y = caught(time, inputs, parameters)["y"] + 0.6 * shift
+        return {"y": y if abs(shift) < 2.0 else np.full(time.size, np.nan)}
+
+    easy = caught_problem(0.6)
+    m = SimulatorModel(
+        shaken,
+        parameters=[
+            Parameter(name="gain", value=0.8, sd=5.0),
+            Parameter(name="shift", value=0.0, sd=1.0, component=VARIABILITY),
+        ],
+        inputs={"u": "1"},
+        outputs={"y": "1"},
+    )
+    fit = fit_problem(Problem(m, easy.segmented_records), FitSettings(restarts=0))
+    assert fit.converged
+    assert fit.point.theta[0] == pytest.approx(1.2, abs=0.05)
 
 
 def test_a_fit_along_the_records_extends_little_beyond_what_the_model_follows(problem, monkeypatch):

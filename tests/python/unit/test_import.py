@@ -118,6 +118,32 @@ def test_fits_in_python_use_one_thread_of_the_blas():
         assert out.stdout.split() == [inside, "2"]
 
 
+def test_fits_in_several_threads_set_the_number_back():
+    """The limit is one of the process: the block that ends last must not keep it."""
+    code = (
+        "import threading, numpy, threadpoolctl\n"
+        "from feltmb.blas import one_thread\n"
+        "def most(): return max(p['num_threads'] for p in threadpoolctl.threadpool_info())\n"
+        "before = most()\n"
+        "began, both = threading.Event(), threading.Event()\n"
+        "def first():\n"
+        "    with one_thread():\n        began.set(); both.wait()\n"
+        "def second():\n"
+        "    began.wait()\n"
+        "    with one_thread():\n        both.set(); one.join()\n"
+        "one, two = threading.Thread(target=first), threading.Thread(target=second)\n"
+        "one.start(); two.start(); two.join()\n"
+        "assert most() == before, (most(), before)\n"
+        "with one_thread():\n"
+        "    with one_thread():\n        assert most() == 1\n"
+        "    assert most() == 1\n"
+        "assert most() == before"
+    )
+    free = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=free)
+    assert not done.returncode, done.stderr
+
+
 def test_help_of_the_package_fits_two_screens():
     """In a process of its own, since names that were used before must not lengthen it."""
     script = (
