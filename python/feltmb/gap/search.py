@@ -379,6 +379,7 @@ class _Hunt:
                 continue
             names.append(t.name)
             if (t.name,) not in self.done:
+                self.tried.add(_mark((t,)))
                 self._attempt(near, (t,), np.array([size[i] * t.effect.scale]))
             if len(names) >= self.width:
                 break
@@ -412,9 +413,8 @@ class _Hunt:
     def _extend(self, base: Fit, at: Scores, count: int) -> None:
         """Refit a base with the additions that have the largest linear evidence."""
         for chosen, magnitudes in self._survivors(base, at, count):
-            mark = tuple(sorted((t.name, repr(t.shape)) for t in chosen))
-            if mark not in self.tried:
-                self.tried.add(mark)
+            if _mark(chosen) not in self.tried:
+                self.tried.add(_mark(chosen))
                 self._attempt(base, chosen, magnitudes)
 
     def _survivors(
@@ -582,6 +582,11 @@ class _Hunt:
 
 def _key(included: Sequence[Candidate]) -> tuple[str, ...]:
     return tuple(sorted(t.name for t in included))
+
+
+def _mark(included: Sequence[Candidate]) -> tuple[tuple[str, str], ...]:
+    """Names and shapes of a set, sorted."""
+    return tuple(sorted((t.name, repr(t.shape)) for t in included))
 
 
 def _holds(c: CandidateSet, included: Sequence[Candidate]) -> bool:
