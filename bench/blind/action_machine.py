@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -74,7 +73,6 @@ class ActionMachine(Machine):
             effects=asked,
             rtol=RTOL,
             workers=1,
-            until=math.inf if "whole" in first.conditions else None,
         )
         options = gap.Options(bootstrap=0, restarts=0, width=3, max_effects=3, advice=False)
         return gap.diagnose(model, known, records, options=options)

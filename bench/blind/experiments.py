@@ -109,7 +109,7 @@ class Player:
 
     def __init__(self, machine: Interactive, *, whole: bool):
         self.model, self.library = machine.model, machine.effects
-        self.allowed = machine.limits
+        self.allowed, self.families = machine.limits, machine.families
         self.whole = whole
         self.every = all_candidates(self.library)
 
@@ -164,7 +164,8 @@ class Player:
         )
         return gap.design(
             gap.with_measured(self.model, parts), self.library, records, limits=allowed,
-            budget=budget, belief=belief, candidates=16, refinements=6, seed=seed,
+            budget=budget, belief=belief, families=self.families, candidates=16, refinements=6,
+            seed=seed,
         )  # fmt: skip
 
     def expected(
@@ -295,7 +296,7 @@ def ask(player: Player, machine: Interactive, policy: str, own: Case, until: flo
             seed = 1000 * own.truth.number + own.number
             sensors = own.records[0].sensors
             _, profile, r = gap.draw_experiment(
-                player.model, player.allowed, sensors=sensors, seed=seed
+                player.model, player.allowed, sensors=sensors, families=player.families, seed=seed
             )
             values, name = machine.input_of(r), profile.family
             own.spent += 1.0

@@ -45,6 +45,8 @@ class Interactive(ABC):
     model: gap.Model
     effects: Sequence[gap.Effect]
     limits: gap.Limits
+    families: Sequence[str] = ()
+    """Families of profiles that may be requested; empty: all."""
     together: int
     """Number of cases whose requests are simulated together."""
 

@@ -908,6 +908,7 @@ def draw_experiment(
     limits: Limits,
     *,
     sensors: Mapping[str, Sensor] | None = None,
+    families: Sequence[str] = (),
     seed: int = 0,
 ) -> tuple[str, Profile, Record]:
     """A random experiment within the limits: input, profile, and the prediction of the model.
@@ -922,21 +923,24 @@ def draw_experiment(
         Limits of inputs, duration and rates.
     sensors
         Sensors by output; sensors of the limits have priority. Default: all outputs.
+    families
+        Names of :data:`~feltmb.gap.profiles.FAMILIES`; default: all.
     seed
         Seed of the random numbers; equal seeds give equal experiments.
 
     Raises
     ------
     InvalidParameter
-        A hundred draws gave no profile that can be simulated.
+        An unknown family, or a hundred draws gave no profile that can be simulated.
     """
     limits.check(model)
+    chosen = _families(families)
     generator = np.random.default_rng([seed, 11])
     work = _Work(model, limits, sensors_now(model, limits, (), sensors), None, seed, None)
-    names, families = list(limits.inputs), list(FAMILIES)
+    names = list(limits.inputs)
     for _ in range(100):
         name = names[int(generator.integers(len(names)))]
-        family = families[int(generator.integers(len(families)))]
+        family = chosen[int(generator.integers(len(chosen)))]
         knobs = generator.random(len(FAMILIES[family].knobs))
         profile = work.draw(name, family, [float(u) for u in knobs])
         if profile is None:

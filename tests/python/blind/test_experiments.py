@@ -13,7 +13,7 @@ from blind.key_hammer import effects
 from blind.small_requests import SmallRequests
 from feltmb.cli import main
 from feltmb.errors import InvalidParameter
-from feltmb.gap import PartTest
+from feltmb.gap import Belief, PartTest
 
 SMALL = SmallRequests()
 
@@ -158,6 +158,16 @@ def test_a_bench_is_sealed_and_not_opened_with_other_truths(action, tmp_path):
     experiments._seal(action, tmp_path, truths, 3)
     with pytest.raises(InvalidParameter, match="sealed with 2 cases of seed 3, got 2 of seed 4"):
         experiments._seal(action, tmp_path, [action.draw(4, n) for n in range(2)], 4)
+
+
+def test_plans_and_draws_use_the_permitted_families_only():
+    player = experiments.Player(SMALL, whole=False)
+    case = SMALL.draw(26, 1)
+    own = experiments.Case(case, SMALL.defaults([case])[0], [], Belief(weights={}), [], [])
+    asked = experiments.ask(player, SMALL, "random", own, 6)
+    assert len(asked) == 6
+    assert set(own.asked) <= {*SMALL.families}
+    assert "chirp" not in SMALL.families
 
 
 def test_evidence_of_the_truth_is_that_of_the_best_set_with_it():

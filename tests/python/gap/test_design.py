@@ -260,6 +260,12 @@ def test_drawn_experiments_are_allowed_and_repeatable():
     other = draw_experiment(line(), limits(), sensors=SENSORS, seed=5)
     assert one[1] == same[1] != other[1]
     assert one[2].inputs["u"].max() <= 1.0 + 1e-9
+    some = [
+        draw_experiment(line(), limits(), families=["chirp", "pulse"], seed=i)[1] for i in range(8)
+    ]
+    assert {p.family for p in some} == {"chirp", "pulse"}
+    with pytest.raises(InvalidParameter, match="families: knock is none of press"):
+        draw_experiment(line(), limits(), families=["knock"])
 
 
 LIMITS = """

@@ -1099,6 +1099,7 @@ CALLS = {
         "model": oscillator(),
         "limits": limits(),
         "sensors": None,
+        "families": ["pulse"],
         "seed": 0,
     },
     "feltmb.gap.measured_toml": lambda: {
