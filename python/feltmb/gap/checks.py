@@ -184,10 +184,13 @@ def _rounded(channels: Sequence[ChannelCheck], records: Sequence[Record]) -> lis
     ]
 
 
-def without_constant(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:
+def without_constant(
+    records: Sequence[Record], outputs: Sequence[str]
+) -> tuple[tuple[Record, ...], tuple[str, ...]]:
     """Remove channels without a stated noise that change in no record, and explain each.
 
     Their noise cannot be estimated, and a channel that does not move says nothing without it.
+    ``outputs``: those of the model; other channels are not compared and stay as they are.
 
     Raises
     ------
@@ -197,13 +200,16 @@ def without_constant(records: Sequence[Record]) -> tuple[tuple[Record, ...], tup
     moves: dict[str, bool] = {}
     for r in records:
         for name, values in r.outputs.items():
+            if name not in outputs:
+                continue
             seen = values[np.isfinite(values)]
             known = r.sensors[name].sigma is not None or seen.size == 0
             moves[name] = moves.get(name, False) or known or bool(np.ptp(seen) > 0.0)
     constant = [name for name, moving in moves.items() if not moving]
     if not constant:
         return tuple(records), ()
-    empty = [r.name for r in records if r.outputs.keys() <= {*constant}]
+    compared = {r.name: r.outputs.keys() & {*outputs} for r in records}
+    empty = [name for name, own in compared.items() if own and own <= {*constant}]
     if empty:
         where = "records" if len(empty) == len(records) else "record " + ", ".join(empty)
         raise DataError(

@@ -163,7 +163,7 @@ def _ready(
         The faults because of which the records cannot be used, all in one message.
     """
     records, copies = without_copies(records, hold_out)
-    records, constant = without_constant(records)
+    records, constant = without_constant(records, model.outputs)
     checks = check_against(model, records)
     ready = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
     # A model may increase the noise of a sensor to the error of its own outputs.

@@ -370,26 +370,33 @@ def test_a_channel_that_never_changes_needs_a_sigma():
     t = 1e-3 * np.arange(300)
     dead = Record(name="a", time=t, inputs={"f": t}, outputs={"q": 0.0 * t + 0.5})
     with pytest.raises(DataError, match="q: never changes, so that its noise cannot be estimated"):
-        without_constant([dead])
+        without_constant([dead], ["q"])
     noise = np.random.default_rng(0).normal(size=300)
     alive = replace(dead, name="b", outputs={"q": noise})
-    assert without_constant([dead, alive]) == ((dead, alive), ())
+    assert without_constant([dead, alive], ["q"]) == ((dead, alive), ())
     known = replace(dead, sensors={"q": Sensor(name="q", sigma=0.01)})
-    assert without_constant([known]) == ((known,), ())
+    assert without_constant([known], ["q"]) == ((known,), ())
     both = replace(dead, outputs={"q": noise, "z": 0.0 * t})
-    (kept,), (note,) = without_constant([both])
+    (kept,), (note,) = without_constant([both], ["q", "z"])
     assert list(kept.outputs) == ["q"]
     assert note.startswith("z: never changes")
+    # A channel that the model does not have is nobody's business, and does not replace one.
+    assert without_constant([both], ["q"]) == ((both,), ())
+    moved = replace(dead, outputs={"q": 0.0 * t, "z": noise})
+    with pytest.raises(DataError, match="q: never changes"):
+        without_constant([moved], ["q"])
 
 
-def test_a_constant_channel_is_left_out_of_a_fit():
+def test_a_constant_channel_that_the_model_does_not_have_changes_no_fit():
+    plain = models.records(4)
     data = [
         replace(
             r,
             outputs={**r.outputs, "still": np.full(r.samples, 0.5)},
             sensors={**r.sensors, "still": Sensor(name="still")},
         )
-        for r in models.records(4)
+        for r in plain
     ]
     fit = fit_model(models.NOMINAL, data)
-    assert any(n.startswith("still: never changes") for n in fit.notes)
+    assert fit.cost == pytest.approx(fit_model(models.NOMINAL, plain).cost)
+    assert not any("never changes" in n for n in fit.notes)
