@@ -50,7 +50,7 @@ def with_integration_error(
             for i, o in enumerate(model.outputs)
             if o in record.outputs
             and (record.sensors[o].sigma or 0.0)
-            < SHARP * model.rtol * float(np.nanmax(np.abs(record.outputs[o])))
+            < SHARP * model.rtol * float(np.nanmax(np.abs(record.outputs[o]), initial=0.0))
         ]
         if not sharp:
             continue
@@ -129,9 +129,9 @@ def with_force_error(
         finite = np.isfinite(outputs[name])
         measured = finite & moving & (record.time <= (np.inf if turn is None else turn))
         own = sensors[name].sigma or 0.0
-        used, error = _most_informative(square[:, model.outputs.index(name)], measured, own, width)
-        if not used.any():
+        if not finite.any():
             continue
+        used, error = _most_informative(square[:, model.outputs.index(name)], measured, own, width)
         outputs[name] = np.where(used, outputs[name], np.nan)
         sensors[name] = replace(sensors[name], sigma=math.hypot(own, error))
         left = 1.0 - np.count_nonzero(used) / np.count_nonzero(finite)

@@ -363,6 +363,18 @@ def test_the_noise_of_a_motion_is_carried_into_its_force(driven):
     assert np.array_equal(np.isfinite(again.outputs["finger.force"]), used)
 
 
+def test_the_force_of_a_key_at_rest_is_not_used(driven):
+    record, _ = driven
+    model, _ = resolve("steinway45", {**FORCE, "effects": "camera_skew"})
+    still = record.with_inputs(
+        {"displacement": 5e-6 * np.random.default_rng(1).standard_normal(record.samples)}
+    )
+    (kept,), notes = model.ready([still]).records, model.ready([still]).notes
+    assert not np.isfinite(kept.outputs["finger.force"]).any()
+    assert np.isfinite(kept.outputs["hammer_tip.x"]).all()
+    assert any("100% of the samples are not used" in n for n in notes)
+
+
 def test_a_planned_motion_has_the_error_of_its_force(driven):
     """Its input has no noise yet, but its sensor will have."""
     record, force = driven
