@@ -6,16 +6,13 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.data import Array, Record
 from feltmb.data.smoothing import LEAST_SAMPLES, smooth_record
-
-if TYPE_CHECKING:
-    from feltmb.adapters.model import MechanismModel
 
 __all__ = ["with_force_error", "with_integration_error"]
 
@@ -33,7 +30,7 @@ WINDOW = 8e-3
 
 
 def with_integration_error(
-    model: MechanismModel, records: Sequence[Record], notes: list[str]
+    model: DifferentiableMechanism, records: Sequence[Record], notes: list[str]
 ) -> list[Record]:
     """Increase the noise of sensors to the error of the integration, if it is smaller.
 
@@ -54,7 +51,7 @@ def with_integration_error(
         ]
         if not sharp:
             continue
-        runs = [m.nominal(record) for m in (model, fine)]
+        runs = [m.as_tabulated(record) for m in (model, fine)]
         if runs[0] is None or runs[1] is None:
             continue
         for i, name in sharp:
@@ -85,7 +82,7 @@ def with_integration_error(
 
 
 def with_force_error(
-    model: MechanismModel, record: Record, turn: float | None, notes: list[str]
+    model: DifferentiableMechanism, record: Record, turn: float | None, notes: list[str]
 ) -> Record:
     """Carry the noise of a measured motion into the force that the motion needs.
 
@@ -144,7 +141,7 @@ def with_force_error(
 
 
 def _squared_errors(
-    model: MechanismModel, record: Record, sigma: float, width: int
+    model: DifferentiableMechanism, record: Record, sigma: float, width: int
 ) -> tuple[Array, Mask] | None:
     """Mean squared error of the outputs by the noise of a motion, (n, ny), and where it moves.
 
@@ -154,7 +151,7 @@ def _squared_errors(
     clean = replace(record, input_sigma={**record.input_sigma, "displacement": 0.0})
 
     def outputs(displacement: Array) -> Array | None:
-        return model.nominal(clean.with_inputs({"displacement": displacement}))
+        return model.as_tabulated(clean.with_inputs({"displacement": displacement}))
 
     smoothed = smooth_record(record.time, record.inputs["displacement"], sigma)
     base, squares, speeds = outputs(smoothed), [], []

@@ -36,6 +36,10 @@ class DifferentiableMechanism(Model):
         """The mechanism with given parameters and magnitudes, under the conditions of a record."""
 
     @abstractmethod
+    def as_tabulated(self, record: Record) -> Array | None:
+        """Outputs (n, ny) of the tabulated mechanism over a whole record; None if it failed."""
+
+    @abstractmethod
     def at_rest(self, variant: Variant, output: str) -> float:
         """Value of an output at rest: position of the tracking point [m]; 0 for a force."""
 

@@ -375,8 +375,7 @@ class MechanismModel(DifferentiableMechanism):
         self.in_parallel(work, list(groups.items()))
         return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
-    def nominal(self, record: Record) -> Array | None:
-        """Outputs (n, ny) of the packaged mechanism over the whole record; None if it failed."""
+    def as_tabulated(self, record: Record) -> Array | None:  # noqa: D102
         return self.whole(record, self._base())
 
     def whole(self, record: Record, variant: Variant) -> Array | None:

@@ -21,8 +21,9 @@ __all__ = ["LEAST_SAMPLES", "NEAR", "noise_of_record", "smooth_record", "start_o
 LEAST_SAMPLES = 12
 #: Two values within this number of standard deviations of the noise are equal.
 NEAR = 5.0
-#: Order of the derivative that is white noise; length of the windows of equal intensity [s].
-ORDER, WINDOW = 3, 8e-3
+#: Order of the derivative that is white noise; length of the windows of equal intensity [s], and
+#: the smallest number of samples in one.
+ORDER, WINDOW, LEAST_IN_WINDOW = 3, 8e-3, 8
 #: Samples of the longest average; iterations; random vectors for the diagonal of an inverse.
 LONGEST, ITERATIONS, PROBES = 100, 20, 16
 
@@ -72,8 +73,8 @@ def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Ar
     """A record without its noise, smoothed most where it changes least, at the same times.
 
     The motion is a Gaussian process: its third derivative is white noise with an intensity q(t)
-    that is one number in each window of 8 ms. The result is the mean of this process given the
-    record. It minimizes
+    that is one number in each window of 8 ms (of 8 samples, if these take longer). The result is
+    the mean of this process given the record. It minimizes
 
         sum (x_i - s_i)^2 / noise^2 + sum (d_i^2 h_i / q(t_i)),
 
@@ -120,7 +121,7 @@ def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Ar
     ]
     spacing = (at[-1] - at[0]) / ORDER
 
-    count = max(1, round(rows * step / WINDOW))
+    count = max(1, min(round(rows * step / WINDOW), rows // LEAST_IN_WINDOW))
     window = (np.arange(rows) * count) // rows
     least = float(min(t.size, LONGEST)) ** (-2.0 * ORDER)
     # Covariance of the derivative of the noise.

@@ -327,7 +327,8 @@ LOOSE = _number(
 )  # fmt: skip
 DOUBT = _number(
     "DOUBT", 3.0, "log evidence",
-    "loss through tight continuity above which the fit is tried from another start", _JUDGED,
+    "loss through tight continuity above which the fit is tried from another start; gain of the "
+    "model by another start above which a search without continuity defects begins anew", _JUDGED,
     "gap/test_search.py",
 )  # fmt: skip
 

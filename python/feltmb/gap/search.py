@@ -16,6 +16,7 @@ from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, finish, polish
 from feltmb.fit.watch import current
 from feltmb.gap.criteria import (
+    DOUBT,
     FAINT_SCORE,
     NEAR_BEST,
     NEAR_SHAPE,
@@ -289,13 +290,27 @@ class _Hunt:
         if current().stopping():
             return None
         first = len(self.done)
-        if may_restart and (better := self._freed()) is not None:
+        if may_restart and (better := self._stuck()) is not None:
             return better
         self._climb()
         self._finish()
         self._nest()
         if may_restart and len(self.done) > first:
-            return self._freed()
+            return self._stuck()
+        return None
+
+    def _stuck(self) -> Fit | None:
+        """A better fit of the model for a new search; a slightly better one is taken over here.
+
+        Scores at a fit without continuity defects hardly change if it gains less than ``DOUBT``.
+        """
+        better = self._freed()
+        if better is None or better.gap_sd.size:
+            return better
+        if better.log_evidence > self.model_fit.log_evidence + DOUBT:
+            return better
+        self.model_fit = better
+        self.start = full_evidence(better, self.total)
         return None
 
     def found(self) -> Search:

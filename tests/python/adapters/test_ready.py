@@ -345,8 +345,8 @@ def test_the_noise_of_a_motion_is_carried_into_its_force(driven):
     turn = first_turn(record.time, record.outputs["hammer_tip.x"])
     assert not used[kept.time > turn].any()
     assert 0.2 < np.mean(used[kept.time <= turn]) < 0.9
-    # The error that the nominal mechanism really has with this motion.
-    simulated = own.nominal(kept)[:, own.outputs.index("finger.force")]
+    # The error that the tabulated mechanism really has with this motion.
+    simulated = own.as_tabulated(kept)[:, own.outputs.index("finger.force")]
     error = np.sqrt(np.mean((simulated - force[: kept.samples])[used] ** 2))
     sigma = kept.sensors["finger.force"].sigma
     assert error > 5e-3

@@ -481,7 +481,7 @@ def test_a_record_that_only_has_a_channel_that_never_changes_is_named():
     one, other = flat_and_moving(sigma=1e-2)
     only = replace(one, outputs={"z": one.outputs["q"]}, sensors={})
     with pytest.raises(DataError, match=r"record flat: z: never changes.*expected sigma"):
-        without_constant([only, other])
+        without_constant([only, other], ["q", "z"])
 
 
 def test_the_rounding_error_counts_once_in_an_estimated_noise():
