@@ -73,8 +73,9 @@ def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Ar
     """A record without its noise, smoothed most where it changes least, at the same times.
 
     The motion is a Gaussian process: its third derivative is white noise with an intensity q(t)
-    that is one number in each window of 8 ms (of 8 samples, if these take longer). The result is
-    the mean of this process given the record. It minimizes
+    that is one number in each window. The windows have equal numbers of samples, which take 8 ms
+    on average, and at least 8 samples. The result is the mean of this process given the record. It
+    minimizes
 
         sum (x_i - s_i)^2 / noise^2 + sum (d_i^2 h_i / q(t_i)),
 
@@ -99,7 +100,8 @@ def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Ar
     Raises
     ------
     InvalidParameter
-        The noise is not positive, or there are too few samples.
+        The noise is not positive, there are too few samples, the time does not increase, or a
+        number is not finite.
     """
     import numpy as np
     from scipy.linalg import cho_solve_banded, cholesky_banded, solve_banded
@@ -111,6 +113,16 @@ def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Ar
         raise InvalidParameter(
             f"smoothing: got {t.size} samples, expected at least {LEAST_SAMPLES}"
         )
+    if x.shape != t.shape:
+        raise InvalidParameter(f"smoothing: got {x.size} values at {t.size} times")
+    for name, unusable in (
+        ("time does not increase", ~(np.diff(t, prepend=-np.inf) > 0.0)),
+        ("time or value is not finite", ~np.isfinite(t + x)),
+    ):
+        if unusable.any():
+            raise InvalidParameter(f"smoothing: {name} at sample {int(np.argmax(unusable))}")
+    if noise < np.finfo(float).eps * np.max(np.abs(x)):
+        return x.copy()  # below the rounding of the values
     step = float(np.mean(np.diff(t)))
     clock, y = (t - t[0]) / step, (x - x[0]) / noise  # units: a sample, and the noise
     rows = t.size - ORDER
@@ -124,6 +136,9 @@ def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Ar
     count = max(1, min(round(rows * step / WINDOW), rows // LEAST_IN_WINDOW))
     window = (np.arange(rows) * count) // rows
     least = float(min(t.size, LONGEST)) ** (-2.0 * ORDER)
+    # Where times nearly coincide, the differences are large and almost dependent: the same limit of
+    # rounding, relative to their variance, which is 20 (1 + 9 + 9 + 1) for evenly spaced times.
+    rounding = float(LONGEST) ** (-2.0 * ORDER) * np.sum(np.square(factors), axis=0) / 20.0
     # Covariance of the derivative of the noise.
     noisy = np.zeros((ORDER + 1, rows))
     for lag in range(ORDER + 1):
@@ -135,7 +150,7 @@ def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Ar
     multipliers = bent
     for _ in range(ITERATIONS):
         band = noisy.copy()
-        band[ORDER] += intensity[window] / spacing
+        band[ORDER] += np.maximum(intensity[window] / spacing, rounding)
         upper = cholesky_banded(band)
         multipliers = cho_solve_banded((upper, False), bent)
         # The mean square of these is the diagonal of the inverse.

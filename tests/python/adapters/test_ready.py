@@ -176,6 +176,44 @@ def test_smoothing_is_strongest_where_a_motion_is_quiet(even):
     assert np.max(np.abs(smooth_record(time, line, noise) - line)) < 1e-3 * noise
 
 
+@pytest.mark.parametrize("apart", [1e-3, 1e-6, 1e-11])
+def test_smoothing_accepts_samples_that_nearly_coincide(apart):
+    """Bursts of a serial port, or random times, made the matrix singular to rounding."""
+    generator, noise = np.random.default_rng(3), 1e-6
+    time = np.arange(400) * 5e-4
+    burst = time.copy()
+    burst[2::4] = time[1::4] + apart * 5e-4
+    pair = time.copy()
+    pair[240] = time[239] + apart * 5e-4
+    for at, most in ((time, 0.3), (pair, 0.4), (burst, 0.8)):
+        down = np.maximum(at - 0.08, 0.0) ** 2
+        smooth = smooth_record(at, down + noise * generator.standard_normal(at.size), noise)
+        assert np.sqrt(np.mean((smooth - down) ** 2)) < most * noise
+
+
+def test_smoothing_within_less_than_rounding_changes_nothing():
+    time = np.arange(20) * 1e-3
+    for noise in (1e-18, 1e-300):
+        assert np.array_equal(smooth_record(time, np.sin(time), noise), np.sin(time))
+
+
+@pytest.mark.parametrize(
+    ("at", "time", "value", "message"),
+    [
+        (5, 4e-3, 0.0, "time does not increase at sample 5"),
+        (5, 5e-3, np.nan, "time or value is not finite at sample 5"),
+        (19, np.inf, 0.0, "time or value is not finite at sample 19"),
+    ],
+)
+def test_faults_of_a_record_to_smooth(at, time, value, message):
+    times, values = np.arange(20) * 1e-3, np.zeros(20)
+    times[at], values[at] = time, value
+    with pytest.raises(InvalidParameter, match=message):
+        smooth_record(times, values, 1e-6)
+    with pytest.raises(InvalidParameter, match="got 20 values at 19 times"):
+        smooth_record(times[:-1], values, 1e-6)
+
+
 def test_a_noisy_motion_drives_the_mechanism_as_the_clean_one():
     """At the true numbers a motion with noise must leave no more than that noise would."""
     model, _ = resolve("steinway45", FEW)
