@@ -14,7 +14,7 @@ diagnosis is scored, every second experiment held out: that takes ten times as l
     python bench/blind/experiments.py --machine steinway45 --cases 20 --seed 26 -o out/action
 
 Folder: seal.json (hash of the truths), truths.json, cases/N.json (what was asked, measured and
-said), score.json, score.md, calibration.png. A bench that was cut off goes on where it was.
+said), score.md, calibration.json, calibration.png. A bench that was cut off goes on where it was.
 """
 
 from __future__ import annotations
@@ -200,6 +200,7 @@ class Case:
     rows: list[dict[str, Any]]
     spent: float = 0.0
     number: int = 0
+    """Number of requested records; tests of parts do not count."""
 
 
 def run_cases(
@@ -280,7 +281,6 @@ def ask(player: Player, machine: Interactive, policy: str, own: Case, until: flo
         plan = player.plan(own.records, own.parts, own.belief, left, own.truth.number)
         chosen = list(plan.experiments)
     while own.spent < until - 1e-9:
-        own.number += 1
         if policy == "designed":
             if not chosen:
                 break
@@ -288,12 +288,12 @@ def ask(player: Player, machine: Interactive, policy: str, own: Case, until: flo
             name = e.name
             own.spent += e.cost
             if e.part is not None:
-                own.parts.append(machine.part(own.truth, e.part, own.number))
+                own.parts.append(machine.part(own.truth, e.part, len(own.parts) + 1))
                 own.asked.append(name)
                 continue
             values = machine.input_of(e.record)
         elif policy == "random":
-            seed = 1000 * own.truth.number + own.number
+            seed = 1000 * own.truth.number + own.number + 1
             sensors = own.records[0].sensors
             _, profile, r = gap.draw_experiment(
                 player.model, player.allowed, sensors=sensors, families=player.families, seed=seed
@@ -301,8 +301,9 @@ def ask(player: Player, machine: Interactive, policy: str, own: Case, until: flo
             values, name = machine.input_of(r), profile.family
             own.spent += 1.0
         else:
-            name, values = machine.default(own.number - 1)
+            name, values = machine.default(own.number)
             own.spent += 1.0
+        own.number += 1
         own.asked.append(name)
         out.append(Asked(own.truth, f"experiment_{own.number}", np.asarray(values), own.number))
     return out
@@ -317,9 +318,11 @@ def _seal(
     if path.exists():
         seal = read_json(path)
         if seal["truths_sha256"] != sha256(text.encode()):
+            of = seal.get("machine", SmallRequests.name)  # once the only one
             raise InvalidParameter(
-                f"{folder}: was sealed with {seal['cases']} cases of seed {seal['seed']}, got "
-                f"{len(truths)} of seed {seed} or another generator; give these or another folder"
+                f"{folder}: was sealed with {seal['cases']} cases of seed {seal['seed']} of "
+                f"{of}, got {len(truths)} of seed {seed} of {machine.name} or another "
+                "generator; give these or another folder"
             )
         return
     if not new:

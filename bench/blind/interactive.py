@@ -31,7 +31,7 @@ class Asked:
     values: Array
     """Force at the frames of the limits [N]."""
     number: int
-    """Number of the request; records of even numbers are held out."""
+    """Number of the requested record from 1; records of even numbers are held out."""
 
 
 class Interactive(ABC):

@@ -2,13 +2,14 @@
 
 import json
 from dataclasses import asdict
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from blind import action_truth, experiments, truth
 from blind.action_requests import ActionRequests
-from blind.interactive import Asked
+from blind.interactive import Asked, role_of
 from blind.key_hammer import effects
 from blind.small_requests import SmallRequests
 from feltmb.cli import main
@@ -112,7 +113,7 @@ def test_options_that_cannot_be_used_are_told(tmp_path, capsys, options, said):
 
 def test_another_seed_than_the_sealed_one_is_told(tmp_path):
     experiments._seal(SMALL, tmp_path, [SMALL.draw(26, 0)], 26)
-    with pytest.raises(InvalidParameter, match="sealed with 1 cases of seed 26, got 1 of seed 27"):
+    with pytest.raises(InvalidParameter, match="seed 26 of key_hammer, got 1 of seed 27"):
         experiments._seal(SMALL, tmp_path, [SMALL.draw(27, 0)], 27)
 
 
@@ -156,7 +157,7 @@ def test_a_bench_is_sealed_and_not_opened_with_other_truths(action, tmp_path):
     seal = json.loads((tmp_path / "seal.json").read_text())
     assert (seal["machine"], seal["cases"], seal["seed"]) == ("steinway45", 2, 3)
     experiments._seal(action, tmp_path, truths, 3)
-    with pytest.raises(InvalidParameter, match="sealed with 2 cases of seed 3, got 2 of seed 4"):
+    with pytest.raises(InvalidParameter, match="2 cases of seed 3 of steinway45, got 2 of seed 4"):
         experiments._seal(action, tmp_path, [action.draw(4, n) for n in range(2)], 4)
 
 
@@ -168,6 +169,23 @@ def test_plans_and_draws_use_the_permitted_families_only():
     assert len(asked) == 6
     assert set(own.asked) <= {*SMALL.families}
     assert "chirp" not in SMALL.families
+
+
+def test_every_second_requested_record_is_held_out_whatever_parts_are_tested():
+    """Tests of parts counted too: after them, all of the strokes could be held out."""
+    part = SMALL.limits.parts[0]
+    strokes = [SimpleNamespace(inputs={"finger": np.full(3, float(k))}) for k in range(3)]
+    made = [
+        SimpleNamespace(name=str(k), cost=0.5, part=part if k % 2 == 0 else None, record=stroke)
+        for k, stroke in enumerate(np.repeat(np.array(strokes), 2))
+    ]
+    player = SimpleNamespace(plan=lambda *_: SimpleNamespace(experiments=made))
+    own = experiments.Case(SMALL.draw(26, 1), [], [], Belief(weights={}), [], [])
+    asked = experiments.ask(player, SMALL, "designed", own, 3)
+    assert [role_of(a) for a in asked] == ["fit", "held_out", "fit"]
+    assert [a.values[0] for a in asked] == [0.0, 1.0, 2.0]
+    assert own.asked == [*"012345"]
+    assert len({m.value for m in own.parts}) == 3  # other noise
 
 
 def test_evidence_of_the_truth_is_that_of_the_best_set_with_it():
