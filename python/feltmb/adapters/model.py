@@ -257,12 +257,19 @@ class MechanismModel(DifferentiableMechanism):
         notes: list[str] = []
         model = copy.copy(self)
 
+        def mark(record: Record) -> int:
+            """Identity of a motion and of the noise of its force."""
+            motion = record.inputs[_MOTION].tobytes() if _MOTION in record.inputs else b""
+            forces = [s.sigma for n, s in record.sensors.items() if self.units.get(n) == "N"]
+            return hash((motion, *forces))
+
         def with_error(record: Record, turn: float | None) -> Record:
-            motion = hash(record.inputs[_MOTION].tobytes()) if _MOTION in record.inputs else 0
-            if motion in self.carried:
+            if mark(record) in self.carried:
                 return record
-            model.carried |= {motion}
-            return with_force_error(self, record, turn, notes)
+            out = with_force_error(self, record, turn, notes)
+            if out is not record:
+                model.carried |= {mark(out)}
+            return out
 
         for record in records:
             record, said = self.referred(record)

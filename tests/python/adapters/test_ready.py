@@ -399,6 +399,8 @@ def test_the_noise_of_a_motion_is_carried_into_its_force(driven):
     (again,) = own.ready([kept]).records
     assert again.sensors["finger.force"].sigma == sigma
     assert np.array_equal(np.isfinite(again.outputs["finger.force"]), used)
+    (fresh,) = own.ready([record]).records
+    assert fresh.sensors["finger.force"].sigma == sigma
 
 
 def test_the_force_of_a_key_at_rest_is_not_used(driven):
