@@ -161,6 +161,11 @@ def test_a_bench_is_sealed_and_not_opened_with_other_truths(action, tmp_path):
         experiments._seal(action, tmp_path, [action.draw(4, n) for n in range(2)], 4)
 
 
+def test_the_model_states_the_variability_of_its_machine():
+    stated = {p.name: p.process_sd / p.value for p in SMALL.model.parameters if p.process_sd}
+    assert stated == pytest.approx(dict.fromkeys(truth.WANDERING, 0.01))
+
+
 def test_plans_and_draws_use_the_permitted_families_only():
     player = experiments.Player(SMALL, whole=False)
     case = SMALL.draw(26, 1)
