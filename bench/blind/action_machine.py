@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -52,13 +52,11 @@ class ActionMachine(Machine):
 
     def read_records(self, path: Path) -> list[Record]:
         file = read_npz(path)
-        whole = bool(file.pop("whole", False))
         views = {
             s: {k.partition(".")[2]: v for k, v in file.items() if k.partition(".")[0] == s}
             for s in truth.STROKES
         }
-        conditions = {"whole": "yes"} if whole else {}
-        return [replace(to_record(s, v), conditions=conditions) for s, v in views.items()]
+        return [to_record(s, v) for s, v in views.items()]
 
     def diagnose(self, records: Sequence[Record], names: Sequence[str] = ()) -> Any:
         action, _, library, outputs = _setup()
@@ -87,7 +85,7 @@ def _make(data: dict[str, Any], path: Path) -> dict[str, Any]:
     """Simulate and store the records of one case; what the scorer must know of it."""
     _, base, library, outputs = _setup()
     case = truth.from_dict(data)
-    arrays: dict[str, Any] = {"whole": np.array(case.view == "whole")}
+    arrays: dict[str, Any] = {}
     onsets: dict[str, list[float]] = {}
     for stroke in truth.STROKES:
         view, _ = truth.record(base, library, case, stroke, outputs)

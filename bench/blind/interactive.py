@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feltmb import gap
-from feltmb.data import Record
+from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 
 __all__ = ["NULLS", "Asked", "Interactive", "drawn_size", "role_of"]
-
-Array = NDArray[np.float64]
 
 #: Share of the cases without a withheld effect.
 NULLS = 0.2
@@ -77,8 +74,14 @@ class Interactive(ABC):
         """Noisy records of requests that are within the limits."""
 
     @abstractmethod
+    def true_value(self, case: Any, parameter: str) -> float:
+        """Value of a parameter of the model in a truth [its unit]."""
+
     def part(self, case: Any, test: gap.PartTest, number: int) -> gap.Measured:
         """Result of a test of a part."""
+        rng = np.random.default_rng([*case.seed, 4, number])
+        value = self.true_value(case, test.parameter) + test.sd * rng.standard_normal()
+        return gap.Measured(parameter=test.parameter, value=value, sd=test.sd, how=test.how)
 
     def records(self, asked: Sequence[Asked]) -> list[Record]:
         """Noisy records of requests.
