@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.data import Array, Record
-from feltmb.data.smoothing import LEAST_SAMPLES, smooth_record
+from feltmb.data.smoothing import LEAST_SAMPLES, WINDOW, smooth_record
 
 __all__ = ["with_force_error", "with_integration_error"]
 
@@ -25,8 +25,6 @@ SHARP = 100.0
 DRAWS = 4
 #: A key moves where its speed exceeds so many standard deviations of the noise of the speed.
 MOVING = 3.0
-#: Window in which the error of a force is averaged [s].
-WINDOW = 8e-3
 
 
 def with_integration_error(
@@ -153,7 +151,7 @@ def _squared_errors(
     def outputs(displacement: Array) -> Array | None:
         return model.as_tabulated(clean.with_inputs({"displacement": displacement}))
 
-    smoothed = smooth_record(record.time, record.inputs["displacement"], sigma)
+    smoothed = model.drives.of(record).value
     base, squares, speeds = outputs(smoothed), [], []
     for _ in range(DRAWS):
         noisy = smoothed + sigma * random.standard_normal(record.samples)

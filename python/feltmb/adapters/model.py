@@ -57,8 +57,6 @@ __all__ = ["MechanismModel"]
 #: Tolerances of felt and friction: these vary from stroke to stroke, and their laws have a form
 #: error.
 VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
-#: Input of a record that is driven by a motion.
-_MOTION = "displacement"
 #: Scale of a deviation from the motion of the model, as a share of 1 mm of felt compression.
 DEPARTURE = 0.05
 #: Scale of the rate of such a deviation: it lasts for some milliseconds [1/s].
@@ -258,10 +256,9 @@ class MechanismModel(DifferentiableMechanism):
         model = copy.copy(self)
 
         def mark(record: Record) -> int:
-            """Identity of a motion and of the noise of its force."""
-            motion = record.inputs[_MOTION].tobytes() if _MOTION in record.inputs else b""
+            """Identity of the inputs of a record and of the noise of its force."""
             forces = [s.sigma for n, s in record.sensors.items() if self.units.get(n) == "N"]
-            return hash((motion, *forces))
+            return hash((*(v.tobytes() for v in record.inputs.values()), *forces))
 
         def with_error(record: Record, turn: float | None) -> Record:
             if mark(record) in self.carried:

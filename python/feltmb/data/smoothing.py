@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["LEAST_SAMPLES", "NEAR", "noise_of_record", "smooth_record", "start_of"]
+__all__ = ["LEAST_SAMPLES", "NEAR", "WINDOW", "noise_of_record", "smooth_record", "start_of"]
 
 #: Smallest number of samples for an estimate of noise.
 LEAST_SAMPLES = 12

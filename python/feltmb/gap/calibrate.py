@@ -15,7 +15,7 @@ from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, finish, polish
 from feltmb.fit.watch import current
 from feltmb.gap.criteria import REFUTED
-from feltmb.gap.refine import refit
+from feltmb.gap.refine import quicker, refit
 from feltmb.gap.score import Scores, all_candidates, family_threshold, score_fit
 from feltmb.gap.search import Search
 
@@ -142,7 +142,7 @@ def largest_statistic(
     if not statistic.size or fit.gap_sd.size:
         return float(np.max(statistic, initial=0.0))
     realized = {c.names[0]: fit.cost - c.fit.cost for c in found.sets if len(c.names) == 1}
-    limit, way = float(np.quantile(maxima, 1.0 - REFUTED)), settings.coarser(0.1, iterations=15)
+    limit = float(np.quantile(maxima, 1.0 - REFUTED))
     size = scores.one_step()
     while True:
         for i, t in enumerate(scores.candidates):
@@ -153,7 +153,7 @@ def largest_statistic(
             return float(statistic[i])
         if progress is not None:
             progress(f"refine: {t.name}", len(realized), 0)
-        again = refit(fit, (t,), np.array([size[i] * t.effect.scale]), way)
+        again = refit(fit, (t,), np.array([size[i] * t.effect.scale]), quicker(settings))
         realized[t.name] = fit.cost - again.cost if np.isfinite(again.cost) else 0.0
 
 

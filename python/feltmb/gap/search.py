@@ -31,6 +31,7 @@ from feltmb.gap.refine import (
     from_priors,
     full_evidence,
     plausible,
+    quicker,
     refit,
     refit_at,
     short_of,
@@ -260,9 +261,7 @@ class _Hunt:
     ) -> None:
         self.model_fit, self.tight_fit = model, tight
         self.settings, self.most, self.width, self.progress = settings, most, width, progress
-        # Differences of log evidence below 1 do not matter for the ranking: 0.05 is accurate
-        # enough.
-        self.quick = settings.coarser(0.1, iterations=15)
+        self.quick = quicker(settings)
         self.effects = effects
         self.total = sum(e.weight for e in effects)
         self.candidates = all_candidates(effects)

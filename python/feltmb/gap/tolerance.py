@@ -15,7 +15,7 @@ from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.criteria import RIVAL, TOLERATED
 from feltmb.gap.misfit import misfit
-from feltmb.gap.refine import CandidateSet, full_evidence, taken_over, tighten
+from feltmb.gap.refine import CandidateSet, full_evidence, quicker, taken_over, tighten
 from feltmb.gap.score import score_fit
 from feltmb.gap.search import Search
 
@@ -117,7 +117,7 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
         [p.lower for p in model.parameters],
         [p.upper for p in model.parameters],
     )
-    quick = settings.coarser(0.1, iterations=15)
+    quick = quicker(settings)
     fit = polish(problem, replace(before.point, theta=theta, memo={}), before.level, quick)
     if not np.isfinite(fit.cost):
         return found
