@@ -12,6 +12,7 @@ import numpy as np
 from feltmb.fit.solve import Fit, FitSettings
 from feltmb.gap.criteria import (
     CLOSES_ALL,
+    CONTRADICTED,
     DEEP_GAP,
     EXPLAINS_MOST,
     INFLATED,
@@ -26,7 +27,7 @@ from feltmb.gap.criteria import (
     WALD,
     WIDE_GAP,
 )
-from feltmb.gap.proof import HeldOut, Outcome, Paired, compare, evaluate
+from feltmb.gap.proof import HeldOut, Outcome, Paired, compare, evaluate, expected_gain
 from feltmb.gap.refine import CandidateSet, full_evidence, refit, tighten
 from feltmb.gap.search import Search
 
@@ -125,6 +126,7 @@ class _Attempt:
         self.outcomes: dict[tuple[str, ...], Outcome] = {}
         self.tightest: dict[tuple[str, ...], Fit | None] = {}
         self.known = {c.key: c for c in search.sets}
+        self.gains: dict[tuple[tuple[str, ...], ...], float] = {}
         self.alone: dict[str, float] = {}
         """Largest score of each effect when it is tested alone."""
         for scores in (search.scores, search.tight):
@@ -249,8 +251,22 @@ class _Attempt:
                 "gain as much"
             )
         if not _improves(paired, self.inflation):
-            return f"{gain}, p = {paired.p:.2g}"
+            without = self._outcome_without(c, name)
+            expected = self.expected(without, self.outcome(c.fit))
+            if paired.gain < least_gain(expected):
+                return f"{gain}, {expected:.1f} would be expected of it"
         return ""
+
+    def expected(self, before: Outcome, after: Outcome) -> float:
+        """Held-out gain that a set would have if it were true [units of log evidence]."""
+        keys = tuple(
+            tuple(sorted(t.name for t in o.fit.included)) for o in (before, after)
+        )
+        if keys not in self.gains:
+            self.gains[keys] = expected_gain(
+                self.held, before, after, self.settings, self.inflation
+            )
+        return self.gains[keys]
 
     def _completes(self, c: CandidateSet, name: str) -> bool:
         """Whether a weak effect is more than an error in the form of a strong one."""
@@ -321,12 +337,19 @@ class _Attempt:
             if (best.evidence - c.evidence) / self.inflation > RIVAL:
                 continue
             own = self.outcome(c.fit)
-            if not self._improves(self.before, own):
+            if self._contradicted(own):
                 continue
             if self._improves(own, after):
                 continue  # the best one predicts better than it
             found.append(c)
         return found
+
+    def _contradicted(self, own: Outcome) -> bool:
+        """Whether held-out records show less gain over the model than a true set would."""
+        if self._improves(self.before, own):
+            return False
+        gain = compare(self.before, own, self.held.segmented_records, self.inflation).gain
+        return gain < least_gain(self.expected(self.before, own))
 
     def _improves(self, old: Outcome, new: Outcome) -> bool:
         return _improves(
@@ -442,6 +465,17 @@ def _improves(paired: Paired, inflation: float) -> bool:
     return paired.gain > LEAST_GAIN and paired.p < (
         PAIRED_P if inflation < INFLATED else PAIRED_P_INFLATED
     )
+
+
+def least_gain(expected: float) -> float:
+    """Held-out gain that a true effect exceeds with a probability of 99 % [log evidence].
+
+    The gain is distributed about its expectation E with the variance 2 E
+    (:func:`~feltmb.gap.proof.expected_gain`). More than ``LEAST_GAIN`` is never required: a small E
+    means that the held-out records do not excite the effect, and can neither confirm nor refute it.
+    """
+    expected = max(0.0, expected)
+    return min(LEAST_GAIN, expected - CONTRADICTED * math.sqrt(2.0 * expected))
 
 
 def refutes(old: Accepted, new: Accepted, held: HeldOut) -> bool:

@@ -338,6 +338,11 @@ LEAST_GAIN = _number(
     "LEAST_GAIN", math.log(10.0), "log predictive density",
     "gain that held-out records must show: odds of ten to one", _STATISTICS, "gap/test_proof.py",
 )  # fmt: skip
+CONTRADICTED = _number(
+    "CONTRADICTED", 2.33, "sd",
+    "distance of a held-out gain below the expected gain of a true effect, above which the held-out "
+    "records contradict the effect: one in a hundred", _STATISTICS, "gap/test_proof.py",
+)  # fmt: skip
 PAIRED_P = _number(
     "PAIRED_P", 0.4, "1",
     "largest p of the gain over held-out segments if the noise model is valid; the gain "

@@ -603,7 +603,7 @@ def _diagnosed(
     how_far = how_far_rows(accepted, held_tabulated, sensed, shares, which_gap, options.seed)
     end = rest or (found.tight_fit if accepted.best is None else None) or best_fit
     there = replace(end, problem=replace(end.problem, segmented_records=plain))
-    fitted = Outcome(there, np.zeros(0), settings, options.segmented_level)
+    fitted = Outcome(there, np.zeros(0), settings, options.segmented_level, there)
     calibrated = calibrated_rows(
         best_fit, [tabulated], [fitted, accepted.after], which_gap, options.alpha
     )

@@ -23,7 +23,16 @@ from feltmb.fit.problem import Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, estimate_states, polish
 
-__all__ = ["HeldOut", "Outcome", "Paired", "compare", "evaluate", "one_run", "residuals_by_segment"]
+__all__ = [
+    "HeldOut",
+    "Outcome",
+    "Paired",
+    "compare",
+    "evaluate",
+    "expected_gain",
+    "one_run",
+    "residuals_by_segment",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +44,8 @@ class Outcome:
     """Log predictive density of the segments of all segmented records, (segments,)."""
     settings: FitSettings
     segmented_level: float
+    model: Fit
+    """The fit of the model to the fitted records."""
 
     @cached_property
     def segmented(self) -> tuple[Array, ...]:
@@ -147,7 +158,40 @@ def evaluate(
             worth = _density(base, other, model)
             if np.sum(worth) > np.sum(density):
                 fit, density = other, worth
-    return Outcome(fit, density, settings, segmented_level)
+    return Outcome(fit, density, settings, segmented_level, model)
+
+
+def expected_gain(
+    held: HeldOut, before: Outcome, after: Outcome, settings: FitSettings, inflation: float
+) -> float:
+    """Expected held-out gain of ``after`` over ``before`` if ``after`` is true [log evidence].
+
+    Both models are evaluated on the outputs that ``after`` predicts for the held-out inputs, without
+    noise. If m and S are mean and covariance of the predictive distributions, the gain there is
+    (m_after - m_before)^T S_before^-1 (m_after - m_before) / 2, apart from a ratio of determinants.
+    This is the Kullback-Leibler divergence E. The gain of a record with noise is distributed about E
+    with the variance 2 E.
+    """
+    problem = after.fit.problem
+    shown = []
+    for segmented, place in zip(held.segmented_records, after.fit.point.places, strict=True):
+        outputs, _, _ = predict(
+            problem.model,
+            segmented,
+            after.fit.point.theta,
+            problem.included,
+            after.fit.point.magnitudes,
+            place,
+        )
+        measured = np.where(segmented.valid, outputs, np.nan)
+        shown.append(replace(segmented, measured=measured))
+    densities = []
+    for outcome in (before, after):
+        base = replace(outcome.fit.problem, segmented_records=tuple(shown))
+        way = replace(settings, chain=True)
+        fit = polish(base, replace(outcome.fit.point, memo={}), outcome.fit.level, way)
+        densities.append(_density(base, fit, outcome.model))
+    return float(np.sum(densities[1] - densities[0])) / inflation
 
 
 def _density(base: Problem, fit: Fit, model: Fit) -> Array:

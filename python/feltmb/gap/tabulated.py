@@ -76,7 +76,7 @@ def outcome_at(
         else:
             point = estimate_states(problem, point, tightest)
     fit = polish(problem, point, tightest, replace(quick, chain=True))
-    return Outcome(fit, np.zeros(0), settings.coarser(0.3), segmented_level)
+    return Outcome(fit, np.zeros(0), settings.coarser(0.3), segmented_level, fit)
 
 
 def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:
@@ -303,7 +303,7 @@ def _moved_to(outcome: Outcome, theta: Array, metric: str) -> Outcome:
     fit = outcome.tight
     moved = replace(fit, point=replace(fit.point, theta=theta, memo={}))
     seen = one_run(moved) if metric == "open_loop" else residuals_by_segment(moved)
-    other = Outcome(moved, outcome.density, outcome.settings, outcome.segmented_level)
+    other = replace(outcome, fit=moved)
     vars(other)[metric] = tuple(seen)  # replaces states that would be estimated again
     return other
 
