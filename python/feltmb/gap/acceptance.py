@@ -27,6 +27,7 @@ from feltmb.gap.criteria import (
     WALD,
     WIDE_GAP,
 )
+from feltmb.gap.misfit import allowance
 from feltmb.gap.proof import HeldOut, Outcome, Paired, compare, evaluate, expected_gain
 from feltmb.gap.refine import CandidateSet, full_evidence, refit, tighten
 from feltmb.gap.search import Search
@@ -57,13 +58,16 @@ def posterior(search: Search, *, none: float = NO_EFFECT, other: float = NOT_LIS
     """Compute the posterior of the model, of the model with unknown forces, and of the sets.
 
     "Unknown" is the model with continuity defects between its segments; "none" is the model without
-    them. All log evidences are divided by the inflation: the smallest residual sum of squares of
+    them, or with them up to the :func:`~feltmb.gap.misfit.allowance`. All log evidences are divided by the inflation: the smallest residual sum of squares of
     all fits over its degrees of freedom, at least 1. If even the best fit leaves more than noise,
     no set may get a high probability.
     """
     fits = [search.model_fit, *(c.fit for c in search.sets)]
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
-    values = [search.tight_evidence / inflation + math.log(none)]
+    within = min(
+        search.model_evidence, search.tight_evidence + allowance(search.tight_fit or fits[0])
+    )
+    values = [max(search.tight_evidence, within) / inflation + math.log(none)]
     values.append(
         search.model_evidence / inflation + math.log(other)
         if search.tight_fit is not None
@@ -192,11 +196,12 @@ class _Attempt:
         return outcome.gap(sensed, "open_loop"), outcome.gap(sensed, "segmented")
 
     def unexplained(self, c: CandidateSet) -> float:
-        """Gain of log evidence if unknown forces are added to a set."""
+        """Gain of log evidence if unknown forces are added to a set; 0: within the allowance."""
         if c.key not in self.tightest:
             self.tightest[c.key] = tighten(c.fit, self.settings)
         tight = self.tightest[c.key]
-        return 0.0 if tight is None else c.fit.log_evidence - tight.log_evidence
+        gain = 0.0 if tight is None else c.fit.log_evidence - tight.log_evidence
+        return gain if gain > allowance(c.fit) else 0.0
 
     def _gain(self, c: CandidateSet) -> float:
         """Held-out gain of a whole set over the model [units of log evidence]."""

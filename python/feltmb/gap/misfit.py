@@ -6,15 +6,25 @@ import math
 from dataclasses import dataclass
 
 from feltmb.fit.solve import Fit
-from feltmb.gap.criteria import EXCESS, FORM, MISFIT_RATIO, OTHER_EVIDENCE
+from feltmb.gap.criteria import EXCESS, FORM, GIVEN_SIGMA, MISFIT_RATIO, OTHER_EVIDENCE
 from feltmb.gap.smooth import smooth_discrepancy
 
-__all__ = ["Misfit", "form_of", "misfit"]
+__all__ = ["Misfit", "allowance", "form_of", "misfit"]
 
 
 def form_of(explained: float) -> float:
     """Log evidence that errors in the form of the fitted effects can produce."""
     return FORM**2 * max(0.0, explained)
+
+
+def allowance(fit: Fit) -> float:
+    """Log evidence that an unknown cause may gain without being a gap.
+
+    A residual with the variance s^2, next to noise of the variance 1, gains about n s^2 / 2 over n
+    samples. The standard deviation of noise is known to ``criteria.GIVEN_SIGMA``. A residual below
+    this share of the noise does not matter, although enough samples make it significant.
+    """
+    return 0.5 * GIVEN_SIGMA**2 * float(fit.dof)
 
 
 @dataclass(frozen=True)
@@ -39,7 +49,8 @@ def misfit(
     an integrator is exact.
 
     The unknown cause is represented by forces at the joint of every segment; in a fit without
-    continuity defects, it is a smooth signal in every output. If the noise was estimated from the
+    continuity defects, it is a smooth signal in every output. It must gain more than the
+    :func:`allowance`. If the noise was estimated from the
     records, it may be wrong by a third: a ratio of the sum of squares to its expectation below
     ``criteria.MISFIT_RATIO`` is attributed to it.
     """
@@ -55,4 +66,5 @@ def misfit(
         other = smooth_discrepancy(reference)
     form = form_of(explained)
     far = excess > bar and 0.5 * beyond > form
-    return Misfit(bool(far or other > OTHER_EVIDENCE + form), float(excess), float(other))
+    unknown = other > max(OTHER_EVIDENCE, allowance(reference)) + form
+    return Misfit(bool(far or unknown), float(excess), float(other))

@@ -11,7 +11,7 @@ from feltmb.data import Array
 from feltmb.fit.model import Candidate
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, at_level, chained, fit_problem, polish
-from feltmb.gap.criteria import BEYOND_PRIORS, DOUBT, FORM, LOOSE, NEAR_BEST
+from feltmb.gap.criteria import BEYOND_PRIORS, DOUBT, LOOSE, NEAR_BEST
 from feltmb.gap.score import prior_of
 
 __all__ = [
@@ -214,21 +214,14 @@ def taken_over(fit: Fit) -> Point:
 
 
 def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
-    """The fit with continuity defects that the allowance for form permits.
-
-    Defects up to ``criteria.FORM`` of the spread of the states are no gap: neither a law nor an
-    integrator is exact. None: the fit has no larger defects, or cannot be simulated with smaller
-    ones.
-    """
-    allowed = [v for v in settings.levels if v <= FORM]
-    tightest = max(allowed, default=settings.levels[-1])
-    if not fit.gap_sd.size or fit.level <= tightest:
+    """The fit with the tightest defects; None if it has them or cannot be simulated with them."""
+    if not fit.gap_sd.size or fit.level <= settings.levels[-1]:
         return None
-    problem = fit.problem
+    problem, tightest = fit.problem, settings.levels[-1]
     point = fit.point
     way = settings.coarser(0.3, iterations=12)
-    for level in settings.levels:
-        if tightest < level < 0.99 * fit.level:  # a single step would make the simulation fail at impacts
+    for level in settings.levels[:-1]:
+        if level < 0.99 * fit.level:  # a single step would make the simulation fail at impacts
             point = at_level(problem, point, level, None, way, 12).point
     tight = polish(problem, point, tightest, replace(settings, chain=True))
 
