@@ -143,8 +143,12 @@ def effects() -> tuple[Effect, ...]:
     )  # fmt: skip
 
 
-def describe(mode: str) -> dict[str, Any]:
-    """Return the network; `mode` is force or motion."""
+#: Distance over which let-off and backcheck engage [m].
+GATE_WIDTH = 1e-4
+
+
+def describe(mode: str, width: float | str = GATE_WIDTH) -> dict[str, Any]:
+    """Return the network; `mode` is force or motion, `width` that of let-off and backcheck [m]."""
     jack = {"key": RATIO, "hammer": -1.0}
     elements: list[dict[str, Any]] = [
         {
@@ -157,7 +161,7 @@ def describe(mode: str) -> dict[str, Any]:
             "loss": [0.3, "jack_hysteresis"],
             "gates": [
                 # Let-off: the jack leaves when the key has passed the let-off position ...
-                {"coordinates": {"key": -1.0}, "offset": "letoff_position", "width": 1e-4},
+                {"coordinates": {"key": -1.0}, "offset": "letoff_position", "width": width},
                 # ... and does not push while the hammer hangs too far behind for it to be below.
                 {"coordinates": {"key": -RATIO, "hammer": 1.0}, "offset": 2e-3, "width": 2e-4},
             ],
@@ -190,7 +194,7 @@ def describe(mode: str) -> dict[str, Any]:
             "stiffness": 3.0e5,
             "exponent": 1.5,
             "loss": [5.0, "check_friction"],
-            "gates": [{"coordinates": {"key": 1.0}, "offset": -8.6e-3, "width": 1e-4}],
+            "gates": [{"coordinates": {"key": 1.0}, "offset": -8.6e-3, "width": width}],
         },
         {
             "name": "key_rest",
@@ -287,17 +291,26 @@ class KeyHammer(Model):
         Port(name="hammer", component="hammer", unit="N", scale=0.02),
     )
 
-    def __init__(self) -> None:
-        self.parameters = tuple(
+    def __init__(self, *, width_sd: float = 0.0) -> None:
+        parameters = tuple(
             Parameter(name=n, value=v, sd=sd, unit=u, component=c, lower=0.2 * v, upper=3.0 * v)
             if n != "camera_skew"
             else Parameter(name=n, value=v, sd=sd, unit=u, component=c, lower=-2e-4, upper=5e-4)
             for n, v, sd, u, c in PARAMETERS
         )
+        width: float | str = GATE_WIDTH
+        if width_sd > 0.0:
+            width = "gate_width"
+            own = Parameter(
+                name=width, value=GATE_WIDTH, sd=width_sd, unit="m", component="let-off",
+                lower=0.2 * GATE_WIDTH, upper=3.0 * GATE_WIDTH,
+            )  # fmt: skip
+            parameters = (*parameters, own)
+        self.parameters = parameters
         self._effects = tuple(e[0] for e in EFFECTS)
         names = (*(p.name for p in self.parameters), *self._effects)
         self._networks = {
-            mode: Network(describe(mode), names, sample_time=SAMPLE_TIME, substeps=SUBSTEPS)
+            mode: Network(describe(mode, width), names, sample_time=SAMPLE_TIME, substeps=SUBSTEPS)
             for mode in ("force", "motion")
         }
         self._states = self._networks["force"].states

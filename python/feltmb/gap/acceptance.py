@@ -247,7 +247,7 @@ class _Attempt:
                 f"{alone:.1f}"
             )
         unknown = self.unexplained(c) / self.inflation
-        if paired.gain < unknown and not self._carries(c, name, paired):
+        if 0.0 < unknown > paired.gain and not self._carries(c, name, paired):
             return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
         small = paired.gain < self.least_share * most
         if small and not self._completes(c, name):
@@ -307,7 +307,8 @@ class _Attempt:
         # A smaller set leaves more to unknown forces. If unknown forces are better than the whole
         # set, no part can be confirmed. (The exception: effects that can replace each other gain
         # little each over the set without them.)
-        if self._gain(first) < self.unexplained(first) / self.inflation and not any(
+        unknown = self.unexplained(first) / self.inflation
+        if 0.0 < unknown > self._gain(first) and not any(
             self._carries(first, name, proof[name]) for name in first.names
         ):
             return None, proof

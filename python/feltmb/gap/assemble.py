@@ -91,7 +91,7 @@ def ranked(
     sizes: Sizes,
 ) -> Which:
     """Effects and sets, sorted by posterior probability."""
-    reference = search.tight if search.tight is not None else search.scores
+    reference = search.scores  # those of the null distribution
     magnitudes, single, robust = reference.one_step(), reference.singles(), reference.robust()
     strength = reference.strength
     names = list(dict.fromkeys(t.name for t in reference.candidates))

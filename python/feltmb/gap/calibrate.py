@@ -125,7 +125,7 @@ def largest_statistic(
     found
         The search with its refitted sets.
     scores
-        Scores at the fit of the model with the tightest continuity defects.
+        Scores at the fit of the model.
     maxima
         Draws of the largest T under the null.
     confirm

@@ -548,10 +548,10 @@ def _diagnosed(
             progress=progress,
         )
     lap("how far")
-    reference = found.tight if found.tight is not None else found.scores
-    reference_fit = found.tight_fit if found.tight_fit is not None else fit
+    # With its most likely continuity defects: the tightest ones would turn errors in the form of a
+    # law, which the allowance permits, into scores of effects.
     judged = besides_tolerances(fit, usable)
-    reference = reference.among(judged)
+    reference = found.scores.among(judged)
     bar, maxima = family_threshold(reference, options.alpha, seed=options.seed)
     # A correction can only raise the threshold. It matters only for a score slightly above the
     # threshold, and only if there is no other evidence against the model.
@@ -566,7 +566,7 @@ def _diagnosed(
     )
     close = bar < alarm < CLOSE_ALARM * bar and not bare_misfit.left
     null = calibrate(
-        reference_fit,
+        fit,
         reference,
         judged,
         options.alpha,
