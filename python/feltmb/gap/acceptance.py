@@ -130,7 +130,7 @@ class _Attempt:
         self.outcomes: dict[tuple[str, ...], Outcome] = {}
         self.tightest: dict[tuple[str, ...], Fit | None] = {}
         self.known = {c.key: c for c in search.sets}
-        self.gains: dict[tuple[tuple[str, ...], ...], float] = {}
+        self.gains: dict[tuple[tuple[str, ...], ...], tuple[float, float]] = {}
         self.alone: dict[str, float] = {}
         """Largest score of each effect when it is tested alone."""
         for scores in (search.scores, search.tight):
@@ -249,7 +249,7 @@ class _Attempt:
         unknown = self.unexplained(c) / self.inflation
         if 0.0 < unknown > paired.gain and not self._carries(c, name, paired):
             return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
-        small = paired.gain < self.least_share * most
+        small = paired.gain < min(most, self.least_share * most)
         if small and not self._completes(c, name):
             return (
                 f"{gain} compared with {most:.0f}: an error in the form of the larger effect would "
@@ -258,15 +258,13 @@ class _Attempt:
         if not _improves(paired, self.inflation):
             without = self._outcome_without(c, name)
             expected = self.expected(without, self.outcome(c.fit))
-            if paired.gain < least_gain(expected):
-                return f"{gain}, {expected:.1f} would be expected of it"
+            if paired.gain < least_gain(*expected):
+                return f"{gain}, {expected[0]:.1f} would be expected of it"
         return ""
 
-    def expected(self, before: Outcome, after: Outcome) -> float:
-        """Held-out gain that a set would have if it were true [units of log evidence]."""
-        keys = tuple(
-            tuple(sorted(t.name for t in o.fit.included)) for o in (before, after)
-        )
+    def expected(self, before: Outcome, after: Outcome) -> tuple[float, float]:
+        """Held-out gain that a set would have if it were true, and its standard deviation."""
+        keys = tuple(tuple(sorted(t.name for t in o.fit.included)) for o in (before, after))
         if keys not in self.gains:
             self.gains[keys] = expected_gain(
                 self.held, before, after, self.settings, self.inflation
@@ -355,7 +353,7 @@ class _Attempt:
         if self._improves(self.before, own):
             return False
         gain = compare(self.before, own, self.held.segmented_records, self.inflation).gain
-        return gain < least_gain(self.expected(self.before, own))
+        return gain < least_gain(*self.expected(self.before, own))
 
     def _improves(self, old: Outcome, new: Outcome) -> bool:
         return _improves(
@@ -473,15 +471,18 @@ def _improves(paired: Paired, inflation: float) -> bool:
     )
 
 
-def least_gain(expected: float) -> float:
+def least_gain(expected: float, sd: float) -> float:
     """Held-out gain that a true effect exceeds with a probability of 99 % [log evidence].
 
-    The gain is distributed about its expectation E with the variance 2 E
-    (:func:`~feltmb.gap.proof.expected_gain`). More than ``LEAST_GAIN`` is never required: a small E
-    means that the held-out records do not excite the effect, and can neither confirm nor refute it.
+    More than ``LEAST_GAIN`` is never required. A small expected gain means that the held-out
+    records do not excite the effect, and can neither confirm nor refute it.
+
+    Parameters
+    ----------
+    expected, sd
+        Distribution of the gain (:func:`~feltmb.gap.proof.expected_gain`) [log evidence].
     """
-    expected = max(0.0, expected)
-    return min(LEAST_GAIN, expected - CONTRADICTED * math.sqrt(2.0 * expected))
+    return min(LEAST_GAIN, expected - CONTRADICTED * sd)
 
 
 def refutes(old: Accepted, new: Accepted, held: HeldOut) -> bool:

@@ -97,6 +97,12 @@ OTHER_EVIDENCE = _number(
     "gain of unknown forces or signals above which there is a gap of any cause: odds of 400",
     _STATISTICS, "gap/test_smooth.py",
 )  # fmt: skip
+ALLOWED_REST = _number(
+    "ALLOWED_REST", 0.1, "noise",
+    "rms of an unknown force or signal, in the residual, up to which it is no gap, however many "
+    "samples make it significant",
+    _JUDGED, "gap/test_smooth.py",
+)  # fmt: skip
 FORM = _number(
     "FORM", 0.003, "1",
     "allowed error of form: amplitude of the residual divided by the amplitude that the named "

@@ -13,6 +13,7 @@ from feltmb.gap.criteria import (
     HINT,
     LARGE_MOVE,
     LEAST_CLOSED,
+    LEAST_GAIN,
     NO_GAP_RATIO,
     OTHER_EVIDENCE,
     REFUTED,
@@ -336,6 +337,13 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
     if not math.isfinite(gap):
         return "The model cannot simulate the held-out records to their end."
     gains = [paired.gain for name, paired in facts.accepted.proof.items() if name in names]
+    if gains and min(gains) < LEAST_GAIN:
+        weak = [n for n in names if n in facts.accepted.proof]
+        weak = [n for n in weak if facts.accepted.proof[n].gain < LEAST_GAIN]
+        return (
+            f"Held-out records hardly show {_list(weak)} ({min(gains):.2g} units of log evidence): "
+            "they neither confirm nor contradict it. Hold out a record in which it acts."
+        )
     if gap < NO_GAP_RATIO and gains:
         by = "by it" if len(gains) == 1 else "or more by each"
         least = f"{min(gains):.2g} units of log evidence {by}"

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from feltmb.fit.solve import Fit
-from feltmb.gap.criteria import EXCESS, FORM, GIVEN_SIGMA, MISFIT_RATIO, OTHER_EVIDENCE
+from feltmb.gap.criteria import ALLOWED_REST, EXCESS, FORM, MISFIT_RATIO, OTHER_EVIDENCE
 from feltmb.gap.smooth import smooth_discrepancy
 
 __all__ = ["Misfit", "allowance", "form_of", "misfit"]
@@ -21,10 +21,10 @@ def allowance(fit: Fit) -> float:
     """Log evidence that an unknown cause may gain without being a gap.
 
     A residual with the variance s^2, next to noise of the variance 1, gains about n s^2 / 2 over n
-    samples. The standard deviation of noise is known to ``criteria.GIVEN_SIGMA``. A residual below
-    this share of the noise does not matter, although enough samples make it significant.
+    samples. No model is exact: enough samples make any residual significant. A residual below
+    ``criteria.ALLOWED_REST`` of the noise is no gap.
     """
-    return 0.5 * GIVEN_SIGMA**2 * float(fit.dof)
+    return 0.5 * ALLOWED_REST**2 * float(fit.dof)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ model is not refuted because a held-out record determines its parameters better 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -163,35 +164,49 @@ def evaluate(
 
 def expected_gain(
     held: HeldOut, before: Outcome, after: Outcome, settings: FitSettings, inflation: float
-) -> float:
-    """Expected held-out gain of ``after`` over ``before`` if ``after`` is true [log evidence].
+) -> tuple[float, float]:
+    """Held-out gain of ``after`` over ``before`` if ``after`` is true: mean, standard deviation.
 
-    Both models are evaluated on the outputs that ``after`` predicts for the held-out inputs, without
-    noise. If m and S are mean and covariance of the predictive distributions, the gain there is
-    (m_after - m_before)^T S_before^-1 (m_after - m_before) / 2, apart from a ratio of determinants.
-    This is the Kullback-Leibler divergence E. The gain of a record with noise is distributed about E
-    with the variance 2 E.
+    The models are evaluated on predicted outputs instead of measured ones. If m and S are mean and
+    covariance of the predictive distributions and d = m_after - m_before, the mean is Q + ln(det
+    S_before / det S_after) / 2 with Q = d^T S_before^-1 d / 2. The variance is 2 Q by the noise, and
+    4 Q^2 / z^2 by the error of the fitted magnitudes, if z is their distance from zero in standard
+    deviations.
     """
-    problem = after.fit.problem
-    shown = []
-    for segmented, place in zip(held.segmented_records, after.fit.point.places, strict=True):
+
+    def density(model: Outcome, shown: tuple[SegmentedRecord, ...]) -> float:
+        base = replace(model.fit.problem, segmented_records=shown)
+        way = replace(settings, chain=True)
+        fit = polish(base, replace(model.fit.point, memo={}), model.fit.level, way)
+        return float(np.sum(_density(base, fit, model.model)))
+
+    predicted = _predicted(held, after)
+    there = density(before, predicted)
+    mean = (density(after, predicted) - there) / inflation
+    apart = max(0.0, (density(before, _predicted(held, before)) - there) / inflation)
+    known = {t.name for t in before.fit.included}
+    own = [k for k, t in enumerate(after.fit.included) if t.name not in known]
+    at = len(after.model.problem.free) + np.array(own, dtype=np.intp)
+    size = after.model.point.magnitudes[own]
+    certain = float(size @ solve_scaled(after.model.covariance[np.ix_(at, at)], size))
+    return mean, math.sqrt(2.0 * apart + 4.0 * apart**2 / max(certain, 1.0))
+
+
+def _predicted(held: HeldOut, outcome: Outcome) -> tuple[SegmentedRecord, ...]:
+    """The held-out records with the outputs that a model predicts."""
+    fit = outcome.fit
+    out = []
+    for segmented, place in zip(held.segmented_records, fit.point.places, strict=True):
         outputs, _, _ = predict(
-            problem.model,
+            fit.problem.model,
             segmented,
-            after.fit.point.theta,
-            problem.included,
-            after.fit.point.magnitudes,
+            fit.point.theta,
+            fit.problem.included,
+            fit.point.magnitudes,
             place,
         )
-        measured = np.where(segmented.valid, outputs, np.nan)
-        shown.append(replace(segmented, measured=measured))
-    densities = []
-    for outcome in (before, after):
-        base = replace(outcome.fit.problem, segmented_records=tuple(shown))
-        way = replace(settings, chain=True)
-        fit = polish(base, replace(outcome.fit.point, memo={}), outcome.fit.level, way)
-        densities.append(_density(base, fit, outcome.model))
-    return float(np.sum(densities[1] - densities[0])) / inflation
+        out.append(replace(segmented, measured=np.where(segmented.valid, outputs, np.nan)))
+    return tuple(out)
 
 
 def _density(base: Problem, fit: Fit, model: Fit) -> Array:

@@ -7,13 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from feltmb.data import Record, Sensor
 from feltmb.fit.filter import reduce_chain
+from feltmb.fit.linear import LinearModel
 from feltmb.fit.linearize import Linear
+from feltmb.fit.model import Parameter
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Candidate, Effect, State
-from feltmb.gap.proof import HeldOut, evaluate
+from feltmb.gap.acceptance import least_gain
+from feltmb.gap.criteria import CONTRADICTED, LEAST_GAIN
+from feltmb.gap.proof import HeldOut, compare, evaluate, expected_gain
 from feltmb.gap.refine import refit
 
 _spec = importlib.util.spec_from_file_location("gap_models", Path(__file__).parent / "models.py")
@@ -126,3 +131,88 @@ def test_a_memory_that_starts_known_costs_nothing(fitted):
     with_idle = replace(with_idle, level=fit.level)
     gain = np.sum(density(with_idle, segmented)) - np.sum(density(fit, segmented))
     assert abs(gain) < 5.0
+
+
+def _line(size: float, seed: int, samples: int = 60) -> Record:
+    """y = 0.5 + u + size u^2 with noise of 0.1."""
+    generator = np.random.default_rng(seed)
+    u = generator.uniform(-1.0, 1.0, samples)
+    return Record(
+        name=f"r{seed}",
+        time=0.01 * np.arange(samples),
+        inputs={"u": u},
+        outputs={"y": 0.5 + u + size * u**2 + 0.1 * generator.standard_normal(samples)},
+        sensors={"y": Sensor(name="y", sigma=0.1)},
+    )
+
+
+LINE = LinearModel(
+    output="y",
+    columns={"offset": lambda r: np.ones(r.samples), "slope": lambda r: r.inputs["u"]},
+    parameters=[
+        Parameter(name="offset", value=0.4, sd=0.3),
+        Parameter(name="slope", value=0.9, sd=1.0),
+    ],
+    segment=10.0,
+)
+SQUARE = Effect(
+    name="square", component="spring", unit="1", scale=0.3,
+    regressor=lambda record, shape: record.inputs["u"] ** 2,
+)  # fmt: skip
+
+
+def _pair(size: float, seed: int = 0):
+    """Fits of the model and with the square, and a function that evaluates them on a record."""
+    noise = {"y": Noise(0.1)}
+    problem = Problem(LINE, (segment_record(LINE, _line(size, seed), noise, 10.0),))
+    bare = fit_problem(problem)
+    square = refit(bare, (Candidate(SQUARE),), np.array([size]), FitSettings())
+
+    def outcomes(record):
+        segmented = (segment_record(LINE, record, noise, 10.0),)
+        held = HeldOut(segmented_records=segmented, state_scale=np.zeros(0), sensed=segmented)
+        both = [evaluate(held, f, FitSettings(), segmented_level=0.0) for f in (bare, square)]
+        return held, both
+
+    return bare, square, outcomes
+
+
+def test_the_expected_gain_is_that_of_two_gaussians():
+    bare, square, outcomes = _pair(0.3)
+    record = _line(0.3, 1)
+    held, (before, after) = outcomes(record)
+    u = record.inputs["u"]
+    small = np.column_stack([np.ones_like(u), u])
+    large = np.column_stack([small, u**2])
+    means, covers = [], []
+    for fit, design in ((bare, small), (square, large)):
+        means.append(design @ np.concatenate([fit.point.theta, fit.point.magnitudes]))
+        covers.append(design @ fit.covariance @ design.T + 0.01 * np.eye(u.size))
+    want = gaussian(means[1], means[1], covers[1]) - gaussian(means[1], means[0], covers[0])
+    found, _ = expected_gain(held, before, after, FitSettings(), 1.0)
+    assert found == pytest.approx(want, rel=1e-6)
+    assert found > 5.0
+    half, _ = expected_gain(held, before, after, FitSettings(), 2.0)
+    assert half == pytest.approx(0.5 * found)
+
+
+def test_gains_of_a_true_effect_are_as_expected():
+    """Mean and standard deviation over fitted and held-out records of the true machine."""
+    rows = []
+    for seed in range(0, 400, 2):
+        _, _, outcomes = _pair(0.15, seed)
+        held, (before, after) = outcomes(_line(0.15, seed + 1))
+        expected = expected_gain(held, before, after, FitSettings(), 1.0)
+        gain = compare(before, after, held.segmented_records, 1.0).gain
+        rows.append((gain, *expected))
+    gain, mean, sd = np.array(rows).T
+    z = (gain - mean) / sd
+    assert abs(z.mean()) < 0.25
+    assert z.std() == pytest.approx(1.0, abs=0.25)
+    assert np.mean([g < least_gain(e, s) for g, e, s in rows]) <= 0.02
+
+
+def test_never_more_is_required_than_odds_of_ten():
+    assert least_gain(1e6, 1.0) == LEAST_GAIN
+    assert least_gain(0.0, 0.0) == 0.0
+    assert least_gain(2.0, 2.0) == pytest.approx(2.0 - 2.0 * CONTRADICTED)

@@ -297,6 +297,21 @@ def test_a_sure_score_that_held_out_records_refuse_is_unknown():
     assert report.named == ()
 
 
+def test_held_out_records_that_do_not_excite_an_effect_do_not_refuse_it():
+    """A cube that acts at large inputs only; the held-out records have small ones."""
+    data = [record(f"r{i}", i, lambda u: u + 0.05 * u**3) for i in range(3)]
+    for i in (3, 4):
+        quiet = record(f"r{i}", i, lambda u: 0.0 * u, "held_out")
+        u = 0.02 * quiet.inputs["u"]
+        outputs = {"y": quiet.outputs["y"] + u + 0.05 * u**3}
+        data.append(replace(quiet, inputs={"u": u}, outputs=outputs))
+    report = diagnose(LINE, [power(3)], data, options=Options(bootstrap=0))
+    assert report.named == ("power 3",)
+    assert report.how_far.closed < 0.05
+    assert "Held-out records hardly show power 3" in report.statement
+    assert "neither confirm nor contradict it" in report.statement
+
+
 def test_probabilities_leave_room_for_what_the_library_lacks():
     report = diagnose(
         LINE, [power(3), power(5)], records(lambda u: u + 0.3 * u**3), options=Options(bootstrap=0)
