@@ -58,9 +58,9 @@ def posterior(search: Search, *, none: float = NO_EFFECT, other: float = NOT_LIS
     """Compute the posterior of the model, of the model with unknown forces, and of the sets.
 
     "Unknown" is the model with continuity defects between its segments; "none" is the model without
-    them, or with them up to the :func:`~feltmb.gap.misfit.allowance`. All log evidences are divided by the inflation: the smallest residual sum of squares of
-    all fits over its degrees of freedom, at least 1. If even the best fit leaves more than noise,
-    no set may get a high probability.
+    them, or with them up to the :func:`~feltmb.gap.misfit.allowance`. All log evidences are divided
+    by the inflation: the smallest residual sum of squares of all fits over its degrees of freedom,
+    at least 1. If even the best fit leaves more than noise, no set may get a high probability.
     """
     fits = [search.model_fit, *(c.fit for c in search.sets)]
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))

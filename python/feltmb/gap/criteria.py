@@ -346,7 +346,7 @@ LEAST_GAIN = _number(
 )  # fmt: skip
 CONTRADICTED = _number(
     "CONTRADICTED", 2.33, "sd",
-    "distance of a held-out gain below the expected gain of a true effect, above which the held-out "
+    "distance of a held-out gain below that of a true effect, above which the held-out "
     "records contradict the effect: one in a hundred", _STATISTICS, "gap/test_proof.py",
 )  # fmt: skip
 PAIRED_P = _number(

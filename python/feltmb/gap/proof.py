@@ -167,29 +167,26 @@ def expected_gain(
 ) -> tuple[float, float]:
     """Held-out gain of ``after`` over ``before`` if ``after`` is true: mean, standard deviation.
 
-    The models are evaluated on predicted outputs instead of measured ones. If m and S are mean and
-    covariance of the predictive distributions and d = m_after - m_before, the mean is Q + ln(det
-    S_before / det S_after) / 2 with Q = d^T S_before^-1 d / 2. The variance is 2 Q by the noise, and
-    4 Q^2 / z^2 by the error of the fitted magnitudes, if z is their distance from zero in standard
-    deviations.
+    With the predictive distributions N(m, S) of the two models and d = m_after - m_before, the mean
+    is Q = d^T S_before^-1 d / 2, the difference of the densities of ``before`` at the outputs that
+    the two models predict. (If S_after differs from S_before, the mean is larger.) The variance is 2
+    Q by the noise, and 4 Q^2 / z^2 by the error of the fitted magnitudes, if z is their distance from
+    zero in standard deviations.
     """
 
-    def density(model: Outcome, shown: tuple[SegmentedRecord, ...]) -> float:
-        base = replace(model.fit.problem, segmented_records=shown)
+    densities = []
+    for outcome in (before, after):
+        base = replace(before.fit.problem, segmented_records=_predicted(held, outcome))
         way = replace(settings, chain=True)
-        fit = polish(base, replace(model.fit.point, memo={}), model.fit.level, way)
-        return float(np.sum(_density(base, fit, model.model)))
-
-    predicted = _predicted(held, after)
-    there = density(before, predicted)
-    mean = (density(after, predicted) - there) / inflation
-    apart = max(0.0, (density(before, _predicted(held, before)) - there) / inflation)
+        fit = polish(base, replace(before.fit.point, memo={}), before.fit.level, way)
+        densities.append(float(np.sum(_density(base, fit, before.model))))
+    mean = max(0.0, densities[0] - densities[1]) / inflation
     known = {t.name for t in before.fit.included}
     own = [k for k, t in enumerate(after.fit.included) if t.name not in known]
     at = len(after.model.problem.free) + np.array(own, dtype=np.intp)
     size = after.model.point.magnitudes[own]
     certain = float(size @ solve_scaled(after.model.covariance[np.ix_(at, at)], size))
-    return mean, math.sqrt(2.0 * apart + 4.0 * apart**2 / max(certain, 1.0))
+    return mean, math.sqrt(2.0 * mean + 4.0 * mean**2 / max(certain, 1.0))
 
 
 def _predicted(held: HeldOut, outcome: Outcome) -> tuple[SegmentedRecord, ...]:
