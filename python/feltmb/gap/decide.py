@@ -268,6 +268,7 @@ def _name(facts: Facts) -> Decision:
     as_good = [set(r.names) for r in accepted.rivals if r.evidence > best.evidence - SAME]
     first = set(best.names).union(*as_good)
     unsure = sorted(set().union(*sets) - set(sure), key=lambda n: (n not in first, n))
+    sure, unsure = _probable(facts, sure, unsure)
     sums = zip(facts.search.sets, facts.belief.sets, strict=True)
     if sure:
         confidence = sum(w for c, w in sums if all(n in c.names for n in sure))
@@ -287,12 +288,18 @@ def _name(facts: Facts) -> Decision:
         bar=REST_EXCESS,
         explained=best.evidence - facts.search.tight_evidence,
     )
-    left = after.left or facts.unexplained or facts.leftover > 1.0
-    left = left and not facts.enough_left
+    # A score that remains beside unsure effects is theirs.
+    scored = facts.leftover > 1.0 and not unsure
+    left = (after.left or facts.unexplained or scored) and not facts.enough_left
     closed = _closing(facts, sure or tuple(unsure))
     if left:
         what = "that held-out records confirm" if accepted.rejected else "tested"
         rest = f" What is left is {_variability(facts)}; nothing {what} explains it."
+        if not (after.left or facts.unexplained):
+            rest = (
+                " What is left is no larger than noise, but another effect still has a score of "
+                f"{facts.leftover:.2g} times its threshold; nothing {what} explains it."
+            )
     else:
         rest = " What is left is noise."
     told, others = _list(map(facts.sizes.text, sure)), _list(map(facts.sizes.text, unsure))
@@ -319,6 +326,38 @@ def _name(facts: Facts) -> Decision:
     trust = TRUST[verdict]
     belief = facts.belief.trusted(trust)
     return Decision(verdict, text + rest, sure, tuple(unsure), trust * confidence, belief)
+
+
+def _probable(
+    facts: Facts, sure: tuple[str, ...], unsure: list[str]
+) -> tuple[tuple[str, ...], list[str]]:
+    """Split the effects of the best set if all of them together are not probable enough.
+
+    The most probable effects whose joint probability suffices remain sure. The others of the most
+    probable sets, together as probable as a name must be, are unsure.
+    """
+    sums = list(zip(facts.search.sets, facts.belief.sets, strict=True))
+
+    def joint(names: Iterable[str]) -> float:
+        return sum(w for c, w in sums if set(names) <= set(c.names))
+
+    if joint(sure) >= SURE:
+        return sure, unsure
+    kept: list[str] = []
+    for name in sorted(sure, key=lambda n: -joint([n])):
+        if joint([*kept, name]) < SURE:
+            break
+        kept.append(name)
+    if not kept:
+        return sure, unsure
+    others = [n for n in sure if n not in kept] + unsure
+    total = 0.0
+    for c, w in sorted(sums, key=lambda x: -x[1]):
+        if total >= SURE:
+            break
+        total += w
+        others += [n for n in c.names if n not in kept]
+    return tuple(n for n in sure if n in kept), list(dict.fromkeys(others))
 
 
 def _widens(far: HowFar) -> bool:

@@ -169,11 +169,10 @@ def expected_gain(
 
     With the predictive distributions N(m, S) of the two models and d = m_after - m_before, the mean
     is Q = d^T S_before^-1 d / 2, the difference of the densities of ``before`` at the outputs that
-    the two models predict. (If S_after differs from S_before, the mean is larger.) The variance is 2
-    Q by the noise, and 4 Q^2 / z^2 by the error of the fitted magnitudes, if z is their distance from
-    zero in standard deviations.
+    the two models predict. (If S_after differs from S_before, the mean is larger.) The variance is
+    2 Q by the noise, and 4 Q^2 / z^2 by the error of the fitted magnitudes, if z is their distance
+    from zero in standard deviations.
     """
-
     densities = []
     for outcome in (before, after):
         base = replace(before.fit.problem, segmented_records=_predicted(held, outcome))

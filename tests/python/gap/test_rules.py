@@ -22,7 +22,7 @@ from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
 from feltmb.gap.acceptance import _certainty, sure_part
-from feltmb.gap.decide import TRUST, decide
+from feltmb.gap.decide import TRUST, _probable, decide
 from feltmb.gap.diagnosis import _explained
 from feltmb.gap.digits import digits
 from feltmb.gap.refine import refit
@@ -416,3 +416,23 @@ def test_a_set_found_beside_a_rest_is_asked_whether_there_is_one():
 def test_an_effect_that_is_not_sure_takes_no_other_with_it(belief, sure):
     sets = [SimpleNamespace(names=tuple(k.split())) for k in belief]
     assert sure_part(("a", "b"), sets, list(belief.values())) == sure
+
+
+@pytest.mark.parametrize(
+    ("belief", "sure", "unsure"),
+    [
+        # Both together are probable enough.
+        ({"ab": 0.95, "a": 0.05}, "ab", ""),
+        # The second one may be another one.
+        ({"ab": 0.8, "ac": 0.15, "a": 0.03, "b": 0.02}, "a", "bc"),
+        # Nothing is probable enough: the set stays as it is, and its probability is told.
+        ({"ab": 0.6, "cd": 0.4}, "ab", ""),
+    ],
+)
+def test_the_probable_part_of_a_set_is_named(belief, sure, unsure):
+    facts = SimpleNamespace(
+        search=SimpleNamespace(sets=[SimpleNamespace(names=tuple(key)) for key in belief]),
+        belief=SimpleNamespace(sets=tuple(belief.values())),
+    )
+    kept, others = _probable(facts, ("a", "b"), [])
+    assert ("".join(kept), "".join(others)) == (sure, unsure)
