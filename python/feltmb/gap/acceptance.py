@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from feltmb.fit.solve import Fit, FitSettings
+from feltmb.fit.solve import SAME, Fit, FitSettings
 from feltmb.gap.criteria import (
     CLOSES_ALL,
     CONTRADICTED,
@@ -249,18 +249,31 @@ class _Attempt:
         unknown = self.unexplained(c) / self.inflation
         if 0.0 < unknown > paired.gain and not self._carries(c, name, paired):
             return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
-        small = paired.gain < min(most, self.least_share * most)
+        small = most > LEAST_GAIN and paired.gain < self.least_share * most
         if small and not self._completes(c, name):
             return (
                 f"{gain} compared with {most:.0f}: an error in the form of the larger effect would "
                 "gain as much"
             )
-        if not _improves(paired, self.inflation):
-            without = self._outcome_without(c, name)
-            expected = self.expected(without, self.outcome(c.fit))
-            if paired.gain < least_gain(*expected):
-                return f"{gain}, {expected[0]:.1f} would be expected of it"
+        without, after = self._outcome_without(c, name), self.outcome(c.fit)
+        if self._refused(paired, without, after):
+            if paired.gain > LEAST_GAIN:
+                return f"{gain}, p = {paired.p:.2g}"
+            if _follows(after):
+                return f"{gain}; it follows these records only with larger continuity defects"
+            return f"{gain}, {self.expected(without, after)[0]:.1f} would be expected of it"
         return ""
+
+    def _refused(self, paired: Paired, before: Outcome, after: Outcome) -> bool:
+        """Whether the held-out records contradict ``after``, or do not show what they must show."""
+        if _improves(paired, self.inflation):
+            return False
+        if _follows(after):
+            return True
+        least = least_gain(*self.expected(before, after))
+        # A true effect that surely shows must improve the prediction. The expected gain of another
+        # one omits the difference of S, which is small (two fits differ by SAME without a reason).
+        return least >= LEAST_GAIN or paired.gain < least - CONTRADICTED * SAME
 
     def expected(self, before: Outcome, after: Outcome) -> tuple[float, float]:
         """Held-out gain that a set would have if it were true, and its standard deviation."""
@@ -350,10 +363,8 @@ class _Attempt:
 
     def _contradicted(self, own: Outcome) -> bool:
         """Whether held-out records show less gain over the model than a true set would."""
-        if self._improves(self.before, own):
-            return False
-        gain = compare(self.before, own, self.held.segmented_records, self.inflation).gain
-        return gain < least_gain(*self.expected(self.before, own))
+        paired = compare(self.before, own, self.held.segmented_records, self.inflation)
+        return self._refused(paired, self.before, own)
 
     def _improves(self, old: Outcome, new: Outcome) -> bool:
         return _improves(
@@ -471,18 +482,36 @@ def _improves(paired: Paired, inflation: float) -> bool:
     )
 
 
+def _follows(outcome: Outcome) -> bool:
+    """Whether a model explains held-out records only with larger continuity defects, or not at all.
+
+    Its states then follow these records, and its outputs do not tell what an effect would do there.
+    """
+    fit = outcome.fit
+    return not np.isfinite(fit.cost) or bool(
+        fit.gap_sd.size and fit.level > 1.01 * outcome.model.level
+    )
+
+
 def least_gain(expected: float, sd: float) -> float:
     """Held-out gain that a true effect exceeds with a probability of 99 % [log evidence].
 
     More than ``LEAST_GAIN`` is never required. A small expected gain means that the held-out
     records do not excite the effect, and can neither confirm nor refute it.
 
+    With a standard normal x, the gain is ``expected + sd x + r x^2 / 2 - log(1 + r) / 2``. The last
+    two terms are the uncertainty of the magnitude in the prediction: ``r`` is the variance of the
+    gain by this uncertainty, divided by that by noise.
+
     Parameters
     ----------
     expected, sd
         Distribution of the gain (:func:`~feltmb.gap.proof.expected_gain`) [log evidence].
     """
-    return min(LEAST_GAIN, expected - CONTRADICTED * sd)
+    ratio = max(0.0, sd**2 / (2.0 * expected) - 1.0) if expected > 0.0 else 0.0
+    x = CONTRADICTED if ratio * CONTRADICTED <= sd else sd / ratio
+    value = expected - x * sd + 0.5 * ratio * x**2 - 0.5 * math.log1p(ratio)
+    return min(LEAST_GAIN, value)
 
 
 def refutes(old: Accepted, new: Accepted, held: HeldOut) -> bool:

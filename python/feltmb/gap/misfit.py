@@ -50,9 +50,9 @@ def misfit(
 
     The unknown cause is represented by forces at the joint of every segment; in a fit without
     continuity defects, it is a smooth signal in every output. It must gain more than the
-    :func:`allowance`. If the noise was estimated from the
-    records, it may be wrong by a third: a ratio of the sum of squares to its expectation below
-    ``criteria.MISFIT_RATIO`` is attributed to it.
+    :func:`allowance`. If the noise was estimated from the records, it may be wrong by a third: a
+    ratio of the sum of squares to its expectation below ``criteria.MISFIT_RATIO`` is attributed to
+    it.
     """
     reference = tight if tight is not None else fit
     if estimated and reference.chi2 / reference.dof < MISFIT_RATIO:

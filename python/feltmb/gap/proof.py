@@ -185,6 +185,7 @@ def expected_gain(
     at = len(after.model.problem.free) + np.array(own, dtype=np.intp)
     size = after.model.point.magnitudes[own]
     certain = float(size @ solve_scaled(after.model.covariance[np.ix_(at, at)], size))
+    certain /= inflation
     return mean, math.sqrt(2.0 * mean + 4.0 * mean**2 / max(certain, 1.0))
 
 

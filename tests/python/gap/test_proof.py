@@ -215,3 +215,16 @@ def test_never_more_is_required_than_odds_of_ten():
     assert least_gain(1e6, 1.0) == LEAST_GAIN
     assert least_gain(0.0, 0.0) == 0.0
     assert least_gain(2.0, 2.0) == pytest.approx(2.0 - 2.0 * CONTRADICTED)
+
+
+@pytest.mark.parametrize(("mean", "certain"), [(20.0, 3.5), (250.0, 3.8), (3.0, 8.0), (5.0, 2.6)])
+def test_an_uncertain_magnitude_does_not_excuse_a_large_loss(mean, certain):
+    """Gains from the definition: the held-out records measure the magnitude of a true effect."""
+    generator = np.random.default_rng(0)
+    own, measured = 1.0 / certain, 1.0 / np.sqrt(2.0 * mean)  # sd, with a magnitude of 1
+    seen = 1.0 + np.hypot(own, measured) * generator.standard_normal(400_000)
+    with_it = -((seen - 1.0) ** 2) / (own**2 + measured**2) - np.log(own**2 + measured**2)
+    without = -((seen / measured) ** 2) - np.log(measured**2)
+    quantile = np.quantile(0.5 * (with_it - without), 0.01)
+    sd = np.sqrt(2.0 * mean + 4.0 * mean**2 / certain**2)
+    assert least_gain(mean, sd) == pytest.approx(min(LEAST_GAIN, quantile), abs=0.15)
