@@ -315,7 +315,11 @@ def _name(facts: Facts) -> Decision:
         where = "records show" if all(n in data for n in sure) else "model lacks"
         text = f"The {where}: {told}. {closed}"
     if sure and unsure:
-        text += f" In addition, one of {others}, which these records cannot tell apart."
+        text += (
+            f" In addition, one of {others}, which these records cannot tell apart."
+            if len(unsure) > 1
+            else f" These records do not determine whether {others} acts in addition."
+        )
         rest = rest if left else " What is left with it is noise."
     if left and (far_off := prior_deviations_told(best.fit)):
         rest += f" In addition, {far_off}: they may compensate a part of the gap."
@@ -355,6 +359,8 @@ def _probable(
     for c, w in sorted(sums, key=lambda x: -x[1]):
         if total >= SURE:
             break
+        if not set(kept) <= set(c.names):
+            continue
         total += w
         others += [n for n in c.names if n not in kept]
     return tuple(n for n in sure if n in kept), list(dict.fromkeys(others))
@@ -375,19 +381,26 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
     gap = far.before
     if not math.isfinite(gap):
         return "The model cannot simulate the held-out records to their end."
-    gains = [paired.gain for name, paired in facts.accepted.proof.items() if name in names]
-    if gains and min(gains) < LEAST_GAIN:
-        weak = [n for n in names if n in facts.accepted.proof]
-        weak = [n for n in weak if facts.accepted.proof[n].gain < LEAST_GAIN]
-        return (
-            f"Held-out records hardly show {_list(weak)} ({min(gains):.2g} units of log evidence): "
-            "they neither confirm nor contradict it. Hold out a record in which it acts."
+    gains = {n: p.gain for n, p in facts.accepted.proof.items() if n in names}
+    weak = [n for n in names if n in gains and gains[n] < LEAST_GAIN]
+    doubt = ""
+    if weak:
+        one = len(weak) == 1
+        least = f"{min(gains[n] for n in weak):.2g} units of log evidence"
+        doubt = (
+            f"Held-out records hardly show {_list(weak)} ({least}{'' if one else ' or more each'}):"
+            f" they neither confirm nor contradict {'it' if one else 'them'}. "
+            f"Hold out a record in which {'it acts' if one else 'they act'}."
         )
-    if gap < NO_GAP_RATIO and gains:
-        by = "by it" if len(gains) == 1 else "or more by each"
-        least = f"{min(gains):.2g} units of log evidence {by}"
-        return f"Held-out records, whose gap is hardly above their noise, gain {least}."
-    return f"It closes {far.closed_text} of the held-out gap{_band(far)}."
+        if len(weak) == len(gains):
+            return doubt
+        doubt = f" {doubt}"
+    shown = [n for n in names if n in gains and n not in weak]
+    if gap < NO_GAP_RATIO and shown:
+        by = "or more by each" if len(shown) > 1 else f"by {shown[0] if weak else 'it'}"
+        least = f"{min(gains[n] for n in shown):.2g} units of log evidence {by}"
+        return f"Held-out records, whose gap is hardly above their noise, gain {least}.{doubt}"
+    return f"It closes {far.closed_text} of the held-out gap{_band(far)}.{doubt}"
 
 
 def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:

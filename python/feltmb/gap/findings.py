@@ -48,7 +48,8 @@ class Verdict(StrEnum):
     """The model explains the records with the fitted values in ``report.calibrated``; no effect is
     missing."""
     NAMED = "NAMED"
-    """The effects in ``report.named`` explain the gap, proven on held-out data."""
+    """The effects in ``report.named`` explain the gap; held-out records prove them, or do not
+    excite them, which the statement then tells."""
     ONE_OF = "ONE OF"
     """One effect of ``report.one_of`` explains the gap; the records cannot determine which."""
     NAMED_UNKNOWN_REST = "NAMED + RESIDUAL REMAINS"

@@ -52,7 +52,7 @@ def cut_short(
         every = (*decision.named, *(n for n in decision.one_of if n not in rivals), *rivals)
         named = ", ".join(map(sizes.text, decision.named))
         text = (
-            f"{begin}. Best so far: {named}, which held-out records confirm; "
+            f"{begin}. Best so far: {named}, which held-out records do not refuse; "
             f"{', '.join(rivals)} were not yet tested as alternatives."
         )
         return replace(

@@ -21,10 +21,11 @@ from feltmb.fit.problem import Problem, _by_input_noise
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
-from feltmb.gap.acceptance import _certainty, sure_part
+from feltmb.gap.acceptance import _Attempt, _certainty, sure_part
 from feltmb.gap.decide import TRUST, _probable, decide
 from feltmb.gap.diagnosis import _explained
 from feltmb.gap.digits import digits
+from feltmb.gap.proof import Paired
 from feltmb.gap.refine import refit
 from feltmb.gap.report import write_report
 from feltmb.gap.search import search
@@ -312,6 +313,94 @@ def test_held_out_records_that_do_not_excite_an_effect_do_not_refuse_it():
     assert "neither confirm nor contradict it" in report.statement
 
 
+def test_two_effects_that_held_out_records_do_not_excite_are_both_named(monkeypatch):
+    """Neither is small beside the other: their held-out gains are of chance."""
+    seen = []
+    monkeypatch.setattr(
+        importlib.import_module("feltmb.gap.diagnosis"),
+        "decide",
+        lambda facts: seen.append(facts) or decide(facts),
+    )
+
+    def law(u):
+        return u + 0.05 * u**3 + 0.05 * u**2
+
+    data = [record(f"r{i}", i, law) for i in range(3)]
+    for i in (3, 4):
+        quiet = record(f"r{i}", i, lambda u: 0.0 * u, "held_out")
+        u = 0.02 * quiet.inputs["u"]
+        data.append(replace(quiet, inputs={"u": u}, outputs={"y": quiet.outputs["y"] + law(u)}))
+    report = diagnose(LINE, [power(2), power(3)], data, options=Options(bootstrap=0))
+    assert sorted(report.named) == ["power 2", "power 3"]
+    assert "neither confirm nor contradict them" in report.statement
+    assert "a record in which they act" in report.statement
+    # One of them shows: the statement tells what it closes, and which one does not show.
+    facts = seen[-1]
+    proof = facts.accepted.proof
+    proof = {**proof, "power 2": replace(proof["power 2"], gain=50.0)}
+    shown = replace(facts, accepted=replace(facts.accepted, proof=proof))
+    told = decide(shown).statement
+    assert "gain 50 units of log evidence by power 2. Held-out records hardly show power 3" in told
+    wide = replace(shown, how_far=replace(facts.how_far, before=9.0, closed=0.8))
+    assert "It closes 80% of the held-out gap. Held-out records" in decide(wide).statement
+    # One alone is no class.
+    smaller = (SimpleNamespace(names=("power 2",), evidence=-np.inf),)
+    maybe = decide(replace(shown, accepted=replace(shown.accepted, rivals=smaller)))
+    assert (maybe.named, maybe.one_of) == (("power 2",), ("power 3",))
+    assert "do not determine whether power 3" in maybe.statement
+    assert "one of power 3" not in maybe.statement
+
+
+@pytest.mark.parametrize(
+    ("gain", "p", "expected", "level", "refused"),
+    [
+        (5.0, 0.01, 50.0, 0.01, False),
+        (5.0, 0.5, 50.0, 0.01, True),  # it should show in many segments
+        (5.0, 0.5, 0.1, 0.01, False),
+        (-0.7, 0.9, 0.0, 0.01, False),  # a record at rest: two fits differ by chance
+        (-3.0, 0.9, 0.0, 0.01, True),
+        (1.9, 0.2, 0.0, 0.1, True),  # its states follow records that it does not explain
+        (5.0, 0.01, 0.0, 0.1, False),
+        (0.0, 1.0, 0.0, np.inf, True),  # it cannot be simulated
+    ],
+)
+def test_what_held_out_records_refuse(gain, p, expected, level, refused):
+    cost = 1.0 if np.isfinite(level) else np.inf
+    own = SimpleNamespace(level=level, cost=cost, gap_sd=np.ones(2))
+    after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
+    attempt = SimpleNamespace(
+        inflation=1.0, expected=lambda old, new: (expected, float(np.sqrt(2.0 * expected)))
+    )
+    paired = Paired(gain=gain, p=p, by_record={})
+    assert _Attempt._refused(attempt, paired, None, after) is refused
+
+
+@pytest.mark.parametrize(
+    ("gain", "level", "told"),
+    [
+        (1.9, 0.1, "only with larger continuity defects"),
+        (5.0, 0.1, "p = 0.5"),
+        (-9.0, 0.01, "40.0 would be expected of it"),
+    ],
+)
+def test_the_reason_of_a_refusal(monkeypatch, gain, level, told):
+    own = SimpleNamespace(level=level, cost=1.0, gap_sd=np.ones(2))
+    after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
+    attempt = object.__new__(_Attempt)
+    attempt.alone, attempt.inflation, attempt.least_share = {"a": 99.0}, 1.0, 0.03
+    for name, value in {
+        "unexplained": lambda c: 0.0,
+        "_outcome_without": lambda c, name: None,
+        "outcome": lambda fit: after,
+        "expected": lambda old, new: (40.0, 9.0),
+    }.items():
+        monkeypatch.setattr(attempt, name, value, raising=False)
+    paired = Paired(gain=gain, p=0.5, by_record={})
+    why = attempt._fault(SimpleNamespace(fit=None), "a", paired, gain, 9.0)
+    assert why.startswith(f"held-out gain {gain:.1f} units of log evidence")
+    assert told in why
+
+
 def test_probabilities_leave_room_for_what_the_library_lacks():
     report = diagnose(
         LINE, [power(3), power(5)], records(lambda u: u + 0.3 * u**3), options=Options(bootstrap=0)
@@ -425,6 +514,8 @@ def test_an_effect_that_is_not_sure_takes_no_other_with_it(belief, sure):
         ({"ab": 0.95, "a": 0.05}, "ab", ""),
         # The second one may be another one.
         ({"ab": 0.8, "ac": 0.15, "a": 0.03, "b": 0.02}, "a", "bc"),
+        # A set without the sure effect does not tell what acts beside it.
+        ({"ab": 0.85, "d": 0.08, "ac": 0.07}, "a", "bc"),
         # Nothing is probable enough: the set stays as it is, and its probability is told.
         ({"ab": 0.6, "cd": 0.4}, "ab", ""),
     ],
