@@ -182,10 +182,12 @@ def expected_gain(
     mean = max(0.0, densities[0] - densities[1]) / inflation
     known = {t.name for t in before.fit.included}
     own = [k for k, t in enumerate(after.fit.included) if t.name not in known]
-    at = len(after.model.problem.free) + np.array(own, dtype=np.intp)
+    covariance, first = after.model.covariance, len(after.model.problem.free)
+    # Fitted records that do not show a magnitude leave its variance infinite.
+    own = [k for k in own if np.isfinite(covariance[first + k, first + k])]
+    at = first + np.array(own, dtype=np.intp)
     size = after.model.point.magnitudes[own]
-    certain = float(size @ solve_scaled(after.model.covariance[np.ix_(at, at)], size))
-    certain /= inflation
+    certain = float(size @ solve_scaled(covariance[np.ix_(at, at)], size)) / inflation
     return mean, math.sqrt(2.0 * mean + 4.0 * mean**2 / max(certain, 1.0))
 
 

@@ -228,3 +228,22 @@ def test_an_uncertain_magnitude_does_not_excuse_a_large_loss(mean, certain):
     quantile = np.quantile(0.5 * (with_it - without), 0.01)
     sd = np.sqrt(2.0 * mean + 4.0 * mean**2 / certain**2)
     assert least_gain(mean, sd) == pytest.approx(min(LEAST_GAIN, quantile), abs=0.15)
+
+
+def test_a_magnitude_that_the_fit_does_not_show_has_an_expected_gain():
+    """Its variance is infinite; beside another effect, the covariance has no inverse."""
+    noise = {"y": Noise(0.1)}
+    record = _line(0.3, 0)
+    half = replace(
+        SQUARE, name="half", regressor=lambda record, shape: (record.inputs["u"] > 2.0) * 1.0
+    )
+    problem = Problem(LINE, (segment_record(LINE, record, noise, 10.0),))
+    bare = fit_problem(problem)
+    both = refit(bare, (Candidate(SQUARE), Candidate(half)), np.array([0.3, 0.3]), FitSettings())
+    assert np.isinf(both.covariance[-1, -1])
+    segmented = (segment_record(LINE, _line(0.3, 1), noise, 10.0),)
+    held = HeldOut(segmented_records=segmented, state_scale=np.zeros(0), sensed=segmented)
+    outcomes = [evaluate(held, f, FitSettings(), segmented_level=0.0) for f in (bare, both)]
+    mean, sd = expected_gain(held, *outcomes, FitSettings(), 1.0)
+    assert mean > 5.0
+    assert np.sqrt(2.0 * mean) < sd < 2.0 * mean
