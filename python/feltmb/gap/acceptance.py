@@ -196,12 +196,11 @@ class _Attempt:
         return outcome.gap(sensed, "open_loop"), outcome.gap(sensed, "segmented")
 
     def unexplained(self, c: CandidateSet) -> float:
-        """Gain of log evidence if unknown forces are added to a set; 0: within the allowance."""
+        """Gain of log evidence if unknown forces are added to a set."""
         if c.key not in self.tightest:
             self.tightest[c.key] = tighten(c.fit, self.settings)
         tight = self.tightest[c.key]
-        gain = 0.0 if tight is None else c.fit.log_evidence - tight.log_evidence
-        return gain if gain > allowance(c.fit) else 0.0
+        return 0.0 if tight is None else c.fit.log_evidence - tight.log_evidence
 
     def _gain(self, c: CandidateSet) -> float:
         """Held-out gain of a whole set over the model [units of log evidence]."""
