@@ -255,7 +255,12 @@ class _Attempt:
                 "gain as much"
             )
         without, after = self._outcome_without(c, name), self.outcome(c.fit)
-        if self._refused(paired, without, after):
+        # The parameter that such an effect increases explains the records as well: only held-out
+        # records can show that it is more than this parameter.
+        another = any(
+            t.name == name and t.effect.tolerance_parameter for t in c.fit.included
+        ) and not _improves(paired, self.inflation)
+        if another or self._refused(paired, without, after):
             if paired.gain > LEAST_GAIN:
                 return f"{gain}, p = {paired.p:.2g}"
             if _follows(after):
