@@ -375,6 +375,24 @@ def test_what_held_out_records_refuse(gain, p, expected, level, refused):
     assert _Attempt._refused(attempt, paired, None, after) is refused
 
 
+def _fault_of(monkeypatch, paired, *, expected, level=0.01, parameter=""):
+    """Reason against the only effect of a set, whose held-out gain is given."""
+    own = SimpleNamespace(level=level, cost=1.0, gap_sd=np.ones(2))
+    after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
+    attempt = object.__new__(_Attempt)
+    attempt.alone, attempt.inflation, attempt.least_share = {"a": 99.0}, 1.0, 0.03
+    for name, value in {
+        "unexplained": lambda c: 0.0,
+        "_outcome_without": lambda c, name: None,
+        "outcome": lambda fit: after,
+        "expected": lambda old, new: expected,
+    }.items():
+        monkeypatch.setattr(attempt, name, value, raising=False)
+    effect = SimpleNamespace(tolerance_parameter=parameter)
+    one = SimpleNamespace(fit=SimpleNamespace(included=[SimpleNamespace(name="a", effect=effect)]))
+    return attempt._fault(one, "a", paired, paired.gain, 9.0)
+
+
 @pytest.mark.parametrize(
     ("gain", "level", "told"),
     [
@@ -384,21 +402,8 @@ def test_what_held_out_records_refuse(gain, p, expected, level, refused):
     ],
 )
 def test_the_reason_of_a_refusal(monkeypatch, gain, level, told):
-    own = SimpleNamespace(level=level, cost=1.0, gap_sd=np.ones(2))
-    after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
-    attempt = object.__new__(_Attempt)
-    attempt.alone, attempt.inflation, attempt.least_share = {"a": 99.0}, 1.0, 0.03
-    for name, value in {
-        "unexplained": lambda c: 0.0,
-        "_outcome_without": lambda c, name: None,
-        "outcome": lambda fit: after,
-        "expected": lambda old, new: (40.0, 9.0),
-    }.items():
-        monkeypatch.setattr(attempt, name, value, raising=False)
     paired = Paired(gain=gain, p=0.5, by_record={})
-    effect = SimpleNamespace(tolerance_parameter="")
-    one = SimpleNamespace(fit=SimpleNamespace(included=[SimpleNamespace(name="a", effect=effect)]))
-    why = attempt._fault(one, "a", paired, gain, 9.0)
+    why = _fault_of(monkeypatch, paired, expected=(40.0, 9.0), level=level)
     assert why.startswith(f"held-out gain {gain:.1f} units of log evidence")
     assert told in why
 
@@ -406,21 +411,9 @@ def test_the_reason_of_a_refusal(monkeypatch, gain, level, told):
 @pytest.mark.parametrize(("parameter", "refused"), [("", False), ("friction", True)])
 def test_an_effect_that_increases_a_tolerance_must_be_confirmed(monkeypatch, parameter, refused):
     """A gain of 0.5 where 0.6 is expected: the records can neither confirm nor contradict it."""
-    own = SimpleNamespace(level=0.01, cost=1.0, gap_sd=np.ones(2))
-    after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
-    attempt = object.__new__(_Attempt)
-    attempt.alone, attempt.inflation, attempt.least_share = {"a": 99.0}, 1.0, 0.03
-    for name, value in {
-        "unexplained": lambda c: 0.0,
-        "_outcome_without": lambda c, name: None,
-        "outcome": lambda fit: after,
-        "expected": lambda old, new: (0.6, 1.2),
-    }.items():
-        monkeypatch.setattr(attempt, name, value, raising=False)
-    effect = SimpleNamespace(tolerance_parameter=parameter)
-    one = SimpleNamespace(fit=SimpleNamespace(included=[SimpleNamespace(name="a", effect=effect)]))
     paired = Paired(gain=0.5, p=0.2, by_record={})
-    assert bool(attempt._fault(one, "a", paired, 0.5, 9.0)) is refused
+    why = _fault_of(monkeypatch, paired, expected=(0.6, 1.2), parameter=parameter)
+    assert bool(why) is refused
 
 
 def test_probabilities_leave_room_for_what_the_library_lacks():
