@@ -72,7 +72,7 @@ class ActionMachine(Machine):
             rtol=RTOL,
             workers=1,
         )
-        options = gap.Options(bootstrap=0, restarts=0, width=3, max_effects=3, advice=False)
+        options = gap.Options(bootstrap=0, width=3, max_effects=3, advice=False)
         return gap.diagnose(model, known, records, options=options)
 
 

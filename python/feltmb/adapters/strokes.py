@@ -7,8 +7,9 @@ of its own at magnitude zero, a one-sided difference is used.
 
 Differences from stroke to stroke without a cause are the *run-to-run variability*: the noise of the
 measured input, small changes of felt and friction, and the discretization error. Its directions are
-found by differences at the packaged mechanism. Directions above the noise of the sensors become
-parameters of their own record with the prior N(0, 1), with a linear influence on its outputs:
+found by differences, first at the priors and then at the fitted parameters. Directions above the
+noise of the sensors become parameters of their own record with the prior N(0, 1), with a linear
+influence on its outputs:
 
     y_r(theta, phi, z_r) = y(theta, phi) + D_r z_r,    D_r D_r' = covariance of the variability.
 """
@@ -30,6 +31,7 @@ from feltmb.adapters.forward import can_differentiate, forward_sensitivities
 from feltmb.adapters.library import Entry
 from feltmb.adapters.model import VARYING, MechanismModel
 from feltmb.adapters.refined import KINDS, refined
+from feltmb.adapters.shifter import Shifter
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
@@ -54,8 +56,9 @@ POINTS = 8
 RUNS = 64
 #: Smallest step of the magnitude of an effect with states of its own, as a share of its scale.
 EFFECT_STEP = 0.2
-#: Directions of the variability with a noncentrality below this are omitted.
-LEAST_VARIABILITY = 0.3
+#: Directions of the variability with a noncentrality below this are omitted, if there are more than
+#: this number: at other parameters, other directions can matter.
+LEAST_VARIABILITY, FEWEST_DIRECTIONS = 0.3, 12
 #: Distance of the knots of input noise [s]; an action averages over a longer time.
 KNOTS = 8e-3
 
@@ -66,6 +69,8 @@ class RunVariability:
 
     record: Record
     columns: Array
+    variation: float
+    """Relative standard deviation of felt and friction from stroke to stroke [1]."""
 
     def covers(self, record: Record) -> bool:
         """Whether the stroke is the input of a record, or starts with it."""
@@ -123,10 +128,14 @@ class StrokeModel(MechanismModel):
         variation = self.variation if variation is None else variation
         if variation is None:
             return self
+        tabulated = np.array([p.value for p in self.parameters[: self.mechanical]])
         out = copy.copy(self)
-        out.variabilities = {
-            r.name: RunVariability(r, self._variability(r, variation)) for r in records
-        }
+        out.variabilities = {}
+        for r in records:
+            columns = self._variability(r, variation, tabulated, (), np.zeros(0))
+            if columns is None:
+                columns = np.zeros((r.samples, len(self.outputs), 0))
+            out.variabilities[r.name] = RunVariability(r, columns, variation)
         out.parameters = self.parameters[: self.mechanical] + tuple(
             Parameter(
                 name=f"variability.{r.name}.{k + 1}", value=0.0, sd=1.0, component=VARIABILITY
@@ -134,6 +143,23 @@ class StrokeModel(MechanismModel):
             for r in records
             for k in range(out.variabilities[r.name].columns.shape[2])
         )
+        return out
+
+    def with_variability_at(  # noqa: D102
+        self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
+    ) -> StrokeModel:
+        # The motion of a refined mechanism, for example, is shifted in time with the impact.
+        if not self.variabilities:
+            return self
+        out = copy.copy(self)
+        out.variabilities = dict(self.variabilities)
+        for name, known in self.variabilities.items():
+            count = known.columns.shape[2]
+            columns = self._variability(
+                known.record, known.variation, theta[: self.mechanical], included, magnitudes, count
+            )
+            if columns is not None and columns.shape[2] == count:
+                out.variabilities[name] = replace(known, columns=columns)
         return out
 
     def ready(self, records: Sequence[Record]) -> Ready:
@@ -147,12 +173,22 @@ class StrokeModel(MechanismModel):
         assert isinstance(base.model, StrokeModel)
         return replace(base, model=base.model.with_variability(base.records))
 
-    def _variability(self, record: Record, variation: float) -> Array:
-        """Directions of the variability that exceed the noise of the sensors, (n, ny, k)."""
-        base = self._motion(record, np.zeros(self.mechanical), (), np.zeros(0))
-        empty = np.zeros((record.samples, len(self.outputs), 0))
+    def _variability(
+        self,
+        record: Record,
+        variation: float,
+        theta: Array,
+        included: tuple[Candidate, ...],
+        magnitudes: Array,
+        count: int | None = None,
+    ) -> Array | None:
+        """The largest directions of the variability, (n, ny, k); None: the simulation failed.
+
+        ``count``: their number k; None: all that matter beside the noise of the sensors.
+        """
+        base = self._motion(record, theta, included, magnitudes)
         if base is None:
-            return empty
+            return None
         columns = []
         if variation > 0.0:
             names = [e.name for e in self.tolerances]
@@ -161,48 +197,37 @@ class StrokeModel(MechanismModel):
                 for i, (name, e) in enumerate(zip(names, self.tolerances, strict=True))
                 if e.unit == "1" and any(fnmatch.fnmatch(name, v) for v in VARYING)
             ]
-            theta = np.zeros(self.mechanical)
-            found, _ = self._slopes(record, base, theta, (), np.zeros(0), which, ())
+            found, _ = self._slopes(record, base, theta, included, magnitudes, which, ())
             columns += [variation * found[..., i] for i in range(len(which))]
+
+        def moved(motion: Array | None) -> Array:
+            return np.zeros_like(base) if motion is None else motion - base
+
         for name, sigma in record.input_sigma.items():
             if sigma > 0.0 and name in record.inputs:
-                columns += self._input_columns(record, base, name, sigma)
+                columns += [
+                    moved(self._motion(r, theta, included, magnitudes))
+                    for r in _with_input_noise(record, name, sigma)
+                ]
+        chosen = self._chosen(theta, included, magnitudes)
         for kind in KINDS:
             resolved = refined(self.action, (kind,))
             if resolved is not self.action:
-                motion = self.whole(record, self._workshop.build(resolved.config))
-                if motion is not None:
-                    columns.append(motion - base)
+                config = Shifter(resolved.config).config(chosen, record.conditions)
+                columns.append(moved(self.whole(record, self._workshop.build(config))))
         if not columns:
-            return empty
+            return np.zeros((*base.shape, 0))
         stacked = np.nan_to_num(np.stack(columns, axis=-1))
         flat = (stacked / self._noise_of(record)[None, :, None]).reshape(-1, stacked.shape[2])
         values, vectors = np.linalg.eigh(flat.T @ flat)
-        keep = np.flatnonzero(values > LEAST_VARIABILITY**2)[::-1]
-        return np.asarray(stacked @ vectors[:, keep])
+        if count is None:
+            count = max(FEWEST_DIRECTIONS, int(np.sum(values > LEAST_VARIABILITY**2)))
+        return np.asarray(stacked @ vectors[:, ::-1][:, :count])
 
     def _noise_of(self, record: Record) -> Array:
         """Noise of the outputs; infinite if there is no sensor or its noise is unknown."""
         sigma = [record.sensors[o].sigma if o in record.sensors else None for o in self.outputs]
         return np.array([math.inf if s is None or not s < math.inf else s for s in sigma])
-
-    def _input_columns(self, record: Record, base: Array, name: str, sigma: float) -> list[Array]:
-        """Motion by the noise of an input: hat functions with equal variance of the integral."""
-        length = float(record.time[-1] - record.time[0])
-        count = max(2, math.ceil(length / KNOTS) + 1)
-        knots = np.linspace(0.0, length, count)
-        tau = record.input_correlation_time.get(name, 0.0)
-        sd = sigma * math.sqrt((record.interval + 2.0 * tau) / max(knots[1], record.interval))
-        clock = record.time - record.time[0]
-        theta = np.zeros(self.mechanical)
-
-        def one(k: int) -> Array:
-            hat = np.maximum(0.0, 1.0 - np.abs(clock - knots[k]) / knots[1])
-            moved = record.with_inputs({name: record.inputs[name] + sd * hat})
-            motion = self._motion(moved, theta, (), np.zeros(0))
-            return np.zeros_like(base) if motion is None else motion - base
-
-        return [one(k) for k in range(count)]
 
     # --- the interface of Model -----------------------------------------------------------------
 
@@ -455,3 +480,18 @@ def _cut(whole: Array, segments: NDArray[np.intp], length: int) -> Array:
     for w, (first, last) in enumerate(segments):
         out[w, : last - first + 1] = whole[first : last + 1]
     return out
+
+
+def _with_input_noise(record: Record, name: str, sigma: float) -> list[Record]:
+    """The record with one standard deviation of noise at each knot of an input.
+
+    The hat functions have the variance of the integral of the noise.
+    """
+    length = float(record.time[-1] - record.time[0])
+    count = max(2, math.ceil(length / KNOTS) + 1)
+    knots = np.linspace(0.0, length, count)
+    tau = record.input_correlation_time.get(name, 0.0)
+    sd = sigma * math.sqrt((record.interval + 2.0 * tau) / max(knots[1], record.interval))
+    clock = record.time - record.time[0]
+    hats = np.maximum(0.0, 1.0 - np.abs(clock - knots[:, None]) / knots[1])
+    return [record.with_inputs({name: record.inputs[name] + sd * hat}) for hat in hats]

@@ -546,6 +546,18 @@ class Model(ABC):
         del batches
         return self
 
+    def with_variability_at(
+        self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
+    ) -> Model:
+        """The model with the run-to-run variability of its records at other parameters.
+
+        Variability is linear in its own parameters, and computed before a fit. At the fitted
+        parameters and magnitudes, its directions can differ. The parameters remain the same. By
+        default the model itself.
+        """
+        del theta, included, magnitudes
+        return self
+
     @property
     def core(self) -> Model:
         """The model that simulates: itself, or the model that it is derived from."""

@@ -26,7 +26,9 @@ __all__ = [
     "estimate_states",
     "finish",
     "fit_problem",
+    "model_with_variability",
     "polish",
+    "with_variability",
 ]
 
 Progress = Callable[[str, int, int], None]
@@ -40,10 +42,8 @@ RADIUS, WIDEST, NARROWEST = 3.0, 64.0, 1e-4
 ACROSS, CROSSINGS, BEYOND = 1.0, 4, 15
 #: Ratios of actual to predicted gain above which a step is accepted, and above which it is good.
 TAKEN, GOOD = 0.1, 0.6
-#: Fits to beginnings of records: largest mean square of the innovations over a number of
-#: consecutive samples, up to which the model follows the record; that number; steps per stage;
-#: smallest extension as a share of the record.
-FOLLOWED, ROW, LED, ONWARD = 9.0, 5, 4, 1.0 / 32.0
+#: Number of consecutive samples whose mean square decides whether the model follows a record.
+ROW = 5
 #: Two fits whose log evidence differs by less are equal.
 SAME = 0.5
 
@@ -59,6 +59,8 @@ class FitSettings:
     decrement: float = 0.02
     """The search ends if a step can reduce the sum of squares by less than this."""
     restarts: int = 3
+    """Number of other starts of a fit with continuity defects that is poor. A fit without them that
+    is not plausible is repeated from the priors, in shorter stages, if this is not 0."""
     seed: int = 0
     chain: bool = False
     """Whether a poor fit is also started from one simulation through all segments."""
@@ -131,6 +133,12 @@ class Fit:
     def explains(self) -> bool:
         """Whether the sum of squares agrees with noise within four standard deviations."""
         return bool(self.chi2 < _limit_of_noise(self.dof))
+
+    @property
+    def plausible(self) -> bool:
+        """Whether the fit explains the records with parameters that their joint prior permits."""
+        far = self.prior_deviation
+        return self.explains and float(far @ far) < _limit_of_noise(far.size)
 
     @property
     def included(self) -> tuple[Candidate, ...]:
@@ -545,7 +553,24 @@ def at_level(
     return tried if tried.cost < cost else fit
 
 
-def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
+@dataclass(frozen=True, kw_only=True)
+class _Pace:
+    """How a fit to the beginnings of records proceeds along them."""
+
+    followed: float
+    """Largest mean square of the innovations up to which the model follows a record."""
+    iterations: int
+    """Iterations per stage."""
+    onward: float
+    """Smallest extension per stage, as a share of the record."""
+
+
+PACE = _Pace(followed=9.0, iterations=4, onward=1.0 / 32.0)
+#: A stage of ``PACE`` may contain two events, for example let-off and impact.
+SLOWER = _Pace(followed=4.0, iterations=8, onward=1.0 / 64.0)
+
+
+def _led(problem: Problem, point: Point, settings: FitSettings, pace: _Pace = PACE) -> Point:
     """Start point from which a fit without continuity defects reaches the right local minimum.
 
     If a mechanism releases a part earlier or later than the machine did, or strikes at another
@@ -557,13 +582,13 @@ def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
     gap_sd = np.zeros(0)
     way = settings.coarser(0.5)
     lengths = np.array([s.record.samples for s in problem.segmented_records])
-    until, onward = np.zeros_like(lengths), ONWARD
+    until, onward = np.zeros_like(lengths), pace.onward
     while not current().stopping():
         followed = [
-            _agrees_until(s, x)
+            _agrees_until(s, x, pace.followed)
             for s, x in zip(problem.segmented_records, problem.linear(point), strict=True)
         ]
-        onward = ONWARD if np.all(followed >= until) else 2.0 * onward
+        onward = pace.onward if np.all(followed >= until) else 2.0 * onward
         least = np.maximum(2.0, onward * lengths)
         until = np.minimum(lengths, np.maximum(until, followed) + least.astype(int))
         if np.all(until == lengths):
@@ -576,13 +601,13 @@ def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
             replace(point, memo={}),
             gap_sd,
             way,
-            LED,
+            pace.iterations,
         )[0]
         point = replace(point, memo={})
     return point
 
 
-def _agrees_until(segmented: SegmentedRecord, linear: Linear) -> int:
+def _agrees_until(segmented: SegmentedRecord, linear: Linear, followed: float) -> int:
     """Number of samples from the first one up to which the model follows a record."""
     samples = segmented.record.samples
     at = segmented.segments[:, :1] + np.arange(segmented.measured.shape[1])
@@ -592,7 +617,7 @@ def _agrees_until(segmented: SegmentedRecord, linear: Linear) -> int:
     total = np.convolve(np.bincount(at, squares.sum(axis=2).ravel(), samples), row)[:samples]
     seen = (segmented.weight > 0.0).sum(axis=2).ravel()
     count = np.convolve(np.bincount(at, seen, samples), row)[:samples]
-    lost = np.flatnonzero(~(total <= FOLLOWED * np.maximum(count, 1.0)))
+    lost = np.flatnonzero(~(total <= followed * np.maximum(count, 1.0)))
     if not linear.good.all():
         lost = np.append(lost, segmented.segments[np.argmin(linear.good), 0])
     return int(lost.min()) if lost.size else samples
@@ -698,6 +723,23 @@ def _rescue(fit: Fit, settings: FitSettings) -> Fit:
     return fit
 
 
+def model_with_variability(fit: Fit) -> Model:
+    """The model of a fit, with the run-to-run variability of its records at the parameters."""
+    which = machine_candidates(fit.included)
+    sizes = np.array([fit.point.magnitudes[fit.included.index(t)] for t in which])
+    return fit.problem.model.with_variability_at(fit.point.theta, which, sizes)
+
+
+def with_variability(fit: Fit, settings: FitSettings) -> Fit:
+    """Repeat a fit that explains the records, with the run-to-run variability at its parameters."""
+    problem = fit.problem
+    model = model_with_variability(fit) if fit.explains else problem.model
+    if model is problem.model or current().stopping():
+        return fit
+    again = polish(replace(problem, model=model), replace(fit.point, memo={}), fit.level, settings)
+    return replace(again, levels=fit.levels, notes=fit.notes)
+
+
 def estimate_states(problem: Problem, point: Point, level: float) -> Point:
     """Estimate start states at given parameters, as the start of a fit at a level."""
     if not problem.model.states():
@@ -738,6 +780,20 @@ def _across_jumps(fit: Fit, settings: FitSettings) -> Fit:
     return fit
 
 
+def _repeated(fit: Fit, first: Point, settings: FitSettings) -> Fit:
+    """A fit without continuity defects, continued across jumps and, if needed, from the priors."""
+    if settings.jumps:
+        fit = _across_jumps(fit, settings)
+    if fit.plausible or not settings.restarts or current().stopping():
+        return fit
+    problem = fit.problem
+    start = _led(problem, problem.start(magnitudes=first.magnitudes), settings, SLOWER)
+    other = polish(problem, start, 1.0, settings)
+    if settings.jumps:
+        other = _across_jumps(other, settings)
+    return other if other.cost < fit.cost - SAME else fit
+
+
 def fit_problem(
     problem: Problem,
     settings: FitSettings | None = None,
@@ -749,7 +805,8 @@ def fit_problem(
     """Fit a problem, starting from its priors.
 
     Records that are simulated as a whole are first fitted as far as the model follows them (see
-    :func:`_led`), and fits that explain them continue across jumps (see :func:`_across_jumps`).
+    :func:`_led`), and fits that explain them continue across jumps (see :func:`_across_jumps`). A
+    fit that is not plausible is repeated from the priors with shorter stages.
     With segments, continuity defects decrease from loose to tight, and the level with the largest
     marginal likelihood is used. If such a fit is poor, it is repeated from other starts, so that a
     local minimum is not mistaken for a gap. Segments with a large residual are restarted from their
@@ -759,7 +816,7 @@ def fit_problem(
     first = point or problem.start()
     fit, loose, loosest = _descend(problem, first, settings, progress, label)
     if not fit.gap_sd.size:
-        return _across_jumps(fit, settings) if settings.jumps else fit
+        return _repeated(fit, first, settings)
     fit = _rescue(fit, settings)
     if fit.explains and fit.converged:
         return fit

@@ -17,7 +17,7 @@ from feltmb.files import Store
 from feltmb.fit.model import Effect, Model
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
-from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem, polish
+from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem, polish, with_variability
 from feltmb.fit.watch import FIT, PROOF, REPORT, SEARCH, Tell, Watch, current, watching
 from feltmb.gap.acceptance import Accepted, accept, refutes, shapley
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
@@ -59,14 +59,19 @@ from feltmb.gap.proof import HeldOut, Outcome, residuals_by_segment
 from feltmb.gap.refine import (
     CandidateSet,
     full_evidence,
-    plausible,
     refit_at,
     tighten,
     worth_of,
 )
 from feltmb.gap.report import Report
 from feltmb.gap.score import all_candidates, family_threshold, score_fit
-from feltmb.gap.search import Search, in_refined_steps, search, with_larger_noise
+from feltmb.gap.search import (
+    Search,
+    at_its_variability,
+    in_refined_steps,
+    search,
+    with_larger_noise,
+)
 from feltmb.gap.sizes import Sizes
 from feltmb.gap.smoke_test import try_effects
 from feltmb.gap.split import split_records
@@ -233,6 +238,9 @@ def _investigate(
         fit = other if fit is None or other.log_evidence > fit.log_evidence else fit
     if not watch.stopping():
         fit = without_several(fit, settings)
+    if known is None:
+        fit = with_variability(fit, settings)
+        led = [_in_model(f, fit.problem.model) for f in led]
     watch.fitted(fit.chi2 / fit.dof)
     watch.enter(SEARCH)
     found = search(
@@ -246,7 +254,15 @@ def _investigate(
     )
     if watch.stopping():
         return found
-    return within_tolerance(in_refined_steps(found, settings, progress=progress), settings)
+    found = in_refined_steps(at_its_variability(found, settings, progress=progress), settings)
+    return within_tolerance(found, settings)
+
+
+def _in_model(fit: Fit, model: Model) -> Fit:
+    """A fit as a start with another version of the model."""
+    return replace(
+        fit, problem=replace(fit.problem, model=model), point=replace(fit.point, memo={})
+    )
 
 
 def _best_of_each_size(known: Search, problem: Problem) -> list[Fit]:
@@ -280,9 +296,9 @@ def _alone(
     if not led:
         return None
     (alone,) = [f for f in led if not f.included]
-    if led[0].included and plausible(led[0]) and alone.cost > worth_of(led[0]):
+    if led[0].included and led[0].plausible and alone.cost > worth_of(led[0]):
         return alone
-    if plausible(alone):
+    if alone.plausible:
         return polish(problem, replace(alone.point, memo={}), 1.0, settings)
     return fit_problem(
         problem, settings, point=replace(alone.point, memo={}), progress=progress, label=label
@@ -983,6 +999,7 @@ def _fitted(
     watch.enter(FIT)
     problem = Problem(model, segmented_records, store=store)
     fit = fit_problem(problem, settings, progress=watch.say)
+    fit = with_variability(fit, settings or FitSettings())
     watch.fitted(fit.chi2 / fit.dof)
     told = prior_deviations_told(fit)
     return replace(fit, notes=(*fit.notes, *([told] if told else []), *checks.warnings))

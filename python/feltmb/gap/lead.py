@@ -19,7 +19,7 @@ from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem, polish
 from feltmb.fit.watch import current
 from feltmb.gap.criteria import NEAR_BEST
-from feltmb.gap.refine import CandidateSet, full_evidence, plausible, taken_over, worth_of
+from feltmb.gap.refine import CandidateSet, full_evidence, taken_over, worth_of
 from feltmb.gap.score import all_candidates, score_fit, screen_sets
 from feltmb.gap.tolerance import by_few_numbers
 
@@ -60,15 +60,18 @@ def lead(
         return []
     total = sum(e.weight for e in effects)
     begins: dict[Key, tuple[Problem, Point]] = {(): (problem, start)}
-    alone, stage = start, _Stage(problem, {}, effects, settings)
+    alone, way = start, settings
+    stage = _Stage(problem, {}, effects, way)
     shares = _shares(problem, start)
     for i, share in enumerate(shares):
         if progress is not None:
             progress("along the records", i, len(shares))
-        stage = _Stage(_until(problem, share), begins, effects, settings)
+        stage = _Stage(_until(problem, share), begins, effects, way)
         stage.widen(most)
         if () in stage.found:
             alone = stage.found[()].fit.point
+            if not stage.found[()].fit.plausible:  # further starts were tried here
+                way = replace(settings, restarts=0)
         if current().stopping():
             return []
         begins = {c.key: (c.fit.problem, c.fit.point) for c in stage.best(WIDTH)}
@@ -133,7 +136,7 @@ class _Stage:
         """Add effects to the best set until it explains the records, or until no effect helps."""
         while True:
             (best,) = self.best(1)
-            if plausible(best.fit) or len(best.names) >= most or current().stopping():
+            if best.fit.plausible or len(best.names) >= most or current().stopping():
                 return
             if by_few_numbers(best.fit, most):  # the fit to the whole records decides
                 return

@@ -19,7 +19,6 @@ __all__ = [
     "freed",
     "from_priors",
     "full_evidence",
-    "plausible",
     "quicker",
     "refit",
     "refit_at",
@@ -73,18 +72,12 @@ def full_evidence(fit: Fit, total_weight: float) -> float:
     return value - 0.5 * log_det + prior_of(fit.included, total_weight)
 
 
-def plausible(fit: Fit) -> bool:
-    """Whether a fit explains the records with parameters that their joint prior permits."""
-    far = fit.prior_deviation
-    return fit.explains and float(np.sum(far**2)) < far.size + 4.0 * np.sqrt(2.0 * far.size)
-
-
 def worth_of(best: Fit | None) -> float:
     """Sum of squares above which another fit cannot be a rival of the best one.
 
     Infinite if the best set does not explain the records, so that every set is tried.
     """
-    return np.inf if best is None or not plausible(best) else best.cost + 2.0 * NEAR_BEST
+    return np.inf if best is None or not best.plausible else best.cost + 2.0 * NEAR_BEST
 
 
 def quicker(settings: FitSettings) -> FitSettings:

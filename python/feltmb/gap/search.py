@@ -13,7 +13,7 @@ from feltmb.fit.model import Batch, Candidate, Effect, Jobs, Model
 from feltmb.fit.observe import machine_candidates
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.solve import Fit, FitSettings, finish, polish
+from feltmb.fit.solve import Fit, FitSettings, finish, model_with_variability, polish
 from feltmb.fit.watch import current
 from feltmb.gap.criteria import (
     DOUBT,
@@ -30,7 +30,6 @@ from feltmb.gap.refine import (
     freed,
     from_priors,
     full_evidence,
-    plausible,
     quicker,
     refit,
     refit_at,
@@ -41,7 +40,7 @@ from feltmb.gap.refine import (
 from feltmb.gap.score import Scores, all_candidates, score_fit, screen_sets
 from feltmb.gap.shape import between, movable, off_grid
 
-__all__ = ["Search", "in_refined_steps", "search", "with_larger_noise"]
+__all__ = ["Search", "at_its_variability", "in_refined_steps", "search", "with_larger_noise"]
 
 Progress = Callable[[str, int, int], None]
 
@@ -145,6 +144,22 @@ def in_refined_steps(
         # Smaller steps change the fitted shapes, which may need smaller steps again.
         found = _again(found, _with_model(model), settings, "refined steps", progress)
     return found
+
+
+def at_its_variability(
+    found: Search, settings: FitSettings, *, progress: Progress | None = None
+) -> Search:
+    """The search with the run-to-run variability at the parameters of its best set.
+
+    If the model alone explains the records, its own fit already has it, and a set is near it.
+    """
+    best = found.best
+    if best is None or found.model_fit.explains or not best.fit.explains or current().stopping():
+        return found
+    model = model_with_variability(best.fit)
+    if model is best.fit.problem.model:
+        return found
+    return _again(found, _with_model(model), settings, "run-to-run variability", progress)
 
 
 def with_larger_noise(
@@ -412,7 +427,7 @@ class _Hunt:
 
         Scores at a poor fit of the model say little about the cause.
         """
-        if self.explained or not self.done or not plausible(self._best().fit):
+        if self.explained or not self.done or not self._best().fit.plausible:
             return None
         best, base = self._best().fit, self.model_fit
         bare = best.problem.carry(best.point, (), np.zeros(0))
@@ -422,7 +437,7 @@ class _Hunt:
         """Linear evidence below which an addition to a fit is not refitted."""
         if base is self.near:  # a set explains the records: refit only its rivals
             return max((s.evidence for s in screen_sets(at, largest=1)), default=0.0) - NEAR_BEST
-        return PROMISE if self.explained or (base.included and plausible(base)) else -np.inf
+        return PROMISE if self.explained or (base.included and base.plausible) else -np.inf
 
     def _extend(self, base: Fit, at: Scores, count: int) -> None:
         """Refit a base with the additions that have the largest linear evidence."""

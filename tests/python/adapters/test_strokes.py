@@ -198,6 +198,43 @@ def test_the_variability_holds_the_noise_of_the_input(adapter):
     assert np.mean(magnitudes) == pytest.approx(np.sum(variability**2), rel=0.8)
 
 
+def test_the_variability_at_other_parameters_is_that_of_the_motion_there(adapter):
+    """The motion of a mechanism with more beam shapes, at parameters far from the tabulated ones.
+
+    The difference to the motion of the model is one direction of the variability. It is computed
+    here by another model.
+    """
+    model, _, record = adapter
+    time = np.arange(0.0, 0.105, 5e-4)  # the impact is later at these parameters
+    stroke = feltmb.load_stroke("forte")
+    record = Record(
+        name="forte", time=time, inputs={"force": stroke.at(time)}, sensors=record.sensors,
+        outputs={o: np.zeros(time.size) for o in model.outputs},
+    )  # fmt: skip
+    theta = 3.0 * np.array([p.sd for p in model.parameters])
+    tabulated = model.with_variability([record], 0.0)
+    there = tabulated.with_variability_at(
+        np.append(theta, np.ones(len(tabulated.parameters) - theta.size)), (), np.zeros(0)
+    )
+    assert there.parameters == tabulated.parameters
+    library = load_library(model.action)
+    resolved, _ = mechanism_model(
+        refined(model.action, ("shapes",)), channels=["key", "whippen", "hammer"], library=library,
+        tolerances=library.choose_tolerances([p.name for p in model.parameters]), effects=[],
+        shooting="single", rtol=1e-7, workers=1,
+    )  # fmt: skip
+    jobs = Jobs.at_point(theta, whole(record), np.zeros((1, 0)), (), np.zeros(0))
+    difference = (resolved.simulate(record, jobs).outputs - model.simulate(record, jobs).outputs)[0]
+
+    def left(seen):
+        columns = seen.variabilities["forte"].columns.reshape(difference.size, -1)
+        found = np.linalg.lstsq(columns, difference.ravel(), rcond=None)[0]
+        return np.linalg.norm(difference.ravel() - columns @ found) / np.linalg.norm(difference)
+
+    assert left(there) < 1e-6
+    assert left(tabulated) > 0.1
+
+
 def test_refined_changes_what_it_says():
     action = feltmb.load_action("steinway45")
     fine = refined(action).config

@@ -11,7 +11,7 @@ from feltmb.gap import Parameter, Record, Sensor, SimulatorModel, library
 from feltmb.gap.checks import check_records
 from feltmb.gap.diagnosis import _alone, prepare
 from feltmb.gap.lead import lead
-from feltmb.gap.refine import plausible, worth_of
+from feltmb.gap.refine import worth_of
 from feltmb.gap.search import search
 
 TIME = np.linspace(0.0, 12.0, 600)
@@ -67,7 +67,7 @@ def test_the_missing_effect_is_found_before_the_model_is_led_astray(bent):
     best = led[0]
     assert [t.name for t in best.included] == ["nonlinearity of sensor y"]
     assert best.point.magnitudes[0] == pytest.approx(0.2, abs=0.01)
-    assert plausible(best)
+    assert best.plausible
     assert sum(not f.included for f in led) == 1
 
 
@@ -75,7 +75,7 @@ def test_a_model_that_can_explain_all_is_led_alone():
     problem, effects = parts()
     (alone,) = lead(problem, effects, FitSettings())
     assert not alone.included
-    assert plausible(alone)
+    assert alone.plausible
     near, _ = parts(frequency=5.0)
     near = near.with_candidates(())
     assert lead(near, effects, FitSettings())  # far off by its other parameters still
@@ -90,7 +90,7 @@ def test_a_model_that_explains_is_not_started_again(monkeypatch):
 
     monkeypatch.setattr(sys.modules["feltmb.gap.diagnosis"], "fit_problem", never)
     fit = _alone(led, problem, FitSettings(), None, "")
-    assert plausible(fit)
+    assert fit.plausible
     assert fit.cost <= led[0].cost
 
 
@@ -108,5 +108,5 @@ def test_only_what_explains_bounds_what_is_worth_pursuing(bent):
     assert worth_of(None) == np.inf
     assert worth_of(led[0]) == pytest.approx(led[0].cost + 100.0)
     alone = fit_problem(problem, FitSettings(restarts=0, iterations=2))
-    assert not plausible(alone)
+    assert not alone.plausible
     assert worth_of(alone) == np.inf

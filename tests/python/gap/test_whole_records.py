@@ -7,7 +7,7 @@ from feltmb.fit import VARIABILITY, solve
 from feltmb.fit.noise import Noise
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import segment_record
-from feltmb.fit.solve import FitSettings, _agrees_until, _within, fit_problem
+from feltmb.fit.solve import PACE, SLOWER, FitSettings, _agrees_until, _within, fit_problem
 from feltmb.gap import Parameter, Record, Sensor, SimulatorModel
 
 NOISE = 1e-2
@@ -60,7 +60,8 @@ def test_a_record_counts_as_far_as_the_motion_follows_it(problem):
     def agrees(theta):
         linears = problem.linear(problem.start(theta=theta))
         return [
-            _agrees_until(s, x) for s, x in zip(problem.segmented_records, linears, strict=True)
+            _agrees_until(s, x, PACE.followed)
+            for s, x in zip(problem.segmented_records, linears, strict=True)
         ]
 
     assert agrees(truth) == [200, 200]
@@ -178,8 +179,8 @@ def test_a_fit_along_the_records_extends_little_beyond_what_the_model_follows(pr
     followed, ends = [], []
     agrees, optimize = solve._agrees_until, solve._optimize
 
-    def watched_agrees(segmented, linear):
-        count = agrees(segmented, linear)
+    def watched_agrees(segmented, linear, limit):
+        count = agrees(segmented, linear, limit)
         followed.append(count)
         return count
 
@@ -199,3 +200,29 @@ def test_a_fit_along_the_records_extends_little_beyond_what_the_model_follows(pr
             if reached[k] >= begun[k]:
                 assert end[k] <= reached[k] + np.ceil(200 / 32)
         begun = end
+
+
+def test_an_implausible_fit_is_repeated_from_the_priors_in_shorter_stages(problem, monkeypatch):
+    """The first stages end at a ball that never reaches the wall, where no derivative shows it."""
+    along, paces = solve._led, []
+
+    def led(part, point, settings, pace=PACE):
+        paces.append(pace)
+        if pace is SLOWER:
+            assert np.array_equal(point.theta, problem.start().theta)
+            return along(part, point, settings, pace)
+        return problem.start(theta=np.array([0.06, 9.0, 0.8, 0.0]))
+
+    monkeypatch.setattr(solve, "_led", led)
+    stuck = fit_problem(problem, FitSettings(restarts=0))
+    assert not stuck.plausible
+    assert paces == [PACE]
+    fit = fit_problem(problem, FitSettings())
+    assert fit.plausible
+    assert paces == [PACE, PACE, SLOWER]
+    assert fit.cost < stuck.cost
+    # A plausible fit is not repeated.
+    paces.clear()
+    monkeypatch.setattr(solve, "_led", lambda *a: paces.append(1) or along(*a))
+    assert fit_problem(problem, FitSettings()).plausible
+    assert paces == [1]
