@@ -119,7 +119,7 @@ class Player:
         return self._diagnosed(model, records) if self.whole else self._screened(model, records)
 
     def _diagnosed(self, model: gap.Model, records: Sequence[Record]) -> Seen:
-        options = gap.Options(bootstrap=0, restarts=0, width=2, max_effects=2, advice=False)
+        options = gap.Options(bootstrap=0, width=2, max_effects=2, advice=False)
         report = gap.diagnose(model, self.library, records, options=options)
         sets = {s.effects: s.evidence for s in report.which.sets if s.refitted}
         row = {
