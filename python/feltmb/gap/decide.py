@@ -89,7 +89,8 @@ class Facts:
     enough_left: bool = False
     """Whether the model with the accepted effects is within ``Options.good_enough``."""
     beyond: float | None = None
-    """Sum of squares over its expectation, if only the held-out records show a gap; else None."""
+    """Sum of squares over its expectation of the accepted model, fitted to the held-out records
+    alone, if they show a gap then; else None."""
 
 
 @dataclass(frozen=True)
@@ -121,13 +122,14 @@ def decide(facts: Facts) -> Decision:
         facts = replace(facts, belief=belief)
     if not gap and facts.beyond is not None:
         # The held-out records contradict what the fitted records say about a gap.
+        with_set = f" with {_list(best.names)}" if best is not None else ""
         belief = replace(facts.belief, none=0.0, other=facts.belief.none + facts.belief.other)
         return _silent(
             replace(facts, belief=belief),
             Verdict.UNKNOWN,
             "The records of the fit show no gap, but the held-out ones do: fitted to them alone "
-            f"the model leaves {facts.beyond:.3g} times the sum of squares of noise. They excite "
-            "effects that the others do not. Fit some of them, and hold out others.",
+            f"the model{with_set} leaves {facts.beyond:.3g} times the sum of squares of noise. "
+            "They excite effects that the others do not. Fit some of them, and hold out others.",
         )
     if not gap:
         weak = hint or (p < HINT * facts.alpha and search.best is not None)
@@ -290,12 +292,20 @@ def _name(facts: Facts) -> Decision:
     )
     # A score that remains beside unsure effects is theirs.
     scored = facts.leftover > 1.0 and not unsure
-    left = (after.left or facts.unexplained or scored) and not facts.enough_left
+    fitted = after.left or facts.unexplained
+    left = (fitted or scored or facts.beyond is not None) and not facts.enough_left
     closed = _closing(facts, sure or tuple(unsure))
     if left:
         what = "that held-out records confirm" if accepted.rejected else "tested"
         rest = f" What is left is {_variability(facts)}; nothing {what} explains it."
-        if not (after.left or facts.unexplained):
+        if not fitted and facts.beyond is not None:
+            rest = (
+                " What is left of the fitted records is noise, but the held-out ones show more: "
+                f"fitted to them alone, {facts.beyond:.3g} times the sum of squares of noise "
+                "remains. They excite effects that the others do not. Fit some of them, and hold "
+                "out others."
+            )
+        elif not fitted:
             rest = (
                 " What is left is no larger than noise, but another effect still has a score of "
                 f"{facts.leftover:.2g} times its threshold; nothing {what} explains it."

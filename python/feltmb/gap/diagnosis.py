@@ -610,9 +610,15 @@ def _diagnosed(
             remains=ledger(_with_other_noise(rest or accepted.best.fit, plain))[0],
         )
     beyond = None
-    if accepted.best is None and not bare_misfit.left and not watch.over():
-        beyond = _beyond(accepted, held_segmented_records, settings, checks, store, watch.say)
-        lap("how far")
+    others_say = held_segmented_records, settings, checks, store, watch.say
+    if watch.over():
+        pass
+    elif accepted.best is not None:
+        explained = accepted.best.evidence - found.tight_evidence
+        beyond = _beyond(accepted.after, *others_say, bar=REST_EXCESS, explained=explained)
+    elif not bare_misfit.left:
+        beyond = _beyond(accepted.before, *others_say)
+    lap("how far")
     watch.enter(REPORT)
     best_fit = found.model_fit if accepted.best is None else accepted.best.fit
     held_tabulated = tabulated.part(slice(len(plain), None))
@@ -898,32 +904,38 @@ def _with_color(checks: DataChecks, color: dict[str, float]) -> DataChecks:
 
 
 def _beyond(
-    accepted: Accepted,
+    outcome: Outcome,
     segmented_records: tuple[SegmentedRecord, ...],
     settings: FitSettings,
     checks: DataChecks,
     store: Store | None,
     say: Callable[[str], None],
+    *,
+    bar: float = EXCESS,
+    explained: float = 0.0,
 ) -> float | None:
-    """Sum of squares over its expectation of the model, fitted to the held-out records alone.
+    """Sum of squares over its expectation of a model, fitted to the held-out records alone.
 
-    Returned only if the held-out records show a gap that no parameter values explain, else None.
+    Returned only if the held-out records show a gap that no parameter values and magnitudes
+    explain, else None. ``bar`` and ``explained``: see :func:`misfit`.
     """
-    model = accepted.before.fit.problem.model
+    known = outcome.fit
+    model = known.problem.model
     which = "segmented" if model.chaotic else "open_loop"
-    if not accepted.before.gap(segmented_records, which) > WIDE_GAP:
+    if not outcome.gap(segmented_records, which) > WIDE_GAP:
         return None
     say("held-out records alone")
-    problem = Problem(model, segmented_records, store=store)
-    here = replace(accepted.before.fit.point, memo={})
-    fit = fit_problem(problem, settings, point=here)
+    problem = Problem(model, segmented_records, known.included, store=store)
+    fit = fit_problem(problem, settings, point=replace(known.point, memo={}))
     if not fit.explains:
-        other = fit_problem(problem, settings)
+        start = problem.start(known.point.magnitudes)
+        other = fit_problem(problem, settings, point=start)
         fit = other if other.log_evidence > fit.log_evidence else fit
     tight = tighten(fit, settings)
-    excess = misfit(fit, tight, estimated=checks.estimated).excess
+    left = misfit(fit, tight, estimated=checks.estimated, bar=bar, explained=explained)
     reference = tight or fit
-    return reference.chi2 / reference.dof if excess > EXCESS and fit.converged else None
+    beyond = left.left and left.excess > bar and fit.converged
+    return reference.chi2 / reference.dof if beyond else None
 
 
 def _primary(model: Model, accepted: object, segmented_records: Sequence[SegmentedRecord]) -> str:

@@ -482,6 +482,34 @@ def test_a_small_effect_that_explains_all_that_is_left_is_no_small_print():
     assert "nothing tested explains it" not in said.statement or not said.refused
 
 
+def test_a_gap_of_held_out_records_alone_is_told_beside_a_name():
+    """A cause that acts above |u| = 0.8; the fitted records stay below."""
+
+    def law(u):
+        return u + 0.3 * u**3 + np.where(np.abs(u) > 0.8, 0.1 * np.sin(60.0 * u), 0.0)
+
+    def scaled(name, role, largest):
+        u = largest * np.sin(np.linspace(0.0, 40.0, 400))
+        y = law(u) + NOISE * np.random.default_rng(len(name)).standard_normal(400)
+        return replace(record(name, 0, law, role), inputs={"u": u}, outputs={"y": y})
+
+    fitted = [scaled("a", "fit", 0.79), scaled("bb", "fit", 0.7)]
+    within, beyond = scaled("ccc", "held_out", 0.75), scaled("dddd", "held_out", 1.1)
+    said = diagnose(LINE, [power(3)], [*fitted, within], options=Options(bootstrap=0))
+    assert said.verdict is Verdict.NAMED
+    assert "What is left is noise." in said.statement
+    said = diagnose(LINE, [power(3)], [*fitted, beyond], options=Options(bootstrap=0))
+    assert said.named == ("power 3",)
+    assert said.verdict is Verdict.NAMED_UNKNOWN_REST
+    assert "What is left of the fitted records is noise, but the held-out ones" in said.statement
+    # Another value of the parameter or of the magnitude would close the gap: none is told.
+    more = replace(beyond, outputs={"y": beyond.inputs["u"] + 0.3 * beyond.inputs["u"] ** 3})
+    noise = NOISE * np.random.default_rng(7).standard_normal(400)
+    more = replace(more, outputs={"y": more.outputs["y"] + noise})
+    said = diagnose(LINE, [power(3)], [*fitted, more], options=Options(bootstrap=0))
+    assert said.verdict is Verdict.NAMED
+
+
 def test_a_set_found_beside_a_rest_is_asked_whether_there_is_one():
     """Where the first search passed over a cause that explains all, no rest is told."""
 
