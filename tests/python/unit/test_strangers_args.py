@@ -276,6 +276,7 @@ def model_methods(model):
         "sensitivities": {
             "request": gap.SensitivityRequest(record(), theta, np.array([[0, 199]]), starts)
         },
+        "with_variability_at": {"theta": theta, "included": (), "magnitudes": np.zeros(0)},
     }
 
 
