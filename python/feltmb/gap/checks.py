@@ -13,7 +13,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Model
 from feltmb.fit.noise import Noise, noise_of, rounding_error
-from feltmb.gap.color import color_at_rest, still_blocks
+from feltmb.gap.color import averaged_noise, color_at_rest, still_blocks
 from feltmb.gap.criteria import (
     AWAY_FROM_REST,
     CLOCK_JUMP,
@@ -367,44 +367,70 @@ def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:
 def _colored(
     channels: list[ChannelCheck], records: Sequence[Record], warnings: list[str]
 ) -> list[ChannelCheck]:
-    """Correct the noise color of data sheets where the records at rest contradict it."""
+    """Correct the noise color of sensors where the records at rest contradict it.
+
+    An estimate from differences is too small if the noise is correlated. So without a data sheet,
+    the standard deviation is corrected too.
+    """
     by_name = {r.name: r for r in records}
     sensors: dict[tuple[object, ...], list[ChannelCheck]] = {}
     for c in channels:
         steps = np.diff(by_name[c.record].time)
         interval = float(np.median(steps))
-        fine = c.quantum**2 / 12.0 < COARSE * c.sigma**2
+        even = np.allclose(steps, interval, rtol=1e-3, atol=0.0)
         # Only sensors without a stated white share: otherwise both parts of the noise are
         # specified.
-        if (
-            c.method == "sensor"
-            and fine
-            and not c.white
-            and np.allclose(steps, interval, rtol=1e-3, atol=0.0)
-        ):
+        known = c.method == "sensor" and _fine(c.quantum, c.sigma)
+        if even and not c.white and (known or c.method in ESTIMATED):
             # The clocks of one camera may differ in the last digit.
-            sheet = (c.channel, c.sigma, c.correlation_time, f"{interval:.6g}")
-            sensors.setdefault(sheet, []).append(c)
+            sheet = (c.channel, c.method in ESTIMATED, c.sigma, c.correlation_time)
+            sensors.setdefault((*sheet, f"{interval:.6g}"), []).append(c)
     found: dict[int, Noise] = {}
     for group in sensors.values():
-        before = Noise(group[0].sigma, group[0].correlation_time)
-        interval = by_name[group[0].record].interval
-        seen = [still_blocks(by_name[c.record].outputs[c.channel], c.sigma) for c in group]
-        noise = color_at_rest(seen, interval, before)
-        if noise == before:
-            continue
+        first = group[0]
+        interval, unit = by_name[first.record].interval, unit_suffix(first.unit)
+        values = [by_name[c.record].outputs[c.channel] for c in group]
+        if first.method == "sensor":
+            before = Noise(first.sigma, first.correlation_time)
+            noise = color_at_rest([still_blocks(v, before.sigma) for v in values], interval, before)
+            if noise == before:
+                continue
+            told = (
+                f"samples, not of the correlation time of its data sheet, "
+                f"{before.correlation_time:.3g} s; the former is used"
+            )
+        else:
+            average = averaged_noise(values, interval)
+            if average is None or not average.sigma > first.sigma:
+                continue
+            if not all(_fine(c.quantum, average.sigma) for c in group):
+                continue
+            noise = average
+            told = (
+                f"samples: {noise.sigma:.3g}{unit}, not {first.sigma:.3g}{unit} as its differences "
+                "say; the former is used. Specify sigma if you know it"
+            )
         found |= {id(c): noise for c in group}
         warnings.append(
-            f"{group[0].channel}: at rest its noise is that of a mean over {noise.averaged} "
-            "samples, not of the correlation time of its data sheet, "
-            f"{before.correlation_time:.3g} s; the former is used"
+            f"{first.channel}: at rest its noise is that of a mean over {noise.averaged} {told}"
         )
     return [
-        replace(c, correlation_time=found[id(c)].correlation_time, averaged=found[id(c)].averaged)
+        replace(
+            c,
+            sigma=found[id(c)].sigma,
+            correlation_time=found[id(c)].correlation_time,
+            averaged=found[id(c)].averaged,
+            method="sensor" if c.method == "sensor" else "rest",
+        )
         if id(c) in found
         else c
         for c in channels
     ]
+
+
+def _fine(quantum: float, sigma: float) -> bool:
+    """Whether the steps of a sensor are small beside its noise."""
+    return quantum**2 / 12.0 < COARSE * sigma**2
 
 
 def _clock(record: Record, problems: list[str], warnings: list[str]) -> None:

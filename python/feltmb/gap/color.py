@@ -12,7 +12,7 @@ from feltmb.data import Array
 from feltmb.fit.noise import Noise
 from feltmb.gap.criteria import AT_REST, COLOR_GAIN, LEAST_BLOCKS, SAME_SPREAD
 
-__all__ = ["color_at_rest", "still_blocks"]
+__all__ = ["averaged_noise", "color_at_rest", "still_blocks"]
 
 #: Samples of a block, and degrees of the polynomial that represents the motion. The estimated color
 #: must not depend on the degree.
@@ -22,9 +22,12 @@ BLOCK, DEGREES = 32, (2, 5)
 #: like first-order noise, but its spectrum has no zeros, unlike that of an average.
 AVERAGES = (2, 3, 4, 5, 6)
 TIMES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
+#: Share of the blocks that gives the first standard deviation of an unknown noise, and how often it
+#: is estimated again.
+QUIETEST, PASSES = 0.25, 4
 
 
-def still_blocks(values: Array, sigma: float) -> Array:
+def still_blocks(values: Array, sigma: float | None) -> Array:
     """Blocks of samples that are a parabola plus noise, (k, BLOCK) [unit].
 
     Parameters
@@ -32,11 +35,13 @@ def still_blocks(values: Array, sigma: float) -> Array:
     values
         One channel of one record, evenly sampled, (n,) [unit]; NaN is missing.
     sigma
-        Standard deviation of its noise [unit].
+        Standard deviation of its noise [unit]; None: unknown, and all blocks are returned.
     """
     count = values.size // BLOCK
     blocks = values[: count * BLOCK].reshape(count, BLOCK)
     blocks = blocks[np.all(np.isfinite(blocks), axis=1)]
+    if sigma is None:
+        return np.asarray(blocks)
     left = blocks @ _contrasts(DEGREES[0])
     rms = np.sqrt(np.mean(left**2, axis=1))
     low_noise = (rms > AT_REST[0] * sigma) & (rms < AT_REST[1] * sigma)
@@ -60,21 +65,60 @@ def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noi
     sheet
         Noise according to the data sheet.
     """
+    average = _average(blocks, interval, sheet)
+    if average is None or not 1.0 / SAME_SPREAD < average.sigma / sheet.sigma < SAME_SPREAD:
+        return sheet
+    return replace(average, sigma=sheet.sigma)
+
+
+def _average(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noise | None:
+    """The moving average that blocks show, with its standard deviation; None: they show none."""
     table = np.concatenate(blocks) if blocks else np.zeros((0, BLOCK))
     if len(table) < LEAST_BLOCKS:
-        return sheet
+        return None
     averages = [replace(sheet, correlation_time=0.5 * n * interval, averaged=n) for n in AVERAGES]
     others = [sheet, *(replace(sheet, correlation_time=t * interval) for t in TIMES)]
-    won = []
+    won, sds = [], []
     for degree in DEGREES:
         seen = table @ _contrasts(degree)
         found = {n: _likelihood(seen, _covariance(n, interval), degree) for n in averages}
         best = max(averages, key=lambda n: found[n][0])
         most = max(_likelihood(seen, _covariance(n, interval), degree)[0] for n in others)
-        value, sd = found[best]
-        if value > most + COLOR_GAIN and sheet.sigma / SAME_SPREAD < sd < sheet.sigma * SAME_SPREAD:
+        if found[best][0] > most + COLOR_GAIN:
             won.append(best)
-    return won[0] if len(won) == len(DEGREES) and len(set(won)) == 1 else sheet
+            sds.append(found[best][1])
+    if len(won) < len(DEGREES) or len(set(won)) > 1:
+        return None
+    return replace(won[0], sigma=sds[0])
+
+
+def averaged_noise(records: Sequence[Array], interval: float) -> Noise | None:
+    """Noise of a sensor without a data sheet, if records at rest show a moving average; else None.
+
+    The quietest quarter of all blocks gives a first standard deviation, and the blocks that agree
+    with it the final one, by restricted likelihood.
+
+    Parameters
+    ----------
+    records
+        The channel in all records of one sensor, evenly sampled, (n,) each [unit].
+    interval
+        Sample interval [s].
+    """
+    blocks = np.concatenate([still_blocks(values, None) for values in records])
+    if len(blocks) < LEAST_BLOCKS:
+        return None
+    rms = np.sqrt(np.mean((blocks @ _contrasts(DEGREES[0])) ** 2, axis=1))
+    sigma, found = float(np.quantile(rms, QUIETEST)), None
+    for _ in range(PASSES):
+        if not sigma > 0.0:
+            return None
+        own = [still_blocks(values, sigma) for values in records]
+        found = _average(own, interval, Noise(sigma))
+        if found is None:
+            return None
+        sigma = found.sigma
+    return found
 
 
 @functools.cache

@@ -91,6 +91,39 @@ def test_a_long_record_of_averaged_noise_becomes_white(averaged):
     assert np.sum((filtered @ slow) ** 2) == pytest.approx(exact, rel=0.1)
 
 
+def test_noise_that_no_sheet_states_is_that_of_the_rest_also_if_it_is_averaged():
+    """Differences of averaged noise are too small: by 0.49 for a mean over three samples."""
+    t = np.arange(8 * BLOCK)
+    late = np.maximum(t - 5.5 * BLOCK, 0.0)
+    motion = 30.0 * np.sin(0.02 * late**1.5 / np.sqrt(BLOCK))
+
+    def checked(noise):
+        records = [
+            Record(
+                name=f"r{k}", time=5e-4 * t, inputs={}, outputs={"q": motion + noise(t.size, k)},
+                sensors={"q": Sensor(name="q", unit="m")},
+            )
+            for k in range(5)
+        ]  # fmt: skip
+        return check_records(records)
+
+    for count in (3, 5):
+        checks = checked(lambda n, k, m=count: 0.7 * mean_of(m, n, 40 + k))
+        (told,) = checks.warnings
+        assert f"that of a mean over {count} samples" in told
+        assert "Specify sigma" in told
+        assert checks.estimated
+        for c in checks.channels:
+            assert (c.averaged, c.method) == (count, "rest")
+            assert c.sigma == pytest.approx(0.7, rel=0.12)
+    white = checked(lambda n, k: 0.7 * np.random.default_rng(k).standard_normal(n))
+    assert not white.warnings
+    assert all(c.averaged == 1 and c.sigma == pytest.approx(0.7, rel=0.12) for c in white.channels)
+    # First-order noise is not taken for an average.
+    slow = checked(lambda n, k: 0.7 * forgetting(2.0, n, k))
+    assert all(c.averaged == 1 for c in slow.channels)
+
+
 def test_simulated_noise_has_the_color_of_its_channel():
     noise = Noise(0.7, averaged=3)
     fit = fit_problem(Problem(models.NOMINAL, (segmented_of(np.zeros(4000), noise),)))
@@ -216,7 +249,8 @@ def test_the_gates_take_the_color_and_say_so():
         replace(r, sensors={"q": Sensor(name="q")})
         for r in records(lambda n, k: mean_of(3, n, k), tau=0.0)
     ]
-    assert {c.averaged for c in check_records(unknown).channels} == {1}
+    # Without a data sheet too: what differences tell is half of this noise.
+    assert {c.averaged for c in check_records(unknown).channels} == {3}
 
 
 def test_a_stuck_fit_with_tight_gaps_is_no_unknown_force(tmp_path):
