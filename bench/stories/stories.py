@@ -1,4 +1,4 @@
-"""Twelve first-time stories: data as somebody would bring it, diagnosed by the command line.
+"""First-time stories: data as somebody would bring it, diagnosed by the command line.
 
 Each story changes one thing of steinway45, or of how it was measured. Strokes are runs of
 ``feltmb stroke``; a few columns of their CSV get the noise of a camera and of a load cell and a
@@ -92,6 +92,12 @@ class Story:
     """Function that converts the run to the readings of the sensors."""
     absolute: bool = False
     """Whether channels are absolute coordinates instead of displacements from rest."""
+    channels: tuple[str, ...] = CHANNELS
+    """Recorded outputs."""
+    camera: float = CAMERA
+    """Noise of a tracked point [m]."""
+    frames: int = 1
+    """Number of frames over which the tracking of a point averages."""
     unit: str = "mm"
     """Unit in the header; the numbers are in mm."""
     verdicts: tuple[str, ...]
@@ -167,6 +173,16 @@ STORIES: dict[str, Story] = {
         words=("input_delay|force sensor",),
         size=("input_delay", 2e-3),
     ),
+    # A phone beside the hammer, and a tracking program; its noise is not known.
+    "one_camera": Story(
+        settings={"surfaces.Gp10.point.y": "77.5"},
+        channels=("hammer_tip.x", "hammer_tip.y"),
+        camera=5e-5,
+        frames=3,
+        verdicts=(CALIBRATED,),
+        words=("let-off button",),
+        size=("let_off_button", 0.5e-3),
+    ),
     "nothing": Story(verdicts=("NO GAP",), words=()),
     # Not regulated, and with one string: key dip differs by 1.3 mm and let-off by 0.4 mm.
     "other": Story(
@@ -225,6 +241,12 @@ def _run_of(story: Story, stroke: str, folder: Path) -> Table:
     return table | {f"{p}.raw_{a}": columns[f"{p}.{a}"] for p in points for a in "xy"}
 
 
+def _averaged(frames: int, samples: int, random: np.random.Generator) -> Array:
+    """Noise of variance 1 that is the mean over some frames."""
+    white = random.standard_normal(samples + frames - 1)
+    return np.convolve(white, np.full(frames, frames**-0.5), "valid")
+
+
 def make(story: Story, folder: Path, strokes: tuple[str, ...] = tuple(STROKES)) -> list[Path]:
     """Measured files of a story."""
     paths = []
@@ -236,10 +258,10 @@ def make(story: Story, folder: Path, strokes: tuple[str, ...] = tuple(STROKES)) 
             table |= {n: table[n] - table[n][0] for n in table if ".raw_" in n}
         table = story.seen(table)
         table["force"] = table["force"] + CELL * random.standard_normal(table["time"].size)
-        header = ["Time [ms]", "Force [N]", *(f"{c} [{story.unit}]" for c in CHANNELS)]
+        header = ["Time [ms]", "Force [N]", *(f"{c} [{story.unit}]" for c in story.channels)]
         columns = [1e3 * table["time"], table["force"]]
-        for name in CHANNELS:
-            noise = CAMERA * random.standard_normal(table["time"].size)
+        for name in story.channels:
+            noise = story.camera * _averaged(story.frames, table["time"].size, random)
             columns.append(1e3 * (table[name] + noise))
         path = folder / f"{stroke}.csv"
         with path.open("w", newline="", encoding="utf-8") as file:
