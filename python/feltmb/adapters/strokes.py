@@ -31,7 +31,7 @@ from feltmb.adapters.forward import can_differentiate, forward_sensitivities
 from feltmb.adapters.library import Entry
 from feltmb.adapters.model import VARYING, MechanismModel
 from feltmb.adapters.refined import KINDS, refined
-from feltmb.adapters.shifter import Shifter
+from feltmb.adapters.shifter import Chosen, Shifter
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
@@ -59,11 +59,14 @@ EFFECT_STEP = 0.2
 #: Directions of the variability with a noncentrality below this are omitted, if there are more than
 #: this number: at other parameters, other directions can matter.
 LEAST_VARIABILITY, FEWEST_DIRECTIONS = 0.3, 12
+#: Change of parameters in prior standard deviations, and relative change of magnitudes, up to which
+#: the directions of the variability are not computed again.
+NEAR = 0.2
 #: Distance of the knots of input noise [s]; an action averages over a longer time.
 KNOTS = 8e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RunVariability:
     """Directions of the variability of a record: (n, ny, k), each with a factor N(0, 1)."""
 
@@ -71,6 +74,8 @@ class RunVariability:
     columns: Array
     variation: float
     """Relative standard deviation of felt and friction from stroke to stroke [1]."""
+    place: tuple[Array, tuple[tuple[str, float | None], ...], Array]
+    """Parameters of the mechanism, included effects and their magnitudes at which they hold."""
 
     def covers(self, record: Record) -> bool:
         """Whether the stroke is the input of a record, or starts with it."""
@@ -135,7 +140,8 @@ class StrokeModel(MechanismModel):
             columns = self._variability(r, variation, tabulated, (), np.zeros(0))
             if columns is None:
                 columns = np.zeros((r.samples, len(self.outputs), 0))
-            out.variabilities[r.name] = RunVariability(r, columns, variation)
+            place = tabulated, (), np.zeros(0)
+            out.variabilities[r.name] = RunVariability(r, columns, variation, place)
         out.parameters = self.parameters[: self.mechanical] + tuple(
             Parameter(
                 name=f"variability.{r.name}.{k + 1}", value=0.0, sd=1.0, component=VARIABILITY
@@ -149,18 +155,36 @@ class StrokeModel(MechanismModel):
         self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
     ) -> StrokeModel:
         # The motion of a refined mechanism, for example, is shifted in time with the impact.
-        if not self.variabilities:
-            return self
+        own, names = theta[: self.mechanical], tuple((c.name, c.shape) for c in included)
         out = copy.copy(self)
         out.variabilities = dict(self.variabilities)
         for name, known in self.variabilities.items():
+            if self._near(known, own, names, magnitudes):
+                continue
             count = known.columns.shape[2]
             columns = self._variability(
-                known.record, known.variation, theta[: self.mechanical], included, magnitudes, count
+                known.record, known.variation, own, included, magnitudes, count
             )
-            if columns is not None and columns.shape[2] == count:
-                out.variabilities[name] = replace(known, columns=columns)
-        return out
+            if columns is not None:
+                place = own.copy(), names, magnitudes.copy()
+                out.variabilities[name] = replace(known, columns=columns, place=place)
+        return self if out.variabilities == self.variabilities else out
+
+    def _near(
+        self,
+        known: RunVariability,
+        theta: Array,
+        names: tuple[tuple[str, float | None], ...],
+        magnitudes: Array,
+    ) -> bool:
+        """Whether the directions hold at these parameters too."""
+        at, included, sizes = known.place
+        sd = np.array([p.sd for p in self.parameters[: self.mechanical]])
+        return (
+            names == included
+            and bool(np.all(np.abs(theta - at) <= NEAR * sd))
+            and bool(np.all(np.abs(magnitudes - sizes) <= NEAR * np.abs(sizes)))
+        )
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """Prepare records: the part until shortly after the impact, with their variability."""
@@ -200,28 +224,33 @@ class StrokeModel(MechanismModel):
             found, _ = self._slopes(record, base, theta, included, magnitudes, which, ())
             columns += [variation * found[..., i] for i in range(len(which))]
 
-        def moved(motion: Array | None) -> Array:
-            return np.zeros_like(base) if motion is None else motion - base
-
+        motions = []
         for name, sigma in record.input_sigma.items():
             if sigma > 0.0 and name in record.inputs:
-                columns += [
-                    moved(self._motion(r, theta, included, magnitudes))
+                motions += [
+                    self._motion(r, theta, included, magnitudes)
                     for r in _with_input_noise(record, name, sigma)
                 ]
         chosen = self._chosen(theta, included, magnitudes)
         for kind in KINDS:
             resolved = refined(self.action, (kind,))
             if resolved is not self.action:
-                config = Shifter(resolved.config).config(chosen, record.conditions)
-                columns.append(moved(self.whole(record, self._workshop.build(config))))
+                motions.append(self._motion_of(Shifter(resolved.config), chosen, record))
+        columns += [np.full_like(base, np.nan) if m is None else m - base for m in motions]
         if not columns:
             return np.zeros((*base.shape, 0))
-        stacked = np.nan_to_num(np.stack(columns, axis=-1))
+        stacked = np.stack(columns, axis=-1)
+        if count is not None and not np.all(np.isfinite(stacked)):
+            return None
+        stacked = np.nan_to_num(stacked)
         flat = (stacked / self._noise_of(record)[None, :, None]).reshape(-1, stacked.shape[2])
         values, vectors = np.linalg.eigh(flat.T @ flat)
         if count is None:
-            count = max(FEWEST_DIRECTIONS, int(np.sum(values > LEAST_VARIABILITY**2)))
+            seen = values > 1e-12 * values[-1]
+            count = min(
+                int(np.sum(seen)),
+                max(FEWEST_DIRECTIONS, int(np.sum(values > LEAST_VARIABILITY**2))),
+            )
         return np.asarray(stacked @ vectors[:, ::-1][:, :count])
 
     def _noise_of(self, record: Record) -> Array:
@@ -293,16 +322,17 @@ class StrokeModel(MechanismModel):
         inputs = hash(tuple(v.tobytes() for v in record.inputs.values()))
 
         def make() -> Array | None:
-            try:
-                config = self._shifter.config(
-                    self._chosen(theta, included, magnitudes), record.conditions
-                )
-                variant = self._workshop.build(config)
-            except FeltmbError:
-                return None
-            return self.whole(record, variant)
+            chosen = self._chosen(theta, included, magnitudes)
+            return self._motion_of(self._shifter, chosen, record)
 
         return self._runs.get((record.name, inputs, key), make)
+
+    def _motion_of(self, shifter: Shifter, chosen: Chosen, record: Record) -> Array | None:
+        try:
+            variant = self._workshop.build(shifter.config(chosen, record.conditions))
+        except FeltmbError:
+            return None
+        return self.whole(record, variant)
 
     def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
         # Exact derivatives, all in one pass.

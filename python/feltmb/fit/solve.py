@@ -59,8 +59,8 @@ class FitSettings:
     decrement: float = 0.02
     """The search ends if a step can reduce the sum of squares by less than this."""
     restarts: int = 3
-    """Number of other starts of a fit with continuity defects that is poor. A fit without them that
-    is not plausible is repeated from the priors, in shorter stages, if this is not 0."""
+    """Number of other starts of a poor fit with continuity defects. A fit without such defects that
+    is not plausible is repeated once from the priors, unless this is 0."""
     seed: int = 0
     chain: bool = False
     """Whether a poor fit is also started from one simulation through all segments."""
@@ -138,7 +138,7 @@ class Fit:
     def plausible(self) -> bool:
         """Whether the fit explains the records with parameters that their joint prior permits."""
         far = self.prior_deviation
-        return self.explains and float(far @ far) < _limit_of_noise(far.size)
+        return self.explains and float(far @ far) <= _limit_of_noise(far.size)
 
     @property
     def included(self) -> tuple[Candidate, ...]:
@@ -224,6 +224,7 @@ def _optimize(
         package_digest(),  # another version of the code may find another minimum
         cost,
         *parts,
+        *(x.by_global for x in linears),  # versions of a model may differ in derivatives only
         point.theta,
         point.magnitudes,
         gap_sd,
@@ -784,9 +785,11 @@ def _repeated(fit: Fit, first: Point, settings: FitSettings) -> Fit:
     """A fit without continuity defects, continued across jumps and, if needed, from the priors."""
     if settings.jumps:
         fit = _across_jumps(fit, settings)
-    if fit.plausible or not settings.restarts or current().stopping():
-        return fit
     problem = fit.problem
+    # A beginning may contain no information about a parameter without a prior.
+    known = all(np.isfinite(problem.model.parameters[i].sd) for i in problem.free)
+    if fit.plausible or not (known and settings.restarts) or current().stopping():
+        return fit
     start = _led(problem, problem.start(magnitudes=first.magnitudes), settings, SLOWER)
     other = polish(problem, start, 1.0, settings)
     if settings.jumps:

@@ -388,6 +388,11 @@ def _colored(
     found: dict[int, Noise] = {}
     for group in sensors.values():
         first = group[0]
+        at = (
+            ""
+            if len(group) == sum(c.channel == first.channel for c in channels)
+            else (f" ({', '.join(c.record for c in group)})")
+        )
         interval, unit = by_name[first.record].interval, unit_suffix(first.unit)
         values = [by_name[c.record].outputs[c.channel] for c in group]
         if first.method == "sensor":
@@ -400,19 +405,27 @@ def _colored(
                 f"{before.correlation_time:.3g} s; the former is used"
             )
         else:
-            average = averaged_noise(values, interval)
+            before = Noise(first.sigma, first.correlation_time)
+            average = averaged_noise(values, interval, before)
             if average is None or not average.sigma > first.sigma:
                 continue
             if not all(_fine(c.quantum, average.sigma) for c in group):
                 continue
             noise = average
             told = (
-                f"samples: {noise.sigma:.3g}{unit}, not {first.sigma:.3g}{unit} as its differences "
-                "say; the former is used. Specify sigma if you know it"
+                f"samples with a standard deviation of {noise.sigma:.3g}{unit}, which is used "
+                f"instead of {first.sigma:.3g}{unit}. Specify sigma if you know it"
             )
         found |= {id(c): noise for c in group}
+        # Other records of the sensor have no less noise, also where its correlation is not seen.
+        same = [c for c in channels if (c.channel, c.unit) == (first.channel, first.unit)]
+        found |= {
+            id(c): Noise(noise.sigma, c.correlation_time)
+            for c in same
+            if c.method in ESTIMATED and c.sigma < noise.sigma and id(c) not in found
+        }
         warnings.append(
-            f"{first.channel}: at rest its noise is that of a mean over {noise.averaged} {told}"
+            f"{first.channel}{at}: at rest its noise is that of a mean over {noise.averaged} {told}"
         )
     return [
         replace(

@@ -10,7 +10,14 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.noise import Noise
-from feltmb.gap.criteria import AT_REST, COLOR_GAIN, LEAST_BLOCKS, SAME_SPREAD
+from feltmb.gap.criteria import (
+    AT_REST,
+    COLOR_GAIN,
+    FORGOTTEN,
+    LEAST_BLOCKS,
+    REST_SHARE,
+    SAME_SPREAD,
+)
 
 __all__ = ["averaged_noise", "color_at_rest", "still_blocks"]
 
@@ -92,11 +99,14 @@ def _average(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noise | 
     return replace(won[0], sigma=sds[0])
 
 
-def averaged_noise(records: Sequence[Array], interval: float) -> Noise | None:
+def averaged_noise(records: Sequence[Array], interval: float, sheet: Noise) -> Noise | None:
     """Noise of a sensor without a data sheet, if records at rest show a moving average; else None.
 
     The quietest quarter of all blocks gives a first standard deviation, and the blocks that agree
-    with it the final one, by restricted likelihood.
+    with it the final one, by restricted likelihood. Without a data sheet to compare with, motion
+    must not be taken for noise. A block is at rest only if the record moves far elsewhere. Third
+    differences of the blocks must be as small as those of the average, and samples farther apart
+    than the average must be uncorrelated. (Samples of a vibration are not.)
 
     Parameters
     ----------
@@ -104,6 +114,8 @@ def averaged_noise(records: Sequence[Array], interval: float) -> Noise | None:
         The channel in all records of one sensor, evenly sampled, (n,) each [unit].
     interval
         Sample interval [s].
+    sheet
+        Its correlation time is one of the alternatives.
     """
     blocks = np.concatenate([still_blocks(values, None) for values in records])
     if len(blocks) < LEAST_BLOCKS:
@@ -114,11 +126,28 @@ def averaged_noise(records: Sequence[Array], interval: float) -> Noise | None:
         if not sigma > 0.0:
             return None
         own = [still_blocks(values, sigma) for values in records]
-        found = _average(own, interval, Noise(sigma))
+        found = _average(own, interval, replace(sheet, sigma=sigma))
         if found is None:
             return None
         sigma = found.sigma
-    return found
+    assert found is not None
+    spread = max(float(np.nanstd(values)) for values in records)
+    still = np.concatenate([still_blocks(values, sigma) for values in records])
+    if sigma > REST_SHARE * spread or not _forgets(still, found):
+        return None
+    differences = float(np.sqrt(np.mean(np.diff(still, 3, axis=1) ** 2)))
+    weights = np.array([-1.0, 3.0, -3.0, 1.0])
+    expected = sigma * float(np.sqrt(weights @ _covariance(found, interval)[:4, :4] @ weights))
+    return found if 1.0 / SAME_SPREAD < differences / expected < SAME_SPREAD else None
+
+
+def _forgets(blocks: Array, noise: Noise) -> bool:
+    """Whether samples farther apart than the average are uncorrelated, apart from a parabola."""
+    contrasts = _contrasts(DEGREES[0])
+    left = blocks @ contrasts @ contrasts.T
+    power = float(np.mean(left**2))
+    lags = range(noise.averaged + 1, BLOCK // 2)
+    return all(abs(float(np.mean(left[:, k:] * left[:, :-k]))) < FORGOTTEN * power for k in lags)
 
 
 @functools.cache

@@ -193,6 +193,18 @@ COLOR_GAIN = _number(
     "gain that another correlation of the noise needs over that of the data sheet",
     _JUDGED, "gap/test_color.py",
 )  # fmt: skip
+REST_SHARE = _number(
+    "REST_SHARE", 0.1, "share of the spread",
+    "largest standard deviation of blocks at rest, as a share of that of the record, if no noise "
+    "is given; a vibration without rest would be taken for noise",
+    _JUDGED, "gap/test_color.py",
+)  # fmt: skip
+FORGOTTEN = _number(
+    "FORGOTTEN", 0.4, "1",
+    "largest correlation between samples farther apart than the average that is taken for the "
+    "noise, if no noise is given; samples of a vibration are correlated",
+    _JUDGED, "gap/test_color.py",
+)  # fmt: skip
 SAME_SPREAD = _number(
     "SAME_SPREAD", 1.3, "1",
     "largest ratio between the standard deviation of the blocks and that of the sensor",

@@ -254,8 +254,8 @@ def _investigate(
     )
     if watch.stopping():
         return found
-    found = in_refined_steps(at_its_variability(found, settings, progress=progress), settings)
-    return within_tolerance(found, settings)
+    found = at_its_variability(found, settings, progress=progress)
+    return within_tolerance(in_refined_steps(found, settings, progress=progress), settings)
 
 
 def _in_model(fit: Fit, model: Model) -> Fit:
@@ -464,6 +464,7 @@ def _diagnosed(
             with_factor(model, s, factor) for s in held_segmented_records
         )
         first = with_larger_noise(first, segmented_records, settings, progress=progress)
+        first = at_its_variability(first, settings, progress=progress)
         first = within_tolerance(in_refined_steps(first, settings, progress=progress), settings)
         model = first.model_fit.problem.model
     found, rest_noise = first, None
@@ -614,7 +615,7 @@ def _diagnosed(
     if watch.over():
         pass
     elif accepted.best is not None:
-        explained = accepted.best.evidence - found.tight_evidence
+        explained = float(np.sum(accepted.after.density - accepted.before.density))
         beyond = _beyond(accepted.after, *others_say, bar=REST_EXCESS, explained=explained)
     elif not bare_misfit.left:
         beyond = _beyond(accepted.before, *others_say)
@@ -929,7 +930,7 @@ def _beyond(
     fit = fit_problem(problem, settings, point=replace(known.point, memo={}))
     if not fit.explains:
         start = problem.start(known.point.magnitudes)
-        other = fit_problem(problem, settings, point=start)
+        other = fit_problem(problem, replace(settings, restarts=0), point=start)
         fit = other if other.log_evidence > fit.log_evidence else fit
     tight = tighten(fit, settings)
     left = misfit(fit, tight, estimated=checks.estimated, bar=bar, explained=explained)

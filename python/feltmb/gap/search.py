@@ -149,17 +149,20 @@ def in_refined_steps(
 def at_its_variability(
     found: Search, settings: FitSettings, *, progress: Progress | None = None
 ) -> Search:
-    """The search with the run-to-run variability at the parameters of its best set.
+    """The search with the run-to-run variability at the parameters of its fits.
 
-    If the model alone explains the records, its own fit already has it, and a set is near it.
+    These are the parameters of the model alone, if it explains the records, else of the best set.
     """
     best = found.best
-    if best is None or found.model_fit.explains or not best.fit.explains or current().stopping():
+    alone = found.model_fit.explains
+    fit = found.model_fit if alone or best is None else best.fit
+    if not fit.explains or current().stopping():
         return found
-    model = model_with_variability(best.fit)
-    if model is best.fit.problem.model:
+    model = model_with_variability(fit)
+    if model is fit.problem.model:
         return found
-    return _again(found, _with_model(model), settings, "run-to-run variability", progress)
+    what = "run-to-run variability"
+    return _again(found, _with_model(model), settings, what, progress, rescore=alone)
 
 
 def with_larger_noise(
@@ -215,7 +218,8 @@ def _again(
     def moved(c: CandidateSet) -> CandidateSet:
         problem = other(c.fit.problem)
         if not rescore:
-            return CandidateSet(replace(c.fit, problem=problem), c.evidence)
+            point = replace(c.fit.point, memo={})
+            return CandidateSet(replace(c.fit, problem=problem, point=point), c.evidence)
         fit = finish(problem, replace(c.fit.point, memo={}), c.fit.level, c.fit.gap_sd)
         return CandidateSet(fit, full_evidence(fit, hunt.total))
 

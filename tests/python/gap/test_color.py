@@ -124,6 +124,58 @@ def test_noise_that_no_sheet_states_is_that_of_the_rest_also_if_it_is_averaged()
     assert all(c.averaged == 1 for c in slow.channels)
 
 
+def unstated(motion, noise=0.0):
+    """Data checks of five records of a sensor without a data sheet; white noise of size 1."""
+    rng = np.random.default_rng(8)
+    n = motion(0).size
+    records = [
+        Record(
+            name=f"r{k}", time=1e-3 * np.arange(n), inputs={},
+            outputs={"q": motion(k) + noise * rng.standard_normal(n)},
+            sensors={"q": Sensor(name="q", unit="m")},
+        )
+        for k in range(5)
+    ]  # fmt: skip
+    return check_records(records)
+
+
+@pytest.mark.parametrize("period", [4, 5, 6, 8, 10, 12, 100])
+@pytest.mark.parametrize("size", [3.0, 30.0, 1000.0])
+def test_a_motion_without_rest_is_not_taken_for_noise(period, size):
+    """Without these conditions, a sine of 8 samples per period and its gap were noise."""
+    t = np.arange(1024)
+    turn = 2 * np.pi * t / period
+    for motion in (
+        lambda k: size * np.sin(turn + k),
+        lambda k: size * np.sin(turn + k) * np.exp(-t / 1000.0),
+        # A vibration beside a large motion: the blocks between are not at rest.
+        lambda k: size * np.sin(turn + k) + 1e4 * np.exp(-(((t - 512) / 20.0) ** 2)),
+    ):
+        for noise in (1.0, 1e-9):
+            checks = unstated(motion, noise)
+            assert all(c.averaged == 1 for c in checks.channels)
+            assert not any("mean over" in w for w in checks.warnings)
+
+
+def test_noise_of_one_sensor_is_not_smaller_in_records_of_another_rate():
+    t = np.arange(8 * BLOCK)
+    motion = 30.0 * np.maximum(t / BLOCK - 5.5, 0.0) ** 2
+
+    def made(name, seed, step, count=t.size):
+        y = (motion + mean_of(3, t.size, seed))[-count:]
+        return Record(
+            name=name, time=step * np.arange(count), inputs={}, outputs={"q": y},
+            sensors={"q": Sensor(name="q", unit="m")},
+        )  # fmt: skip
+
+    few = made("other", 9, 2e-3, 4 * BLOCK)
+    checks = check_records([*(made(f"r{k}", k, 1e-3) for k in range(4)), few])
+    (told,) = [w for w in checks.warnings if "mean over 3" in w]
+    assert told.startswith("q (r0, r1, r2, r3): ")
+    sigmas = {c.record: c.sigma for c in checks.channels}
+    assert sigmas["other"] == sigmas["r0"] == pytest.approx(1.0, rel=0.15)
+
+
 def test_simulated_noise_has_the_color_of_its_channel():
     noise = Noise(0.7, averaged=3)
     fit = fit_problem(Problem(models.NOMINAL, (segmented_of(np.zeros(4000), noise),)))
@@ -249,8 +301,7 @@ def test_the_gates_take_the_color_and_say_so():
         replace(r, sensors={"q": Sensor(name="q")})
         for r in records(lambda n, k: mean_of(3, n, k), tau=0.0)
     ]
-    # Without a data sheet too: what differences tell is half of this noise.
-    assert {c.averaged for c in check_records(unknown).channels} == {3}
+    assert {c.averaged for c in check_records(unknown).channels} == {1}
 
 
 def test_a_stuck_fit_with_tight_gaps_is_no_unknown_force(tmp_path):

@@ -7,9 +7,10 @@ import pytest
 
 from feltmb import gap
 from feltmb.data import Record, Sensor
+from feltmb.files import Store
 from feltmb.fit import VARIABILITY, Effect, Model, Parameter, Simulated, including
 from feltmb.fit.model import Candidate
-from feltmb.fit.solve import FitSettings, fit_problem, with_variability
+from feltmb.fit.solve import FitSettings, fit_problem, polish, with_variability
 from feltmb.gap.score import score_fit
 
 TIME = np.linspace(0.0, 1.0, 400)
@@ -92,6 +93,19 @@ def test_a_fit_has_the_variability_of_its_own_parameters(record):
     assert score(stale, ECHO) > 30.0
     assert score(fit, ECHO) < 4.0
     assert fit.chi2 < stale.chi2 - 30.0
+
+
+def test_stored_fits_of_another_variability_are_not_used(record, tmp_path):
+    """At the start, both versions have the same sum of squares, but not the same derivatives."""
+    problem = gap.fit_model(Bell(), [record]).problem
+    found = []
+    for at in (TABULATED, TRUE):
+        model = Rung()
+        model.computed_at = at, (), ()
+        own = type(problem)(model, problem.segmented_records, store=Store(tmp_path))
+        start = own.start(theta=np.array([TRUE, 0.0]))
+        found.append(polish(own, start, 1.0, FitSettings()).cost)
+    assert found[1] < found[0] - 30.0
 
 
 def test_a_fit_that_explains_nothing_is_not_repeated():

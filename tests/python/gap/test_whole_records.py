@@ -1,5 +1,7 @@
 """The fit of records in one go: how far they count, how long its steps are, where it ends."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -226,3 +228,14 @@ def test_an_implausible_fit_is_repeated_from_the_priors_in_shorter_stages(proble
     monkeypatch.setattr(solve, "_led", lambda *a: paces.append(1) or along(*a))
     assert fit_problem(problem, FitSettings()).plausible
     assert paces == [1]
+
+
+def test_a_fit_without_priors_is_plausible_if_it_explains_and_is_not_repeated(problem, monkeypatch):
+    free = model()
+    free.parameters = tuple(replace(p, sd=np.inf) for p in free.parameters)
+    own = replace(problem, model=free)
+    start = own.start(theta=np.array([TRUTH[p.name] for p in free.parameters]))
+    monkeypatch.setattr(solve, "_led", lambda *_: pytest.fail("repeated"))
+    fit = fit_problem(own, FitSettings(), point=start)
+    assert fit.explains
+    assert fit.plausible
