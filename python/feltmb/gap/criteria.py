@@ -392,8 +392,8 @@ DEEP_GAP = _number(
 )  # fmt: skip
 EXPLAINS_MOST = _number(
     "EXPLAINS_MOST", 0.5, "share of the squared held-out gap",
-    "share above which an effect is accepted although an unknown force would gain more: it "
-    "explains more than remains",
+    "share above which an effect is accepted although an unknown force would gain more, and below "
+    "which it is not named if more than noise is left: it must explain more than remains",
     _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
 WIDE_GAP = _number(
@@ -431,8 +431,8 @@ SURE = _number(
 )  # fmt: skip
 LEAST_CLOSED = _number(
     "LEAST_CLOSED", 0.2, "share of the held-out gap",
-    "share that the named effects together, and a named effect that is small beside another, must "
-    "close of the gap without them if an unexplained residual was accepted",
+    "share that an effect that is small beside another must close of the gap without it if an "
+    "unexplained residual was accepted",
     _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
 REST_EXCESS = _number(

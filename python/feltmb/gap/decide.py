@@ -10,9 +10,9 @@ from feltmb.fit.solve import SAME, Fit
 from feltmb.gap.acceptance import Accepted, Posterior
 from feltmb.gap.checks import DataChecks
 from feltmb.gap.criteria import (
+    EXPLAINS_MOST,
     HINT,
     LARGE_MOVE,
-    LEAST_CLOSED,
     LEAST_GAIN,
     NO_GAP_RATIO,
     OTHER_EVIDENCE,
@@ -25,6 +25,7 @@ from feltmb.gap.criteria import (
     TRUST_REST,
     TRUST_UNKNOWN,
     TRUST_WEAK,
+    WIDE_GAP,
 )
 from feltmb.gap.findings import Calibrated, Closest, HowFar, Verdict, Where
 from feltmb.gap.misfit import Misfit, misfit
@@ -280,9 +281,6 @@ def _name(facts: Facts) -> Decision:
         why = f"posterior {confidence:.2f}, expected {SURE} at least"
         return _unsure(facts, sure or tuple(unsure), why)
     far = facts.how_far
-    if _widens(far) or (facts.unexplained and far.closed < LEAST_CLOSED):
-        why = f"closes {far.closed_text} of the held-out gap{_band(far)}"
-        return _unsure(facts, sure or tuple(unsure), why)
     after = misfit(
         best.fit,
         facts.rest,
@@ -290,9 +288,14 @@ def _name(facts: Facts) -> Decision:
         bar=REST_EXCESS,
         explained=best.evidence - facts.search.tight_evidence,
     )
+    fitted = after.left or facts.unexplained
+    # If more than noise is left, an effect that explains less than remains may only resemble the
+    # cause.
+    if _widens(far) or (fitted and not facts.enough_left and _explained(far) < EXPLAINS_MOST):
+        why = f"closes {far.closed_text} of the held-out gap{_band(far)}"
+        return _unsure(facts, sure or tuple(unsure), why)
     # A score that remains beside unsure effects is theirs.
     scored = facts.leftover > 1.0 and not unsure
-    fitted = after.left or facts.unexplained
     left = (fitted or scored or facts.beyond is not None) and not facts.enough_left
     closed = _closing(facts, sure or tuple(unsure))
     if left:
@@ -379,6 +382,13 @@ def _probable(
 def _widens(far: HowFar) -> bool:
     """Whether the gap on held-out records grows significantly."""
     return far.high < 0.0 and far.after > NO_GAP_RATIO * far.before
+
+
+def _explained(far: HowFar) -> float:
+    """Share of the squared held-out gap that is explained; 1 if it is hardly above the noise."""
+    if not WIDE_GAP < far.before < math.inf:
+        return 1.0
+    return (far.before**2 - far.after**2) / (far.before**2 - 1.0)
 
 
 def _band(far: HowFar) -> str:

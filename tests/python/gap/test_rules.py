@@ -107,6 +107,18 @@ def test_the_statement_tells_what_held_out_records_say(monkeypatch):
     assert "closes -30% of the held-out gap, 95% from -50% to -10%" in worse.statement
 
 
+    # If more than noise is left, the effect must explain more than remains.
+    most = replace(far, before=3.0, after=2.0, closed=0.5, low=0.4, high=0.6)
+    part = replace(most, after=2.6, closed=0.2, low=0.1, high=0.3)
+    assert decide(replace(facts, how_far=part)).verdict == Verdict.NAMED
+    said = decide(replace(facts, unexplained=True, how_far=most))
+    assert said.verdict == Verdict.NAMED_UNKNOWN_REST
+    assert said.named == ("power 3",)
+    said = decide(replace(facts, unexplained=True, how_far=part))
+    assert said.verdict == Verdict.UNKNOWN
+    assert "closes 20% of the held-out gap" in said.statement
+
+
 def sized(report, name):
     """Magnitude, unit and interval of an effect in the words of a statement."""
     row = report.which[name]
