@@ -106,7 +106,6 @@ def test_the_statement_tells_what_held_out_records_say(monkeypatch):
     assert worse.verdict == Verdict.UNKNOWN
     assert "closes -30% of the held-out gap, 95% from -50% to -10%" in worse.statement
 
-
     # If more than noise is left, the effect must explain more than remains.
     most = replace(far, before=3.0, after=2.0, closed=0.5, low=0.4, high=0.6)
     part = replace(most, after=2.6, closed=0.2, low=0.1, high=0.3)
