@@ -192,10 +192,9 @@ class Including(Model):
         base = self._base.refined([(record, self._inner(jobs)) for record, jobs in batches])
         return self if base is self._base else Including(base, self._own, self._magnitudes)
 
-    def with_variability_at(
+    def with_variability_at(  # noqa: D102
         self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
     ) -> Model:
-        """See :class:`~feltmb.fit.Model`."""
         count = len(self._base.parameters)
         sizes = np.concatenate([theta[count:], magnitudes])
         base = self._base.with_variability_at(theta[:count], (*self._own, *included), sizes)

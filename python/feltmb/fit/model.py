@@ -552,8 +552,17 @@ class Model(ABC):
         """The model with the run-to-run variability of its records at other parameters.
 
         Variability is linear in its own parameters, and computed before a fit. At the fitted
-        parameters and magnitudes, its directions can differ. The parameters remain the same. By
-        default the model itself.
+        parameters and magnitudes, its directions can differ. The parameters of the returned model
+        are the same. By default the model itself.
+
+        Parameters
+        ----------
+        theta
+            Values of the parameters [their units], (p,).
+        included
+            Included effects of the machine.
+        magnitudes
+            Their magnitudes [their units], (m,).
         """
         del theta, included, magnitudes
         return self
