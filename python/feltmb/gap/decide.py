@@ -25,7 +25,6 @@ from feltmb.gap.criteria import (
     TRUST_REST,
     TRUST_UNKNOWN,
     TRUST_WEAK,
-    WIDE_GAP,
 )
 from feltmb.gap.findings import Calibrated, Closest, HowFar, Verdict, Where
 from feltmb.gap.misfit import Misfit, misfit
@@ -386,7 +385,7 @@ def _widens(far: HowFar) -> bool:
 
 def _explained(far: HowFar) -> float:
     """Share of the squared held-out gap that is explained; 1 if it is hardly above the noise."""
-    if not WIDE_GAP < far.before < math.inf:
+    if not NO_GAP_RATIO < far.before < math.inf:
         return 1.0
     return (far.before**2 - far.after**2) / (far.before**2 - 1.0)
 
