@@ -73,6 +73,11 @@ class Problem:
         return [i for i, p in enumerate(self.model.parameters) if p.sd > 0.0]
 
     @property
+    def has_priors(self) -> bool:
+        """Whether every fitted parameter has a prior."""
+        return all(np.isfinite(self.model.parameters[i].sd) for i in self.free)
+
+    @property
     def samples(self) -> int:
         """Number of measured values."""
         return int(sum(s.samples.sum() for s in self.segmented_records))

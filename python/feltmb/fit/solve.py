@@ -146,6 +146,16 @@ class Fit:
         return self.problem.included
 
     @property
+    def machine_effects(self) -> tuple[tuple[Candidate, ...], Array]:
+        """Included effects of the machine, and their magnitudes [their units]."""
+        which = machine_candidates(self.included)
+        return which, np.array([self.point.magnitudes[self.included.index(t)] for t in which])
+
+    def in_problem(self, problem: Problem) -> Fit:
+        """The fit, unchanged, as a start in another problem."""
+        return replace(self, problem=problem, point=replace(self.point, memo={}))
+
+    @property
     def covariance(self) -> Array:
         """Covariance of the shared globals (free parameters, then magnitudes)."""
         count = len(self.problem.free) + len(self.included)
@@ -632,8 +642,7 @@ def _descend(
     Also returns the point and the sum of squares at the loosest level.
     """
     if not problem.model.states(machine_candidates(problem.included)):
-        known = all(np.isfinite(problem.model.parameters[i].sd) for i in problem.free)
-        if known:
+        if problem.has_priors:
             fit = polish(problem, _led(problem, point, settings), 1.0, settings)
         else:  # a beginning may contain no information about a parameter without a prior
             fit = polish(problem, point, 1.0, settings)
@@ -726,9 +735,7 @@ def _rescue(fit: Fit, settings: FitSettings) -> Fit:
 
 def model_with_variability(fit: Fit) -> Model:
     """The model of a fit, with the run-to-run variability of its records at the parameters."""
-    which = machine_candidates(fit.included)
-    sizes = np.array([fit.point.magnitudes[fit.included.index(t)] for t in which])
-    return fit.problem.model.with_variability_at(fit.point.theta, which, sizes)
+    return fit.problem.model.with_variability_at(fit.point.theta, *fit.machine_effects)
 
 
 def with_variability(fit: Fit, settings: FitSettings) -> Fit:
@@ -760,7 +767,7 @@ def _across_jumps(fit: Fit, settings: FitSettings) -> Fit:
     the value there is. The lower of both ends is the result.
     """
     brief = replace(settings, iterations=min(settings.iterations, BEYOND))
-    for _ in range(CROSSINGS):
+    for _ in range(CROSSINGS if settings.jumps else 0):
         if fit.converged or not fit.explains or current().stopping():
             break
         problem, point, linears = fit.problem, fit.point, list(fit.linears)
@@ -783,17 +790,14 @@ def _across_jumps(fit: Fit, settings: FitSettings) -> Fit:
 
 def _repeated(fit: Fit, first: Point, settings: FitSettings) -> Fit:
     """A fit without continuity defects, continued across jumps and, if needed, from the priors."""
-    if settings.jumps:
-        fit = _across_jumps(fit, settings)
+    fit = _across_jumps(fit, settings)
     problem = fit.problem
     # A beginning may contain no information about a parameter without a prior.
-    known = all(np.isfinite(problem.model.parameters[i].sd) for i in problem.free)
-    if fit.plausible or not (known and settings.restarts) or current().stopping():
+    again = problem.has_priors and settings.restarts
+    if fit.plausible or not again or current().stopping():
         return fit
     start = _led(problem, problem.start(magnitudes=first.magnitudes), settings, SLOWER)
-    other = polish(problem, start, 1.0, settings)
-    if settings.jumps:
-        other = _across_jumps(other, settings)
+    other = _across_jumps(polish(problem, start, 1.0, settings), settings)
     return other if other.cost < fit.cost - SAME else fit
 
 

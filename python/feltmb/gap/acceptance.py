@@ -28,7 +28,15 @@ from feltmb.gap.criteria import (
     WIDE_GAP,
 )
 from feltmb.gap.misfit import allowance
-from feltmb.gap.proof import HeldOut, Outcome, Paired, compare, evaluate, expected_gain
+from feltmb.gap.proof import (
+    HeldOut,
+    Outcome,
+    Paired,
+    compare,
+    evaluate,
+    expected_gain,
+    explained_share,
+)
 from feltmb.gap.refine import CandidateSet, full_evidence, refit, tighten
 from feltmb.gap.search import Search
 
@@ -301,7 +309,7 @@ class _Attempt:
         before = self._gaps(self._outcome_without(c, name))
         after = self._gaps(self.outcome(c.fit))
         shares = [
-            (old**2 - new**2) / (old**2 - 1.0)
+            explained_share(old, new)
             for old, new in zip(before, after, strict=True)
             if WIDE_GAP < old < np.inf and np.isfinite(new)
         ]

@@ -388,15 +388,12 @@ def _colored(
     found: dict[int, Noise] = {}
     for group in sensors.values():
         first = group[0]
-        at = (
-            ""
-            if len(group) == sum(c.channel == first.channel for c in channels)
-            else (f" ({', '.join(c.record for c in group)})")
-        )
-        interval, unit = by_name[first.record].interval, unit_suffix(first.unit)
+        every = len(group) == sum(c.channel == first.channel for c in channels)
+        at = "" if every else f" ({', '.join(c.record for c in group)})"
+        before = Noise(first.sigma, first.correlation_time)
+        interval = by_name[first.record].interval
         values = [by_name[c.record].outputs[c.channel] for c in group]
         if first.method == "sensor":
-            before = Noise(first.sigma, first.correlation_time)
             noise = color_at_rest([still_blocks(v, before.sigma) for v in values], interval, before)
             if noise == before:
                 continue
@@ -405,13 +402,12 @@ def _colored(
                 f"{before.correlation_time:.3g} s; the former is used"
             )
         else:
-            before = Noise(first.sigma, first.correlation_time)
             average = averaged_noise(values, interval, before)
             if average is None or not average.sigma > first.sigma:
                 continue
             if not all(_fine(c.quantum, average.sigma) for c in group):
                 continue
-            noise = average
+            noise, unit = average, unit_suffix(first.unit)
             told = (
                 f"samples with a standard deviation of {noise.sigma:.3g}{unit}, which is used "
                 f"instead of {first.sigma:.3g}{unit}. Specify sigma if you know it"

@@ -34,7 +34,7 @@ TIMES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 QUIETEST, PASSES = 0.25, 4
 
 
-def still_blocks(values: Array, sigma: float | None) -> Array:
+def still_blocks(values: Array, sigma: float) -> Array:
     """Blocks of samples that are a parabola plus noise, (k, BLOCK) [unit].
 
     Parameters
@@ -42,17 +42,27 @@ def still_blocks(values: Array, sigma: float | None) -> Array:
     values
         One channel of one record, evenly sampled, (n,) [unit]; NaN is missing.
     sigma
-        Standard deviation of its noise [unit]; None: unknown, and all blocks are returned.
+        Standard deviation of its noise [unit].
     """
+    return _still(_blocks(values), sigma)
+
+
+def _blocks(values: Array) -> Array:
+    """All blocks of samples without a missing value, (k, BLOCK)."""
     count = values.size // BLOCK
     blocks = values[: count * BLOCK].reshape(count, BLOCK)
-    blocks = blocks[np.all(np.isfinite(blocks), axis=1)]
-    if sigma is None:
-        return np.asarray(blocks)
-    left = blocks @ _contrasts(DEGREES[0])
-    rms = np.sqrt(np.mean(left**2, axis=1))
-    low_noise = (rms > AT_REST[0] * sigma) & (rms < AT_REST[1] * sigma)
-    return np.asarray(blocks[low_noise])
+    return np.asarray(blocks[np.all(np.isfinite(blocks), axis=1)])
+
+
+def _still(blocks: Array, sigma: float) -> Array:
+    """Blocks that are a parabola plus noise."""
+    rms = _rms(blocks)
+    return np.asarray(blocks[(rms > AT_REST[0] * sigma) & (rms < AT_REST[1] * sigma)])
+
+
+def _rms(blocks: Array) -> Array:
+    """Root mean square of each block, apart from a parabola, (k,)."""
+    return np.asarray(np.sqrt(np.mean((blocks @ _contrasts(DEGREES[0])) ** 2, axis=1)))
 
 
 def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noise:
@@ -72,15 +82,15 @@ def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noi
     sheet
         Noise according to the data sheet.
     """
-    average = _average(blocks, interval, sheet)
+    table = np.concatenate(blocks) if blocks else np.zeros((0, BLOCK))
+    average = _average(table, interval, sheet)
     if average is None or not 1.0 / SAME_SPREAD < average.sigma / sheet.sigma < SAME_SPREAD:
         return sheet
     return replace(average, sigma=sheet.sigma)
 
 
-def _average(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noise | None:
+def _average(table: Array, interval: float, sheet: Noise) -> Noise | None:
     """The moving average that blocks show, with its standard deviation; None: they show none."""
-    table = np.concatenate(blocks) if blocks else np.zeros((0, BLOCK))
     if len(table) < LEAST_BLOCKS:
         return None
     averages = [replace(sheet, correlation_time=0.5 * n * interval, averaged=n) for n in AVERAGES]
@@ -117,27 +127,25 @@ def averaged_noise(records: Sequence[Array], interval: float, sheet: Noise) -> N
     sheet
         Its correlation time is one of the alternatives.
     """
-    blocks = np.concatenate([still_blocks(values, None) for values in records])
+    blocks = np.concatenate([_blocks(values) for values in records])
     if len(blocks) < LEAST_BLOCKS:
         return None
-    rms = np.sqrt(np.mean((blocks @ _contrasts(DEGREES[0])) ** 2, axis=1))
-    sigma, found = float(np.quantile(rms, QUIETEST)), None
+    found = replace(sheet, sigma=float(np.quantile(_rms(blocks), QUIETEST)))
     for _ in range(PASSES):
-        if not sigma > 0.0:
+        before = replace(sheet, sigma=found.sigma)
+        average = _average(_still(blocks, found.sigma), interval, before)
+        if average is None:
             return None
-        own = [still_blocks(values, sigma) for values in records]
-        found = _average(own, interval, replace(sheet, sigma=sigma))
-        if found is None:
-            return None
-        sigma = found.sigma
-    assert found is not None
+        found = average
     spread = max(float(np.nanstd(values)) for values in records)
-    still = np.concatenate([still_blocks(values, sigma) for values in records])
-    if sigma > REST_SHARE * spread or not _forgets(still, found):
+    still = _still(blocks, found.sigma)
+    if found.sigma > REST_SHARE * spread or not _forgets(still, found):
         return None
     differences = float(np.sqrt(np.mean(np.diff(still, 3, axis=1) ** 2)))
     weights = np.array([-1.0, 3.0, -3.0, 1.0])
-    expected = sigma * float(np.sqrt(weights @ _covariance(found, interval)[:4, :4] @ weights))
+    expected = found.sigma * float(
+        np.sqrt(weights @ _covariance(found, interval)[:4, :4] @ weights)
+    )
     return found if 1.0 / SAME_SPREAD < differences / expected < SAME_SPREAD else None
 
 

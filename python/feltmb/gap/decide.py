@@ -28,6 +28,7 @@ from feltmb.gap.criteria import (
 )
 from feltmb.gap.findings import Calibrated, Closest, HowFar, Verdict, Where
 from feltmb.gap.misfit import Misfit, misfit
+from feltmb.gap.proof import explained_share
 from feltmb.gap.search import Search
 from feltmb.gap.sizes import Sizes
 from feltmb.gap.tabulated import of_the_machine
@@ -50,6 +51,10 @@ TRUST = {
     Verdict.NO_GAP: 1.0,
     Verdict.CALIBRATED: 1.0,
 }
+
+
+#: Advice if only the held-out records show a gap.
+FIT_OTHERS = "They excite effects that the others do not. Fit some of them, and hold out others."
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +134,7 @@ def decide(facts: Facts) -> Decision:
             Verdict.UNKNOWN,
             "The records of the fit show no gap, but the held-out ones do: fitted to them alone "
             f"the model{with_set} leaves {facts.beyond:.3g} times the sum of squares of noise. "
-            "They excite effects that the others do not. Fit some of them, and hold out others.",
+            + FIT_OTHERS,
         )
     if not gap:
         weak = hint or (p < HINT * facts.alpha and search.best is not None)
@@ -304,8 +309,7 @@ def _name(facts: Facts) -> Decision:
             rest = (
                 " What is left of the fitted records is noise, but the held-out ones show more: "
                 f"fitted to them alone, {facts.beyond:.3g} times the sum of squares of noise "
-                "remains. They excite effects that the others do not. Fit some of them, and hold "
-                "out others."
+                f"remains. {FIT_OTHERS}"
             )
         elif not fitted:
             rest = (
@@ -387,7 +391,7 @@ def _explained(far: HowFar) -> float:
     """Share of the squared held-out gap that is explained; 1 if it is hardly above the noise."""
     if not NO_GAP_RATIO < far.before < math.inf:
         return 1.0
-    return (far.before**2 - far.after**2) / (far.before**2 - 1.0)
+    return explained_share(far.before, far.after)
 
 
 def _band(far: HowFar) -> str:

@@ -240,7 +240,7 @@ def _investigate(
         fit = without_several(fit, settings)
     if known is None:
         fit = with_variability(fit, settings)
-        led = [_in_model(f, fit.problem.model) for f in led]
+        led = [f.in_problem(replace(f.problem, model=fit.problem.model)) for f in led]
     watch.fitted(fit.chi2 / fit.dof)
     watch.enter(SEARCH)
     found = search(
@@ -258,27 +258,13 @@ def _investigate(
     return within_tolerance(in_refined_steps(found, settings, progress=progress), settings)
 
 
-def _in_model(fit: Fit, model: Model) -> Fit:
-    """A fit as a start with another version of the model."""
-    return replace(
-        fit, problem=replace(fit.problem, model=model), point=replace(fit.point, memo={})
-    )
-
-
 def _best_of_each_size(known: Search, problem: Problem) -> list[Fit]:
     """The best set of each size of a search that beats the model, as starts in another problem."""
     best: dict[int, Fit] = {}
     for c in known.sets:
         if c.evidence > known.model_evidence:
             best.setdefault(len(c.names), c.fit)
-    return [
-        replace(
-            fit,
-            problem=problem.with_candidates(fit.included),
-            point=replace(fit.point, memo={}),
-        )
-        for fit in best.values()
-    ]
+    return [fit.in_problem(problem.with_candidates(fit.included)) for fit in best.values()]
 
 
 def _alone(
@@ -611,14 +597,8 @@ def _diagnosed(
             remains=ledger(_with_other_noise(rest or accepted.best.fit, plain))[0],
         )
     beyond = None
-    others_say = held_segmented_records, settings, checks, store, watch.say
-    if watch.over():
-        pass
-    elif accepted.best is not None:
-        explained = float(np.sum(accepted.after.density - accepted.before.density))
-        beyond = _beyond(accepted.after, *others_say, bar=REST_EXCESS, explained=explained)
-    elif not bare_misfit.left:
-        beyond = _beyond(accepted.before, *others_say)
+    if not watch.over() and (accepted.best is not None or not bare_misfit.left):
+        beyond = _beyond(accepted, held_segmented_records, settings, checks, store, watch.say)
     lap("how far")
     watch.enter(REPORT)
     best_fit = found.model_fit if accepted.best is None else accepted.best.fit
@@ -905,25 +885,22 @@ def _with_color(checks: DataChecks, color: dict[str, float]) -> DataChecks:
 
 
 def _beyond(
-    outcome: Outcome,
+    accepted: Accepted,
     segmented_records: tuple[SegmentedRecord, ...],
     settings: FitSettings,
     checks: DataChecks,
     store: Store | None,
     say: Callable[[str], None],
-    *,
-    bar: float = EXCESS,
-    explained: float = 0.0,
 ) -> float | None:
-    """Sum of squares over its expectation of a model, fitted to the held-out records alone.
+    """Sum of squares over its expectation of the accepted model, fitted to held-out records alone.
 
     Returned only if the held-out records show a gap that no parameter values and magnitudes
-    explain, else None. ``bar`` and ``explained``: see :func:`misfit`.
+    explain, else None.
     """
-    known = outcome.fit
+    known = accepted.after.fit
     model = known.problem.model
     which = "segmented" if model.chaotic else "open_loop"
-    if not outcome.gap(segmented_records, which) > WIDE_GAP:
+    if not accepted.after.gap(segmented_records, which) > WIDE_GAP:
         return None
     say("held-out records alone")
     problem = Problem(model, segmented_records, known.included, store=store)
@@ -933,6 +910,8 @@ def _beyond(
         other = fit_problem(problem, replace(settings, restarts=0), point=start)
         fit = other if other.log_evidence > fit.log_evidence else fit
     tight = tighten(fit, settings)
+    bar = EXCESS if accepted.best is None else REST_EXCESS
+    explained = float(np.sum(accepted.after.density - accepted.before.density))
     left = misfit(fit, tight, estimated=checks.estimated, bar=bar, explained=explained)
     reference = tight or fit
     beyond = left.left and left.excess > bar and fit.converged

@@ -52,8 +52,7 @@ def lead(
     near them, or if a parameter has no prior.
     """
     model, start = problem.model, problem.start()
-    known = all(np.isfinite(model.parameters[i].sd) for i in problem.free)
-    if model.states() or not known:
+    if model.states() or not problem.has_priors:
         return []
     tabulated = problem.cost_at(start, NO_GAPS, problem.linear(start))[0]
     if tabulated < NEAR * problem.samples:

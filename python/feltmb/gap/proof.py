@@ -31,6 +31,7 @@ __all__ = [
     "compare",
     "evaluate",
     "expected_gain",
+    "explained_share",
     "one_run",
     "residuals_by_segment",
 ]
@@ -189,6 +190,11 @@ def expected_gain(
     size = after.model.point.magnitudes[own]
     certain = float(size @ solve_scaled(covariance[np.ix_(at, at)], size)) / inflation
     return mean, math.sqrt(2.0 * mean + 4.0 * mean**2 / max(certain, 1.0))
+
+
+def explained_share(before: float, after: float) -> float:
+    """Share of a squared held-out gap above the noise that is explained [1]; gaps [sigma]."""
+    return (before**2 - after**2) / (before**2 - 1.0)
 
 
 def _predicted(held: HeldOut, outcome: Outcome) -> tuple[SegmentedRecord, ...]:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from feltmb.data import Array
 from feltmb.fit.model import Batch, Candidate, Effect, Jobs, Model
-from feltmb.fit.observe import machine_candidates
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, finish, model_with_variability, polish
@@ -218,8 +217,7 @@ def _again(
     def moved(c: CandidateSet) -> CandidateSet:
         problem = other(c.fit.problem)
         if not rescore:
-            point = replace(c.fit.point, memo={})
-            return CandidateSet(replace(c.fit, problem=problem, point=point), c.evidence)
+            return CandidateSet(c.fit.in_problem(problem), c.evidence)
         fit = finish(problem, replace(c.fit.point, memo={}), c.fit.level, c.fit.gap_sd)
         return CandidateSet(fit, full_evidence(fit, hunt.total))
 
@@ -247,8 +245,7 @@ def _jobs(fit: Fit, settings: FitSettings) -> list[Batch]:
 
     In a whole record, the error of the steps accumulates over the segments.
     """
-    included = machine_candidates(fit.included)
-    magnitudes = np.array([fit.point.magnitudes[fit.included.index(t)] for t in included])
+    included, magnitudes = fit.machine_effects
     places = list(zip(fit.problem.segmented_records, fit.point.places, strict=True))
     model = fit.problem.model
 
