@@ -61,9 +61,8 @@ class ActionMachine(Machine):
     def diagnose(self, records: Sequence[Record], names: Sequence[str] = ()) -> Any:
         action, _, library, outputs = _setup()
         first = records[0]
-        view = "motion" if first.input_mode == "motion" else "force"
         seen = outputs if first.outputs.keys() >= {*outputs} else truth.ONE_CAMERA
-        asked = list(names) or [e.name for e in truth.candidates(library, seen, view)]
+        asked = list(names) or [e.name for e in truth.candidates(library, seen)]
         model, known = mechanism_model(
             action,
             channels=[*first.outputs],
@@ -114,6 +113,8 @@ def _answer(case: truth.Case, library: Any, onsets: dict[str, list[float]]) -> d
             data = truth.is_signal(entry) or entry.kind in ("sensor", "input")
         times = {s: onsets[s][k] for s in onsets}
         told = {"component": component, "data": data, "onset": times}
+        if second := truth.second_of(part):
+            told["second"] = second
         if strengths[k] is not None:
             told["nc"] = strengths[k]
         parts.append({**asdict(part), **told})

@@ -8,8 +8,8 @@ engine and nothing of its model's run is in it:
 
     nc^2 = min over p, z of |W (y(with) - y(p) - D z)|^2 + |(p - p0) / sd|^2 + |z|^2,
 
-p0 the case's own tolerances, D run-to-run variability, W the whitening by the sensors' noise. In
-the view "motion" the key front of y(p) follows the motion that it has with the effect.
+p0 the case's own tolerances, D run-to-run variability with the noise of the measured force, W the
+whitening by the sensors' noise. In the view "motion" the measured motion is one of the outputs.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ __all__ = ["noncentralities"]
 STEP = 0.25
 #: Steps of the fit along the same columns, each one run of every stroke, and how often columns are
 #: taken anew where it stops.
-ITERATIONS, RENEWALS = 20, 2
+ITERATIONS, RENEWALS = 20, 4
+#: Damping of a step after one that failed, and the one beyond which the columns do not hold.
+LEAST_DAMPING, MOST_DAMPING = 1e-4, 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +59,6 @@ def _fixed(view: str) -> tuple[Any, ...]:
     channels = truth.watched(view, outputs)
     model = mechanism_model(action, channels=channels, rtol=1e-6, workers=1)[0]
     return base, library, outputs, model
-
-
-#: Motion of the key front: time [s], displacement [m].
-Motion = tuple[Array, Array]
 
 
 def noncentralities(case: truth.Case) -> list[float | None]:
@@ -88,69 +86,52 @@ def noncentralities(case: truth.Case) -> list[float | None]:
     return out
 
 
-def _run(
-    case: truth.Case, name: str, length: float | None = None, motion: Motion | None = None
-) -> tuple[dict[str, Array], Motion]:
-    """Ideal view of a stroke, and the motion of the key front in it."""
+def _view(case: truth.Case, name: str, length: float | None = None) -> dict[str, Array]:
+    """Ideal view of a stroke."""
     base, library, outputs, _ = _fixed(case.view)
-    view, run = truth.record(
-        base, library, case, name, outputs, rtol=1e-7, ideal=True, length=length, motion=motion
-    )
-    return view, truth.motion_of(run)
+    return truth.record(base, library, case, name, outputs, rtol=1e-7, ideal=True, length=length)[0]
 
 
-def _view(
-    case: truth.Case, name: str, length: float | None = None, motion: Motion | None = None
-) -> Array:
-    """Ideal outputs of a stroke; ``motion`` is that of the key front, if it is the input."""
-    return _stacked(case, _run(case, name, length, motion)[0])
-
-
-def _stacked(case: truth.Case, view: Mapping[str, Array]) -> Array:
-    return np.stack([view[o] for o in truth.watched(case.view, _fixed(case.view)[2])], axis=-1)
+def _outputs(case: truth.Case, view: Mapping[str, Array]) -> Array:
+    """Outputs of the model in a view, (n, ny)."""
+    named = {"finger.displacement": "displacement"}
+    return np.stack([view[named.get(o, o)] for o in _fixed(case.view)[3].outputs], axis=-1)
 
 
 def _stroke(bare: truth.Case, name: str) -> _Stroke:
     model = _fixed(bare.view)[3]
-    view, motion = _run(bare, name)
+    view = _view(bare, name)
     length = len(next(iter(view.values()))) / truth.RATE
-    record = to_record(name, view)
+    record, _ = model.driven(to_record(name, view))
     segmented = whole_segmented(model, record)
     variability = model.with_variability([record], truth.VARIATION).variabilities[name].columns
     white = segmented.whiten(variability[None]).reshape(-1, variability.shape[2])
-    driven = motion if bare.view == "motion" else None
-    columns = _columns(bare, name, length, segmented, driven)
+    columns = _columns(bare, name, length, segmented)
     return _Stroke(name, length, segmented, columns, white)
 
 
-def _columns(
-    case: truth.Case, name: str, length: float, segmented: SegmentedRecord, motion: Motion | None
-) -> Array:
+def _columns(case: truth.Case, name: str, length: float, segmented: SegmentedRecord) -> Array:
     """Whitened derivatives of a stroke by all tolerances, at the tolerances of the case."""
-    base = _view(case, name, length, motion)
+    base = _outputs(case, _view(case, name, length))
     columns = []
     for e in _fixed(case.view)[1].tolerances:
         at = case.tolerances.get(e.name, 0.0)
         step = STEP * e.magnitude if at <= 0.0 else -STEP * e.magnitude
         moved = replace(case, tolerances={**case.tolerances, e.name: at + step})
-        change = (_view(moved, name, length, motion) - base) * (e.magnitude / step)
-        columns.append(segmented.whiten(change[None]).reshape(-1))
+        change = _outputs(case, _view(moved, name, length)) - base
+        scaled = change * (e.magnitude / step)
+        columns.append(segmented.whiten(scaled[None]).reshape(-1))
     return np.column_stack(columns)
 
 
 def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> float:
     _, library, _, model = _fixed(case.view)
+    sensed = "finger.force" if case.view == "motion" else "force"
     targets: list[Array] = []
-    driven: list[Motion | None] = []
     for s in strokes:
-        moved, motion = _run(case, s.name, s.length)
-        if case.view == "motion":
-            targets.append(_stacked(case, moved))
-            driven.append(motion)
-        else:
-            answer = answer_to_force(model, s.segmented.record, moved["force"])
-            targets.append(_stacked(case, moved) - answer)
-            driven.append(None)
+        view = _view(case, s.name, s.length)
+        answer = answer_to_force(model, s.segmented.record, view[sensed])
+        targets.append(_outputs(case, view) - answer)
     magnitudes = np.array([e.magnitude for e in library.tolerances])
     names = [e.name for e in library.tolerances]
     own = np.array([bare.tolerances.get(n, 0.0) for n in names])
@@ -162,36 +143,38 @@ def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> flo
         return replace(bare, tolerances=dict(zip(names, own + p * magnitudes, strict=True)))
 
     def residual(p: Array) -> Array:
-        parts = [
-            s.segmented.whiten((y - _view(at(p), s.name, s.length, m))[None]).reshape(-1)
-            for s, y, m in zip(strokes, targets, driven, strict=True)
-        ]
+        parts = []
+        for s, y in zip(strokes, targets, strict=True):
+            left = y - _outputs(bare, _view(at(p), s.name, s.length))
+            parts.append(s.segmented.whiten(left[None]).reshape(-1))
         return np.concatenate(parts)
 
     def cost(r: Array, p: Array) -> float:
         pull = variability.T @ r  # the variability is linear: it is eliminated at every point
         return float(r @ r - pull @ clean @ pull + p @ p)
 
-    p = np.zeros(count)
+    p: Array = np.zeros(count)
     r = residual(p)
     best = cost(r, p)
     columns = np.vstack([s.columns for s in strokes])
+    same = _same(case.parts[0], library)
+    if same is not None:  # the tolerance of the same value compensates the effect exactly
+        moved = case.parts[0].size / magnitudes[same] * np.eye(count)[same]
+        other = residual(moved)
+        if cost(other, moved) < best:
+            p, r, best = moved, other, cost(other, moved)
+            columns = np.vstack([_columns(at(p), s.name, s.length, s.segmented) for s in strokes])
     for renewal in range(1 + RENEWALS):
         if renewal:
-            columns = np.vstack(
-                [
-                    _columns(at(p), s.name, s.length, s.segmented, m)
-                    for s, m in zip(strokes, driven, strict=True)
-                ]
-            )
-        before = best
+            columns = np.vstack([_columns(at(p), s.name, s.length, s.segmented) for s in strokes])
+        before, damping = best, 0.0
         root = np.hstack([columns, variability])
-        height = np.linalg.inv(root.T @ root + np.eye(root.shape[1]))
-        share = 1.0
+        normal = root.T @ root + np.eye(root.shape[1])
         for _ in range(ITERATIONS):
             z = clean @ (variability.T @ r)
             left = np.concatenate([columns.T @ (r - variability @ z) - p, np.zeros(z.size)])
-            moved = p + share * (height @ left)[:count]
+            damped = normal + damping * np.diag(np.diag(normal))
+            moved = p + np.linalg.solve(damped, left)[:count]
             try:
                 other = residual(moved)
                 value = cost(other, moved)
@@ -200,16 +183,25 @@ def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> flo
             if value < best:
                 done = best - value < 1e-3 * best + 0.05
                 p, r, best = moved, other, value
-                share = min(1.0, 2.0 * share)
+                damping *= 0.1
                 if done:
                     break
             else:
-                share *= 0.4
-                if share < 0.02:
+                damping = max(10.0 * damping, LEAST_DAMPING)
+                if damping > MOST_DAMPING:
                     break
         if before - best < 0.02 * best + 0.1:
             break
     return math.sqrt(max(best, 0.0))
+
+
+def _same(part: truth.Part, library: Any) -> int | None:
+    """Number of the tolerance that changes the same value as a part; None: there is none."""
+    if part.form != "A":
+        return None
+    changes = library.effect(part.name).changes
+    equal = [i for i, e in enumerate(library.tolerances) if changes and e.changes == changes]
+    return equal[0] if equal else None
 
 
 def _diagonal(blocks: list[Array]) -> Array:

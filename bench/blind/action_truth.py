@@ -24,7 +24,7 @@ from feltmb.adapters.refined import refined
 from feltmb.mechanism import Action, load_action
 from feltmb.run.results import Run
 from feltmb.run.simulate import simulate
-from feltmb.run.stroke import Stroke, load_stroke, motion_stroke, pulse_stroke, ramp_stroke
+from feltmb.run.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
 
 Array = NDArray[np.float64]
 
@@ -133,6 +133,13 @@ def forms(entry: Entry, library: Library) -> list[tuple[str, list[tuple[Entry, f
     return out
 
 
+def second_of(part: Part) -> str:
+    """Effect of the library that form B of a part contains beside its own, or "" if none."""
+    family, _, rest = part.name.partition(".")
+    others = {"coulomb_friction": "stribeck_friction", **{f: m[1] for f, m in MIXED.items()}}
+    return f"{others[family]}.{rest}" if part.form == "B" and family in others else ""
+
+
 def is_signal(entry: Entry) -> bool:
     """Whether the effect is one of sensors or of the input."""
     return entry.sensor is not None or entry.input is not None
@@ -147,13 +154,11 @@ def watched(view: str, outputs: Sequence[str]) -> tuple[str, ...]:
 
 def candidates(library: Library, outputs: Sequence[str], view: str = "force") -> list[Entry]:
     """Effects that a case may withhold: those that these records could show."""
-    outputs = watched(view, outputs)
+    outputs = [o for o in watched(view, outputs) if o != "finger.force"]  # its errors: of the input
     points = {o.rpartition(".")[0] for o in outputs}
     out = []
     for e in library.effects:
         if e.condition is not None or e.name in SYNONYMS:
-            continue
-        if e.input is not None and view == "motion":  # errors of the input act on the force sensor
             continue
         moved = {c.path.split(".")[1] for c in e.changes if c.path.startswith("points.")}
         if moved and not moved & points:
@@ -318,15 +323,6 @@ def _seen(run: Run, output: str, frames: Array, size: Mapping[str, float]) -> Ar
     return np.asarray(gain * value)
 
 
-def motion_of(run: Run) -> tuple[Array, Array]:
-    """Motion of the key front in a run: time [s] and displacement downward from rest [m].
-
-    Four knots a frame; with more of them the spline would shorten the steps of the integrator.
-    """
-    time, front = run.time[::2], run["key_front.y"][::2]
-    return time, -(front - front[0])
-
-
 def record(
     base: Action,
     library: Library,
@@ -337,16 +333,14 @@ def record(
     rtol: float = 1e-8,
     ideal: bool = False,
     length: float | None = None,
-    motion: tuple[Array, Array] | None = None,
     played: Stroke | None = None,
 ) -> tuple[dict[str, Array], Run]:
     """Sensors' view of one stroke, {input, output, ...}, and the run behind it.
 
-    The input is "force" [N], in the view "motion" "displacement" [m]. ``outputs``: those of all
-    cameras. ``ideal``: no noise and no steps. ``length``: of the record [s]; None: until
-    ``AFTER_BLOW`` after the hammer was farthest, in the view "whole" all of it. ``motion``: time
-    [s] and displacement [m] that the key front follows in place of the force of the stroke.
-    ``played``: another stroke than the one of that name.
+    The input is "force" [N], in the view "motion" "displacement" [m] of the key front, downward
+    from rest. ``outputs``: those of all cameras. ``ideal``: no noise and no steps. ``length``: of
+    the record [s]; None: until ``AFTER_BLOW`` after the hammer was farthest, in the view "whole"
+    all of it. ``played``: another stroke than the one of that name.
     """
     if played is None:
         played, longest = command(stroke, case)
@@ -355,11 +349,8 @@ def record(
     whole = case.view == "whole"
     if whole:
         longest = float(played.duration)
-    acting = played
-    if motion is not None:
-        acting = motion_stroke(tuple(motion[0]), tuple(motion[1]), of="key", name=stroke)
     run = simulate(
-        machine(base, library, case, stroke), acting, duration=length or longest, rtol=rtol,
+        machine(base, library, case, stroke), played, duration=length or longest, rtol=rtol,
         method="cvode", output_rate=8.0 * RATE, ledger=False, events=False,
     )  # fmt: skip
     if length is None:
@@ -378,17 +369,11 @@ def record(
         for o in names:
             if o in view and gain:
                 view[o] = (1.0 + gain) * view[o]
+    force = played.at(frames - size.get("input_delay", 0.0))
+    force = (1.0 + size.get("input_gain", 0.0)) * force + size.get("input_offset", 0.0)
     if case.view == "motion":
-        view["displacement"] = np.interp(frames, *motion_of(run))
-        force = np.interp(frames, run.time, run["finger.force"])
-        for channel, names in library.channels.items():
-            if "finger.force" in names:
-                force = (1.0 + size.get(f"channel_gain.{channel}", 0.0)) * force
-        view["finger.force"] = np.asarray(force)
-    else:
-        force = played.at(frames - size.get("input_delay", 0.0))
-        force = (1.0 + size.get("input_gain", 0.0)) * force + size.get("input_offset", 0.0)
-        view["force"] = np.asarray(force)
+        view["displacement"] = np.interp(frames, run.time, run["finger.displacement"])
+    view["finger.force" if case.view == "motion" else "force"] = np.asarray(force)
     if ideal:
         return view, run
     for name in ("force", "finger.force"):

@@ -86,6 +86,11 @@ class Scored:
         return {str(p["name"]) for p in self.parts}
 
     @property
+    def present(self) -> set[str]:
+        """True effects, and those that the other form of one of them is mixed with."""
+        return self.truth | {str(p["second"]) for p in self.parts if "second" in p}
+
+    @property
     def kind(self) -> int:
         """0 none, 1 to 3 effects of the library, 4 outside."""
         return 4 if self.outside else len(self.parts)
@@ -131,10 +136,10 @@ class Scored:
         """Whether the diagnosis makes a wrong claim."""
         if self.failed or not self.claims:
             return False
-        if self.named - self.truth:
+        if self.named - self.present:
             return True
         if self.result["one_of"]:
-            return not set(self.result["one_of"]) & self.truth
+            return not set(self.result["one_of"]) & self.present
         if self.verdict == "DATA PROBLEM":
             return not any(p.get("data", p["component"] in DATA) for p in self.parts)
         return False

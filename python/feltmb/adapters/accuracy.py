@@ -20,7 +20,7 @@ Mask = NDArray[np.bool_]
 
 #: If the noise of a sensor is below this many relative tolerances of the integrator, as a share of
 #: the motion, it is compared with the error of the simulation.
-SHARP = 100.0
+SHARP = 1000.0
 #: Number of simulated motions with noise: their rms is then known to a fifth in each window.
 DRAWS = 4
 #: A key moves where its speed exceeds so many standard deviations of the noise of the speed.

@@ -8,13 +8,25 @@ import numpy as np
 
 from feltmb import _core
 from feltmb.adapters.variants import Variant
-from feltmb.data import Array, Record
+from feltmb.data import Array, Record, Sensor
 from feltmb.data.smoothing import LEAST_SAMPLES, noise_of_record, smooth_record
 from feltmb.errors import DataError
 from feltmb.fit.latest import Latest
 from feltmb.mechanism import Action
 
-__all__ = ["Drive", "Drives", "follow", "with_noise"]
+__all__ = [
+    "DISPLACEMENT",
+    "FORCE",
+    "Drive",
+    "Drives",
+    "driven_by_force",
+    "follow",
+    "with_noise",
+    "without_input",
+]
+
+#: Outputs of the finger: its force [N], and its displacement [m].
+FORCE, DISPLACEMENT = "finger.force", "finger.displacement"
 
 #: Number of cached smoothed motions; a diagnosis uses each of them thousands of times.
 SMOOTHED = 256
@@ -105,6 +117,63 @@ def follow(action: Action, v: Variant, full: Array, profile: _core.Profile) -> N
     lever = (place(ahead) - here) / step
     drift = (place(full[:n] + step * full[n : 2 * n]) - here) / step
     full[n + k] = (float(profile.rate(0.0)) - drift) / lever
+
+
+def driven_by_force(record: Record) -> tuple[Record, tuple[str, ...]]:
+    """A record of a motion whose force is measured too: the force is the input, the motion output.
+
+    Both descriptions of the stroke are equivalent. The force that a motion needs depends on the
+    second derivative of the motion, in which its noise is large; the motion that a force causes
+    depends on integrals of the force. The record is returned unchanged if its input is a force, or
+    if the force is not complete: a missing or constant force cannot drive a model.
+
+    Returns
+    -------
+    record, notes
+        The record, and a sentence if it changed.
+    """
+    force = record.outputs.get(FORCE)
+    if record.input_mode != "motion" or "displacement" not in record.inputs or force is None:
+        return record, ()
+    if not np.all(np.isfinite(force)) or not np.ptp(force) > 0.0:
+        return record, ()
+    known = record.sensors.get(FORCE, Sensor(name=FORCE))
+    if (known.delay, known.bandwidth, known.gain, known.offset) != (0.0, np.inf, 1.0, 0.0):
+        return record, ()
+    outputs, sensors, sigma = dict(record.outputs), dict(record.sensors), dict(record.input_sigma)
+    del outputs[FORCE]
+    sensors.pop(FORCE, None)
+    outputs[DISPLACEMENT] = record.inputs["displacement"]
+    sensors.setdefault(
+        DISPLACEMENT, Sensor(name=DISPLACEMENT, unit="m", sigma=sigma.pop("displacement", None))
+    )
+    if known.sigma is not None:
+        sigma["force"] = known.sigma
+    note = (
+        f"{record.name}: {FORCE} is measured beside the motion. The measured force drives the "
+        f"model, and the measured motion is compared with its {DISPLACEMENT}"
+    )
+    new = replace(
+        record,
+        input_mode="force",
+        inputs={"force": force},
+        input_sigma=sigma,
+        outputs=outputs,
+        sensors=sensors,
+    )
+    return new, (note,)
+
+
+def without_input(record: Record) -> Record:
+    """A record whose input is not one of its outputs: the model repeats its input exactly."""
+    own = DISPLACEMENT if record.input_mode == "motion" else FORCE
+    if own not in record.outputs or len(record.outputs) == 1:
+        return record
+    return replace(
+        record,
+        outputs={n: v for n, v in record.outputs.items() if n != own},
+        sensors={n: s for n, s in record.sensors.items() if n != own},
+    )
 
 
 def with_noise(record: Record, notes: list[str]) -> Record:

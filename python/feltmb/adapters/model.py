@@ -28,7 +28,16 @@ from feltmb.adapters.accuracy import with_force_error, with_integration_error
 from feltmb.adapters.aliases import Alias, alias_of
 from feltmb.adapters.derivatives import sensitivities
 from feltmb.adapters.differentiable import DifferentiableMechanism
-from feltmb.adapters.drives import Drive, Drives, follow, with_noise
+from feltmb.adapters.drives import (
+    DISPLACEMENT,
+    FORCE,
+    Drive,
+    Drives,
+    driven_by_force,
+    follow,
+    with_noise,
+    without_input,
+)
 from feltmb.adapters.landmarks import first_turn, landmarks
 from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
@@ -85,7 +94,9 @@ class MechanismModel(DifferentiableMechanism):
     library
         Effects and tolerances, see :func:`load_library`.
     outputs
-        Names such as ``hammer_tip.x`` (displacement from rest [m]) or ``finger.force`` [N].
+        Names such as ``hammer_tip.x`` (displacement from rest [m]) or ``finger.force`` [N]. With
+        the latter, ``finger.displacement`` [m] is an output too: a record of a motion whose force
+        is measured is compared as a record of a force whose motion is measured.
     tolerances
         Estimated parameters; default: all tolerances of the library.
     rtol
@@ -115,7 +126,7 @@ class MechanismModel(DifferentiableMechanism):
     difference_step = 0.1
     input_modes = MappingProxyType({"force": ("force",), "motion": ("displacement",)})
     input_names = MappingProxyType(
-        {"force": ("finger.force",), "displacement": ("finger.displacement",)}
+        {"force": (FORCE,), "displacement": (DISPLACEMENT,), DISPLACEMENT: ("displacement",)}
     )
 
     def __init__(
@@ -143,10 +154,11 @@ class MechanismModel(DifferentiableMechanism):
         self.action = action
         self.library = library
         self.name = action.name
-        self.outputs = tuple(outputs)
+        both = FORCE in outputs and DISPLACEMENT not in outputs
+        self.outputs = (*outputs, DISPLACEMENT) if both else tuple(outputs)
         self.beside: frozenset[str] = frozenset()
         """Outputs that no planned record has; sensor effects mix them into other outputs."""
-        self.units = {o: "N" if o == "finger.force" else "m" for o in self.outputs}
+        self.units = {o: "N" if o == FORCE else "m" for o in self.outputs}
         self.units |= {"force": "N", "displacement": "m"}
         self.tolerances = tuple(library.tolerances if tolerances is None else tolerances)
         self.parameters = tuple(
@@ -227,7 +239,7 @@ class MechanismModel(DifferentiableMechanism):
     def _check_outputs(self, base: Variant) -> None:
         known = [f"{p}.{axis}" for p in base.points for axis in "xy"]
         if self.action.config.finger is not None:
-            known.append("finger.force")
+            known += [FORCE, DISPLACEMENT]
         unknown = [o for o in self.outputs if o not in known]
         if unknown:
             raise InvalidParameter(
@@ -290,6 +302,13 @@ class MechanismModel(DifferentiableMechanism):
         ready = with_integration_error(self, cut, notes) if self.single else cut
         same = model.carried == self.carried
         return Ready(self if same else model, tuple(ready), tuple(notes))
+
+    def driven(self, record: Record) -> tuple[Record, tuple[str, ...]]:
+        """A measured motion and force: the force is the input, and the motion an output."""
+        if FORCE not in self.outputs:
+            return record, ()
+        record, notes = driven_by_force(record)
+        return without_input(record), notes
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
         """Channels of tracking points as displacements from rest, also if they are absolute.

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from feltmb.adapters.drives import DISPLACEMENT
 from feltmb.adapters.model import MechanismModel
 from feltmb.data import Record, Sensor
 from feltmb.gap import InputLimits, Limits
@@ -37,7 +38,7 @@ def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tu
     """
     if model.action.config.finger is None:
         return ()
-    seen = [o for o in model.outputs if o not in model.beside]
+    seen = [o for o in model.outputs if o not in model.beside and o != DISPLACEMENT]
     sensors = {
         o: Sensor(
             name=o,

@@ -28,7 +28,7 @@ def columns_of(
 ) -> list[int]:
     """Columns on which a sensor effect acts; ``camera`` means every tracking point."""
     if signal.channels == "camera":
-        return [i for i, name in enumerate(outputs) if name != "finger.force"]
+        return [i for i, name in enumerate(outputs) if not name.startswith("finger.")]
     named = set(channels.get(signal.channels, (signal.channels,)))
     return [i for i, name in enumerate(outputs) if name in named]
 

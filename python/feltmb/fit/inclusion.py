@@ -122,6 +122,10 @@ class Including(Model):
         """Forget, as the original model does."""
         self._base.forget()
 
+    def driven(self, record: Record) -> tuple[Record, tuple[str, ...]]:
+        """The input that the original model selects."""
+        return self._base.driven(record)
+
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
         """Records in the coordinates of the original model."""
         return self._base.referred(record)

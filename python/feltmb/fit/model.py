@@ -530,6 +530,14 @@ class Model(ABC):
         """Simulate jobs of several records; see ``together``. Default: one after the other."""
         return [self.simulate(record, jobs) for record, jobs in batches]
 
+    def driven(self, record: Record) -> tuple[Record, tuple[str, ...]]:
+        """Select the input of a record that contains several; also return a description.
+
+        By default the record is not changed. A model that can be driven by different quantities
+        overrides this method.
+        """
+        return record, ()
+
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
         """Convert a record to the coordinates of the outputs; also return a description.
 

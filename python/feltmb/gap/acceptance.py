@@ -212,24 +212,12 @@ class _Attempt:
 
     def _gain(self, c: CandidateSet) -> float:
         """Held-out gain of a whole set over the model [units of log evidence]."""
-        after = self.outcome(c.fit)
-        return compare(
-            self.before, after, self.held.segmented_records, self.inflation, seed=self.seed
-        ).gain
+        return self._compared(self.before, self.outcome(c.fit)).gain
 
     def faults(self, c: CandidateSet) -> tuple[dict[str, Paired], dict[str, str]]:
         """Held-out gain of each effect over the set without it; reasons against effects."""
         after = self.outcome(c.fit)
-        trials = {
-            name: compare(
-                self._outcome_without(c, name),
-                after,
-                self.held.segmented_records,
-                self.inflation,
-                seed=self.seed,
-            )
-            for name in c.names
-        }
+        trials = {name: self._compared(self._outcome_without(c, name), after) for name in c.names}
         most = max(t.gain for t in trials.values())
         certain = _certainty(c.fit)
         bad = {}
@@ -368,20 +356,18 @@ class _Attempt:
             own = self.outcome(c.fit)
             if self._contradicted(own):
                 continue
-            if self._improves(own, after):
+            if _improves(self._compared(own, after), self.inflation):
                 continue  # the best one predicts better than it
             found.append(c)
         return found
 
+    def _compared(self, old: Outcome, new: Outcome) -> Paired:
+        return compare(old, new, self.held.segmented_records, self.inflation, seed=self.seed)
+
     def _contradicted(self, own: Outcome) -> bool:
         """Whether held-out records show less gain over the model than a true set would."""
-        paired = compare(self.before, own, self.held.segmented_records, self.inflation)
+        paired = self._compared(self.before, own)
         return self._refused(paired, self.before, own)
-
-    def _improves(self, old: Outcome, new: Outcome) -> bool:
-        return _improves(
-            compare(old, new, self.held.segmented_records, self.inflation), self.inflation
-        )
 
 
 def sure_part(

@@ -276,11 +276,16 @@ def _name(facts: Facts) -> Decision:
     first = set(best.names).union(*as_good)
     unsure = sorted(set().union(*sets) - set(sure), key=lambda n: (n not in first, n))
     sure, unsure = _probable(facts, sure, unsure)
-    sums = zip(facts.search.sets, facts.belief.sets, strict=True)
+    sums = list(zip(facts.search.sets, facts.belief.sets, strict=True))
     if sure:
         confidence = sum(w for c, w in sums if all(n in c.names for n in sure))
     else:
         confidence = sum(w for c, w in sums if set(c.names) & set(unsure))
+    # If the sure effects alone may be all, the others are a possibility and not a statement.
+    beside = sum(w for c, w in sums if set(sure) < set(c.names))
+    possible: list[str] = []
+    if sure and (set(sure) in sets or beside < SURE):
+        possible, unsure = unsure, []
     if confidence < SURE:
         why = f"posterior {confidence:.2f}, expected {SURE} at least"
         return _unsure(facts, sure or tuple(unsure), why)
@@ -299,7 +304,7 @@ def _name(facts: Facts) -> Decision:
         why = f"closes {far.closed_text} of the held-out gap{_band(far)}"
         return _unsure(facts, sure or tuple(unsure), why)
     # A score that remains beside unsure effects is theirs.
-    scored = facts.leftover > 1.0 and not unsure
+    scored = facts.leftover > 1.0 and not (unsure or possible)
     left = (fitted or scored or facts.beyond is not None) and not facts.enough_left
     closed = _closing(facts, sure or tuple(unsure))
     if left:
@@ -331,12 +336,11 @@ def _name(facts: Facts) -> Decision:
         where = "records show" if all(n in data for n in sure) else "model lacks"
         text = f"The {where}: {told}. {closed}"
     if sure and unsure:
-        text += (
-            f" In addition, one of {others}, which these records cannot tell apart."
-            if len(unsure) > 1
-            else f" These records do not determine whether {others} acts in addition."
-        )
+        text += f" In addition, one of {others}, which these records cannot tell apart."
         rest = rest if left else " What is left with it is noise."
+    if possible:
+        which = ("one of " if len(possible) > 1 else "") + _list(map(facts.sizes.text, possible))
+        text += f" These records do not determine whether {which} acts in addition."
     if left and (far_off := prior_deviations_told(best.fit)):
         rest += f" In addition, {far_off}: they may compensate a part of the gap."
     for name in sure:

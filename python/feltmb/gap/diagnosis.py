@@ -168,6 +168,8 @@ def _ready(
         The faults because of which the records cannot be used, all in one message.
     """
     records, copies = without_copies(records, hold_out)
+    selected = [model.driven(r) for r in records]
+    records, inputs = [r for r, _ in selected], [n for _, notes in selected for n in notes]
     records, constant = without_constant(records, model.outputs)
     checks = check_against(model, records)
     ready = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
@@ -177,7 +179,7 @@ def _ready(
         replace(c, sigma=max(c.sigma, known[c.record][c.channel].sigma or 0.0))
         for c in checks.channels
     ]
-    warnings = (*copies, *constant, *checks.warnings, *ready.notes)
+    warnings = (*copies, *inputs, *constant, *checks.warnings, *ready.notes)
     checks = replace(checks, channels=tuple(channels), warnings=warnings)
     return ready.model, ready.records, checks, copies
 

@@ -535,7 +535,8 @@ class Findings:
     named: tuple[str, ...]
     """Named effects (verdicts NAMED and NAMED + RESIDUAL REMAINS)."""
     one_of: tuple[str, ...]
-    """Effects that cannot be distinguished (verdict ONE OF); () otherwise."""
+    """Effects that cannot be distinguished, one of which acts: alone (verdict ONE OF), or in
+    addition to the named ones. A mere possibility is in the statement only."""
     confidence: float
     """Posterior probability of the statement [1]."""
     as_it_is: tuple[AsItIs, ...]

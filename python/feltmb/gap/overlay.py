@@ -98,9 +98,10 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     """
     if isinstance(records, Record):
         records = [records]
+    selected = [model.driven(r) for r in records]
+    records, notes = [r for r, _ in selected], [n for _, told in selected for n in told]
     checks = check_against(model, records)
     rows: list[GapBeforeRow] = []
-    notes: list[str] = []
     shown: list[Record] = []
     simulated: dict[str, dict[str, Array]] = {}
     for record in records:

@@ -354,12 +354,21 @@ def test_two_effects_that_held_out_records_do_not_excite_are_both_named(monkeypa
     assert "gain 50 units of log evidence by power 2. Held-out records hardly show power 3" in told
     wide = replace(shown, how_far=replace(facts.how_far, before=9.0, closed=0.8))
     assert "It closes 80% of the held-out gap. Held-out records" in decide(wide).statement
-    # One alone is no class.
+    # If an equally good set has one of them alone, the other is a possibility and no statement.
     smaller = (SimpleNamespace(names=("power 2",), evidence=-np.inf),)
     maybe = decide(replace(shown, accepted=replace(shown.accepted, rivals=smaller)))
-    assert (maybe.named, maybe.one_of) == (("power 2",), ("power 3",))
+    assert (maybe.verdict, maybe.named, maybe.one_of) == (Verdict.NAMED, ("power 2",), ())
     assert "do not determine whether power 3" in maybe.statement
     assert "one of power 3" not in maybe.statement
+    rivals = (*smaller, SimpleNamespace(names=("power 2", "power 4"), evidence=-np.inf))
+    maybe = decide(replace(shown, accepted=replace(shown.accepted, rivals=rivals)))
+    assert (maybe.verdict, maybe.named, maybe.one_of) == (Verdict.NAMED, ("power 2",), ())
+    assert "do not determine whether one of power 3 of 0.0" in maybe.statement
+    # If every equally good set has another one beside it, one of these acts.
+    maybe = decide(replace(shown, accepted=replace(shown.accepted, rivals=rivals[1:])))
+    assert maybe.verdict is Verdict.NAMED_UNKNOWN_REST
+    assert (maybe.named, set(maybe.one_of)) == (("power 2",), {"power 3", "power 4"})
+    assert "In addition, one of power 3 of 0.0" in maybe.statement
 
 
 @pytest.mark.parametrize(
