@@ -102,7 +102,7 @@ def _stroke(bare: truth.Case, name: str) -> _Stroke:
     model = _fixed(bare.view)[3]
     view = _view(bare, name)
     length = len(next(iter(view.values()))) / truth.RATE
-    record, _ = model.driven(to_record(name, view))
+    (record,), _ = model.driven([to_record(name, view)])
     segmented = whole_segmented(model, record)
     variability = model.with_variability([record], truth.VARIATION).variabilities[name].columns
     white = segmented.whiten(variability[None]).reshape(-1, variability.shape[2])

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.adapters.differentiable import DifferentiableMechanism
+from feltmb.adapters.drives import DISPLACEMENT
 from feltmb.data import Array, Record
 from feltmb.data.smoothing import LEAST_SAMPLES, WINDOW, smooth_record
 
@@ -20,7 +21,9 @@ Mask = NDArray[np.bool_]
 
 #: If the noise of a sensor is below this many relative tolerances of the integrator, as a share of
 #: the motion, it is compared with the error of the simulation.
-SHARP = 1000.0
+SHARP = 100.0
+#: The same for an encoder at the finger, which is as precise as an integration near let-off.
+SHARP_AT_FINGER = 1000.0
 #: Number of simulated motions with noise: their rms is then known to a fifth in each window.
 DRAWS = 4
 #: A key moves where its speed exceeds so many standard deviations of the noise of the speed.
@@ -45,7 +48,9 @@ def with_integration_error(
             for i, o in enumerate(model.outputs)
             if o in record.outputs
             and (record.sensors[o].sigma or 0.0)
-            < SHARP * model.rtol * float(np.nanmax(np.abs(record.outputs[o]), initial=0.0))
+            < (SHARP_AT_FINGER if o == DISPLACEMENT else SHARP)
+            * model.rtol
+            * float(np.nanmax(np.abs(record.outputs[o]), initial=0.0))
         ]
         if not sharp:
             continue

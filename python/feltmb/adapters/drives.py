@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,10 +21,9 @@ __all__ = [
     "FORCE",
     "Drive",
     "Drives",
-    "driven_by_force",
+    "driven",
     "follow",
     "with_noise",
-    "without_input",
 ]
 
 #: Outputs of the finger: its force [N], and its displacement [m].
@@ -119,60 +120,97 @@ def follow(action: Action, v: Variant, full: Array, profile: _core.Profile) -> N
     full[n + k] = (float(profile.rate(0.0)) - drift) / lever
 
 
-def driven_by_force(record: Record) -> tuple[Record, tuple[str, ...]]:
-    """A record of a motion whose force is measured too: the force is the input, the motion output.
+def driven(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:
+    """Records with one kind of input, and sentences about what was changed.
 
-    Both descriptions of the stroke are equivalent. The force that a motion needs depends on the
-    second derivative of the motion, in which its noise is large; the motion that a force causes
-    depends on integrals of the force. The record is returned unchanged if its input is a force, or
-    if the force is not complete: a missing or constant force cannot drive a model.
-
-    Returns
-    -------
-    record, notes
-        The record, and a sentence if it changed.
+    Where motion and force of the finger are measured, the force is the input, and the motion an
+    output. The force that a motion needs depends on the second derivative of the motion, in which
+    noise is large; the motion that a force causes depends on integrals of the force. Its samples
+    must resolve the force. If the force of one record cannot drive a model, the motion drives all
+    of them. The input of a record is not one of its outputs: the model repeats it exactly.
     """
-    force = record.outputs.get(FORCE)
-    if record.input_mode != "motion" or "displacement" not in record.inputs or force is None:
-        return record, ()
-    if not np.all(np.isfinite(force)) or not np.ptp(force) > 0.0:
-        return record, ()
+    both = [r for r in records if r.input_mode == "motion" and FORCE in r.outputs]
+    refused = [f"{r.name}: {why}" for r in both if (why := _why_not(r))]
+    notes: list[str] = []
+    if refused:
+        notes.append(
+            f"the motion drives the model, and {FORCE} is an output; the force would determine "
+            f"more, but it cannot drive the model ({'; '.join(refused)})"
+        )
+    elif both:
+        names = ", ".join(r.name for r in both)
+        notes.append(
+            f"{names}: {FORCE} is measured beside the motion. The measured force drives the model, "
+            f"and the measured motion is compared with its {DISPLACEMENT}"
+        )
+    out = [r if refused or r not in both else _by_force(r) for r in records]
+    repeated = [r for r in out if _own(r) in r.outputs and len(r.outputs) > 1]
+    if repeated:
+        names = ", ".join(r.name for r in repeated)
+        notes.append(f"{names}: {_own(repeated[0])} drives the model and is therefore not compared")
+    return tuple(_without(r, _own(r)) if r in repeated else r for r in out), tuple(notes)
+
+
+def _own(record: Record) -> str:
+    """Output of the model that repeats the input of a record."""
+    return DISPLACEMENT if record.input_mode == "motion" else FORCE
+
+
+def _without(record: Record, output: str) -> Record:
+    return replace(
+        record,
+        outputs={n: v for n, v in record.outputs.items() if n != output},
+        sensors={n: s for n, s in record.sensors.items() if n != output},
+    )
+
+
+def _why_not(record: Record) -> str:
+    """Reason why the measured force of a record cannot drive a model; "": it can."""
+    force, sensor = record.outputs[FORCE], record.sensors.get(FORCE, Sensor(name=FORCE))
+    missing = int(np.count_nonzero(~np.isfinite(force)))
+    if missing:
+        return f"{missing} of {force.size} samples are missing"
+    if not np.ptp(force) > 0.0:
+        return "it is constant"
+    plain = Sensor(
+        name=sensor.name,
+        unit=sensor.unit,
+        sigma=sensor.sigma,
+        quantum=sensor.quantum,
+        correlation_time=sensor.correlation_time,
+    )
+    return "" if sensor == plain else "its sensor has more than a noise and a step"
+
+
+def _by_force(record: Record) -> Record:
+    """A record of a motion with the measured force as its input."""
+    force = record.outputs[FORCE]
     known = record.sensors.get(FORCE, Sensor(name=FORCE))
-    if (known.delay, known.bandwidth, known.gain, known.offset) != (0.0, np.inf, 1.0, 0.0):
-        return record, ()
-    outputs, sensors, sigma = dict(record.outputs), dict(record.sensors), dict(record.input_sigma)
+    outputs, sensors, sigma = dict(record.outputs), dict(record.sensors), known.sigma
     del outputs[FORCE]
     sensors.pop(FORCE, None)
-    outputs[DISPLACEMENT] = record.inputs["displacement"]
-    sensors.setdefault(
-        DISPLACEMENT, Sensor(name=DISPLACEMENT, unit="m", sigma=sigma.pop("displacement", None))
-    )
-    if known.sigma is not None:
-        sigma["force"] = known.sigma
-    note = (
-        f"{record.name}: {FORCE} is measured beside the motion. The measured force drives the "
-        f"model, and the measured motion is compared with its {DISPLACEMENT}"
-    )
-    new = replace(
+    if DISPLACEMENT not in outputs:
+        outputs[DISPLACEMENT] = record.inputs["displacement"]
+        sensors[DISPLACEMENT] = Sensor(
+            name=DISPLACEMENT,
+            unit=record.input_units.get("displacement", "m"),
+            sigma=record.input_sigma.get("displacement") or None,
+            correlation_time=record.input_correlation_time.get("displacement", 0.0),
+        )
+    if known.quantum > 0.0:
+        own = noise_of_record(force) if sigma is None else sigma
+        sigma = math.hypot(own, known.quantum / math.sqrt(12.0))
+    return replace(
         record,
         input_mode="force",
         inputs={"force": force},
-        input_sigma=sigma,
+        input_units={"force": known.unit},
+        input_sigma={} if sigma is None else {"force": sigma},
+        input_correlation_time=(
+            {"force": known.correlation_time} if known.correlation_time > 0.0 else {}
+        ),
         outputs=outputs,
         sensors=sensors,
-    )
-    return new, (note,)
-
-
-def without_input(record: Record) -> Record:
-    """A record whose input is not one of its outputs: the model repeats its input exactly."""
-    own = DISPLACEMENT if record.input_mode == "motion" else FORCE
-    if own not in record.outputs or len(record.outputs) == 1:
-        return record
-    return replace(
-        record,
-        outputs={n: v for n, v in record.outputs.items() if n != own},
-        sensors={n: s for n, s in record.sensors.items() if n != own},
     )
 
 

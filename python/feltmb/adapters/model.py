@@ -33,10 +33,9 @@ from feltmb.adapters.drives import (
     FORCE,
     Drive,
     Drives,
-    driven_by_force,
+    driven,
     follow,
     with_noise,
-    without_input,
 )
 from feltmb.adapters.landmarks import first_turn, landmarks
 from feltmb.adapters.library import Entry, Library
@@ -303,12 +302,11 @@ class MechanismModel(DifferentiableMechanism):
         same = model.carried == self.carried
         return Ready(self if same else model, tuple(ready), tuple(notes))
 
-    def driven(self, record: Record) -> tuple[Record, tuple[str, ...]]:
-        """A measured motion and force: the force is the input, and the motion an output."""
-        if FORCE not in self.outputs:
-            return record, ()
-        record, notes = driven_by_force(record)
-        return without_input(record), notes
+    def driven(self, records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:
+        """Where motion and force are measured, the force is the input, and the motion an output."""
+        if DISPLACEMENT not in self.outputs:
+            return tuple(records), ()
+        return driven(records)
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
         """Channels of tracking points as displacements from rest, also if they are absolute.

@@ -39,7 +39,8 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
 
     model = report.fit.problem.model
     parts = []
-    for record in model.ready(records[:MOST_RECORDS]).records:
+    driven, _ = model.driven(records)
+    for record in model.ready(driven[:MOST_RECORDS]).records:
         units = {name: record.sensors[name].unit for name in record.outputs}
         shown = [Curves("measured", record.time, record.outputs, units)]
         try:

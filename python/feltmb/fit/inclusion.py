@@ -122,9 +122,9 @@ class Including(Model):
         """Forget, as the original model does."""
         self._base.forget()
 
-    def driven(self, record: Record) -> tuple[Record, tuple[str, ...]]:
+    def driven(self, records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:
         """The input that the original model selects."""
-        return self._base.driven(record)
+        return self._base.driven(records)
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
         """Records in the coordinates of the original model."""

@@ -530,13 +530,13 @@ class Model(ABC):
         """Simulate jobs of several records; see ``together``. Default: one after the other."""
         return [self.simulate(record, jobs) for record, jobs in batches]
 
-    def driven(self, record: Record) -> tuple[Record, tuple[str, ...]]:
-        """Select the input of a record that contains several; also return a description.
+    def driven(self, records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:
+        """Select the input of measured records that contain several; also return sentences.
 
-        By default the record is not changed. A model that can be driven by different quantities
+        By default the records are not changed. A model that can be driven by different quantities
         overrides this method.
         """
-        return record, ()
+        return tuple(records), ()
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
         """Convert a record to the coordinates of the outputs; also return a description.

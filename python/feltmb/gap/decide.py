@@ -282,7 +282,7 @@ def _name(facts: Facts) -> Decision:
     else:
         confidence = sum(w for c, w in sums if set(c.names) & set(unsure))
     # If the sure effects alone may be all, the others are a possibility and not a statement.
-    beside = sum(w for c, w in sums if set(sure) < set(c.names))
+    beside = sum(w for c, w in sums if set(sure) < set(c.names) and set(unsure) & set(c.names))
     possible: list[str] = []
     if sure and (set(sure) in sets or beside < SURE):
         possible, unsure = unsure, []
@@ -327,7 +327,7 @@ def _name(facts: Facts) -> Decision:
     if not sure:
         verdict = Verdict.ONE_OF
         text = f"One of {others}; these records cannot tell which. {closed}"
-    elif all(n in data for n in (*sure, *unsure)) and not left:
+    elif all(n in data for n in (*sure, *unsure, *possible)) and not left:
         # With an unexplained residual, the text must not state that the machine is as modeled.
         verdict = Verdict.DATA_PROBLEM
         text = f"The records, not the machine: {told}. {closed}"

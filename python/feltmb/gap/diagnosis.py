@@ -168,8 +168,7 @@ def _ready(
         The faults because of which the records cannot be used, all in one message.
     """
     records, copies = without_copies(records, hold_out)
-    selected = [model.driven(r) for r in records]
-    records, inputs = [r for r, _ in selected], [n for _, notes in selected for n in notes]
+    records, inputs = model.driven(records)
     records, constant = without_constant(records, model.outputs)
     checks = check_against(model, records)
     ready = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])

@@ -98,8 +98,8 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     """
     if isinstance(records, Record):
         records = [records]
-    selected = [model.driven(r) for r in records]
-    records, notes = [r for r, _ in selected], [n for _, told in selected for n in told]
+    records, told = model.driven(records)
+    notes = list(told)
     checks = check_against(model, records)
     rows: list[GapBeforeRow] = []
     shown: list[Record] = []

@@ -309,6 +309,7 @@ class _Machine:
     @classmethod
     def of(cls, model: Model, records: Sequence[Record]) -> _Machine:
         model.forget()
+        records, _ = model.driven(records)
         checks = check_against(model, records)
         for record in records:
             for name, sensor in record.sensors.items():

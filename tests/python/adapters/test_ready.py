@@ -10,9 +10,10 @@ import feltmb
 from feltmb.adapters import mechanism_model
 from feltmb.adapters.landmarks import first_turn
 from feltmb.adapters.resolve import resolve
+from feltmb.cli.gap_models import load_adapter
 from feltmb.data import Record, Sensor
 from feltmb.data.smoothing import smooth_record
-from feltmb.errors import InvalidParameter
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Jobs, including
 from feltmb.gap import fit_model
 from feltmb.gap.diagnosis import _ready as ready_with_checks
@@ -410,22 +411,80 @@ def test_a_measured_force_drives_a_record_of_a_motion(driven, incomplete):
     cost = np.sum((left - columns @ z) ** 2) + z @ z
     assert cost == pytest.approx(left.size, abs=4.0 * np.sqrt(2.0 * left.size))
     # A ready record and an incomplete force stay as they are.
-    for other in (kept, kept.cut(0, 100), incomplete[0]):
-        assert own.driven(other) == (other, ())
+    for other in (kept, kept.cut(0, 100)):
+        assert own.driven([other]) == ((other,), ())
+    others, (why,) = own.driven([record, incomplete[0]])
+    assert others == (record, incomplete[0])
+    assert "cannot drive the model (piano: 1 of 600 samples are missing)" in why
     # The force that drives is no output, although the file has the column once for both.
     force = {"force": record.outputs["finger.force"]}
     both = replace(record, input_mode="force", inputs=force, input_sigma={"force": 5e-3})
-    assert set(own.driven(both)[0].outputs) == {"hammer_tip.x"}
+    (single,), (note,) = own.driven([both])
+    assert set(single.outputs) == {"hammer_tip.x"}
+    assert "finger.force drives the model and is therefore not compared" in note
     _, (same,), checks, _ = ready_with_checks(model, [both])
     assert [c.channel for c in checks.channels] == ["hammer_tip.x"]
     assert set(same.outputs) == {"hammer_tip.x"}
+
+
+def test_a_file_with_motion_and_force_is_driven_by_the_force(driven, tmp_path):
+    """Units of the inputs named the displacement, which was no input any more."""
+    record, _ = driven
+    columns = {
+        "time [s]": record.time,
+        "displacement [mm]": 1e3 * record.inputs["displacement"],
+        "finger.force [N]": record.outputs["finger.force"],
+        "hammer_tip.x [mm]": 1e3 * record.outputs["hammer_tip.x"],
+    }
+    table = np.column_stack(list(columns.values()))
+    path = tmp_path / "piano.csv"
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
+    sheet = 'name = "piano"\ninput_mode = "motion"\ntime = "time"\n[inputs.displacement]\n'
+    sheet += 'unit = "mm"\nsigma = 5e-6\n[outputs."finger.force"]\nunit = "N"\n'
+    (tmp_path / "piano.toml").write_text(sheet + '[outputs."hammer_tip.x"]\nunit = "mm"\n')
+    adapter = load_adapter("steinway45", ["channels=hammer_tip.x,force"])
+    (read,) = adapter.read([path])
+    _, (kept,), checks, _ = ready_with_checks(adapter.model, [read])
+    assert (kept.input_mode, kept.input_units) == ("force", {"force": "N"})
+    assert kept.sensors["finger.displacement"].sigma == 5e-6
+    np.testing.assert_allclose(
+        kept.outputs["finger.displacement"],
+        record.inputs["displacement"][: kept.samples],
+        atol=1e-10,
+    )
+    assert {c.channel for c in checks.channels} == {"finger.displacement", "hammer_tip.x"}
+
+
+def test_what_is_known_of_both_sensors_is_kept(driven):
+    record, _ = driven
+    model, _ = resolve("steinway45", {**FORCE, "effects": "camera_skew"})
+
+    def changed(**more):
+        sensor = replace(record.sensors["finger.force"], **more)
+        return replace(record, sensors={**record.sensors, "finger.force": sensor})
+
+    with pytest.raises(DataError, match="force is in mN, in the model steinway45 in N"):
+        ready_with_checks(model, [changed(unit="mN")])
+    (coarse,), _ = model.driven([changed(sigma=1e-3, quantum=0.1)])
+    assert coarse.input_sigma["force"] == pytest.approx(math.hypot(1e-3, 0.1 / math.sqrt(12.0)))
+    (exact,), _ = model.driven([replace(record, input_sigma={"displacement": 0.0})])
+    assert exact.sensors["finger.displacement"].sigma is None  # it is estimated
+    for more, why in (
+        ({"gain_sd": 0.01}, "more than a noise and a step"),
+        ({"delay": 1e-3}, "more than a noise and a step"),
+    ):
+        (same,), (note,) = model.driven([changed(**more)])
+        assert same.input_mode == "motion"
+        assert why in note
+    still = replace(record, outputs={**record.outputs, "finger.force": np.zeros(600)})
+    assert "it is constant" in model.driven([still])[1][0]
 
 
 def test_the_effect_of_a_wrong_force_is_the_same_in_a_record_of_its_motion(driven):
     """Gain of the force sensor: the same sensitivity as of a record with the force as input."""
     record, _ = driven
     model, effects = resolve("steinway45", {**FORCE, "effects": "input_gain"})
-    ready = model.ready([model.driven(record)[0]])
+    ready = model.ready(model.driven([record])[0])
     (kept,) = ready.records
     (gain,) = effects
     segment = np.array([[0, kept.samples - 1]])

@@ -269,7 +269,7 @@ def model_methods(model):
         "refined": {"batches": [(record(), rows)]},
         "guess": {"record": record(), "segments": np.array([[0, 199]])},
         "ready": {"records": [record()]},
-        "driven": {"record": record()},
+        "driven": {"records": [record()]},
         "referred": {"record": record()},
         "simulate": {"record": record(), "jobs": rows},
         "simulate_all": {"batches": [(record(), rows)]},
