@@ -107,6 +107,11 @@ class StrokeModel(MechanismModel):
         self.passes = 0
         """Number of integrations of derivatives so far."""
 
+    @property
+    def variability_has_input_noise(self) -> bool:  # type: ignore[override]
+        """Whether the records have a run-to-run variability; it contains the noise of the force."""
+        return bool(self.variabilities)
+
     def forget(self) -> None:
         """See :class:`~feltmb.fit.Model`: clears the cached derivatives."""
         self._points = Latest(POINTS)

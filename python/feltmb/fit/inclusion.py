@@ -108,6 +108,7 @@ class Including(Model):
         self.chaotic = model.chaotic
         self.from_rest = model.from_rest
         self.together = model.together
+        self.variability_has_input_noise = model.variability_has_input_noise
         self.input_modes = model.input_modes
         self.input_names = model.input_names
         self.inputs = tuple(getattr(model, "inputs", ()))

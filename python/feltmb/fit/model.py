@@ -513,6 +513,8 @@ class Model(ABC):
 
     together: bool = False
     """Whether :meth:`simulate_all` is faster than simulating the records one after the other."""
+    variability_has_input_noise: bool = False
+    """Whether the noise of the inputs is a part of the run-to-run variability of the records."""
 
     @abstractmethod
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:

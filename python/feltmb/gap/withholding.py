@@ -345,14 +345,16 @@ class _Machine:
     ) -> tuple[list[Record], float]:
         """Records of a machine with an effect, and the signal-to-noise ratio of the effect."""
         theta = np.array([_within(p, rng.standard_normal()) for p in self.model.parameters])
+        included = () if candidate is None else (candidate,)
+        model = self.model.with_variability_at(theta, included, np.full(len(included), magnitude))
         shown, square = [], 0.0
         for record, start, free in zip(self.records, self.starts, self.free, strict=True):
             first = start + free * rng.standard_normal(start.size)
-            clean = self.outputs_of(record, theta, first, None, 0.0)
+            clean = self.outputs_of(model, record, theta, first, None, 0.0)
             outputs = (
                 clean
                 if candidate is None
-                else self.outputs_of(record, theta, first, candidate, magnitude)
+                else self.outputs_of(model, record, theta, first, candidate, magnitude)
             )
             noise = self.noise.noise(record.name)
             made = {}
@@ -375,8 +377,10 @@ class _Machine:
                     f"record {record.name}: the machine gives no number for {', '.join(bad)} "
                     "at drawn parameters"
                 )
+            # The noise of an input is a part of the run-to-run variability of some models.
+            noisy = not model.variability_has_input_noise
             inputs = {
-                k: u + record.input_sigma.get(k, 0.0) * rng.standard_normal(u.size)
+                k: u + noisy * record.input_sigma.get(k, 0.0) * rng.standard_normal(u.size)
                 for k, u in record.inputs.items()
             }
             sensors = {k: v for k, v in record.sensors.items() if k in made}
@@ -385,6 +389,7 @@ class _Machine:
 
     def outputs_of(
         self,
+        model: Model,
         record: Record,
         theta: Array,
         start: Array,
@@ -393,12 +398,12 @@ class _Machine:
     ) -> Mapping[str, Array]:
         included = () if candidate is None else (candidate,)
         magnitudes = np.array([magnitude] if included else [])
-        hidden = [s.start for s in self.model.states(included)[start.size :]]
+        hidden = [s.start for s in model.states(included)[start.size :]]
         whole = np.array([[0, record.samples - 1]])
         states = np.concatenate([start, hidden])[None, :]
         jobs = Jobs.at_point(theta, whole, states, included, magnitudes)
-        outputs = observe_jobs(self.model, record, jobs).outputs[0]
-        return {name: outputs[:, i] for i, name in enumerate(self.model.outputs)}
+        outputs = observe_jobs(model, record, jobs).outputs[0]
+        return {name: outputs[:, i] for i, name in enumerate(model.outputs)}
 
     def _seen(self, record: Record, name: str, y: Array, rng: np.random.Generator) -> Array:
         """Readings of a sensor with unknown errors and noise."""
@@ -457,6 +462,6 @@ def _digest(
             magnitude = (
                 0.0 if candidate is None else float(np.clip(candidate.effect.scale, low, high))
             )
-            given = machine.outputs_of(record, theta, start, candidate, magnitude)
+            given = machine.outputs_of(machine.model, record, theta, start, candidate, magnitude)
             parts += [np.nan_to_num(given[name]) for name in model.outputs]
     return digest_of(*parts)

@@ -18,6 +18,7 @@ from feltmb.fit import Jobs, including
 from feltmb.gap import fit_model
 from feltmb.gap.diagnosis import _ready as ready_with_checks
 from feltmb.gap.split import split_records
+from feltmb.gap.withholding import _Machine
 
 ACTION = feltmb.load_action("steinway45")
 FEW = {"tolerances": "let_off_button,felt.03", "channels": "key,hammer", "effects": "camera_skew"}
@@ -498,6 +499,27 @@ def test_the_effect_of_a_wrong_force_is_the_same_in_a_record_of_its_motion(drive
     moved = outputs(kept.with_inputs(gain.excite(kept, 0.02)))
     np.testing.assert_allclose(moved, outputs(shown), atol=1e-9, equal_nan=True)
     assert np.max(np.abs(moved - outputs(kept))) > 1e-5
+
+
+def test_a_withheld_machine_has_the_noise_of_its_force_once(driven):
+    """It was in the variability and in the readings: a null left 1.6 times the noise."""
+    record, _ = driven
+    model, _ = resolve("steinway45", {**FORCE, "effects": "camera_skew"})
+    machine = _Machine.of(model, [record])
+    (shown,), _ = machine.records_with(None, 0.0, np.random.default_rng(3))
+    np.testing.assert_array_equal(shown.inputs["force"], record.outputs["finger.force"])
+    # At the parameters that were drawn, with the directions there, sensor noise is left.
+    theta = np.random.default_rng(3).standard_normal(len(machine.model.parameters))
+    theta *= [p.sd for p in machine.model.parameters]
+    own = machine.model.with_variability_at(theta, (), np.zeros(0))
+    assert own is not machine.model
+    jobs = Jobs.at_point(
+        theta, np.array([[0, shown.samples - 1]]), np.zeros((1, 0)), (), np.zeros(0)
+    )
+    outputs = own.simulate(shown, jobs).outputs[0]
+    for name, values in shown.outputs.items():
+        left = values - outputs[:, own.outputs.index(name)]
+        assert np.std(left) == pytest.approx(shown.sensors[name].sigma, rel=0.15)
 
 
 def test_the_noise_of_a_motion_is_carried_into_its_force(incomplete):
