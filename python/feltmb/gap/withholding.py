@@ -350,11 +350,11 @@ class _Machine:
         shown, square = [], 0.0
         for record, start, free in zip(self.records, self.starts, self.free, strict=True):
             first = start + free * rng.standard_normal(start.size)
-            clean = self.outputs_of(model, record, theta, first, None, 0.0)
+            clean = _outputs_of(model, record, theta, first, None, 0.0)
             outputs = (
                 clean
                 if candidate is None
-                else self.outputs_of(model, record, theta, first, candidate, magnitude)
+                else _outputs_of(model, record, theta, first, candidate, magnitude)
             )
             noise = self.noise.noise(record.name)
             made = {}
@@ -387,24 +387,6 @@ class _Machine:
             shown.append(replace(record, outputs=made, inputs=inputs, sensors=sensors))
         return shown, math.sqrt(square)
 
-    def outputs_of(
-        self,
-        model: Model,
-        record: Record,
-        theta: Array,
-        start: Array,
-        candidate: Candidate | None,
-        magnitude: float,
-    ) -> Mapping[str, Array]:
-        included = () if candidate is None else (candidate,)
-        magnitudes = np.array([magnitude] if included else [])
-        hidden = [s.start for s in model.states(included)[start.size :]]
-        whole = np.array([[0, record.samples - 1]])
-        states = np.concatenate([start, hidden])[None, :]
-        jobs = Jobs.at_point(theta, whole, states, included, magnitudes)
-        outputs = observe_jobs(model, record, jobs).outputs[0]
-        return {name: outputs[:, i] for i, name in enumerate(model.outputs)}
-
     def _seen(self, record: Record, name: str, y: Array, rng: np.random.Generator) -> Array:
         """Readings of a sensor with unknown errors and noise."""
         sensor = record.sensors[name]
@@ -418,6 +400,25 @@ class _Machine:
         y = y + noise.draw(record.time, rng)
         step = sensor.quantum
         return np.round(y / step) * step if step > 0.0 else y
+
+
+def _outputs_of(
+    model: Model,
+    record: Record,
+    theta: Array,
+    start: Array,
+    candidate: Candidate | None,
+    magnitude: float,
+) -> Mapping[str, Array]:
+    """Outputs of a machine without the errors of its sensors, by name."""
+    included = () if candidate is None else (candidate,)
+    magnitudes = np.array([magnitude] if included else [])
+    hidden = [s.start for s in model.states(included)[start.size :]]
+    whole = np.array([[0, record.samples - 1]])
+    states = np.concatenate([start, hidden])[None, :]
+    jobs = Jobs.at_point(theta, whole, states, included, magnitudes)
+    outputs = observe_jobs(model, record, jobs).outputs[0]
+    return {name: outputs[:, i] for i, name in enumerate(model.outputs)}
 
 
 # ---------------------------------------------------------------- finished cases
@@ -462,6 +463,6 @@ def _digest(
             magnitude = (
                 0.0 if candidate is None else float(np.clip(candidate.effect.scale, low, high))
             )
-            given = machine.outputs_of(machine.model, record, theta, start, candidate, magnitude)
+            given = _outputs_of(machine.model, record, theta, start, candidate, magnitude)
             parts += [np.nan_to_num(given[name]) for name in model.outputs]
     return digest_of(*parts)
