@@ -33,6 +33,7 @@ class ActionMachine(Machine):
     name = "steinway45"
     generator = ("action_truth.py", "action_scales.json")
     engine = ("action_machine.py", "action_calibration.py")
+    options = gap.Options(bootstrap=0, width=3, max_effects=3, advice=False)
 
     def draw(self, seed: int, cases: int, outside: Path | None) -> list[Any]:
         if outside is not None:
@@ -58,7 +59,12 @@ class ActionMachine(Machine):
         }
         return [to_record(s, v) for s, v in views.items()]
 
-    def diagnose(self, records: Sequence[Record], names: Sequence[str] = ()) -> Any:
+    def diagnose(
+        self,
+        records: Sequence[Record],
+        names: Sequence[str] = (),
+        options: gap.Options | None = None,
+    ) -> Any:
         action, _, library, outputs = _setup()
         first = records[0]
         seen = outputs if first.outputs.keys() >= {*outputs} else truth.ONE_CAMERA
@@ -71,8 +77,7 @@ class ActionMachine(Machine):
             rtol=RTOL,
             workers=1,
         )
-        options = gap.Options(bootstrap=0, width=3, max_effects=3, advice=False)
-        return gap.diagnose(model, known, records, options=options)
+        return gap.diagnose(model, known, records, options=options or self.options)
 
 
 @functools.cache

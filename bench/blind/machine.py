@@ -13,6 +13,7 @@ from typing import Any
 
 from feltmb.data import Record
 from feltmb.files import make_folder, package_digest, read_input, read_json, write_text
+from feltmb.gap import Options
 
 __all__ = ["Machine", "as_json", "digest_of", "sha256", "summarize"]
 
@@ -35,6 +36,8 @@ class Machine(ABC):
     """Files of this package on which truths and records depend."""
     engine: tuple[str, ...] = ()
     """Files of this package on which a result depends; it depends on the whole of feltmb too."""
+    options = Options()
+    """Options of the diagnoses."""
 
     @abstractmethod
     def draw(self, seed: int, cases: int, outside: Path | None) -> list[Any]:
@@ -55,8 +58,17 @@ class Machine(ABC):
         """Records of a case with the properties of their sensors from a data sheet."""
 
     @abstractmethod
-    def diagnose(self, records: Sequence[Record], names: Sequence[str] = ()) -> Any:
-        """Report of one case; ``names``: effects of the library that are tested, default all."""
+    def diagnose(
+        self,
+        records: Sequence[Record],
+        names: Sequence[str] = (),
+        options: Options | None = None,
+    ) -> Any:
+        """Report of one case.
+
+        ``names``: effects of the library that are tested, default all. ``options``: default
+        :attr:`options`.
+        """
 
     @functools.cached_property
     def engine_hash(self) -> str:

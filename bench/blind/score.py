@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["BINS", "Figure", "markdown", "read", "score"]
+__all__ = ["BINS", "Figure", "markdown", "read", "read_truth", "score"]
 
 #: Bins of noncentrality.
 BINS = ((0.5, 1.5), (1.5, 3.0), (3.0, 5.0), (5.0, 10.0), (10.0, 20.0), (20.0, 50.1))
@@ -200,6 +200,17 @@ def _result_shape(found: Any) -> Any:
     return {**_RESULT, "cpu_seconds": _NUMBER, **more}
 
 
+def read_truth(path: Path) -> tuple[Mapping[str, Any], ...]:
+    """Withheld effects of a case, from its answer.
+
+    Raises
+    ------
+    ValueError
+        The file is damaged.
+    """
+    return tuple(_read(path, {"parts": [_PART]})["parts"])
+
+
 def read(folder: Path, numbers: Sequence[int]) -> list[Scored]:
     """Cases of a bench folder that have an answer and a result.
 
@@ -212,8 +223,7 @@ def read(folder: Path, numbers: Sequence[int]) -> list[Scored]:
     for n in numbers:
         answer, result = folder / "answers" / f"{n}.json", folder / "results" / f"{n}.json"
         if answer.exists() and result.exists():
-            truth = _read(answer, {"parts": [_PART]})
-            cases.append(Scored(n, tuple(truth["parts"]), _read(result, _result_shape)))
+            cases.append(Scored(n, read_truth(answer), _read(result, _result_shape)))
     return cases
 
 

@@ -95,9 +95,14 @@ class KeyHammerMachine(Machine):
         except NPZ_FAULTS as error:
             raise InvalidParameter(f"{path}: is damaged: {error}") from None
 
-    def diagnose(self, records: Sequence[Record], names: Sequence[str] = ()) -> Any:
+    def diagnose(
+        self,
+        records: Sequence[Record],
+        names: Sequence[str] = (),
+        options: gap.Options | None = None,
+    ) -> Any:
         library = [e for e in effects() if not names or e.name in names]
-        return gap.diagnose(KeyHammer(), library, records)
+        return gap.diagnose(KeyHammer(), library, records, options=options or self.options)
 
 
 def load_kinds(outside: Path | None) -> dict[str, Any]:

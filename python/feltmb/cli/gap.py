@@ -78,6 +78,20 @@ command.add_command(session_command)
     show_default=True,
     help="Family-wise false alarm rate.",
 )
+@click.option(
+    "--credibility",
+    type=Number(0.5, 1, max_open=True),
+    default=0.9,
+    show_default=True,
+    help="Posterior probability that a named effect needs.",
+)
+@click.option(
+    "--form",
+    type=Number(0, 0.3),
+    default=0.03,
+    show_default=True,
+    help="Relative error of the force of a law. It is part of the interval of its magnitude.",
+)
 @click.option("--segment", type=positive("s"), help="Length of shooting segments [s].")
 @click.option(
     "--max-effects",
@@ -133,6 +147,8 @@ def run(
     output: Path | None,
     included: tuple[str, ...],
     alpha: float,
+    credibility: float,
+    form: float,
     segment: float | None,
     max_effects: int,
     bootstrap: int,
@@ -177,6 +193,8 @@ def run(
     resume = None if output is None else output / ".resume"
     options = Options(
         alpha=alpha,
+        credibility=credibility,
+        form=form,
         segment=segment,
         max_effects=max_effects,
         bootstrap=bootstrap,

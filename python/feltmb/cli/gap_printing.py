@@ -119,6 +119,8 @@ def _missing(report: Report) -> None:
             f"{r.posterior:.0%}",
         )
     out.print(table)
+    if report.which.form_note:
+        say(report.which.form_note)
     for p in report.profiles:
         say(f"- {p.text}")
     if report.no_profile:

@@ -28,7 +28,7 @@ BETWEEN = "between."
 FINE, NOISY, DETECTABLE = 1.0, 3.0, 1.0
 #: An error of the steps below this share of the influence of the effects counts as model-form
 #: error.
-FORM = 0.001
+SMALL = 0.001
 #: Largest number of substeps.
 MOST = 16
 #: Number of samples of a segment, samples of a record, and records that are tested.
@@ -96,7 +96,7 @@ def refined(model: M, batches: Sequence[Batch]) -> M:
     """
     bare = [(record, replace(jobs, magnitudes=0.0 * jobs.magnitudes)) for record, jobs in batches]
     done = np.sqrt(_squares(model.simulate_all(batches), model.simulate_all(bare), model, batches))
-    fine = max(FINE, FORM * done) if np.isfinite(done) else FINE
+    fine = max(FINE, SMALL * done) if np.isfinite(done) else FINE
 
     def difference_in_noise(one: M, other: M) -> float:
         return float(np.sqrt(_noise_distance(one, other, batches)))

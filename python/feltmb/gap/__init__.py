@@ -27,7 +27,7 @@ from feltmb.fit import (
 )
 from feltmb.gap.checks import DataChecks, check_records
 from feltmb.gap.designs import Design, DesignedExperiment, design, draw_experiment
-from feltmb.gap.diagnosis import Options, diagnose, fit_model
+from feltmb.gap.diagnosis import diagnose, fit_model
 from feltmb.gap.findings import (
     Advice,
     AsItIs,
@@ -50,6 +50,7 @@ from feltmb.gap.findings import (
 from feltmb.gap.information import Belief
 from feltmb.gap.limits import FurtherSensor, InputLimits, Limits, PartTest, read_limits
 from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured
+from feltmb.gap.options import Options
 from feltmb.gap.overlay import GapBefore, GapBeforeRow, check
 from feltmb.gap.plan_files import write_design
 from feltmb.gap.planning import Plan, noncentrality, plan

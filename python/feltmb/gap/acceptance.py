@@ -23,11 +23,11 @@ from feltmb.gap.criteria import (
     PAIRED_P,
     PAIRED_P_INFLATED,
     RIVAL,
-    SURE,
     WALD,
     WIDE_GAP,
 )
 from feltmb.gap.misfit import allowance
+from feltmb.gap.options import Options
 from feltmb.gap.proof import (
     HeldOut,
     Outcome,
@@ -122,16 +122,13 @@ class _Attempt:
         held: HeldOut,
         settings: FitSettings,
         inflation: float,
+        options: Options,
         *,
-        segmented_level: float,
-        least_share: float,
         discrepancy: bool,
-        seed: int,
         progress: Progress | None,
     ):
         self.search, self.held, self.settings = search, held, settings
-        self.inflation, self.seed = inflation, seed
-        self.segmented_level, self.least_share = segmented_level, least_share
+        self.inflation, self.options = inflation, options
         self.discrepancy, self.progress = discrepancy, progress
         effects = {t.effect.name: t.effect for t in search.scores.candidates}
         self.total = sum(e.weight for e in effects.values())
@@ -159,7 +156,7 @@ class _Attempt:
                 self.held,
                 fit,
                 self.settings,
-                segmented_level=self.segmented_level,
+                segmented_level=self.options.segmented_level,
                 like=self.outcomes.get(()),
             )
         return self.outcomes[key]
@@ -244,7 +241,7 @@ class _Attempt:
         unknown = self.unexplained(c) / self.inflation
         if 0.0 < unknown > paired.gain and not self._carries(c, name, paired):
             return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
-        small = most > LEAST_GAIN and paired.gain < self.least_share * most
+        small = most > LEAST_GAIN and paired.gain < self.options.least_share * most
         if small and not self._completes(c, name):
             return (
                 f"{gain} compared with {most:.0f}: an error in the form of the larger effect would "
@@ -362,7 +359,9 @@ class _Attempt:
         return found
 
     def _compared(self, old: Outcome, new: Outcome) -> Paired:
-        return compare(old, new, self.held.segmented_records, self.inflation, seed=self.seed)
+        return compare(
+            old, new, self.held.segmented_records, self.inflation, seed=self.options.seed
+        )
 
     def _contradicted(self, own: Outcome) -> bool:
         """Whether held-out records show less gain over the model than a true set would."""
@@ -371,7 +370,10 @@ class _Attempt:
 
 
 def sure_part(
-    names: Sequence[str], sets: Sequence[CandidateSet], belief: Sequence[float]
+    names: Sequence[str],
+    sets: Sequence[CandidateSet],
+    belief: Sequence[float],
+    credibility: float,
 ) -> tuple[str, ...]:
     """Largest part of a set with a sufficient probability; the set itself if there is no such part.
 
@@ -386,13 +388,13 @@ def sure_part(
             w for c, w in pairs if part < set(c.names) or (part == set(c.names) and not strictly)
         )
 
-    if held(set(names)) >= SURE:
+    if held(set(names)) >= credibility:
         return tuple(names)
     for size in range(len(names) - 1, 0, -1):
         found = [
             part
             for part in itertools.combinations(names, size)
-            if held(set(part)) >= SURE > held(set(part), strictly=True)
+            if held(set(part)) >= credibility > held(set(part), strictly=True)
         ]
         if found:
             return max(found, key=lambda part: held(set(part)))
@@ -403,11 +405,9 @@ def accept(
     search: Search,
     held: HeldOut,
     settings: FitSettings,
+    options: Options,
     *,
-    segmented_level: float,
-    least_share: float,
     discrepancy: bool = False,
-    seed: int,
     progress: Progress | None = None,
 ) -> Accepted:
     """Keep the effects of the best set that held-out records confirm, and find its rivals.
@@ -422,10 +422,8 @@ def accept(
         held,
         settings,
         belief.inflation,
-        segmented_level=segmented_level,
-        least_share=least_share,
+        options,
         discrepancy=discrepancy,
-        seed=seed,
         progress=progress,
     )
     proof: dict[str, Paired] = {}
@@ -438,12 +436,14 @@ def accept(
             best, proof = attempt.standing(first, proof, bad)
             kept = () if best is None else best.names
             rejected = [(n, bad.get(n, without)) for n in first.names if n not in kept]
-        sure = None if best is None else sure_part(best.names, search.sets, belief.sets)
+        sure = None
+        if best is not None:
+            sure = sure_part(best.names, search.sets, belief.sets, options.credibility)
         part = None if best is None or not sure else attempt.part(best, sure)
         if best is not None and part is not None and part.key != best.key:
             found, wrong = attempt.faults(part)
             if not wrong:
-                doubt = f"the sets with it have a probability below {SURE}"
+                doubt = f"the sets with it have a probability below {options.credibility:g}"
                 rejected += [(n, doubt) for n in best.names if n not in part.names]
                 best, proof = part, found
     elif search.sets:

@@ -28,7 +28,7 @@ from feltmb.gap.findings import (
 )
 from feltmb.gap.proof import Outcome
 from feltmb.gap.search import Search
-from feltmb.gap.sizes import Sizes, where_refitted
+from feltmb.gap.sizes import Sizes, where_refitted, with_form
 
 __all__ = ["closest_set", "how_far_rows", "ranked", "with_effects"]
 
@@ -123,6 +123,7 @@ def ranked(
             else:
                 at = len(refitted.fit.problem.free) + k
                 sd = float(np.sqrt(max(refitted.fit.covariance[at, at], 0.0)))
+                sd = with_form(candidate.effect, size, sd, sizes.form)
         low, high = candidate.effect.bounds
         confused = tuple(n for n in member.get(name, ()) if n != name)
         rows.append(
@@ -165,7 +166,12 @@ def ranked(
         for c, w in zip(search.sets, belief.sets, strict=True)
     )
     return Which(
-        effects=tuple(rows), sets=sets, none=belief.none, other=belief.other, classes=classes
+        effects=tuple(rows),
+        sets=sets,
+        none=belief.none,
+        other=belief.other,
+        classes=classes,
+        form=sizes.form,
     )
 
 

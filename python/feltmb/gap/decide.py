@@ -18,7 +18,6 @@ from feltmb.gap.criteria import (
     OTHER_EVIDENCE,
     REFUTED,
     REST_EXCESS,
-    SURE,
     TRUST_DATA,
     TRUST_NAMED,
     TRUST_ONE_OF,
@@ -27,7 +26,8 @@ from feltmb.gap.criteria import (
     TRUST_WEAK,
 )
 from feltmb.gap.findings import Calibrated, Closest, HowFar, Verdict, Where
-from feltmb.gap.misfit import Misfit, misfit
+from feltmb.gap.misfit import Misfit, form_of, misfit
+from feltmb.gap.options import Options
 from feltmb.gap.proof import explained_share
 from feltmb.gap.search import Search
 from feltmb.gap.sizes import Sizes
@@ -67,7 +67,7 @@ class Facts:
     belief: Posterior
     p: float
     """Family-wise p of the largest score."""
-    alpha: float
+    options: Options
     how_far: HowFar
     where: Where
     rest: Fit | None
@@ -116,7 +116,7 @@ def decide(facts: Facts) -> Decision:
     """Derive the verdict from the facts; docs/explanation/gap.md states the rules."""
     search, accepted = facts.search, facts.accepted
     p = facts.p
-    hint = p < facts.alpha
+    hint = p < facts.options.alpha
     best = accepted.best
     gap = not facts.enough and (_refuted(facts) or (hint and best is not None))
     if gap and (_refuted(facts) or facts.unexplained):
@@ -137,7 +137,7 @@ def decide(facts: Facts) -> Decision:
             + FIT_OTHERS,
         )
     if not gap:
-        weak = hint or (p < HINT * facts.alpha and search.best is not None)
+        weak = hint or (p < HINT * facts.options.alpha and search.best is not None)
         if weak and not facts.enough:
             reason = _refusals(accepted) or f"family-wise p = {p:.2g}"
             moved = _moved(facts)
@@ -284,10 +284,10 @@ def _name(facts: Facts) -> Decision:
     # If the sure effects alone may be all, the others are a possibility and not a statement.
     beside = sum(w for c, w in sums if set(sure) < set(c.names) and set(unsure) & set(c.names))
     possible: list[str] = []
-    if sure and (set(sure) in sets or beside < SURE):
+    if sure and (set(sure) in sets or beside < facts.options.credibility):
         possible, unsure = unsure, []
-    if confidence < SURE:
-        why = f"posterior {confidence:.2f}, expected {SURE} at least"
+    if confidence < facts.options.credibility:
+        why = f"posterior {confidence:.2f}, expected {facts.options.credibility:g} at least"
         return _unsure(facts, sure or tuple(unsure), why)
     far = facts.how_far
     after = misfit(
@@ -295,7 +295,7 @@ def _name(facts: Facts) -> Decision:
         facts.rest,
         estimated=facts.checks.estimated,
         bar=REST_EXCESS,
-        explained=best.evidence - facts.search.tight_evidence,
+        allowed=form_of(best.evidence - facts.search.tight_evidence, facts.options.form),
     )
     fitted = after.left or facts.unexplained
     # If more than noise is left, an effect that explains less than remains may only resemble the
@@ -361,15 +361,16 @@ def _probable(
     probable sets, together as probable as a name must be, are unsure.
     """
     sums = list(zip(facts.search.sets, facts.belief.sets, strict=True))
+    enough = facts.options.credibility
 
     def joint(names: Iterable[str]) -> float:
         return sum(w for c, w in sums if set(names) <= set(c.names))
 
-    if joint(sure) >= SURE:
+    if joint(sure) >= enough:
         return sure, unsure
     kept: list[str] = []
     for name in sorted(sure, key=lambda n: -joint([n])):
-        if joint([*kept, name]) < SURE:
+        if joint([*kept, name]) < enough:
             break
         kept.append(name)
     if not kept:
@@ -377,7 +378,7 @@ def _probable(
     others = [n for n in sure if n not in kept] + unsure
     total = 0.0
     for c, w in sorted(sums, key=lambda x: -x[1]):
-        if total >= SURE:
+        if total >= enough:
             break
         if not set(kept) <= set(c.names):
             continue

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +53,7 @@ from feltmb.gap.experiments import advise
 from feltmb.gap.findings import Advice, NotTested, Profile, Verdict, Where
 from feltmb.gap.lead import lead
 from feltmb.gap.misfit import form_of, misfit
+from feltmb.gap.options import Options
 from feltmb.gap.overlay import wrong_units
 from feltmb.gap.profile import profile_of
 from feltmb.gap.proof import HeldOut, Outcome, residuals_by_segment
@@ -97,62 +98,11 @@ from feltmb.gap.tolerance import (
 )
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
-__all__ = ["Options", "diagnose", "fit_model", "prepare"]
+__all__ = ["diagnose", "fit_model", "prepare"]
 
 Progress = Callable[[str, int, int], None]
 #: Number of times that the unexplained residual is estimated again.
 ROUNDS = 4
-
-
-@checked
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """Options of a diagnosis. The defaults are suitable for most cases."""
-
-    alpha: float = 0.01
-    """Family-wise rate of false alarms."""
-    segment: float | None = None
-    """Length of segments [s]; None: the length of the model, else chosen from the data."""
-    max_effects: int = 4
-    width: int = 4
-    """Number of sets that are refitted after each screening."""
-    bootstrap: int = 12
-    """Refits of simulated records for the null distribution; 0: asymptotic only."""
-    restarts: int = 3
-    seed: int = 0
-    least_share: float = 0.03
-    """Share of the largest held-out gain in a set. An effect with less is not significant: an error
-    of a sixth in the force of a law leaves a thirtieth of its gain to an effect that compensates
-    the error."""
-    segmented_level: float = 0.01
-    """Continuity defect of the segmented metric, as a share of the spread of the states."""
-    fit: FitSettings | None = None
-    """Settings of the fits; ``restarts`` and ``seed`` replace those of these settings."""
-    resume: Path | None = None
-    """Folder for finished fits; an interrupted diagnosis continues from them."""
-    good_enough: Mapping[str, float] = field(default_factory=dict)
-    """Practical accuracy by output or by unit (``{"m": 2e-4}``) [SI]. It is added to the noise of
-    these channels; a fit whose residual is below both together leaves no gap."""
-    profile: bool = False
-    """Whether the likelihood profile of the magnitude of each named effect is computed: the
-    magnitude is fixed at six values beside the estimate, and everything else is fitted again. The
-    95 % interval of the profile does not use the linear model of the fit."""
-    advice: bool = True
-    """Whether experiments are predicted that would separate confused effects."""
-
-    def __post_init__(self) -> None:
-        faults = []
-        if not 0.0 < self.alpha < 0.5:
-            faults.append(f"alpha = {self.alpha!r}, expected in (0, 0.5)")
-        if not 1 <= self.max_effects <= 6:
-            faults.append(f"max_effects = {self.max_effects!r}, expected 1 to 6")
-        for name, floor in self.good_enough.items():
-            if not 0.0 < floor < np.inf:
-                faults.append(f"good_enough of {name} = {floor!r}, expected > 0")
-        if self.bootstrap < 0:
-            faults.append(f"bootstrap = {self.bootstrap!r}, expected >= 0")
-        if faults:
-            raise InvalidParameter("options: " + "; ".join(faults))
 
 
 def _ready(
@@ -298,6 +248,7 @@ def _explained(
     effects: Sequence[Effect],
     settings: FitSettings,
     checks: DataChecks,
+    options: Options,
     progress: Progress | None,
 ) -> Search | None:
     """The first search with the set found with an unexplained residual, if it explains the records.
@@ -312,9 +263,9 @@ def _explained(
     best = CandidateSet(fit, full_evidence(fit, sum(e.weight for e in effects)))
     if first.best is not None and not best.evidence > first.best.evidence:
         return None
-    explained = best.evidence - first.tight_evidence
+    allowed = form_of(best.evidence - first.tight_evidence, options.form)
     tight = tighten(fit, settings)
-    if misfit(fit, tight, estimated=checks.estimated, bar=REST_EXCESS, explained=explained).left:
+    if misfit(fit, tight, estimated=checks.estimated, bar=REST_EXCESS, allowed=allowed).left:
         return None
     others = tuple(c for c in first.sets if c.key != best.key)
     whole = replace(first, sets=(best, *others))
@@ -473,7 +424,7 @@ def _diagnosed(
             found, rest_noise, segmented_records, held_segmented_records = before
         model = found.model_fit.problem.model
     if rest_noise is not None and not watch.stopping():
-        clean = _explained(first, found, usable, settings, checks, progress)
+        clean = _explained(first, found, usable, settings, checks, options, progress)
         if clean is not None:
             found, rest_noise, segmented_records, held_segmented_records = (
                 clean,
@@ -493,10 +444,8 @@ def _diagnosed(
             search,
             held,
             settings,
-            segmented_level=options.segmented_level,
-            least_share=options.least_share,
+            options,
             discrepancy=rest_noise is not None,
-            seed=options.seed,
             progress=progress,
         )
 
@@ -587,7 +536,7 @@ def _diagnosed(
             limit, _ = family_threshold(after, options.alpha, seed=options.seed)
             # The robust score must be significant too: a single segment is not a trend.
             both = np.minimum(after.singles(), after.robust())
-            form = form_of(accepted.best.evidence - found.tight_evidence)
+            form = form_of(accepted.best.evidence - found.tight_evidence, options.form)
             least = max(limit, 2.0 * form)
             leftover = float(np.max(both) / least) if np.isfinite(limit) else 0.0
     lap("null")
@@ -599,7 +548,8 @@ def _diagnosed(
         )
     beyond = None
     if not watch.over() and (accepted.best is not None or not bare_misfit.left):
-        beyond = _beyond(accepted, held_segmented_records, settings, checks, store, watch.say)
+        alone = Problem(model, held_segmented_records, store=store)
+        beyond = _beyond(accepted, alone, settings, checks, options.form, watch.say)
     lap("how far")
     watch.enter(REPORT)
     best_fit = found.model_fit if accepted.best is None else accepted.best.fit
@@ -612,14 +562,14 @@ def _diagnosed(
         best_fit, [tabulated], [fitted, accepted.after], which_gap, options.alpha
     )
     closest = closest_set(found, accepted, sensed, which_gap, options.seed)
-    sizes = Sizes(found, accepted)
+    sizes = Sizes(found, accepted, options.form)
     facts = Facts(
         checks=checks,
         search=found,
         accepted=accepted,
         belief=accepted.belief,
         p=null.p(alarm),
-        alpha=options.alpha,
+        options=options,
         how_far=how_far,
         where=where,
         rest=rest,
@@ -887,10 +837,10 @@ def _with_color(checks: DataChecks, color: dict[str, float]) -> DataChecks:
 
 def _beyond(
     accepted: Accepted,
-    segmented_records: tuple[SegmentedRecord, ...],
+    held: Problem,
     settings: FitSettings,
     checks: DataChecks,
-    store: Store | None,
+    form: float,
     say: Callable[[str], None],
 ) -> float | None:
     """Sum of squares over its expectation of the accepted model, fitted to held-out records alone.
@@ -901,10 +851,10 @@ def _beyond(
     known = accepted.after.fit
     model = known.problem.model
     which = "segmented" if model.chaotic else "open_loop"
-    if not accepted.after.gap(segmented_records, which) > WIDE_GAP:
+    if not accepted.after.gap(held.segmented_records, which) > WIDE_GAP:
         return None
     say("held-out records alone")
-    problem = Problem(model, segmented_records, known.included, store=store)
+    problem = replace(held, model=model, included=known.included)
     fit = fit_problem(problem, settings, point=replace(known.point, memo={}))
     if not fit.explains:
         start = problem.start(known.point.magnitudes)
@@ -913,7 +863,8 @@ def _beyond(
     tight = tighten(fit, settings)
     bar = EXCESS if accepted.best is None else REST_EXCESS
     explained = float(np.sum(accepted.after.density - accepted.before.density))
-    left = misfit(fit, tight, estimated=checks.estimated, bar=bar, explained=explained)
+    allowed = form_of(explained, form)
+    left = misfit(fit, tight, estimated=checks.estimated, bar=bar, allowed=allowed)
     reference = tight or fit
     beyond = left.left and left.excess > bar and fit.converged
     return reference.chi2 / reference.dof if beyond else None

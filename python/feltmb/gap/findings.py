@@ -317,6 +317,19 @@ class Which:
     """Posterior probability of a cause that is not in the library [1]."""
     classes: tuple[tuple[str, ...], ...]
     """Groups of effects that these records cannot distinguish."""
+    form: float = 0.0
+    """Error of form in the intervals of laws, as a share of the magnitude (``Options.form``)
+    [1]."""
+
+    @property
+    def form_note(self) -> str:
+        """Sentence about the error of form in the intervals; empty if they have none."""
+        if self.form == 0.0:
+            return ""
+        return (
+            f"The intervals of laws of force contain an error of form of {self.form:.2g} of the "
+            "magnitude (one standard deviation)."
+        )
 
     def __getitem__(self, name: str) -> Ranked:
         for row in self.effects:

@@ -6,15 +6,23 @@ import math
 from dataclasses import dataclass
 
 from feltmb.fit.solve import Fit
-from feltmb.gap.criteria import ALLOWED_REST, EXCESS, FORM, MISFIT_RATIO, OTHER_EVIDENCE
+from feltmb.gap.criteria import ALLOWED_REST, EXCESS, FORM_LEFT, MISFIT_RATIO, OTHER_EVIDENCE
 from feltmb.gap.smooth import smooth_discrepancy
 
 __all__ = ["Misfit", "allowance", "form_of", "misfit"]
 
 
-def form_of(explained: float) -> float:
-    """Log evidence that errors in the form of the fitted effects can produce."""
-    return FORM**2 * max(0.0, explained)
+def form_of(explained: float, form: float) -> float:
+    """Log evidence that errors in the form of the fitted effects can produce.
+
+    Parameters
+    ----------
+    explained
+        Gain of log evidence by these effects.
+    form
+        Relative error of the force of their laws (``Options.form``) [1].
+    """
+    return (FORM_LEFT * form) ** 2 * max(0.0, explained)
 
 
 def allowance(fit: Fit) -> float:
@@ -40,13 +48,13 @@ class Misfit:
 
 
 def misfit(
-    fit: Fit, tight: Fit | None, *, estimated: bool, bar: float = EXCESS, explained: float = 0.0
+    fit: Fit, tight: Fit | None, *, estimated: bool, bar: float = EXCESS, allowed: float = 0.0
 ) -> Misfit:
     """Test whether the residual of a fit is more than noise.
 
-    ``explained`` is the gain of log evidence by the effects in the fit. The residual must exceed
-    what a model-form error of ``criteria.FORM`` of that motion produces, because neither a law nor
-    an integrator is exact.
+    ``allowed`` is the log evidence that errors in the form of the effects in the fit can produce
+    (:func:`form_of`). The residual must exceed it, because neither a law nor an integrator is
+    exact.
 
     The unknown cause is represented by forces at the joint of every segment; in a fit without
     continuity defects, it is a smooth signal in every output. It must gain more than the
@@ -64,7 +72,6 @@ def misfit(
         other = fit.log_evidence - tight.log_evidence
     elif not reference.gap_sd.size:
         other = smooth_discrepancy(reference)
-    form = form_of(explained)
-    far = excess > bar and 0.5 * beyond > form
-    unknown = other > max(OTHER_EVIDENCE, allowance(reference)) + form
+    far = excess > bar and 0.5 * beyond > allowed
+    unknown = other > max(OTHER_EVIDENCE, allowance(reference)) + allowed
     return Misfit(bool(far or unknown), float(excess), float(other))

@@ -26,12 +26,13 @@ from feltmb.files import digest_of, is_file, make_folder, read_json, read_toml, 
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.criteria import LEAST_PROGRESS
 from feltmb.gap.designs import Design, design, sensors_now
-from feltmb.gap.diagnosis import Options, diagnose
+from feltmb.gap.diagnosis import diagnose
 from feltmb.gap.findings import Verdict
 from feltmb.gap.further_sensors import Sensors
 from feltmb.gap.information import MAGNITUDES, Belief
 from feltmb.gap.limits import FurtherSensor, Limits, read_sensors
 from feltmb.gap.measured import Measured, read_measured, with_measured
+from feltmb.gap.options import Options
 from feltmb.gap.plan_files import request_file, write_design
 from feltmb.gap.report import Report, write_report
 from feltmb.units import unit_suffix

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from feltmb.fit.model import Candidate
+from feltmb.fit.model import Candidate, Effect
 from feltmb.gap.acceptance import Accepted
 from feltmb.gap.digits import digits
 from feltmb.gap.refine import CandidateSet
@@ -14,7 +14,10 @@ from feltmb.gap.search import Search
 from feltmb.gap.spread import Spread, spread
 from feltmb.units import readable_unit, unit_suffix
 
-__all__ = ["Size", "Sizes", "where_refitted"]
+__all__ = ["LAWS", "Size", "Sizes", "where_refitted", "with_form"]
+
+#: Kinds of effects whose magnitude multiplies a law of force.
+LAWS = ("force", "state")
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,8 @@ class Sizes:
 
     search: Search
     accepted: Accepted
+    form: float
+    """Relative error of the force of a law (``Options.form``) [1]."""
     _spreads: dict[tuple[str, ...], Spread] = field(default_factory=dict)
 
     def of(self, name: str) -> Size | None:
@@ -73,10 +78,11 @@ class Sizes:
         if found.key not in self._spreads:
             self._spreads[found.key] = spread(found.fit)
         own, k = self._spreads[found.key], found.names.index(name)
+        candidate, magnitude = found.fit.included[k], float(found.fit.point.magnitudes[k])
         return Size(
-            candidate=found.fit.included[k],
-            magnitude=float(found.fit.point.magnitudes[k]),
-            sd=float(own.magnitudes[k]),
+            candidate=candidate,
+            magnitude=magnitude,
+            sd=with_form(candidate.effect, magnitude, float(own.magnitudes[k]), self.form),
             shape_sd={i: v for (j, i), v in own.shapes.items() if j == k},
         )
 
@@ -89,6 +95,14 @@ class Sizes:
         """What the effect is, in the words of the library; may be empty."""
         found = self.of(name)
         return "" if found is None else found.candidate.effect.mechanism
+
+
+def with_form(effect: Effect, magnitude: float, sd: float, form: float) -> float:
+    """Standard deviation of a magnitude with the error of form of its law [unit].
+
+    A sensor, an input, and a geometric change have a magnitude that needs no law.
+    """
+    return math.hypot(sd, form * abs(magnitude)) if effect.kind in LAWS else sd
 
 
 def where_refitted(search: Search, accepted: Accepted, name: str) -> CandidateSet | None:

@@ -409,7 +409,7 @@ def test_a_weak_hint_does_not_hide_what_calibration_moved():
         search=SimpleNamespace(best=None),
         accepted=SimpleNamespace(best=None, rejected=()),
         p=0.005,
-        alpha=0.01,
+        options=Options(),
         enough=False,
         beyond=None,
         misfit=SimpleNamespace(left=False),

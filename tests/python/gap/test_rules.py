@@ -400,7 +400,7 @@ def _fault_of(monkeypatch, paired, *, expected, level=0.01, parameter=""):
     own = SimpleNamespace(level=level, cost=1.0, gap_sd=np.ones(2))
     after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
     attempt = object.__new__(_Attempt)
-    attempt.alone, attempt.inflation, attempt.least_share = {"a": 99.0}, 1.0, 0.03
+    attempt.alone, attempt.inflation, attempt.options = {"a": 99.0}, 1.0, Options()
     for name, value in {
         "unexplained": lambda c: 0.0,
         "_outcome_without": lambda c, name: None,
@@ -548,7 +548,9 @@ def test_a_set_found_beside_a_rest_is_asked_whether_there_is_one():
             fit_problem(Problem(LINE, segmented_records(law, 3.0 * NOISE))), effects, settings
         )
         assert beside.best.names == ("power 3",)
-        found = _explained(first, beside, effects, settings, SimpleNamespace(estimated=False), None)
+        found = _explained(
+            first, beside, effects, settings, SimpleNamespace(estimated=False), Options(), None
+        )
         assert (found is not None) is explains
         if explains:
             assert found.best.names == ("power 3",)
@@ -567,7 +569,7 @@ def test_a_set_found_beside_a_rest_is_asked_whether_there_is_one():
 )
 def test_an_effect_that_is_not_sure_takes_no_other_with_it(belief, sure):
     sets = [SimpleNamespace(names=tuple(k.split())) for k in belief]
-    assert sure_part(("a", "b"), sets, list(belief.values())) == sure
+    assert sure_part(("a", "b"), sets, list(belief.values()), 0.9) == sure
 
 
 @pytest.mark.parametrize(
@@ -587,6 +589,7 @@ def test_the_probable_part_of_a_set_is_named(belief, sure, unsure):
     facts = SimpleNamespace(
         search=SimpleNamespace(sets=[SimpleNamespace(names=tuple(key)) for key in belief]),
         belief=SimpleNamespace(sets=tuple(belief.values())),
+        options=Options(),
     )
     kept, others = _probable(facts, ("a", "b"), [])
     assert ("".join(kept), "".join(others)) == (sure, unsure)

@@ -14,8 +14,8 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import Fit, fit_problem
 from feltmb.gap import smooth
-from feltmb.gap.criteria import FORM, OTHER_EVIDENCE
-from feltmb.gap.misfit import allowance, misfit
+from feltmb.gap.criteria import FORM, FORM_LEFT, OTHER_EVIDENCE
+from feltmb.gap.misfit import allowance, form_of, misfit
 
 TIME = np.linspace(0.0, 1.0, 201)
 SIGMA = 0.02
@@ -105,11 +105,12 @@ def test_a_smooth_gap_is_seen_that_the_sum_of_squares_cannot_see() -> None:
     assert gap.left
     calm = fitted(3)
     assert not misfit(calm, None, estimated=False).left
-    # Beside what named effects explain it may be their form: a share of the motion, 0.3 % of it.
-    assert not misfit(
-        fit, None, estimated=False, explained=1.01 * (gap.other - least) / FORM**2
-    ).left
-    assert misfit(fit, None, estimated=False, explained=0.99 * (gap.other - least) / FORM**2).left
+    # Beside what named effects explain it may be their form: 0.3 % of the motion at 3 %.
+    enough = (gap.other - least) / (FORM_LEFT * FORM) ** 2
+    for share, left in ((1.01, False), (0.99, True)):
+        allowed = form_of(share * enough, FORM)
+        assert misfit(fit, None, estimated=False, allowed=allowed).left is left
+    assert form_of(enough, 0.0) == 0.0
 
 
 def test_a_residual_far_below_the_noise_is_no_gap_however_long_the_record(

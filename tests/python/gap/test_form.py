@@ -1,0 +1,143 @@
+"""The allowance for the form of a law, and the credibility of a name: two numbers of the user."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import math
+from contextlib import redirect_stdout
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from feltmb.cli.gap_printing import print_report
+from feltmb.data import Record, Sensor
+from feltmb.errors import InvalidParameter
+from feltmb.fit.linear import LinearModel
+from feltmb.fit.model import Candidate, Effect, Parameter
+from feltmb.fit.problem import Problem
+from feltmb.fit.solve import FitSettings, fit_problem
+from feltmb.gap import Options, Verdict, diagnose
+from feltmb.gap.checks import check_records
+from feltmb.gap.decide import decide
+from feltmb.gap.diagnosis import prepare
+from feltmb.gap.report import write_report
+from feltmb.gap.sizes import LAWS, with_form
+from feltmb.gap.spread import spread
+
+NOISE = 0.002
+LINE = LinearModel(
+    output="y",
+    columns={"slope": lambda record: record.inputs["u"]},
+    parameters=[Parameter(name="slope", value=1.0, sd=0.1)],
+    name="line",
+)
+CUBIC = Effect(
+    name="cubic",
+    component="spring",
+    unit="N/m^3",
+    scale=0.1,
+    regressor=lambda record, shape: record.inputs["u"] ** 3,
+)
+
+
+def record(name, seed, force, role="fit"):
+    generator = np.random.default_rng(seed)
+    u = np.sin(np.linspace(0.0, 40.0, 300) + seed) * (0.6 + 0.4 * generator.random())
+    return Record(
+        name=name,
+        time=np.arange(u.size) * 1e-3,
+        inputs={"u": u},
+        outputs={"y": u + force(u) + NOISE * generator.standard_normal(u.size)},
+        sensors={"y": Sensor(name="y", unit="1", sigma=NOISE)},
+        role=role,
+    )
+
+
+def records(force, seed=0):
+    roles = ("fit", "fit", "fit", "held_out", "held_out")
+    return [record(f"r{i}", seed + i, force, role) for i, role in enumerate(roles)]
+
+
+def test_intervals_cover_the_magnitude_of_a_law_with_an_error_of_form():
+    """The true force is 0.2 u^3 times 1 + e(u), where e is smooth with a standard deviation of 3 %.
+
+    Noise alone gives 0.5 % of the magnitude, so that the interval of the fit rarely covers.
+    """
+    form, magnitude = 0.03, 0.2
+    covered = {0.0: 0, form: 0}
+    cases = 120
+    for seed in range(cases):
+        generator = np.random.default_rng(1000 + seed)
+        a, phase = generator.standard_normal(2), generator.uniform(0.0, 2.0 * math.pi)
+
+        def force(u, a=a, phase=phase):
+            error = a[0] + a[1] * math.sqrt(2.0) * np.cos(3.0 * u + phase)
+            return magnitude * u**3 * (1.0 + form / math.sqrt(2.0) * error)
+
+        fitted = [r for r in records(force, 10 * seed) if r.role == "fit"]
+        segments = prepare(LINE, fitted, check_records(fitted), None)
+        fit = fit_problem(Problem(LINE, segments, (Candidate(CUBIC),)), FitSettings())
+        found = float(fit.point.magnitudes[0])
+        sd = float(spread(fit).magnitudes[0])
+        for allowed in covered:
+            covered[allowed] += abs(found - magnitude) <= 1.96 * with_form(
+                CUBIC, found, sd, allowed
+            )
+    assert covered[0.0] < 0.5 * cases
+    # 95 % and twice the binomial deviation of 120 cases; the slope takes up a part of the error.
+    assert 0.91 * cases <= covered[form]
+
+
+def test_the_interval_in_the_report_contains_the_form_and_says_so(tmp_path):
+    found = {
+        form: diagnose(
+            LINE,
+            [CUBIC],
+            records(lambda u: 0.2 * u**3),
+            options=Options(bootstrap=0, form=form),
+        )
+        for form in (0.0, 0.03)
+    }
+    plain, wide = (r.which["cubic"] for r in found.values())
+    assert found[0.0].named == found[0.03].named == ("cubic",)
+    assert wide.magnitude == plain.magnitude
+    assert wide.sd == pytest.approx(math.hypot(plain.sd, 0.03 * plain.magnitude))
+    assert wide.high - wide.magnitude == pytest.approx(1.96 * wide.sd)
+    assert f"{wide.low:.4g} to {wide.high:.4g}" in found[0.03].statement
+    for form, report in found.items():
+        shown = io.StringIO()
+        with redirect_stdout(shown):
+            print_report(report)
+        write_report(report, tmp_path / f"{form}", force=True)
+        page = (tmp_path / f"{form}" / "report.html").read_text()
+        for text in (" ".join(shown.getvalue().split()), " ".join(page.split())):
+            assert ("contain an error of form of 0.03 of the magnitude" in text) is (form > 0.0)
+
+
+@pytest.mark.parametrize("kind", ["kinematic", "parameter", "sensor", "input", "drift"])
+def test_what_is_no_law_has_no_error_of_form(kind):
+    assert with_form(replace(CUBIC, kind=kind), 2.0, 0.1, 0.03) == 0.1
+    for law in LAWS:
+        assert with_form(replace(CUBIC, kind=law), -4.0, 0.05, 0.03) == pytest.approx(0.13)
+
+
+def test_a_name_needs_the_credibility_that_the_user_asks_for(monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        importlib.import_module("feltmb.gap.diagnosis"),
+        "decide",
+        lambda facts: seen.append(facts) or decide(facts),
+    )
+    diagnose(LINE, [CUBIC], records(lambda u: 0.2 * u**3), options=Options(bootstrap=0))
+    facts = replace(seen[-1], belief=replace(seen[-1].belief, none=0.0, other=0.05, sets=(0.95,)))
+    for credibility, verdict in ((0.9, Verdict.NAMED), (0.96, Verdict.UNKNOWN)):
+        decision = decide(replace(facts, options=Options(credibility=credibility)))
+        assert decision.verdict == verdict
+    assert "posterior 0.95, expected 0.96 at least" in decision.statement
+
+
+def test_numbers_outside_their_range_are_told_together():
+    with pytest.raises(InvalidParameter, match=r"(?s)credibility = 1\.2.*form = -0\.1"):
+        Options(credibility=1.2, form=-0.1)
