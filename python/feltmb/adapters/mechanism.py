@@ -22,6 +22,7 @@ def mechanism_model(
     channels: Sequence[str] = (),
     library: Library | str | None = None,
     effects: Sequence[str] = (),
+    tolerances: Sequence[str] = ("all",),
     **options: Any,
 ) -> tuple[MechanismModel, tuple[Effect, ...]]:
     """A mechanism with its tolerances and effects as a model of a fit or a diagnosis.
@@ -35,6 +36,8 @@ def mechanism_model(
         A library, its name or path; default: the library of the mechanism.
     effects
         Names or patterns (``felt_*``, ``all``); default: the default set of the library.
+    tolerances
+        Parameters that a fit estimates: names or patterns; ``("none",)`` for none.
     options
         Options of :class:`MechanismModel`.
 
@@ -47,7 +50,10 @@ def mechanism_model(
         library = load_library(action, library)
     whole = options.get("shooting", "single") == "single"
     kind = StrokeModel if whole else MechanismModel
-    model = kind(action, library, library.outputs(channels), **options)
+    chosen_tolerances = library.choose_tolerances(tolerances)
+    model = kind(
+        action, library, library.outputs(channels), tolerances=chosen_tolerances, **options
+    )
     chosen = [e for e in library.select(effects) if _can_show(model, e)]
     ready = []
     for e in chosen:

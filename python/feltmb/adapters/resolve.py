@@ -83,7 +83,7 @@ def resolve(
         options["variation"] = _variation(settings)
     library = load_library(action, settings.get("library"))
     if "tolerances" in settings:
-        options["tolerances"] = library.choose_tolerances(_list(settings["tolerances"]))
+        options["tolerances"] = _list(settings["tolerances"])
     channels = _list(settings.get("channels", "")) or list(library.default_channels)
     effects = _list(settings.get("effects", ""))
     outputs = library.outputs([*channels, *also])

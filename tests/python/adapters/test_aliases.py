@@ -87,7 +87,7 @@ def small():
     model, effects = mechanism_model(
         ACTION,
         channels=["key", "whippen", "hammer"],
-        tolerances=LIBRARY.choose_tolerances(["let_off_button", "felt.03", "mass.head"]),
+        tolerances=["let_off_button", "felt.03", "mass.head"],
         effects=["let_off_button", "felt_thickness.03", "viscous_friction.butt", "camera_skew"],
         workers=1,
     )

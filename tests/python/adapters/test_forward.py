@@ -124,7 +124,7 @@ def agreement(monkeypatch, stroke, effects, tolerances, tolerance=2e-6, rtol=1e-
     library = load_library(action)
     model, known = mechanism_model(
         action, library=library, effects=effects, rtol=rtol, workers=1, variation=None,
-        tolerances=library.choose_tolerances(tolerances),
+        tolerances=tolerances,
     )  # fmt: skip
     loaded = feltmb.load_stroke(stroke)
     time = np.arange(0.0, BEFORE[stroke], 5e-4)

@@ -26,7 +26,7 @@ def adapter():
         action,
         channels=["key", "whippen", "hammer"],
         library=library,
-        tolerances=library.choose_tolerances(tolerances),
+        tolerances=tolerances,
         effects=[
             "coulomb_friction.butt",
             "viscous_friction.butt",
@@ -220,7 +220,7 @@ def test_the_variability_at_other_parameters_is_that_of_the_motion_there(adapter
     library = load_library(model.action)
     resolved, _ = mechanism_model(
         refined(model.action, ("shapes",)), channels=["key", "whippen", "hammer"], library=library,
-        tolerances=library.choose_tolerances([p.name for p in model.parameters]), effects=[],
+        tolerances=[p.name for p in model.parameters], effects=[],
         shooting="single", rtol=1e-7, workers=1,
     )  # fmt: skip
     jobs = Jobs.at_point(theta, whole(record), np.zeros((1, 0)), (), np.zeros(0))
