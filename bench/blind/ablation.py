@@ -61,7 +61,6 @@ NEUTRAL: dict[str, tuple[float, ...]] = {
     "SLOW_COLOR": (math.inf,),
     "SMALL_GAIN": (0.0,),
     "STILL_SHRINKS": (math.inf,),
-    "SWAP_CORRELATION": (2.0,),
     "WALD": (0.0,),
     "WIDE_GAP": (1.0,),
     "WORTH_SHAPE": (0.0,),

@@ -331,11 +331,6 @@ NEAR_BEST = _number(
     "distance to the best set above which another set is not an alternative",
     _JUDGED, "gap/test_search.py",
 )  # fmt: skip
-SWAP_CORRELATION = _number(
-    "SWAP_CORRELATION", 0.7, "correlation",
-    "correlation of signatures above which one effect is tried in the place of another", _JUDGED,
-    "gap/test_search.py",
-)  # fmt: skip
 FITTED_SHAPE = _number(
     "FITTED_SHAPE", 3.0, "log evidence",
     "cost of a fitted shape parameter, which is known to a twentieth of its range",

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array
+from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Candidate, Effect
 from feltmb.fit.problem import solve_scaled
 from feltmb.fit.solve import Fit
@@ -126,24 +127,49 @@ def all_candidates(effects: Sequence[Effect], without: Sequence[str] = ()) -> tu
     return tuple(Candidate(e, s) for e in effects if e.name not in without for s in e.shapes)
 
 
-def score_fit(fit: Fit, candidates: tuple[Candidate, ...]) -> Scores:
-    """Score tests of candidates at a fit."""
+def score_fit(
+    fit: Fit,
+    candidates: tuple[Candidate, ...],
+    *,
+    without: int | None = None,
+    linears: list[Linear] | None = None,
+) -> Scores:
+    """Score tests of candidates at a fit.
+
+    Parameters
+    ----------
+    candidates
+        Candidates that are tested.
+    without
+        Index of an included effect that is removed to first order: the scores are those of the
+        other effects, at parameters that are fitted again in the linear model. The linear model
+        holds at the fit with this effect, so that it is better for effects with a similar
+        signature than scores at a fit without it.
+    linears
+        Linearization at the fit with these candidates; None: it is computed.
+    """
     problem = fit.problem
-    linears = problem.linear(fit.point, candidates)
+    if linears is None:
+        linears = problem.linear(fit.point, candidates)
     normal = problem.normal(fit.point, linears, fit.gap_sd)
     known = len(problem.free) + len(problem.included)
     k = len(candidates)
     e = np.arange(known, known + k)
     # A parameter at a limit that would have to cross it cannot absorb a signature.
     open_ = np.flatnonzero(~problem.pressed(fit.point, normal))
+    right, removed = normal.right, {}
+    if without is not None:
+        at, size = len(problem.free) + without, float(fit.point.magnitudes[without])
+        open_, removed = open_[open_ != at], {at: size}
+        right = right + size * normal.matrix[:, at]
     s = np.concatenate([open_, np.arange(normal.shared, normal.right.size)])
     scale = np.array([t.effect.scale for t in candidates])
     h_ss = normal.matrix[np.ix_(s, s)]
     h_se = normal.matrix[np.ix_(s, e)]
     absorb = solve_scaled(h_ss, h_se)
-    delta = solve_scaled(h_ss, normal.right[s])
+    delta = solve_scaled(h_ss, right[s])
     gram = normal.matrix[np.ix_(e, e)] - h_se.T @ absorb
-    b = normal.right[e] - h_se.T @ delta
+    b = right[e] - h_se.T @ delta
     raw = np.diag(normal.matrix)[e] * scale**2
     scores, grams, where = [], [], []
     place = {int(c): i for i, c in enumerate(s)}
@@ -157,6 +183,8 @@ def score_fit(fit: Fit, candidates: tuple[Candidate, ...]) -> Scores:
             elif int(g) in place:
                 mix[column, :k] = -absorb[place[int(g)]]
                 mix[column, k] = -delta[place[int(g)]]
+            elif int(g) in removed:
+                mix[column, k] = removed[int(g)]
         mix[-1, k] = 1.0
         for w, segment in enumerate(chain.grams):
             part = segment @ mix

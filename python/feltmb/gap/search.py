@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data import Array
+from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Batch, Candidate, Effect, Jobs, Model
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
@@ -20,9 +21,9 @@ from feltmb.gap.criteria import (
     NEAR_BEST,
     NEAR_SHAPE,
     PROMISE,
+    RIVAL,
     SHORT,
     SMALL_GAIN,
-    SWAP_CORRELATION,
 )
 from feltmb.gap.refine import (
     CandidateSet,
@@ -43,8 +44,6 @@ __all__ = ["Search", "at_its_variability", "in_refined_steps", "search", "with_l
 
 Progress = Callable[[str, int, int], None]
 
-#: Number of effects that are tried in place of another one.
-SWAPS = 3
 #: Tolerance of the sum of squares by which a set may exceed a set that it contains; half of it is
 #: log evidence.
 NESTED = 1.0
@@ -288,7 +287,7 @@ class _Hunt:
         self.shaped: set[tuple[str, ...]] = set()
         self.explained = False
         self.near: Fit | None = None
-        self.traces: Scores | None = None
+        self.linearized: tuple[Fit, list[Linear]] | None = None
 
     def run(self, *, may_restart: bool) -> Fit | None:
         """Run the search; return a better fit of the model if the search found one."""
@@ -378,7 +377,6 @@ class _Hunt:
         near, scores = self.model_fit, self.scores
         if self.near is not None:
             near, scores = self.near, score_fit(self.near, self.candidates)
-            self.traces = scores
         if self.explained and not near.gap_sd.size:
             # The scores of a model that explains the records are valid except at jumps of its
             # derivatives. Sets of effects whose own fits contradict their scores are not fitted.
@@ -498,30 +496,54 @@ class _Hunt:
             self._shape(self._best())
             best = self._best()
             before = best.evidence
-            left = tuple(t for t in self.candidates if t.name not in best.names)
-            if left and len(best.fit.included) < self.most:
-                self._extend(best.fit, score_fit(best.fit, left), 3)
+            left, linears = self._left(best)
+            if left and len(best.names) < self.most:
+                self._extend(best.fit, score_fit(best.fit, left, linears=linears), 3)
                 best = self._best()
             if best.evidence <= before + max(1e-9, SMALL_GAIN * (before - self.start)):
                 self._vary(best)
                 if self._best().evidence <= best.evidence:
                     break
 
+    def _left(self, best: CandidateSet) -> tuple[tuple[Candidate, ...], list[Linear] | None]:
+        """Candidates that are not in a set, and the linearization of its fit with them."""
+        left = tuple(t for t in self.candidates if t.name not in best.names)
+        if not left:
+            return (), None
+        if self.linearized is None or self.linearized[0] is not best.fit:
+            self.linearized = (best.fit, best.fit.problem.linear(best.fit.point, left))
+        return left, self.linearized[1]
+
     def _vary(self, best: CandidateSet) -> None:
-        """Refit the best set without each of its effects, and with another effect in its place."""
+        """Refit the best set without each of its effects, and with another effect in its place.
+
+        Scores at a poor fit of the model may have missed such an effect. Each exchange is therefore
+        predicted by the linear model of the best fit, and refitted if it is predicted to be as
+        good.
+        """
+        left, linears = self._left(best)
+        promised: list[tuple[float, tuple[Candidate, ...], Array]] = []
         for k, candidate in enumerate(best.fit.included):
             rest = tuple(t for t in best.fit.included if t is not candidate)
             others = np.delete(best.fit.point.magnitudes, k)
             if rest and _short(self.done.get(_key(rest)), best, k):
                 self._attempt(best.fit, rest, others)
-            # Scores at a poor fit of the model may have missed an effect that could replace it.
-            for like, share in _alike(self.tight or self.traces or self.scores, candidate):
-                swapped = (*rest, like)
-                size = np.clip(share * best.fit.point.magnitudes[k], *like.effect.bounds)
-                known = self.done.get(_key(swapped))
-                if like.name in best.names or size == 0.0 or (known and _holds(known, rest)):
-                    continue
-                self._attempt(best.fit, swapped, np.append(others, size))
+            known = self.done.get(_key(rest)) if rest else None
+            level = self.start if not rest else -np.inf if known is None else known.evidence
+            if not left or not np.isfinite(level):
+                continue
+            at = score_fit(best.fit, left, without=k, linears=linears)
+            for s in screen_sets(replace(at, inflation=1.0), largest=1):
+                if level + s.evidence < best.evidence - RIVAL:
+                    break
+                new = left[s.index[0]]
+                size = s.magnitudes[0] * new.effect.scale
+                promised.append((level + s.evidence, (*rest, new), np.append(others, size)))
+        promised.sort(key=lambda p: -p[0])
+        fresh = [p for p in promised if _mark(p[1]) not in self.tried]
+        for _, chosen, magnitudes in fresh[: self.width]:
+            self.tried.add(_mark(chosen))
+            self._attempt(best.fit, chosen, magnitudes)
 
     def _shrink(self) -> None:
         """Remove effects from the best set as long as that helps."""
@@ -617,40 +639,6 @@ def _key(included: Sequence[Candidate]) -> tuple[str, ...]:
 def _mark(included: Sequence[Candidate]) -> tuple[tuple[str, str], ...]:
     """Names and shapes of a set, sorted."""
     return tuple(sorted((t.name, repr(t.shape)) for t in included))
-
-
-def _holds(c: CandidateSet, included: Sequence[Candidate]) -> bool:
-    """Whether a set contains candidates with exactly these shapes."""
-    shapes = {t.name: repr(t.shape) for t in c.fit.included}
-    return all(shapes.get(t.name) == repr(t.shape) for t in included)
-
-
-def _alike(scores: Scores, candidate: Candidate) -> list[tuple[Candidate, float]]:
-    """Effects with a similar signature, and their magnitude per magnitude of the candidate."""
-    own = [i for i, t in enumerate(scores.candidates) if t.name == candidate.name]
-    i = max(
-        own,
-        key=lambda j: (
-            repr(scores.candidates[j].shape) == repr(candidate.shape),
-            scores.strength[j],
-        ),
-    )
-    rho = np.abs(scores.correlation()[i])
-    found: dict[str, int] = {}
-    for j in np.argsort(-rho, kind="stable"):
-        t = scores.candidates[j]
-        if rho[j] < SWAP_CORRELATION or len(found) == SWAPS:
-            break
-        if t.name != candidate.name and scores.testable[j]:
-            found.setdefault(t.name, int(j))
-    unit = 1.0 / scores.candidates[i].effect.scale
-    return [
-        (
-            scores.candidates[j],
-            float(scores.gram[i, j] / scores.gram[j, j]) * scores.candidates[j].effect.scale * unit,
-        )
-        for j in found.values()
-    ]
 
 
 def _short(known: CandidateSet | None, best: CandidateSet, k: int) -> bool:

@@ -16,7 +16,7 @@ from feltmb.fit.solve import FitSettings, finish, fit_problem
 from feltmb.gap import refine
 from feltmb.gap.refine import CandidateSet
 from feltmb.gap.score import score_fit
-from feltmb.gap.search import NESTED, _alike, _Hunt, search
+from feltmb.gap.search import NESTED, _Hunt, search
 
 
 def searched(folder, number, *names):
@@ -148,7 +148,8 @@ def test_a_set_with_memory_is_fitted_again_from_one_without(tmp_path, monkeypatc
     assert not hunt.failed
 
 
-def test_an_effect_with_a_like_trace_is_found_with_its_size():
+def test_scores_without_an_effect_are_those_of_the_fit_without_it():
+    """The model is linear, so that the prediction is exact: scores, and the sum of squares."""
     line = LinearModel(
         output="y",
         columns={"slope": lambda r: r.inputs["x"]},
@@ -160,7 +161,7 @@ def test_an_effect_with_a_like_trace_is_found_with_its_size():
         name="run",
         time=np.arange(101) * 0.01,
         inputs={"x": x},
-        outputs={"y": x},
+        outputs={"y": x + 0.6 * x**5 + 0.1 * x**2 + 0.01 * np.cos(90.0 * x)},
         sensors={"y": Sensor(name="y", sigma=0.01)},
     )
     traces = {"cubic": x**3, "quintic": 2.0 * x**5, "even": x**2}
@@ -169,9 +170,17 @@ def test_an_effect_with_a_like_trace_is_found_with_its_size():
         for n, v in traces.items()
     )
     segmented = segment_record(line, record, {"y": Noise(0.01)}, None)
-    scores = score_fit(fit_problem(Problem(line, (segmented,))), included)
-    ((like, share),) = _alike(scores, included[0])
-    assert like.name == "quintic"  # the even one is orthogonal
-    # What the slope cannot take up of either.
-    cubic, quintic = (v - x * (v @ x) / (x @ x) for v in (traces["cubic"], traces["quintic"]))
-    assert share == pytest.approx((cubic @ quintic) / (quintic @ quintic), rel=1e-3)
+    cubic, quintic, even = included
+    bare = fit_problem(Problem(line, (segmented,)))
+    for first in ((cubic,), (cubic, even)):
+        start = Problem(line, (segmented,), first).start(np.full(len(first), 0.3))
+        fit = fit_problem(Problem(line, (segmented,), first), point=start)
+        there = score_fit(fit, (quintic,), without=0)
+        rest = bare
+        if len(first) > 1:
+            rest = fit_problem(Problem(line, (segmented,), first[1:]))
+        alone = score_fit(rest, (quintic,))
+        assert alone.singles()[0] > 100.0
+        for name in ("b", "gram", "segment_scores", "segment_grams"):
+            assert getattr(there, name) == pytest.approx(getattr(alone, name), rel=1e-6), name
+        assert there.inflation * fit.dof == pytest.approx(alone.inflation * rest.dof, rel=1e-6)
