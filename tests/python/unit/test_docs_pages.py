@@ -27,7 +27,13 @@ HOWTO = sorted(
     str(p.relative_to(ROOT)) for p in (ROOT / "docs" / "howto").glob("*.md") if p.stem not in SILENT
 )
 TUTORIALS = [f"docs/tutorials/first_{n}.md" for n in ("stroke", "felt", "diagnosis", "machine")]
-PAGES = ["README.md", *TUTORIALS, "docs/reference/mechanism_files.md", *HOWTO]
+PAGES = [
+    "README.md",
+    *TUTORIALS,
+    "docs/explanation/gap.md",
+    "docs/reference/mechanism_files.md",
+    *HOWTO,
+]
 
 
 def begins_slow(page):
