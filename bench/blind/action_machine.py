@@ -118,7 +118,7 @@ def _answer(case: truth.Case, library: Any, onsets: dict[str, list[float]]) -> d
             data = truth.is_signal(entry) or entry.kind in ("sensor", "input")
         times = {s: onsets[s][k] for s in onsets}
         told = {"component": component, "data": data, "onset": times}
-        if second := truth.second_of(part):
+        if second := truth.second_of(part, library):
             told["second"] = second
         if strengths[k] is not None:
             told["nc"] = strengths[k]

@@ -133,11 +133,18 @@ def forms(entry: Entry, library: Library) -> list[tuple[str, list[tuple[Entry, f
     return out
 
 
-def second_of(part: Part) -> str:
-    """Effect of the library that form B of a part contains beside its own, or "" if none."""
-    family, _, rest = part.name.partition(".")
-    others = {"coulomb_friction": "stribeck_friction", **{f: m[1] for f, m in MIXED.items()}}
-    return f"{others[family]}.{rest}" if part.form == "B" and family in others else ""
+def second_of(part: Part, library: Library) -> str:
+    """Effect of the library that form B of a part contains beside its own, or "" if none.
+
+    It changes the same numbers of the mechanism as the form does beside the part's own effect.
+    """
+    if part.form != "B":
+        return ""
+    entry = library.effect(part.name)
+    mixed = dict(forms(entry, library))["B"]
+    added = {c.path for e, _ in mixed for c in e.changes} - {c.path for c in entry.changes}
+    found = [e.name for e in library.effects if {c.path for c in e.changes} & added]
+    return found[0] if found else ""
 
 
 def is_signal(entry: Entry) -> bool:

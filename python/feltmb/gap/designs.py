@@ -40,7 +40,7 @@ from feltmb.gap.information import (
     record_of,
 )
 from feltmb.gap.limits import FurtherSensor, Limits, PartTest
-from feltmb.gap.planning import _noise, as_driven, read_by
+from feltmb.gap.planning import _noise
 from feltmb.gap.profiles import FAMILIES, Profile
 from feltmb.gap.score import all_candidates
 from feltmb.units import unit_suffix
@@ -299,7 +299,6 @@ def design(
     work = _Work(model, limits, measured_now, store, seed, progress)
     work.every = every
     work.sensors = Sensors(measured_now, offered(limits.further, measured_now, model))
-    records, _ = model.driven(records)
     with calling(f"model {model.name}: its simulation"):
         known = []
         for i, r in enumerate(records):
@@ -571,10 +570,8 @@ class _Work:
         record = None if profile is None else self.record(input_name, profile, "planned")
         if profile is None or record is None:
             return None
-        (driven,), read = as_driven(self.model, [record], self.sensors.now)
-        new = dict.fromkeys((n for n in read if n not in record.outputs), 1.0)
-        ways = [{**way, **new} for way in self.sensors.ways]
-        found = informations(self.model, driven, self.every, ways, store=self.store)
+        ways = self.sensors.ways
+        found = informations(self.model, record, self.every, ways, store=self.store)
         if found is None:
             self.failed += 1
             return None
@@ -589,7 +586,7 @@ class _Work:
             family=family,
             knobs=knobs,
             profile=profile,
-            record=read_by(record, self.sensors.now),
+            record=_measured(record, self.sensors.now),
         )
 
     def equipped(self, sensor: FurtherSensor, options: Sequence[_Option]) -> list[_Option]:
@@ -659,6 +656,12 @@ class _Work:
             if not moved:
                 step *= 0.5
         return best
+
+
+def _measured(record: Record, sensors: Mapping[str, Sensor]) -> Record:
+    """A planned record as these sensors show it."""
+    outputs = {n: y for n, y in record.outputs.items() if n in sensors}
+    return replace(record, outputs=outputs, sensors={n: sensors[n] for n in outputs})
 
 
 def _mode_of(model: Model, name: str, limits: Limits) -> tuple[Any, list[str]]:

@@ -11,7 +11,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.calling import calling
-from feltmb.fit.model import Effect, Jobs, Model, Ready
+from feltmb.fit.model import Effect, Jobs, Model
 from feltmb.fit.noise import Noise, noise_of
 from feltmb.fit.observe import observe_jobs
 from feltmb.fit.problem import Problem
@@ -125,39 +125,6 @@ def _noise(record: Record) -> dict[str, Noise]:
     return out
 
 
-def as_driven(
-    model: Model, records: Sequence[Record], measured: Mapping[str, Sensor]
-) -> tuple[tuple[Record, ...], list[str]]:
-    """Planned records with the input of a diagnosis, and the outputs that it would read.
-
-    If force and motion are measured, the force drives the model (:meth:`Model.driven`).
-
-    Parameters
-    ----------
-    records
-        Planned records with the outputs of the model.
-    measured
-        Sensors of the outputs that are measured; the records may have more outputs.
-    """
-    shown = [read_by(r, measured) for r in records]
-    now, _ = model.driven([with_sigma(r, _noise(r)) for r in shown])
-    if all(a.input_mode == b.input_mode for a, b in zip(now, records, strict=True)):
-        return tuple(records), list(measured)
-    full, _ = model.driven([with_sigma(r, _noise(r)) for r in records])
-    # What is measured is read as it is; the other outputs are those that could be measured too.
-    driven = tuple(
-        replace(own, outputs={**r.outputs, **own.outputs}, sensors={**r.sensors, **own.sensors})
-        for r, own in zip(full, now, strict=True)
-    )
-    return driven, list(dict.fromkeys(n for r in now for n in r.outputs))
-
-
-def read_by(record: Record, sensors: Mapping[str, Sensor]) -> Record:
-    """A planned record as these sensors read it."""
-    outputs = {n: y for n, y in record.outputs.items() if n in sensors}
-    return replace(record, outputs=outputs, sensors={n: sensors[n] for n in outputs})
-
-
 def planned_scores(
     model: Model,
     effects: Sequence[Effect],
@@ -232,12 +199,7 @@ def plan(
             known.setdefault(n, s)
     tested = [e for e in effects if model.accepts(e) or e.observe or e.excite]
     with calling(f"model {model.name}: its simulation"):
-        ready, wanted = _ready(model, [*records, *experiments], known, wanted)
-        model, first = ready.model, len(records)
-        records, experiments = ready.records[:first], ready.records[first:]
-        for r in ready.records:
-            for n, s in r.sensors.items():
-                known.setdefault(n, s)
+        model, records, experiments = _ready(model, records, experiments, known)
     try_effects(model, tested, records[0])
 
     def plan(some: Sequence[Record], names: Sequence[str]) -> list[Record]:
@@ -305,16 +267,20 @@ def plan(
 
 
 def _ready(
-    model: Model, records: Sequence[Record], known: Mapping[str, Sensor], measured: Sequence[str]
-) -> tuple[Ready, list[str]]:
-    """The model and all runs, prepared as for a fit, with the predicted outputs.
-
-    Also return the outputs that a diagnosis would read.
-    """
+    model: Model,
+    records: Sequence[Record],
+    experiments: Sequence[Record],
+    known: Mapping[str, Sensor],
+) -> tuple[Model, Sequence[Record], Sequence[Record]]:
+    """The model and all runs, prepared as for a fit, with the predicted outputs."""
     sensors = {n: known.get(n, Sensor(name=n)) for n in model.outputs}
-    full = [planned(model, r, sensors) for r in records]
-    shown, read = as_driven(model, full, {n: sensors[n] for n in measured})
-    return model.ready([with_sigma(r, _noise(r)) for r in shown]), read
+    shown = []
+    for r in (*records, *experiments):
+        full = planned(model, r, sensors)
+        shown.append(with_sigma(full, _noise(full)))
+    ready = model.ready(shown)
+    count = len(records)
+    return ready.model, ready.records[:count], ready.records[count:]
 
 
 @checked

@@ -15,7 +15,7 @@ from feltmb.data import Record, Sensor
 from feltmb.data.smoothing import smooth_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Jobs, including
-from feltmb.gap import InputLimits, Limits, design, designs, fit_model, plan
+from feltmb.gap import fit_model
 from feltmb.gap.diagnosis import _ready as ready_with_checks
 from feltmb.gap.split import split_records
 from feltmb.gap.withholding import _Machine
@@ -592,64 +592,3 @@ def test_a_motion_without_a_noise_or_a_force_stays_as_it_is(incomplete):
             assert sensor.sigma == record.sensors[name].sigma
         for name, values in kept.outputs.items():
             assert np.array_equal(values, other.outputs[name][: kept.samples], equal_nan=True)
-
-
-def test_a_planned_motion_tells_what_its_diagnosis_will_use(monkeypatch):
-    """Motion and force of the finger are measured: as for the same stroke played by its force."""
-    model, effects = mechanism_model(
-        ACTION,
-        channels=["force", "hammer_tip"],
-        tolerances=["let_off_button", "felt.03"],
-        effects=["camera_skew", "coulomb_friction.key"],
-    )
-    stroke = feltmb.load_stroke("forte")
-    run = feltmb.simulate(ACTION, stroke, rtol=1e-8, ledger=False)
-    time = np.arange(0.0, 0.2, 5e-4)
-    inputs = {
-        "displacement": np.interp(time, run.time, run["finger.displacement"]),
-        "force": stroke.at(time),
-    }
-    cameras = {o: Sensor(name=o, unit="m", sigma=5e-5) for o in ("hammer_tip.x", "hammer_tip.y")}
-    beside = {
-        "displacement": Sensor(name="finger.force", unit="N", sigma=0.01),
-        "force": Sensor(name="finger.displacement", unit="m", sigma=1e-6),
-    }
-
-    def smallest(name, *more):
-        sensors = cameras | {s.name: s for s in more}
-        record = Record(
-            name="planned",
-            time=time,
-            inputs={name: inputs[name]},
-            outputs={"hammer_tip.x": np.zeros(time.size)},
-            sensors={"hammer_tip.x": cameras["hammer_tip.x"]},
-            input_mode="motion" if name == "displacement" else "force",
-            input_sigma={name: 1e-6 if name == "displacement" else 0.01},
-        )
-        found = plan(model, effects, [record], channels=[*sensors], sensors=sensors)
-        return {e.effect: e.smallest for e in found.effects}
-
-    by_force = smallest("force", beside["force"])
-    assert smallest("displacement", beside["displacement"]) == pytest.approx(by_force, rel=0.03)
-    alone = smallest("displacement")  # without its force, a motion hides the friction of the key
-    assert alone["coulomb_friction.key"] > 50.0 * by_force["coulomb_friction.key"]
-
-    seen = []
-    monkeypatch.setattr(
-        designs,
-        "informations",
-        lambda *args, **_: seen.append((args[1], args[3])),
-    )
-    limits = Limits(
-        inputs={"displacement": InputLimits(most=0.01, sigma=1e-6)}, duration=0.2, sample_rate=2000
-    )
-    for more, mode in ((beside["displacement"], "force"), (beside["force"], "motion")):
-        seen.clear()
-        with pytest.raises(InvalidParameter, match="can be simulated"):
-            design(
-                model, effects, limits=limits, sensors=cameras | {more.name: more}, candidates=1,
-                families=["press"], refinements=0,
-            )  # fmt: skip
-        record, (way,) = seen[-1]
-        assert record.input_mode == mode
-        assert way.keys() >= {*cameras, "finger.displacement"}
