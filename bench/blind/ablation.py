@@ -1,4 +1,4 @@
-"""What breaks without each decision threshold of a diagnosis.
+"""Which development cases change without a decision threshold of a diagnosis.
 
 python bench/blind/run.py --cases 200 --seed 7 -o out/bench --half development --no-oracle
 python bench/blind/ablation.py out/bench --cases 60
@@ -12,7 +12,9 @@ bench, so that an interrupted run continues, and ``ablation.md`` is the table.
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import math
+import pkgutil
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -25,6 +27,7 @@ import click
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import feltmb.gap
 from blind.bench import MACHINES, Bench
 from blind.machine import Machine, as_json, summarize
 from blind.score import Scored, read_truth
@@ -37,7 +40,8 @@ from feltmb.gap import Options, criteria
 __all__ = ["NEUTRAL", "at_value", "command"]
 
 #: Values at which a threshold, or an option, has no influence. Some rules can be switched off in
-#: two directions. Limits of effort are left out: they are no decisions.
+#: two directions. Left out: limits of effort (how many sets are fitted), levels of statistical
+#: tests, prior probabilities, and the calibration of the confidence, which have no neutral value.
 NEUTRAL: dict[str, tuple[float, ...]] = {
     "ALLOWED_REST": (0.0,),
     "AS_GIVEN": (math.inf,),
@@ -73,6 +77,8 @@ NEUTRAL: dict[str, tuple[float, ...]] = {
 def at_value(name: str, value: float) -> Iterator[None]:
     """Give a threshold another value in every module that uses it."""
     old = getattr(criteria, name)
+    for found in pkgutil.iter_modules(feltmb.gap.__path__, "feltmb.gap."):
+        importlib.import_module(found.name)  # one that is imported later would keep the value
     users = [
         m
         for key, m in list(sys.modules.items())
@@ -185,7 +191,7 @@ def command(folder: Path, cases: int, first: tuple[int, ...]) -> None:
         raise InvalidParameter(
             f"--number {unknown[0]}: is no case of the development half of {folder} with records"
         )
-    numbers = [*first, *(n for n in known if n not in first)][:cases]
+    numbers = list(dict.fromkeys((*first, *known)))[:cases]
     if not numbers:
         raise InvalidParameter(f"{folder}: no records of the development half; make them by run.py")
     place = make_folder(folder / "ablation")

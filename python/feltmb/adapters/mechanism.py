@@ -10,6 +10,7 @@ from feltmb.adapters.library import Entry, Library, load_library
 from feltmb.adapters.model import MechanismModel
 from feltmb.adapters.signals import columns_of
 from feltmb.adapters.strokes import StrokeModel
+from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect
 from feltmb.mechanism import Action
 
@@ -22,7 +23,7 @@ def mechanism_model(
     channels: Sequence[str] = (),
     library: Library | str | None = None,
     effects: Sequence[str] = (),
-    tolerances: Sequence[str] = ("all",),
+    tolerances: Sequence[str | Entry] | None = None,
     **options: Any,
 ) -> tuple[MechanismModel, tuple[Effect, ...]]:
     """A mechanism with its tolerances and effects as a model of a fit or a diagnosis.
@@ -37,23 +38,29 @@ def mechanism_model(
     effects
         Names or patterns (``felt_*``, ``all``); default: the default set of the library.
     tolerances
-        Parameters that a fit estimates: names or patterns; ``("none",)`` for none.
+        Parameters that a fit estimates: names, patterns or entries of the library; default: all of
+        the library. An empty list: none.
     options
         Options of :class:`MechanismModel`.
 
     Raises
     ------
     InvalidParameter
-        A name is unknown; the message has the nearest known ones.
+        A name is unknown; the message has the nearest known ones. A text is given instead of a list
+        of names.
     """
+    for what, names in (("channels", channels), ("effects", effects), ("tolerances", tolerances)):
+        if isinstance(names, str):
+            raise InvalidParameter(
+                f"mechanism_model: {what} = {names!r}, expected a list of names; hint: "
+                f"{what}=[{names!r}]"
+            )
     if not isinstance(library, Library):
         library = load_library(action, library)
     whole = options.get("shooting", "single") == "single"
     kind = StrokeModel if whole else MechanismModel
-    chosen_tolerances = library.choose_tolerances(tolerances)
-    model = kind(
-        action, library, library.outputs(channels), tolerances=chosen_tolerances, **options
-    )
+    estimated = _chosen(library, tolerances)
+    model = kind(action, library, library.outputs(channels), tolerances=estimated, **options)
     chosen = [e for e in library.select(effects) if _can_show(model, e)]
     ready = []
     for e in chosen:
@@ -68,6 +75,16 @@ def mechanism_model(
             )
         )
     return model, tuple(ready)
+
+
+def _chosen(library: Library, tolerances: Sequence[str | Entry] | None) -> tuple[Entry, ...]:
+    """Tolerances by name, pattern or entry; None: all of the library."""
+    if tolerances is None:
+        return library.tolerances
+    out: list[Entry] = []
+    for t in tolerances:
+        out += [t] if isinstance(t, Entry) else library.choose_tolerances([t])
+    return tuple({t.name: t for t in out}.values())
 
 
 def _can_show(model: MechanismModel, entry: Entry) -> bool:

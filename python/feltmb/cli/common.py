@@ -558,6 +558,22 @@ budget_option = click.option(
     help="Time after which fits stop and the best answer is reported, with the effects that were "
     "not tested: 5min [s]. The test on held-out records may exceed it.",
 )
+credibility_option = click.option(
+    "--credibility",
+    type=Number(0.5, 1, max_open=True),
+    default=0.9,
+    show_default=True,
+    help="Posterior probability that a named effect needs, compared with the other causes of the "
+    "library.",
+)
+form_option = click.option(
+    "--form",
+    type=Number(0, 0.3),
+    default=0.03,
+    show_default=True,
+    help="Relative error of the force of a law. The interval of its magnitude contains it, and a "
+    "tenth of it may remain as a residual.",
+)
 modulus_option = click.option(
     "--e-modulus",
     "modulus",

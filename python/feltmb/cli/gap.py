@@ -11,8 +11,10 @@ from feltmb.cli.common import (
     Number,
     ProgressLine,
     budget_option,
+    credibility_option,
     folder_option,
     force_option,
+    form_option,
     interruptible,
     json_option,
     list_option,
@@ -78,20 +80,8 @@ command.add_command(session_command)
     show_default=True,
     help="Family-wise false alarm rate.",
 )
-@click.option(
-    "--credibility",
-    type=Number(0.5, 1, max_open=True),
-    default=0.9,
-    show_default=True,
-    help="Posterior probability that a named effect needs.",
-)
-@click.option(
-    "--form",
-    type=Number(0, 0.3),
-    default=0.03,
-    show_default=True,
-    help="Relative error of the force of a law. It is part of the interval of its magnitude.",
-)
+@credibility_option
+@form_option
 @click.option("--segment", type=positive("s"), help="Length of shooting segments [s].")
 @click.option(
     "--max-effects",

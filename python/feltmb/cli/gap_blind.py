@@ -11,7 +11,9 @@ import click
 
 from feltmb.cli.common import (
     console,
+    credibility_option,
     folder_option,
+    form_option,
     is_terminal,
     json_option,
     list_option,
@@ -74,6 +76,8 @@ class _Told:
     help="Record that is held out to confirm the findings.",
 )
 @folder_option("Folder for blind.json and one file for each case. An interrupted run continues.")
+@credibility_option
+@form_option
 @model_set_option
 @json_option
 def command(
@@ -84,6 +88,8 @@ def command(
     only: tuple[str, ...],
     hold_out: tuple[str, ...],
     output: Path | None,
+    credibility: float,
+    form: float,
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
@@ -99,7 +105,7 @@ def command(
     from feltmb.cli.gap_models import held_out, load_adapter
     from feltmb.errors import InvalidParameter
     from feltmb.files import write_text
-    from feltmb.gap import OUTCOMES, withhold
+    from feltmb.gap import OUTCOMES, Options, withhold
 
     adapter = load_adapter(model, settings)
     groups = adapter.read_each(data) if data else (adapter.planned,)
@@ -115,6 +121,7 @@ def command(
         only=list(dict.fromkeys(only)) or None,
         hold_out=(held_out(hold_out, data, groups) if data else list(hold_out)) or None,
         folder=output,
+        options=Options(credibility=credibility, form=form),
         progress=_Told(),
     )
     result = found.as_dict()

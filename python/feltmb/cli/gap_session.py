@@ -10,7 +10,9 @@ import click
 from feltmb.cli.common import (
     Number,
     ProgressLine,
+    credibility_option,
     folder_option,
+    form_option,
     json_option,
     model_set_option,
     positive,
@@ -70,6 +72,8 @@ LAST_WORDS = 400
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random draws."
 )
+@credibility_option
+@form_option
 @model_set_option
 @json_option
 def command(
@@ -85,6 +89,8 @@ def command(
     refinements: int,
     bootstrap: int,
     seed: int,
+    credibility: float,
+    form: float,
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
@@ -139,7 +145,9 @@ def command(
         sensors=sensors_of(adapter, limits, records, ()),
         measured=() if measured is None else read_measured(measured, adapter.model),
         budget=budget,
-        options=Options(bootstrap=bootstrap, seed=seed, advice=False),
+        options=Options(
+            credibility=credibility, form=form, bootstrap=bootstrap, seed=seed, advice=False
+        ),
         candidates=candidates,
         refinements=refinements,
         seed=seed,

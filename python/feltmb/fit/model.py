@@ -25,6 +25,7 @@ from feltmb.data import Array, InputMode, Record
 from feltmb.errors import InvalidParameter
 
 __all__ = [
+    "LAWS",
     "VARIABILITY",
     "Batch",
     "Candidate",
@@ -45,6 +46,8 @@ __all__ = [
 VARIABILITY = "run-to-run variability"
 
 EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
+#: Kinds of effects whose magnitude multiplies a law of force.
+LAWS = ("force", "state")
 #: Internal memory of a model in addition to its states, one item per segment; only the model
 #: interprets it.
 Memory = tuple[Any, ...]

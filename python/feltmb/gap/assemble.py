@@ -123,7 +123,8 @@ def ranked(
             else:
                 at = len(refitted.fit.problem.free) + k
                 sd = float(np.sqrt(max(refitted.fit.covariance[at, at], 0.0)))
-                sd = with_form(candidate.effect, size, sd, sizes.form)
+        if not (name in named or name in one_of):
+            sd = with_form(candidate.effect, size, sd, sizes.form)
         low, high = candidate.effect.bounds
         confused = tuple(n for n in member.get(name, ()) if n != name)
         rows.append(
@@ -151,8 +152,15 @@ def ranked(
                 numbers=_numbers(candidate.effect, shape, wide),
             )
         )
+    # Rounding must not determine the order of equal probabilities.
     rows.sort(
-        key=lambda r: (not r.named, r.effect not in one_of, -r.posterior, -r.statistic, r.effect)
+        key=lambda r: (
+            not r.named,
+            r.effect not in one_of,
+            -round(r.posterior, 9),
+            -r.statistic,
+            r.effect,
+        )
     )
     sets = tuple(
         RankedSet(

@@ -15,6 +15,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter, no_such
 from feltmb.fit import Candidate, Jobs, Model
+from feltmb.fit.model import LAWS
 from feltmb.fit.observe import observe_jobs
 from feltmb.units import unit_suffix
 
@@ -324,11 +325,11 @@ class Which:
     @property
     def form_note(self) -> str:
         """Sentence about the error of form in the intervals; empty if they have none."""
-        if self.form == 0.0:
+        if self.form == 0.0 or not any(r.kind in LAWS for r in self.effects):
             return ""
         return (
-            f"The intervals of laws of force contain an error of form of {self.form:.2g} of the "
-            "magnitude (one standard deviation)."
+            f"No law of force is exact: the intervals of their magnitudes contain "
+            f"{1.96 * self.form:.2g} of the magnitude (--form {self.form:g})."
         )
 
     def __getitem__(self, name: str) -> Ranked:
@@ -376,7 +377,7 @@ class Profile:
         text = (
             f"{self.effect}: {self.magnitude:.4g}{unit}, 95 % interval by profile from {ends[0]} "
             f"to {ends[1]} (by standard deviations from {self.magnitude - 1.96 * self.sd:.4g} to "
-            f"{self.magnitude + 1.96 * self.sd:.4g}{unit})"
+            f"{self.magnitude + 1.96 * self.sd:.4g}{unit}), both without the error of form of a law"
         )
         if not self.complete:
             text += "; it was stopped before its end"

@@ -53,8 +53,7 @@ def misfit(
     """Test whether the residual of a fit is more than noise.
 
     ``allowed`` is the log evidence that errors in the form of the effects in the fit can produce
-    (:func:`form_of`). The residual must exceed it, because neither a law nor an integrator is
-    exact.
+    (:func:`form_of`). The residual must exceed it.
 
     The unknown cause is represented by forces at the joint of every segment; in a fit without
     continuity defects, it is a smooth signal in every output. It must gain more than the

@@ -24,15 +24,17 @@ class Options:
     alpha: float = 0.01
     """Family-wise rate of false alarms."""
     credibility: float = SURE
-    """Posterior probability that a named effect needs."""
+    """Posterior probability that a named effect needs, compared with the other causes of the
+    library. The probabilities in a report are lower: they are multiplied by the share of correct
+    answers in blind cases, because the cause may not be in the library."""
     form: float = FORM
     """Relative error of the force that the law of an effect gives [1].
 
     No law is exact: the true friction has another dependence on speed, the true felt another
     hysteresis. The 95 % interval of the magnitude of a law (effects of the kinds "force" and
     "state") contains this share of the magnitude as a standard deviation, in addition to the
-    uncertainty from the records. A tenth of it may remain in the residual without being a gap. 0:
-    the laws are exact."""
+    uncertainty from the records. A residual whose amplitude is a tenth of this share of what the
+    effects explain is no gap. 0: the laws are exact, so that such a residual is a gap."""
     segment: float | None = None
     """Length of segments [s]; None: the length of the model, else chosen from the data."""
     max_effects: int = 4

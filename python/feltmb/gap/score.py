@@ -93,6 +93,14 @@ class Scores:
         size = self.one_step()
         return np.asarray(np.maximum(2.0 * size * self.b - size**2 * np.diag(self.gram), 0.0))
 
+    def evidence(self) -> Array:
+        """Predicted log evidence of each candidate alone, with its prior; limits are kept."""
+        size = np.maximum(1.0, np.abs(self.one_step()))
+        gram = np.where(self.testable, np.diag(self.gram), 0.0)
+        total = sum({t.name: t.effect.weight for t in self.candidates}.values())
+        prior = np.array([prior_of((t,), total) for t in self.candidates])
+        return np.asarray(0.5 * self.singles() - 0.5 * np.log1p(gram * size**2) + prior)
+
     def robust(self) -> Array:
         """T with the cluster-robust variance over segments."""
         size = self.one_step()
@@ -142,9 +150,9 @@ def score_fit(
         Candidates that are tested.
     without
         Index of an included effect that is removed to first order: the scores are those of the
-        other effects, at parameters that are fitted again in the linear model. The linear model
-        holds at the fit with this effect, so that it is better for effects with a similar
-        signature than scores at a fit without it.
+        other effects, at parameters that are fitted again in the linear model. The removed effect
+        is the first candidate of the result. The linear model holds at the fit with this effect, so
+        that it is better for effects with a similar signature than scores at a fit without it.
     linears
         Linearization at the fit with these candidates; None: it is computed.
     """
@@ -153,15 +161,16 @@ def score_fit(
         linears = problem.linear(fit.point, candidates)
     normal = problem.normal(fit.point, linears, fit.gap_sd)
     known = len(problem.free) + len(problem.included)
-    k = len(candidates)
-    e = np.arange(known, known + k)
+    e = np.arange(known, known + len(candidates))
     # A parameter at a limit that would have to cross it cannot absorb a signature.
     open_ = np.flatnonzero(~problem.pressed(fit.point, normal))
-    right, removed = normal.right, {}
+    right, moved = normal.right, 0.0
     if without is not None:
-        at, size = len(problem.free) + without, float(fit.point.magnitudes[without])
-        open_, removed = open_[open_ != at], {at: size}
-        right = right + size * normal.matrix[:, at]
+        at, moved = len(problem.free) + without, float(fit.point.magnitudes[without])
+        open_, e = open_[open_ != at], np.concatenate([[at], e])
+        candidates = (problem.included[without], *candidates)
+        right = right + moved * normal.matrix[:, at]
+    k = len(candidates)
     s = np.concatenate([open_, np.arange(normal.shared, normal.right.size)])
     scale = np.array([t.effect.scale for t in candidates])
     h_ss = normal.matrix[np.ix_(s, s)]
@@ -173,18 +182,19 @@ def score_fit(
     raw = np.diag(normal.matrix)[e] * scale**2
     scores, grams, where = [], [], []
     place = {int(c): i for i, c in enumerate(s)}
+    tested = {int(c): i for i, c in enumerate(e)}
     chi2 = 0.0
     for segmented, (chain, own) in enumerate(zip(normal.chains, normal.columns, strict=True)):
         width = own.size + 1
         mix = np.zeros((width, k + 1))
         for column, g in enumerate(own):
-            if known <= g < known + k:
-                mix[column, g - known] = 1.0
+            if int(g) in tested:
+                mix[column, tested[int(g)]] = 1.0
             elif int(g) in place:
                 mix[column, :k] = -absorb[place[int(g)]]
                 mix[column, k] = -delta[place[int(g)]]
-            elif int(g) in removed:
-                mix[column, k] = removed[int(g)]
+            if without is not None and g == e[0]:
+                mix[column, k] = moved
         mix[-1, k] = 1.0
         for w, segment in enumerate(chain.grams):
             part = segment @ mix

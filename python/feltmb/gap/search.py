@@ -21,7 +21,6 @@ from feltmb.gap.criteria import (
     NEAR_BEST,
     NEAR_SHAPE,
     PROMISE,
-    RIVAL,
     SHORT,
     SMALL_GAIN,
 )
@@ -518,32 +517,30 @@ class _Hunt:
         """Refit the best set without each of its effects, and with another effect in its place.
 
         Scores at a poor fit of the model may have missed such an effect. Each exchange is therefore
-        predicted by the linear model of the best fit, and refitted if it is predicted to be as
-        good.
+        predicted by the linear model of the best fit, relative to the effect that is removed.
         """
         left, linears = self._left(best)
-        promised: list[tuple[float, tuple[Candidate, ...], Array]] = []
         for k, candidate in enumerate(best.fit.included):
             rest = tuple(t for t in best.fit.included if t is not candidate)
             others = np.delete(best.fit.point.magnitudes, k)
             if rest and _short(self.done.get(_key(rest)), best, k):
                 self._attempt(best.fit, rest, others)
-            known = self.done.get(_key(rest)) if rest else None
-            level = self.start if not rest else -np.inf if known is None else known.evidence
-            if not left or not np.isfinite(level):
+            if not left:
                 continue
             at = score_fit(best.fit, left, without=k, linears=linears)
-            for s in screen_sets(replace(at, inflation=1.0), largest=1):
-                if level + s.evidence < best.evidence - RIVAL:
+            size, gain = at.one_step(), at.evidence()
+            tried: set[str] = set()
+            for i in 1 + np.argsort(-gain[1:], kind="stable"):
+                new = at.candidates[i]
+                if gain[i] < gain[0] - NEAR_BEST or len(tried) == self.width:
                     break
-                new = left[s.index[0]]
-                size = s.magnitudes[0] * new.effect.scale
-                promised.append((level + s.evidence, (*rest, new), np.append(others, size)))
-        promised.sort(key=lambda p: -p[0])
-        fresh = [p for p in promised if _mark(p[1]) not in self.tried]
-        for _, chosen, magnitudes in fresh[: self.width]:
-            self.tried.add(_mark(chosen))
-            self._attempt(best.fit, chosen, magnitudes)
+                if new.name in tried or size[i] == 0.0:
+                    continue
+                tried.add(new.name)
+                known = self.done.get(_key((*rest, new)))
+                if known is None or not _holds(known, rest):
+                    magnitude = size[i] * new.effect.scale
+                    self._attempt(best.fit, (*rest, new), np.append(others, magnitude))
 
     def _shrink(self) -> None:
         """Remove effects from the best set as long as that helps."""
@@ -639,6 +636,12 @@ def _key(included: Sequence[Candidate]) -> tuple[str, ...]:
 def _mark(included: Sequence[Candidate]) -> tuple[tuple[str, str], ...]:
     """Names and shapes of a set, sorted."""
     return tuple(sorted((t.name, repr(t.shape)) for t in included))
+
+
+def _holds(c: CandidateSet, included: Sequence[Candidate]) -> bool:
+    """Whether a set contains candidates with exactly these shapes."""
+    shapes = {t.name: repr(t.shape) for t in c.fit.included}
+    return all(shapes.get(t.name) == repr(t.shape) for t in included)
 
 
 def _short(known: CandidateSet | None, best: CandidateSet, k: int) -> bool:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from feltmb.fit.model import Candidate, Effect
+from feltmb.fit.model import LAWS, Candidate, Effect
 from feltmb.gap.acceptance import Accepted
 from feltmb.gap.digits import digits
 from feltmb.gap.refine import CandidateSet
@@ -14,10 +14,7 @@ from feltmb.gap.search import Search
 from feltmb.gap.spread import Spread, spread
 from feltmb.units import readable_unit, unit_suffix
 
-__all__ = ["LAWS", "Size", "Sizes", "where_refitted", "with_form"]
-
-#: Kinds of effects whose magnitude multiplies a law of force.
-LAWS = ("force", "state")
+__all__ = ["Size", "Sizes", "where_refitted", "with_form"]
 
 
 @dataclass(frozen=True)

@@ -592,3 +592,17 @@ def test_a_motion_without_a_noise_or_a_force_stays_as_it_is(incomplete):
             assert sensor.sigma == record.sensors[name].sigma
         for name, values in kept.outputs.items():
             assert np.array_equal(values, other.outputs[name][: kept.samples], equal_nan=True)
+
+
+def test_tolerances_are_names_patterns_or_entries():
+    names = ["let_off_button", "felt.0[12]"]
+    model, _ = mechanism_model(ACTION, tolerances=names, effects=["camera_skew"])
+    own = [p.name for p in model.parameters]
+    assert own[:2] == ["let_off_button", "felt.02"]
+    again, _ = mechanism_model(ACTION, tolerances=model.tolerances, effects=["camera_skew"])
+    assert [p.name for p in again.parameters] == own
+    none, _ = mechanism_model(ACTION, tolerances=[], effects=["camera_skew"])
+    assert none.tolerances == ()
+    for what in ("tolerances", "effects", "channels"):
+        with pytest.raises(InvalidParameter, match=rf"{what}=\['key'\]"):
+            mechanism_model(ACTION, **{what: "key"})

@@ -181,6 +181,65 @@ def test_scores_without_an_effect_are_those_of_the_fit_without_it():
             rest = fit_problem(Problem(line, (segmented,), first[1:]))
         alone = score_fit(rest, (quintic,))
         assert alone.singles()[0] > 100.0
-        for name in ("b", "gram", "segment_scores", "segment_grams"):
-            assert getattr(there, name) == pytest.approx(getattr(alone, name), rel=1e-6), name
+        assert [t.name for t in there.candidates] == ["cubic", "quintic"]
+        assert there.b[1:] == pytest.approx(alone.b, rel=1e-6)
+        assert there.gram[1:, 1:] == pytest.approx(alone.gram, rel=1e-6)
+        for name in ("segment_scores", "segment_grams"):
+            assert getattr(there, name)[:, 1:] == pytest.approx(getattr(alone, name), rel=1e-6)
+        # The removed effect comes back with its magnitude, and its score is what it explains.
+        assert there.one_step()[0] == pytest.approx(fit.point.magnitudes[0] / 0.5, rel=1e-6)
+        assert there.singles()[0] == pytest.approx(rest.cost - fit.cost, rel=1e-6)
         assert there.inflation * fit.dof == pytest.approx(alone.inflation * rest.dof, rel=1e-6)
+
+
+def _searched(effects, force):
+    """Search on records of a line with a further force."""
+    line = LinearModel(
+        output="y",
+        columns={"slope": lambda r: r.inputs["x"]},
+        parameters=[Parameter(name="slope", value=1.0, sd=0.1)],
+        name="line",
+    )
+    generator = np.random.default_rng(3)
+    segments = []
+    for i in range(3):
+        x = np.sin(np.linspace(0.0, 40.0, 300) + i)
+        record = Record(
+            name=f"run {i}",
+            time=np.arange(300) * 1e-3,
+            inputs={"x": x},
+            outputs={"y": x + force(x) + 0.002 * generator.standard_normal(300)},
+            sensors={"y": Sensor(name="y", sigma=0.002)},
+        )
+        segments.append(segment_record(line, record, {"y": Noise(0.002)}, None))
+    return search(fit_problem(Problem(line, tuple(segments))), effects, FitSettings())
+
+
+def _force(name, law, **more):
+    return Effect(
+        name=name, component="spring", unit="N", scale=0.1,
+        regressor=lambda r, shape: law(r.inputs["x"], shape), **more,
+    )  # fmt: skip
+
+
+def test_an_equal_effect_at_its_limit_is_a_rival():
+    """It was left out, because its unlimited magnitude is beyond the limit."""
+    cubic = _force("cubic", lambda x, s: x**3)
+    limited = _force("limited", lambda x, s: x**3 + 1e-5 * x**2, upper=0.1997)
+    found = _searched([cubic, limited], lambda x: 0.2 * x**3)
+    evidence = {c.names: c.evidence for c in found.sets}
+    assert evidence["cubic",] - evidence["limited",] < 1.0
+
+
+def test_shapes_of_one_effect_do_not_displace_other_rivals():
+    """Beside a large effect, the eight shapes of an effect are as good as each other effect."""
+    large = _force("large", lambda x, s: x**2)
+    cubic = _force("cubic", lambda x, s: x**3)
+    values = tuple(range(1, 9))
+    shapes = _force("shapes", lambda x, s: x**3 * (1.0 + 1e-3 * s * x**2), shapes=values)
+    alike = [_force(f"alike {i}", lambda x, s, i=i: x**3 + 1e-5 * i * x**2) for i in range(1, 4)]
+    found = _searched([large, cubic, shapes, *alike], lambda x: 0.3 * x**2 + 0.2 * x**3)
+    best = found.sets[0].evidence
+    pairs = [c.names for c in found.sets if c.evidence > best - 3.0 and len(c.names) == 2]
+    others = {"cubic", "shapes", "alike 1", "alike 2", "alike 3"}
+    assert {n for names in pairs for n in names} == {"large"} | others
