@@ -328,8 +328,8 @@ class Which:
         if self.form == 0.0 or not any(r.kind in LAWS for r in self.effects):
             return ""
         return (
-            f"No law of force is exact: the intervals of their magnitudes contain "
-            f"{1.96 * self.form:.2g} of the magnitude (--form {self.form:g})."
+            "No law of force is exact: the 95 % interval of its magnitude is at least "
+            f"±{196.0 * self.form:.2g} % (--form {self.form:g})."
         )
 
     def __getitem__(self, name: str) -> Ranked:

@@ -113,7 +113,9 @@ def test_the_interval_in_the_report_contains_the_form_and_says_so(tmp_path):
         write_report(report, tmp_path / f"{form}", force=True)
         page = (tmp_path / f"{form}" / "report.html").read_text()
         for text in (" ".join(shown.getvalue().split()), " ".join(page.split())):
-            assert ("magnitudes contain 0.059 of the magnitude" in text) is (form > 0.0)
+            assert ("interval of its magnitude is at least ±5.9 % (--form 0.03)" in text) is (
+                form > 0.0
+            )
 
 
 @pytest.mark.parametrize("kind", ["kinematic", "parameter", "sensor", "input", "drift"])
