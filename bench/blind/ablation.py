@@ -11,14 +11,13 @@ bench, so that an interrupted run continues, and ``ablation.md`` is the table.
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
 import math
 import pkgutil
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,7 +34,7 @@ from feltmb.cli import main
 from feltmb.cli.common import complain, say_written
 from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder, read_json, write_text
-from feltmb.gap import Options, criteria
+from feltmb.gap import criteria
 
 __all__ = ["NEUTRAL", "at_value", "command"]
 
@@ -71,6 +70,8 @@ NEUTRAL: dict[str, tuple[float, ...]] = {
     "form": (0.0,),
     "least_share": (0.0,),
 }
+#: Key of the results with all thresholds.
+AS_IT_IS = "as it is"
 
 
 @contextmanager
@@ -93,29 +94,25 @@ def at_value(name: str, value: float) -> Iterator[None]:
             setattr(module, name, old)
 
 
-def _variants() -> list[tuple[str, float | None]]:
-    return [("as it is", None), *((n, v) for n, values in NEUTRAL.items() for v in values)]
+def _variants() -> list[tuple[str, str, float]]:
+    """Key of the results, name and neutral value of every variant."""
+    return [(f"{n} = {v:g}", n, v) for n, values in NEUTRAL.items() for v in values]
 
 
 def _case(machine: Machine, folder: Path, number: int, known: Mapping[str, Any]) -> dict[str, Any]:
     """Results of a case, by threshold and value."""
     found = dict(known)
-    fields = {f.name for f in dataclasses.fields(Options)}
     records = machine.read_records(folder / "records" / f"{number}.npz")
     with tempfile.TemporaryDirectory() as store:
-        for name, value in _variants():
-            key = name if value is None else f"{name} = {value:g}"
+        options = replace(machine.options, resume=Path(store))
+        if AS_IT_IS not in found:
+            found[AS_IT_IS] = summarize(machine.diagnose(records, options=options))
+        for key, name, value in _variants():
             if key in found:
                 continue
-            options = replace(machine.options, resume=Path(store))
-            if value is not None and name in fields:
-                changed: Any = {name: value}
-                report = machine.diagnose(records, options=replace(options, **changed))
-            elif value is None:
-                report = machine.diagnose(records, options=options)
-            else:
-                with at_value(name, value):
-                    report = machine.diagnose(records, options=options)
+            own: Any = {name: value} if hasattr(options, name) else {}
+            with nullcontext() if own else at_value(name, value):
+                report = machine.diagnose(records, options=replace(options, **own))
             found[key] = summarize(report)
     return found
 
@@ -129,12 +126,11 @@ def _table(folder: Path, numbers: list[int]) -> str:
         "after | false alarms, before and after | unknown flagged, before and after | cases |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for name, value in _variants()[1:]:
-        key = f"{name} = {value:g}"
+    for key, name, value in _variants():
         pairs = [
-            (Scored(n, truths[n], r["as it is"]), Scored(n, truths[n], r[key]))
+            (Scored(n, truths[n], r[AS_IT_IS]), Scored(n, truths[n], r[key]))
             for n, r in results.items()
-            if key in r and "as it is" in r
+            if key in r and AS_IT_IS in r
         ]
         changed = [(a, b) for a, b in pairs if _said(a) != _said(b)]
 
@@ -185,7 +181,7 @@ def command(folder: Path, cases: int, first: tuple[int, ...]) -> None:
     """
     bench = Bench(folder.resolve())
     machine = MACHINES[bench.sealed()["machine"]]
-    known = [n for n in bench.numbers("development") if (folder / f"records/{n}.npz").exists()]
+    known = [n for n in bench.numbers("development") if bench.made(n)]
     unknown = sorted(set(first) - set(known))
     if unknown:
         raise InvalidParameter(

@@ -136,7 +136,7 @@ class Bench:
         Dask, in place of ``workers`` processes. Its workers must see the folder of the bench under
         the same path and import this package; the executor is not shut down.
         """
-        todo = [n for n in self.numbers(half) if not self._made(n)]
+        todo = [n for n in self.numbers(half) if not self.made(n)]
         size = self.machine.chunk
         chunks = [todo[i : i + size] for i in range(0, len(todo), size)]
         batches = [(_make, (self.machine, self.folder, self.outside, chunk)) for chunk in chunks]
@@ -146,7 +146,8 @@ class Bench:
             if progress is not None:
                 progress("records", done, len(todo))
 
-    def _made(self, number: int) -> bool:
+    def made(self, number: int) -> bool:
+        """Whether the records and the answer of a case exist."""
         return (self.folder / "records" / f"{number}.npz").exists() and (
             self.folder / "answers" / f"{number}.json"
         ).exists()

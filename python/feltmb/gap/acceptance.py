@@ -130,8 +130,7 @@ class _Attempt:
         self.search, self.held, self.settings = search, held, settings
         self.inflation, self.options = inflation, options
         self.discrepancy, self.progress = discrepancy, progress
-        effects = {t.effect.name: t.effect for t in search.scores.candidates}
-        self.total = sum(e.weight for e in effects.values())
+        self.total = search.scores.total_weight
         self.outcomes: dict[tuple[str, ...], Outcome] = {}
         self.tightest: dict[tuple[str, ...], Fit | None] = {}
         self.known = {c.key: c for c in search.sets}

@@ -116,15 +116,13 @@ def ranked(
             k = refitted.names.index(name)
             shape = refitted.fit.included[k].shape
             size = float(refitted.fit.point.magnitudes[k])
-            if name in named or name in one_of:
-                found = sizes.of(name)
-                assert found is not None
-                sd, wide = found.sd, found.shape_sd
-            else:
-                at = len(refitted.fit.problem.free) + k
-                sd = float(np.sqrt(max(refitted.fit.covariance[at, at], 0.0)))
-        if not (name in named or name in one_of):
+            at = len(refitted.fit.problem.free) + k
+            sd = float(np.sqrt(max(refitted.fit.covariance[at, at], 0.0)))
+        told = sizes.of(name) if name in named or name in one_of else None
+        if told is None:
             sd = with_form(candidate.effect, size, sd, sizes.form)
+        else:
+            sd, wide = told.sd, told.shape_sd
         low, high = candidate.effect.bounds
         confused = tuple(n for n in member.get(name, ()) if n != name)
         rows.append(

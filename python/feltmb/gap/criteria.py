@@ -428,7 +428,8 @@ RIVAL = _number(
     _STATISTICS, "gap/test_rules.py",
 )  # fmt: skip
 SURE = _number(
-    "SURE", 0.9, "probability", "posterior probability that a named effect needs",
+    "SURE", 0.9, "probability",
+    "default of `Options.credibility`, the posterior probability that a named effect needs",
     _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
 LEAST_CLOSED = _number(

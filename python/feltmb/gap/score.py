@@ -61,6 +61,11 @@ class Scores:
         return np.asarray(np.sqrt(np.maximum(np.diag(self.gram), 0.0)))
 
     @property
+    def total_weight(self) -> float:
+        """Sum of the weights of the effects, each counted once for all its shapes."""
+        return sum({t.name: t.effect.weight for t in self.candidates}.values())
+
+    @property
     def testable(self) -> Array:
         """Whether enough of the signature remains after the projection."""
         diagonal = np.diag(self.gram)
@@ -97,8 +102,7 @@ class Scores:
         """Predicted log evidence of each candidate alone, with its prior; limits are kept."""
         size = np.maximum(1.0, np.abs(self.one_step()))
         gram = np.where(self.testable, np.diag(self.gram), 0.0)
-        total = sum({t.name: t.effect.weight for t in self.candidates}.values())
-        prior = np.array([prior_of((t,), total) for t in self.candidates])
+        prior = np.array([prior_of((t,), self.total_weight) for t in self.candidates])
         return np.asarray(0.5 * self.singles() - 0.5 * np.log1p(gram * size**2) + prior)
 
     def robust(self) -> Array:
@@ -253,8 +257,7 @@ def screen_sets(
     usable = np.flatnonzero(scores.testable)
     if usable.size == 0:
         return []
-    weight = {t.effect.name: t.effect.weight for t in scores.candidates}
-    total = sum(weight.values())
+    total = scores.total_weight
     single = scores.singles()
     found: list[ScoredSet] = []
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from feltmb.cli.gap import command as gap_command
 from feltmb.cli.gap_printing import print_report
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
@@ -138,6 +139,22 @@ def test_a_name_needs_the_credibility_that_the_user_asks_for(monkeypatch):
         decision = decide(replace(facts, options=Options(credibility=credibility)))
         assert decision.verdict == verdict
     assert "posterior 0.95, expected 0.96 at least" in decision.statement
+
+
+@pytest.mark.parametrize(
+    ("name", "commands"),
+    [
+        ("alpha", {"diagnose"}),
+        ("credibility", {"diagnose", "session", "blind"}),
+        ("form", {"diagnose", "session", "blind"}),
+        ("bootstrap", {"diagnose", "session"}),
+    ],
+)
+def test_the_command_line_has_the_defaults_of_the_options(name, commands):
+    found = {c: {p.name: p.default for p in gap_command.commands[c].params} for c in commands}
+    assert {c: own[name] for c, own in found.items()} == dict.fromkeys(
+        commands, getattr(Options(), name)
+    )
 
 
 def test_numbers_outside_their_range_are_told_together():
