@@ -10,12 +10,13 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.model import Candidate
 from feltmb.fit.problem import Point, Problem
-from feltmb.fit.solve import Fit, FitSettings, at_level, chained, fit_problem, polish
+from feltmb.fit.solve import Fit, FitSettings, at_level, chained, finish, fit_problem, polish
 from feltmb.gap.criteria import BEYOND_PRIORS, DOUBT, LOOSE, NEAR_BEST
 from feltmb.gap.score import prior_of
 
 __all__ = [
     "CandidateSet",
+    "cooled",
     "freed",
     "from_priors",
     "full_evidence",
@@ -24,10 +25,13 @@ __all__ = [
     "refit_at",
     "short_of",
     "taken_over",
+    "tempered",
     "tighten",
     "worth_of",
 ]
 
+#: Factors of the noise of tempered fits: the first for :func:`tempered`, all for :func:`cooled`.
+TEMPERED = (30.0, 10.0, 3.0)
 #: Note of a model fit that left a wrong local minimum because it was started from an effect.
 REFITTED = "fitted again from the fit with an effect"
 
@@ -239,6 +243,47 @@ def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
             point = at_level(problem, point, level, None, settings, settings.iterations).point
         other(point)
     return tight if np.isfinite(tight.cost) else None
+
+
+def tempered(fit: Fit, settings: FitSettings) -> Fit | None:
+    """The parameters that fit the records with ``TEMPERED[0]`` times their noise, as a start.
+
+    With a tempered likelihood, the parameters stay near their priors and follow the records only
+    roughly. So they have not yet taken up a missing effect, and they are not at a jump of the sum
+    of squares, where no step along an effect reduces it. The sum of squares of the result, its
+    scores and its evidence are those of the actual noise.
+
+    None if the model has states at the starts of segments, which follow the records anyway, or if
+    no parameter has a prior, so that the noise does not matter.
+    """
+    problem = fit.problem
+    if fit.gap_sd.size or problem.frozen or not fit.prior_deviation.size:
+        return None
+    point = _at_noise(problem, fit.point, TEMPERED[0], settings)
+    return finish(problem, replace(point, memo={}), fit.level, fit.gap_sd)
+
+
+def cooled(
+    base: Fit, included: tuple[Candidate, ...], magnitudes: Array, settings: FitSettings
+) -> Fit:
+    """Nonlinear fit with included effects, from a tempered fit to the actual noise in stages.
+
+    At a jump of the sum of squares, for example where a part is just caught, a fit to the actual
+    noise ends. A tempered one passes it, because the jump is small compared with the noise.
+    """
+    problem = base.problem.with_candidates(included)
+    point, _ = _reachable(problem, base, included, magnitudes)
+    for factor in TEMPERED:
+        point = _at_noise(problem, point, factor, settings)
+    return polish(problem, replace(point, memo={}), base.level, settings)
+
+
+def _at_noise(problem: Problem, point: Point, factor: float, settings: FitSettings) -> Point:
+    """Parameters that fit the records with a multiple of their noise."""
+    noisy = tuple(replace(s, weight=s.weight / factor) for s in problem.segmented_records)
+    way = replace(settings, worth=np.inf)
+    tempered = replace(problem, segmented_records=noisy)
+    return polish(tempered, replace(point, memo={}), 1.0, way).point
 
 
 def freed(model: Fit, fits: Sequence[Fit], settings: FitSettings) -> Fit | None:

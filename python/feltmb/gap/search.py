@@ -26,6 +26,7 @@ from feltmb.gap.criteria import (
 )
 from feltmb.gap.refine import (
     CandidateSet,
+    cooled,
     freed,
     from_priors,
     full_evidence,
@@ -33,6 +34,7 @@ from feltmb.gap.refine import (
     refit,
     refit_at,
     short_of,
+    tempered,
     tighten,
     worth_of,
 )
@@ -286,6 +288,7 @@ class _Hunt:
         self.shaped: set[tuple[str, ...]] = set()
         self.explained = False
         self.near: Fit | None = None
+        self.mild: Fit | None = None
         self.linearized: tuple[Fit, list[Linear]] | None = None
 
     def run(self, *, may_restart: bool) -> Fit | None:
@@ -363,7 +366,8 @@ class _Hunt:
             return
         self._tell("refine: " + " + ".join(t.name for t in chosen))
         best = self._best().fit if self.done else None
-        fit = refit(base, chosen, magnitudes, replace(self.quick, worth=worth_of(best)))
+        make = cooled if base is self.mild else refit
+        fit = make(base, chosen, magnitudes, replace(self.quick, worth=worth_of(best)))
         if len(chosen) == 1:
             fit = from_priors(fit, self.quick)
         if np.isfinite(fit.cost):
@@ -376,6 +380,10 @@ class _Hunt:
         near, scores = self.model_fit, self.scores
         if self.near is not None:
             near, scores = self.near, score_fit(self.near, self.candidates)
+        else:
+            self.mild = tempered(near, self.quick)
+        if self.mild is not None:
+            self._singles(self.mild, score_fit(self.mild, self.candidates))
         if self.explained and not near.gap_sd.size:
             # The scores of a model that explains the records are valid except at jumps of its
             # derivatives. Sets of effects whose own fits contradict their scores are not fitted.
@@ -435,7 +443,10 @@ class _Hunt:
         """Linear evidence below which an addition to a fit is not refitted."""
         if base is self.near:  # a set explains the records: refit only its rivals
             return max((s.evidence for s in screen_sets(at, largest=1)), default=0.0) - NEAR_BEST
-        return PROMISE if self.explained or (base.included and base.plausible) else -np.inf
+        if not self.explained:
+            return PROMISE if base.included and base.plausible else -np.inf
+        best = max((c.evidence for c in self.done.values()), default=-np.inf)
+        return max(PROMISE, best - self.start - NEAR_BEST)
 
     def _extend(self, base: Fit, at: Scores, count: int) -> None:
         """Refit a base with the additions that have the largest linear evidence."""
