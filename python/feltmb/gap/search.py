@@ -401,16 +401,12 @@ class _Hunt:
 
     def _singles(self, near: Fit, at: Scores) -> None:
         """Refit the best single effects, so that similar effects are compared equally."""
-        single, size = at.singles(), at.one_step()
+        single, size, promised = at.singles(), at.one_step(), at.evidence()
         least = self._least(near, at)
-        promised = {t.name: -np.inf for t in at.candidates}
-        for s in screen_sets(at, largest=1):
-            name = at.candidates[s.index[0]].name
-            promised[name] = max(promised[name], s.evidence)
         names: list[str] = []
         for i in np.argsort(-single, kind="stable"):
             t = at.candidates[i]
-            if t.name in names or single[i] <= FAINT_SCORE or promised[t.name] < least:
+            if t.name in names or single[i] <= FAINT_SCORE or promised[i] < least:
                 continue
             names.append(t.name)
             if (t.name,) not in self.done:
@@ -443,10 +439,12 @@ class _Hunt:
         """Linear evidence below which an addition to a fit is not refitted."""
         if base is self.near:  # a set explains the records: refit only its rivals
             return max((s.evidence for s in screen_sets(at, largest=1)), default=0.0) - NEAR_BEST
-        if not self.explained:
+        if not self.explained and base is not self.mild:
             return PROMISE if base.included and base.plausible else -np.inf
+        # Errors of the linear model only increase what a tempered fit promises.
+        least = 0.0 if base is self.mild else PROMISE
         best = max((c.evidence for c in self.done.values()), default=-np.inf)
-        return max(PROMISE, best - self.start - NEAR_BEST)
+        return max(least, best - self.start - NEAR_BEST)
 
     def _extend(self, base: Fit, at: Scores, count: int) -> None:
         """Refit a base with the additions that have the largest linear evidence."""

@@ -1,4 +1,4 @@
-"""Tempered fits, from which effects are screened: closed forms of a linear model."""
+"""Tempered fits: closed forms of a linear model, and an effect that a parameter has taken up."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,9 @@ from feltmb.fit.linear import LinearModel
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
-from feltmb.gap import refine
-from feltmb.gap.score import score_fit
+from feltmb.gap import Exposed, SimulatorModel, refine
+from feltmb.gap.score import all_candidates, score_fit
+from feltmb.gap.search import search
 
 SETTINGS = FitSettings(decrement=1e-10)
 X = np.linspace(-1.0, 1.0, 101)
@@ -71,3 +72,51 @@ def test_an_effect_that_is_cooled_ends_at_the_minimum():
 def test_without_a_prior_there_is_nothing_to_temper():
     fit, _, _ = line(np.inf)
     assert refine.tempered(fit, SETTINGS) is None
+
+
+def coupled(time, _inputs, parameters):
+    """The stiffness can replace the coupling; where it does, the coupling has no influence."""
+    p = parameters
+    y = p["stiffness"] * np.sin(7.0 * time)
+    y += p["coupling"] * (1.0 - p["stiffness"]) * (np.sin(7.0 * time) + 0.04 * np.sin(11.0 * time))
+    for k in range(12, 20):
+        y += p[f"other{k}"] * (0.5 * np.sin(11.0 * time) + 0.87 * np.sin(k * time))
+    return {"y": y}
+
+
+def test_an_effect_that_a_parameter_has_taken_up_is_found(monkeypatch):
+    time, sigma = np.linspace(0.0, 2.0 * np.pi, 101), 0.05
+    others = [f"other{k}" for k in range(12, 20)]  # more than are refitted
+    model = SimulatorModel(
+        coupled,
+        name="coupled",
+        parameters=[Parameter(name="stiffness", value=0.0, sd=0.3)],
+        inputs=[],
+        outputs={"y": "m"},
+        exposed={
+            "coupling": Exposed(scale=1.0, sign=1, upper=2.0),
+            **{n: Exposed(scale=0.02) for n in others},
+        },
+    )
+    made = coupled(time, {}, {"stiffness": 0.0, "coupling": 1.0, **dict.fromkeys(others, 0.0)})
+    noise = sigma * np.random.default_rng(3).standard_normal(time.size)
+    record = Record(
+        name="run",
+        time=time,
+        inputs={},
+        outputs={"y": made["y"] + noise},
+        sensors={"y": Sensor(name="y", unit="m", sigma=sigma)},
+    )
+    segmented = segment_record(model, record, {"y": Noise(sigma)}, None)
+    fit = fit_problem(Problem(model, (segmented,)))
+    assert fit.explains
+    assert fit.point.theta[0] > 0.9
+    scores = score_fit(fit, all_candidates(model.effects))
+    singles = dict(zip((t.name for t in scores.candidates), scores.singles(), strict=True))
+    assert singles["coupling"] < 1.0 < max(singles.values())
+    best = search(fit, model.effects, FitSettings()).best
+    assert best.names == ("coupling",)
+    assert best.fit.point.magnitudes[0] == pytest.approx(1.0, abs=0.1)
+    assert abs(best.fit.point.theta[0]) < 0.5
+    monkeypatch.setattr("feltmb.gap.search.tempered", lambda *_: None)
+    assert search(fit, model.effects, FitSettings()).best.names != ("coupling",)
