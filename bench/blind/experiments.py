@@ -310,9 +310,19 @@ def ask(player: Player, machine: Interactive, policy: str, own: Case, until: flo
 
 
 def _seal(
-    machine: Interactive, folder: Path, truths: Sequence[Any], seed: int, *, new: bool = True
+    machine: Interactive,
+    folder: Path,
+    truths: Sequence[Any],
+    seed: int,
+    *,
+    whole: bool | None = None,
+    new: bool = True,
 ) -> None:
-    """Write the truths and their hash before any diagnosis; ``new``: if there are none."""
+    """Write the truths and their hash before any diagnosis.
+
+    ``whole``: whether the whole diagnosis is scored; None: as it was sealed. ``new``: whether a
+    folder without a seal becomes a bench.
+    """
     text = as_json([asdict(t) for t in truths])
     path = folder / "seal.json"
     if path.exists():
@@ -323,6 +333,12 @@ def _seal(
                 f"{folder}: was sealed with {seal['cases']} cases of seed {seal['seed']} of "
                 f"{of}, got {len(truths)} of seed {seed} of {machine.name} or another "
                 "generator; give these or another folder"
+            )
+        if whole is not None and seal.get("diagnose", whole) != whole:
+            was, now = ("with" if w else "without" for w in (not whole, whole))
+            raise InvalidParameter(
+                f"{folder}: was made {was} --diagnose, got a call {now} it: one table cannot hold "
+                f"both; call it {was} --diagnose or give another folder"
             )
         return
     if not new:
@@ -337,6 +353,7 @@ def _seal(
         "seed": seed,
         "sealed": datetime.now(UTC).isoformat(timespec="seconds"),
         "truths_sha256": sha256(text.encode()),
+        "diagnose": bool(whole),
     }
     write_text(path, as_json(seal))
 
@@ -453,7 +470,7 @@ def command(
     """Sealed cases of a machine; experiments that are designed, random, or repeats."""
     machine = MACHINES[of]()
     truths = [machine.draw(seed, n) for n in range(cases)]
-    _seal(machine, output, truths, seed, new=not score_only)
+    _seal(machine, output, truths, seed, whole=None if score_only else whole, new=not score_only)
     began = time.monotonic()
     if not score_only:
         player = Player(machine, whole=whole)

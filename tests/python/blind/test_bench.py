@@ -50,6 +50,18 @@ def test_seal_is_written_before_records_and_holds(tmp_path):
         bench.sealed()
 
 
+def test_records_of_another_generator_are_not_added(tmp_path, monkeypatch):
+    bench = Bench(tmp_path / "b")
+    bench.seal(3, 11)
+    bench.machine.make_records(bench.folder, None, [0, 1])
+    monkeypatch.setattr("blind.bench.digest_of", lambda *_: "0" * 64)
+    with pytest.raises(InvalidParameter, match="records of 1 of the cases are missing"):
+        bench.make_records(workers=1)
+    assert not bench.made(2)
+    bench.machine.make_records(bench.folder, None, [2])
+    bench.make_records(workers=1)  # nothing is missing: a newer engine may diagnose them
+
+
 def test_same_seed_same_hash(tmp_path):
     one, two = (Bench(tmp_path / k).seal(10, 5) for k in "ab")
     assert one["truths_sha256"] == two["truths_sha256"]

@@ -118,6 +118,15 @@ def test_another_seed_than_the_sealed_one_is_told(tmp_path):
 
 
 @pytest.mark.slow
+def test_scores_of_the_whole_diagnosis_are_kept_apart_from_screened_ones(tmp_path):
+    truths = [SMALL.draw(26, 0)]
+    experiments._seal(SMALL, tmp_path, truths, 26, whole=True)
+    experiments._seal(SMALL, tmp_path, truths, 26, whole=True)
+    experiments._seal(SMALL, tmp_path, truths, 26)  # --score-only
+    with pytest.raises(InvalidParameter, match="was made with --diagnose, got a call without it"):
+        experiments._seal(SMALL, tmp_path, truths, 26, whole=False)
+
+
 def test_a_request_is_played():
     case = SMALL.draw(26, 1)
     time = np.arange(400) * truth.FRAME
