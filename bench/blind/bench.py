@@ -140,10 +140,10 @@ class Bench:
         sealed, today = self.sealed().get("generator_sha256"), digest_of(*self.machine.generator)
         if todo and sealed not in (None, today):  # seals of older versions have no such hash
             raise InvalidParameter(
-                f"{self.folder}: records of {len(todo)} of the cases are missing, and the generator "
-                f"changed since the seal (SHA-256 {sealed[:12]}, now {today[:12]}): all records of "
-                "a bench must come from the same generator. Make a new bench, or go on with the "
-                "version that sealed this one"
+                f"{self.folder}: records of {len(todo)} of the cases are missing, and the "
+                f"generator changed since the seal (SHA-256 {sealed[:12]}, now {today[:12]}): all "
+                "records of a bench must come from the same generator. Make a new bench, or go on "
+                "with the version that sealed this one"
             )
         size = self.machine.chunk
         chunks = [todo[i : i + size] for i in range(0, len(todo), size)]
