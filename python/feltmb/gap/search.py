@@ -365,9 +365,11 @@ class _Hunt:
             self.skipped.update((t.name, None) for t in chosen)
             return
         self._tell("refine: " + " + ".join(t.name for t in chosen))
-        best = self._best().fit if self.done else None
-        make = cooled if base is self.mild else refit
-        fit = make(base, chosen, magnitudes, replace(self.quick, worth=worth_of(best)))
+        worth = worth_of(self._best().fit if self.done else None)
+        make = refit
+        if base is self.mild:
+            make, worth = cooled, min(worth, self.model_fit.cost)
+        fit = make(base, chosen, magnitudes, replace(self.quick, worth=worth))
         if len(chosen) == 1:
             fit = from_priors(fit, self.quick)
         if np.isfinite(fit.cost):
@@ -402,17 +404,21 @@ class _Hunt:
     def _singles(self, near: Fit, at: Scores) -> None:
         """Refit the best single effects, so that similar effects are compared equally."""
         single, size, promised = at.singles(), at.one_step(), at.evidence()
-        least = self._least(near, at)
         names: list[str] = []
         for i in np.argsort(-single, kind="stable"):
             t = at.candidates[i]
-            if t.name in names or single[i] <= FAINT_SCORE or promised[i] < least:
+            if single[i] <= FAINT_SCORE:
+                break
+            if t.name in names or promised[i] < self._least(near, at):
                 continue
             names.append(t.name)
             if (t.name,) not in self.done:
                 self.tried.add(_mark((t,)))
                 self._attempt(near, (t,), np.array([size[i] * t.effect.scale]))
             if len(names) >= self.width:
+                break
+            # Far from the fit, the linear model may be wrong for all of them.
+            if near is self.mild and self._contradicted(t.effect, at):
                 break
 
     def _contradicted(self, effect: Effect, at: Scores) -> bool:

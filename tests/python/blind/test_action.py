@@ -229,6 +229,26 @@ def test_the_fit_of_the_model_is_not_stuck(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_compliance_that_the_tolerances_have_taken_up_is_named(tmp_path):
+    # At the fit of the model its score was the 50th of all, and the search did not end.
+    machine = MACHINES["steinway45"]
+    truths = machine.draw(20261160, 42, None)
+    (part,) = truths[41]["parts"]
+    assert part["name"] == "pivot_compliance.jack"
+    (tmp_path / "truths.json").write_text(json.dumps(truths))
+    machine.make_records(tmp_path, None, [41])
+    records = machine.read_records(tmp_path / "records" / "41.npz")
+    names = [
+        *("pivot_compliance.jack", "pivot_compliance.butt", "pivot_compliance.whippen"),
+        *("felt_hardening.04", "felt_hysteresis.05", "felt_thickness.03", "input_gain"),
+    ]
+    report = machine.diagnose(records, names)
+    assert report.named == ("pivot_compliance.jack",)
+    (row,) = [r for r in report.which.effects if r.named]
+    assert row.low < part["size"] < row.high
+
+
+@pytest.mark.slow
 def test_an_effect_whose_warm_start_falls_short_is_fitted_from_the_priors():
     # From the end of the model alone the clearance ended at 0.010 mm and 3909, and relaxation of a
     # felt was named; 0.046 mm is true.
