@@ -16,7 +16,7 @@ from feltmb.gap.score import prior_of
 
 __all__ = [
     "CandidateSet",
-    "cooled",
+    "annealed",
     "freed",
     "from_priors",
     "full_evidence",
@@ -30,7 +30,7 @@ __all__ = [
     "worth_of",
 ]
 
-#: Factors of the noise of tempered fits: the first for :func:`tempered`, all for :func:`cooled`.
+#: Factors of the noise of tempered fits: the first for :func:`tempered`, all for :func:`annealed`.
 TEMPERED = (30.0, 10.0, 3.0)
 #: Note of a model fit that left a wrong local minimum because it was started from an effect.
 REFITTED = "fitted again from the fit with an effect"
@@ -263,7 +263,7 @@ def tempered(fit: Fit, settings: FitSettings) -> Fit | None:
     return finish(problem, replace(point, memo={}), fit.level, fit.gap_sd)
 
 
-def cooled(
+def annealed(
     base: Fit, included: tuple[Candidate, ...], magnitudes: Array, settings: FitSettings
 ) -> Fit:
     """Nonlinear fit with included effects, from a tempered fit to the actual noise in stages.

@@ -26,7 +26,7 @@ from feltmb.gap.criteria import (
 )
 from feltmb.gap.refine import (
     CandidateSet,
-    cooled,
+    annealed,
     freed,
     from_priors,
     full_evidence,
@@ -288,7 +288,7 @@ class _Hunt:
         self.shaped: set[tuple[str, ...]] = set()
         self.explained = False
         self.near: Fit | None = None
-        self.mild: Fit | None = None
+        self.tempered_fit: Fit | None = None
         self.linearized: tuple[Fit, list[Linear]] | None = None
 
     def run(self, *, may_restart: bool) -> Fit | None:
@@ -367,8 +367,8 @@ class _Hunt:
         self._tell("refine: " + " + ".join(t.name for t in chosen))
         worth = worth_of(self._best().fit if self.done else None)
         make = refit
-        if base is self.mild:
-            make, worth = cooled, min(worth, self.model_fit.cost)
+        if base is self.tempered_fit:
+            make, worth = annealed, min(worth, self.model_fit.cost)
         fit = make(base, chosen, magnitudes, replace(self.quick, worth=worth))
         if len(chosen) == 1:
             fit = from_priors(fit, self.quick)
@@ -383,9 +383,9 @@ class _Hunt:
         if self.near is not None:
             near, scores = self.near, score_fit(self.near, self.candidates)
         else:
-            self.mild = tempered(near, self.quick)
-        if self.mild is not None:
-            self._singles(self.mild, score_fit(self.mild, self.candidates))
+            self.tempered_fit = tempered(near, self.quick)
+        if self.tempered_fit is not None:
+            self._singles(self.tempered_fit, score_fit(self.tempered_fit, self.candidates))
         if self.explained and not near.gap_sd.size:
             # The scores of a model that explains the records are valid except at jumps of its
             # derivatives. Sets of effects whose own fits contradict their scores are not fitted.
@@ -418,7 +418,7 @@ class _Hunt:
             if len(names) >= self.width:
                 break
             # Far from the fit, the linear model may be wrong for all of them.
-            if near is self.mild and self._contradicted(t.effect, at):
+            if near is self.tempered_fit and self._contradicted(t.effect, at):
                 break
 
     def _contradicted(self, effect: Effect, at: Scores) -> bool:
@@ -445,10 +445,10 @@ class _Hunt:
         """Linear evidence below which an addition to a fit is not refitted."""
         if base is self.near:  # a set explains the records: refit only its rivals
             return max((s.evidence for s in screen_sets(at, largest=1)), default=0.0) - NEAR_BEST
-        if not self.explained and base is not self.mild:
+        if not self.explained and base is not self.tempered_fit:
             return PROMISE if base.included and base.plausible else -np.inf
         # Errors of the linear model only increase what a tempered fit promises.
-        least = 0.0 if base is self.mild else PROMISE
+        least = 0.0 if base is self.tempered_fit else PROMISE
         best = max((c.evidence for c in self.done.values()), default=-np.inf)
         return max(least, best - self.start - NEAR_BEST)
 

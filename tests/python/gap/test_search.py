@@ -108,7 +108,7 @@ def test_a_set_that_is_stuck_is_fitted_again_from_the_end_of_one_that_it_holds(m
 
 
 def test_a_set_that_cannot_do_as_well_as_one_that_it_holds_is_taken_out_and_told(monkeypatch):
-    for how in ("refit", "cooled"):
+    for how in ("refit", "annealed"):
         monkeypatch.setattr(f"feltmb.gap.search.{how}", lambda base, included, *_a: stuck(
             base.problem.with_candidates(included)))  # fmt: skip
     monkeypatch.setattr("feltmb.gap.search.refit_at", lambda problem, *_a, **_k: stuck(problem))

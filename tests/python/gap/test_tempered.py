@@ -60,13 +60,13 @@ def test_scores_of_a_linear_model_are_those_of_the_fit():
 def test_an_effect_that_is_cooled_ends_at_the_minimum():
     fit, cubic, y = line(0.2)
     mild = refine.tempered(fit, SETTINGS)
-    cooled = refine.cooled(mild, (cubic,), np.zeros(1), SETTINGS)
+    annealed = refine.annealed(mild, (cubic,), np.zeros(1), SETTINGS)
     columns = np.vstack([np.stack([X, X**3], axis=1) / 0.01, [[1.0 / 0.2, 0.0]]])
     right = np.append(y / 0.01, 1.0 / 0.2)
     slope, size = np.linalg.lstsq(columns, right, rcond=None)[0]
-    assert cooled.point.theta[0] == pytest.approx(slope, rel=1e-8)
-    assert cooled.point.magnitudes[0] == pytest.approx(size, rel=1e-8)
-    assert cooled.converged
+    assert annealed.point.theta[0] == pytest.approx(slope, rel=1e-8)
+    assert annealed.point.magnitudes[0] == pytest.approx(size, rel=1e-8)
+    assert annealed.converged
 
 
 def test_without_a_prior_there_is_nothing_to_temper():
