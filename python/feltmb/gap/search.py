@@ -13,7 +13,7 @@ from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Batch, Candidate, Effect, Jobs, Model
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.solve import Fit, FitSettings, finish, model_with_variability, polish
+from feltmb.fit.solve import SAME, Fit, FitSettings, finish, model_with_variability, polish
 from feltmb.fit.watch import current
 from feltmb.gap.criteria import (
     DOUBT,
@@ -385,7 +385,8 @@ class _Hunt:
         else:
             self.tempered_fit = tempered(near, self.quick)
         if self.tempered_fit is not None:
-            self._singles(self.tempered_fit, score_fit(self.tempered_fit, self.candidates))
+            there = score_fit(self.tempered_fit, self.candidates)
+            self._singles(self.tempered_fit, there, hidden=scores)
         if self.explained and not near.gap_sd.size:
             # The scores of a model that explains the records are valid except at jumps of its
             # derivatives. Sets of effects whose own fits contradict their scores are not fitted.
@@ -401,15 +402,19 @@ class _Hunt:
             if at is not None:
                 self._singles(near, at)
 
-    def _singles(self, near: Fit, at: Scores) -> None:
-        """Refit the best single effects, so that similar effects are compared equally."""
+    def _singles(self, near: Fit, at: Scores, *, hidden: Scores | None = None) -> None:
+        """Refit the best single effects, so that similar effects are compared equally.
+
+        ``hidden``: only candidates that promise more than by these scores.
+        """
         single, size, promised = at.singles(), at.one_step(), at.evidence()
+        more = promised > (-np.inf if hidden is None else hidden.evidence() + 2.0 * SAME)
         names: list[str] = []
         for i in np.argsort(-single, kind="stable"):
             t = at.candidates[i]
             if single[i] <= FAINT_SCORE:
                 break
-            if t.name in names or promised[i] < self._least(near, at):
+            if t.name in names or not more[i] or promised[i] < self._least(near, at):
                 continue
             names.append(t.name)
             if (t.name,) not in self.done:
