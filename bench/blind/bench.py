@@ -106,6 +106,8 @@ class Bench:
         wrong = [
             k for k, t in kinds.items() if not isinstance(seal, dict) or type(seal.get(k)) is not t
         ]
+        if not wrong and not isinstance(seal.get("generator_sha256", ""), str):
+            wrong = ["generator_sha256"]
         if wrong or not 1 <= seal["cases"] <= MOST_CASES:
             raise InvalidParameter(f"{path}: is damaged: {', '.join(wrong) or 'cases'}")
         if sha256(truths) != seal["truths_sha256"]:
@@ -137,13 +139,14 @@ class Bench:
         the same path and import this package; the executor is not shut down.
         """
         todo = [n for n in self.numbers(half) if not self.made(n)]
+        # Seals of older versions have no hash of the generator.
         sealed, today = self.sealed().get("generator_sha256"), digest_of(*self.machine.generator)
-        if todo and sealed not in (None, today):  # seals of older versions have no such hash
+        if todo and sealed is not None and sealed != today:
             raise InvalidParameter(
-                f"{self.folder}: records of {len(todo)} of the cases are missing, and the "
-                f"generator changed since the seal (SHA-256 {sealed[:12]}, now {today[:12]}): all "
-                "records of a bench must come from the same generator. Make a new bench, or go on "
-                "with the version that sealed this one"
+                f"{self.folder}: {len(todo)} cases have no records (half = {half}), and the files "
+                f"of the generator changed since the seal (SHA-256 {sealed[:12]}, now "
+                f"{today[:12]}): all records of a bench must come from the same generator. Make a "
+                "new bench, or go on with the version that sealed this one"
             )
         size = self.machine.chunk
         chunks = [todo[i : i + size] for i in range(0, len(todo), size)]

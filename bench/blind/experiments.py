@@ -334,11 +334,14 @@ def _seal(
                 f"{of}, got {len(truths)} of seed {seed} of {machine.name} or another "
                 "generator; give these or another folder"
             )
-        if whole is not None and seal.get("diagnose", whole) != whole:
-            was, now = ("with" if w else "without" for w in (not whole, whole))
+        kept = seal.get("diagnose")  # missing: sealed by an older version, or without a call
+        if whole is not None and kept is None:
+            write_text(path, as_json({**seal, "diagnose": whole}), force=True)
+        elif whole is not None and kept != whole:
+            was, now = ("--diagnose" if w else "no --diagnose" for w in (kept, whole))
             raise InvalidParameter(
-                f"{folder}: was made {was} --diagnose, got a call {now} it: one table cannot hold "
-                f"both; call it {was} --diagnose or give another folder"
+                f"{folder}: its results are with {was}, got {now}; one table cannot hold both. "
+                f"Give {was}, or another folder"
             )
         return
     if not new:
@@ -353,8 +356,9 @@ def _seal(
         "seed": seed,
         "sealed": datetime.now(UTC).isoformat(timespec="seconds"),
         "truths_sha256": sha256(text.encode()),
-        "diagnose": bool(whole),
     }
+    if whole is not None:
+        seal["diagnose"] = whole
     write_text(path, as_json(seal))
 
 
@@ -470,7 +474,14 @@ def command(
     """Sealed cases of a machine; experiments that are designed, random, or repeats."""
     machine = MACHINES[of]()
     truths = [machine.draw(seed, n) for n in range(cases)]
-    _seal(machine, output, truths, seed, whole=None if score_only else whole, new=not score_only)
+    _seal(
+        machine,
+        output,
+        truths,
+        seed,
+        whole=(whole or None) if score_only else whole,
+        new=not score_only,
+    )
     began = time.monotonic()
     if not score_only:
         player = Player(machine, whole=whole)

@@ -248,10 +248,10 @@ def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
 def tempered(fit: Fit, settings: FitSettings) -> Fit | None:
     """The parameters that fit the records with ``TEMPERED[0]`` times their noise, as a start.
 
-    With a tempered likelihood, the parameters stay near their priors and follow the records only
-    roughly. So they have not yet taken up a missing effect, and they are not at a jump of the sum
-    of squares, where no step along an effect reduces it. The sum of squares of the result, its
-    scores and its evidence are those of the actual noise.
+    With a tempered likelihood, the parameters stay nearer to their priors and follow the records
+    only roughly. So they have taken up less of a missing effect, and they are rarely at a jump of
+    the sum of squares, where no step along an effect reduces it. The sum of squares of the result,
+    its scores and its evidence are those of the actual noise.
 
     None if the model has states at the starts of segments, which follow the records anyway, or if
     no parameter has a prior, so that the noise does not matter.
@@ -269,7 +269,7 @@ def annealed(
     """Nonlinear fit with included effects, from a tempered fit to the actual noise in stages.
 
     At a jump of the sum of squares, for example where a part is just caught, a fit to the actual
-    noise ends. A tempered one passes it, because the jump is small compared with the noise.
+    noise may end. A tempered one passes it, because the jump is small compared with the noise.
     """
     problem = base.problem.with_candidates(included)
     point, _ = _reachable(problem, base, included, magnitudes)

@@ -289,6 +289,7 @@ class _Hunt:
         self.explained = False
         self.near: Fit | None = None
         self.tempered_fit: Fit | None = None
+        self.annealed: set[str] = set()
         self.linearized: tuple[Fit, list[Linear]] | None = None
 
     def run(self, *, may_restart: bool) -> Fit | None:
@@ -359,11 +360,11 @@ class _Hunt:
             self.done[found.key] = found
         return found
 
-    def _attempt(self, base: Fit, chosen: tuple[Candidate, ...], magnitudes: Array) -> None:
-        """Refit a set, starting from a similar fit."""
+    def _attempt(self, base: Fit, chosen: tuple[Candidate, ...], magnitudes: Array) -> Fit | None:
+        """Refit a set, starting from a similar fit; None if the search is stopped."""
         if current().stopping():
             self.skipped.update((t.name, None) for t in chosen)
-            return
+            return None
         self._tell("refine: " + " + ".join(t.name for t in chosen))
         worth = worth_of(self._best().fit if self.done else None)
         make = refit
@@ -372,21 +373,27 @@ class _Hunt:
         fit = make(base, chosen, magnitudes, replace(self.quick, worth=worth))
         if len(chosen) == 1:
             fit = from_priors(fit, self.quick)
+        if base is self.tempered_fit and not fit.cost < self.model_fit.cost:
+            # Unfinished, or in a wrong local minimum: it is not compared with other sets.
+            if current().stopping():
+                self.skipped.update((t.name, None) for t in chosen)
+            return fit
         if np.isfinite(fit.cost):
             self._keep(fit)
         else:
             self.failed[" + ".join(_key(chosen))] = "could not be simulated"
+        return fit
 
     def _screen(self) -> None:
         """Refit the sets and the single effects with the largest linear evidence."""
         near, scores = self.model_fit, self.scores
         if self.near is not None:
             near, scores = self.near, score_fit(self.near, self.candidates)
-        else:
+        elif not current().stopping():
+            self._tell("tempered fit")
             self.tempered_fit = tempered(near, self.quick)
         if self.tempered_fit is not None:
-            there = score_fit(self.tempered_fit, self.candidates)
-            self._singles(self.tempered_fit, there, hidden=scores)
+            self._anneal(self.tempered_fit, scores)
         if self.explained and not near.gap_sd.size:
             # The scores of a model that explains the records are valid except at jumps of its
             # derivatives. Sets of effects whose own fits contradict their scores are not fitted.
@@ -402,28 +409,46 @@ class _Hunt:
             if at is not None:
                 self._singles(near, at)
 
-    def _singles(self, near: Fit, at: Scores, *, hidden: Scores | None = None) -> None:
-        """Refit the best single effects, so that similar effects are compared equally.
-
-        ``hidden``: only candidates that promise more than by these scores.
-        """
+    def _anneal(self, base: Fit, scores: Scores) -> None:
+        """Fit the best single effects of a tempered fit that the scores at the model fit hide."""
+        at = score_fit(base, self.candidates)
         single, size, promised = at.singles(), at.one_step(), at.evidence()
-        more = promised > (-np.inf if hidden is None else hidden.evidence() + 2.0 * SAME)
+        # An annealed fit costs three refits: it must promise a gain.
+        hidden = promised > np.maximum(0.0, scores.evidence() + 2.0 * SAME)
         names: list[str] = []
         for i in np.argsort(-single, kind="stable"):
             t = at.candidates[i]
-            if single[i] <= FAINT_SCORE:
-                break
-            if t.name in names or not more[i] or promised[i] < self._least(near, at):
+            if not hidden[i] or t.name in names or promised[i] < self._far_below(base):
                 continue
             names.append(t.name)
-            if (t.name,) not in self.done:
+            self.annealed.add(t.name)
+            fit = self._attempt(base, (t,), np.array([size[i] * t.effect.scale]))
+            # Far from the fit, the linear model may be wrong: its other promises are not pursued.
+            if fit is None or short_of(single[i], self.model_fit.cost - fit.cost):
+                break
+            if len(names) == self.width:
+                break
+
+    def _singles(self, near: Fit, at: Scores) -> None:
+        """Refit the best single effects, so that similar effects are compared equally."""
+        single, size = at.singles(), at.one_step()
+        least = self._least(near, at)
+        promised = {t.name: -np.inf for t in at.candidates}
+        for s in screen_sets(at, largest=1):
+            name = at.candidates[s.index[0]].name
+            promised[name] = max(promised[name], s.evidence)
+        names: list[str] = []
+        for i in np.argsort(-single, kind="stable"):
+            t = at.candidates[i]
+            if t.name in names or single[i] <= FAINT_SCORE or promised[t.name] < least:
+                continue
+            names.append(t.name)
+            # An annealed fit that reaches less than is promised here is in another local minimum.
+            again = t.name in self.annealed and self._contradicted(t.effect, at)
+            if again or (t.name,) not in self.done:
                 self.tried.add(_mark((t,)))
                 self._attempt(near, (t,), np.array([size[i] * t.effect.scale]))
             if len(names) >= self.width:
-                break
-            # Far from the fit, the linear model may be wrong for all of them.
-            if near is self.tempered_fit and self._contradicted(t.effect, at):
                 break
 
     def _contradicted(self, effect: Effect, at: Scores) -> bool:
@@ -450,12 +475,19 @@ class _Hunt:
         """Linear evidence below which an addition to a fit is not refitted."""
         if base is self.near:  # a set explains the records: refit only its rivals
             return max((s.evidence for s in screen_sets(at, largest=1)), default=0.0) - NEAR_BEST
-        if not self.explained and base is not self.tempered_fit:
-            return PROMISE if base.included and base.plausible else -np.inf
-        # Errors of the linear model only increase what a tempered fit promises.
-        least = 0.0 if base is self.tempered_fit else PROMISE
-        best = max((c.evidence for c in self.done.values()), default=-np.inf)
-        return max(least, best - self.start - NEAR_BEST)
+        if self.explained:
+            return max(PROMISE, self._far_below(base))
+        return PROMISE if base.included and base.plausible else -np.inf
+
+    def _far_below(self, base: Fit) -> float:
+        """Gain over a base below which a set cannot be an alternative to the best one.
+
+        As ``worth_of``, this does not limit fits with continuity defects.
+        """
+        if base.gap_sd.size or not self.done:
+            return -np.inf
+        own = full_evidence(base, self.total) if base.included else self.start
+        return self._best().evidence - own - NEAR_BEST
 
     def _extend(self, base: Fit, at: Scores, count: int) -> None:
         """Refit a base with the additions that have the largest linear evidence."""

@@ -55,7 +55,7 @@ def test_records_of_another_generator_are_not_added(tmp_path, monkeypatch):
     bench.seal(3, 11)
     bench.machine.make_records(bench.folder, None, [0, 1])
     monkeypatch.setattr("blind.bench.digest_of", lambda *_: "0" * 64)
-    with pytest.raises(InvalidParameter, match="records of 1 of the cases are missing"):
+    with pytest.raises(InvalidParameter, match="1 cases have no records"):
         bench.make_records(workers=1)
     assert not bench.made(2)
     bench.machine.make_records(bench.folder, None, [2])

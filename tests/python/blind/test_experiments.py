@@ -117,16 +117,27 @@ def test_another_seed_than_the_sealed_one_is_told(tmp_path):
         experiments._seal(SMALL, tmp_path, [SMALL.draw(27, 0)], 27)
 
 
-@pytest.mark.slow
-def test_scores_of_the_whole_diagnosis_are_kept_apart_from_screened_ones(tmp_path):
+def test_scores_of_the_whole_diagnosis_are_kept_apart_from_screened_ones(tmp_path, capsys):
     truths = [SMALL.draw(26, 0)]
+    experiments._seal(SMALL, tmp_path, truths, 26)
+    experiments._seal(SMALL, tmp_path, truths, 26, whole=True)  # the first call that says it
     experiments._seal(SMALL, tmp_path, truths, 26, whole=True)
-    experiments._seal(SMALL, tmp_path, truths, 26, whole=True)
-    experiments._seal(SMALL, tmp_path, truths, 26)  # --score-only
-    with pytest.raises(InvalidParameter, match="was made with --diagnose, got a call without it"):
+    experiments._seal(SMALL, tmp_path, truths, 26)
+    with pytest.raises(InvalidParameter, match="with --diagnose, got no --diagnose"):
         experiments._seal(SMALL, tmp_path, truths, 26, whole=False)
+    call = ["--cases", "1", "--seed", "26", "-o", str(tmp_path)]
+    with pytest.raises(SystemExit):
+        main(call, command=experiments.command, name="experiments.py")
+    assert "Give --diagnose, or another folder" in capsys.readouterr().err
+    other = tmp_path / "other"
+    experiments._seal(SMALL, other, truths, 26, whole=False)
+    call = ["--cases", "1", "--seed", "26", "-o", str(other), "--score-only", "--diagnose"]
+    with pytest.raises(SystemExit):
+        main(call, command=experiments.command, name="experiments.py")
+    assert "Give no --diagnose, or another folder" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_request_is_played():
     case = SMALL.draw(26, 1)
     time = np.arange(400) * truth.FRAME
