@@ -269,7 +269,8 @@ def annealed(
     """Nonlinear fit with included effects, from a tempered fit to the actual noise in stages.
 
     At a jump of the sum of squares, for example where a part is just caught, a fit to the actual
-    noise may end. A tempered one passes it, because the jump is small compared with the noise.
+    noise may end. With a larger noise the priors weigh more: the parameters first leave the values
+    that the fit without the effect needed, and the jump.
     """
     problem = base.problem.with_candidates(included)
     point, _ = _reachable(problem, base, included, magnitudes)

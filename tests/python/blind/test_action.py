@@ -246,6 +246,8 @@ def test_a_compliance_that_the_tolerances_have_taken_up_is_named(tmp_path):
     assert report.named == ("pivot_compliance.jack",)
     (row,) = [r for r in report.which.effects if r.named]
     assert row.low < part["size"] < row.high
+    # A fit that is not annealed ends at 1.11 times the size.
+    assert row.magnitude == pytest.approx(part["size"], rel=0.05)
 
 
 @pytest.mark.slow

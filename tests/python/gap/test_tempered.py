@@ -8,7 +8,7 @@ from feltmb.fit import Candidate, Effect, Parameter
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
-from feltmb.fit.solve import FitSettings, fit_problem
+from feltmb.fit.solve import FitSettings, finish, fit_problem, polish
 from feltmb.gap import Exposed, SimulatorModel, refine
 from feltmb.gap.score import all_candidates, score_fit
 from feltmb.gap.search import search
@@ -57,7 +57,7 @@ def test_scores_of_a_linear_model_are_those_of_the_fit():
     assert there.one_step() == pytest.approx(at.one_step(), rel=1e-8)
 
 
-def test_an_effect_that_is_cooled_ends_at_the_minimum():
+def test_an_annealed_effect_ends_at_the_minimum():
     fit, cubic, y = line(0.2)
     mild = refine.tempered(fit, SETTINGS)
     annealed = refine.annealed(mild, (cubic,), np.zeros(1), SETTINGS)
@@ -74,6 +74,10 @@ def test_without_a_prior_there_is_nothing_to_temper():
     assert refine.tempered(fit, SETTINGS) is None
 
 
+TIME, SIGMA = np.linspace(0.0, 2.0 * np.pi, 101), 0.05
+OTHERS = [f"other{k}" for k in range(12, 20)]  # more than are refitted
+
+
 def coupled(time, _inputs, parameters):
     """The stiffness can replace the coupling; where it does, the coupling has no influence."""
     p = parameters
@@ -84,39 +88,108 @@ def coupled(time, _inputs, parameters):
     return {"y": y}
 
 
-def test_an_effect_that_a_parameter_has_taken_up_is_found(monkeypatch):
-    time, sigma = np.linspace(0.0, 2.0 * np.pi, 101), 0.05
-    others = [f"other{k}" for k in range(12, 20)]  # more than are refitted
+def caught(time, inputs, parameters):
+    """As ``coupled``; between two values of the stiffness, a part is caught."""
+    between = 0.5 < parameters["stiffness"] < 0.95
+    return {"y": coupled(time, inputs, parameters)["y"] + 0.3 * between * np.cos(3.0 * time)}
+
+
+def fitted(function):
+    """The model without a coupling, fitted to a machine that has one; the effects."""
     model = SimulatorModel(
-        coupled,
+        function,
         name="coupled",
         parameters=[Parameter(name="stiffness", value=0.0, sd=0.3)],
         inputs=[],
         outputs={"y": "m"},
         exposed={
             "coupling": Exposed(scale=1.0, sign=1, upper=2.0),
-            **{n: Exposed(scale=0.02) for n in others},
+            **{n: Exposed(scale=0.02) for n in OTHERS},
         },
     )
-    made = coupled(time, {}, {"stiffness": 0.0, "coupling": 1.0, **dict.fromkeys(others, 0.0)})
-    noise = sigma * np.random.default_rng(3).standard_normal(time.size)
+    made = function(TIME, {}, {"stiffness": 0.0, "coupling": 1.0, **dict.fromkeys(OTHERS, 0.0)})
     record = Record(
         name="run",
-        time=time,
+        time=TIME,
         inputs={},
-        outputs={"y": made["y"] + noise},
-        sensors={"y": Sensor(name="y", unit="m", sigma=sigma)},
+        outputs={"y": made["y"] + SIGMA * np.random.default_rng(3).standard_normal(TIME.size)},
+        sensors={"y": Sensor(name="y", unit="m", sigma=SIGMA)},
     )
-    segmented = segment_record(model, record, {"y": Noise(sigma)}, None)
-    fit = fit_problem(Problem(model, (segmented,)))
+    problem = Problem(model, (segment_record(model, record, {"y": Noise(SIGMA)}, None),))
+    fit = polish(problem, problem.start(theta=np.array([1.0])), 1.0, FitSettings())
     assert fit.explains
     assert fit.point.theta[0] > 0.9
-    scores = score_fit(fit, all_candidates(model.effects))
+    return fit, model.effects
+
+
+def test_an_effect_that_a_parameter_has_taken_up_is_found(monkeypatch):
+    fit, effects = fitted(coupled)
+    scores = score_fit(fit, all_candidates(effects))
     singles = dict(zip((t.name for t in scores.candidates), scores.singles(), strict=True))
     assert singles["coupling"] < 1.0 < max(singles.values())
-    best = search(fit, model.effects, FitSettings()).best
+    best = search(fit, effects, FitSettings()).best
     assert best.names == ("coupling",)
     assert best.fit.point.magnitudes[0] == pytest.approx(1.0, abs=0.1)
     assert abs(best.fit.point.theta[0]) < 0.5
     monkeypatch.setattr("feltmb.gap.search.tempered", lambda *_: None)
-    assert search(fit, model.effects, FitSettings()).best.names != ("coupling",)
+    assert search(fit, effects, FitSettings()).best.names != ("coupling",)
+
+
+def test_an_annealed_fit_does_not_end_at_the_jump_at_which_a_refit_ends():
+    fit, (effect, *_) = fitted(caught)
+    coupling = (Candidate(effect, effect.shapes[0]),)
+    direct = refine.refit(fit, coupling, np.ones(1), FitSettings())
+    assert direct.point.theta[0] > 0.94  # the jump is at 0.95
+    mild = refine.tempered(fit, FitSettings())
+    annealed = refine.annealed(mild, coupling, np.ones(1), FitSettings())
+    assert abs(annealed.point.theta[0]) < 0.5
+    assert annealed.cost < direct.cost - 30.0
+
+
+def test_an_annealed_fit_above_the_model_is_not_compared(monkeypatch):
+    fit, effects = fitted(coupled)
+    calls = []
+
+    def astray(base, included, *_):
+        calls.append([t.name for t in included])
+        problem = base.problem.with_candidates(included)
+        start = problem.start(theta=np.array([-2.0]), magnitudes=np.full(1, 2.0))
+        return finish(problem, start, 1.0, np.zeros(0))
+
+    monkeypatch.setattr("feltmb.gap.search.annealed", astray)
+    found = search(fit, effects, FitSettings())
+    assert calls == [["coupling"]]
+    assert all(c.fit.cost < fit.cost for c in found.sets)
+
+
+def test_an_effect_is_not_lost_beside_others_that_gain_much_more():
+    # Additions are compared with the best set, not with the model alone.
+    count = 20_000
+    rng = np.random.default_rng(0)
+    columns = np.sign(rng.standard_normal((12, count)))
+    x = np.linspace(-1.0, 1.0, count)
+    noise = rng.standard_normal(count)
+    noise *= np.sqrt(count / (noise @ noise))  # so that the model alone explains the record
+    y = x + np.array([16.0, 16.0, 15.0, 9.0]) / np.sqrt(count) @ columns[:4] + noise
+    model = LinearModel(
+        output="y",
+        columns={"slope": lambda r: r.inputs["x"]},
+        parameters=[Parameter(name="slope", value=1.0, sd=0.2)],
+        name="line",
+    )
+    record = Record(
+        name="run",
+        time=np.arange(count) * 0.01,
+        inputs={"x": x},
+        outputs={"y": y},
+        sensors={"y": Sensor(name="y", sigma=1.0)},
+    )
+    effects = [
+        Effect(name=f"e{i}", component="c", scale=0.05, regressor=lambda _r, _s, c=c: c)
+        for i, c in enumerate(columns)
+    ]
+    fit = fit_problem(Problem(model, (segment_record(model, record, {"y": Noise(1.0)}, None),)))
+    assert fit.explains
+    found = search(fit, effects, FitSettings())
+    assert found.best.evidence - found.model_evidence > 300.0
+    assert sorted(found.best.names) == ["e0", "e1", "e2", "e3"]
