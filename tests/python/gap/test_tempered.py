@@ -1,5 +1,7 @@
 """Tempered fits: closed forms of a linear model, and an effect that a parameter has taken up."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,7 +84,9 @@ def coupled(time, _inputs, parameters):
     """The stiffness can replace the coupling; where it does, the coupling has no influence."""
     p = parameters
     y = p["stiffness"] * np.sin(7.0 * time)
-    y += p["coupling"] * (1.0 - p["stiffness"]) * (np.sin(7.0 * time) + 0.04 * np.sin(11.0 * time))
+    free = 1.0 - p["stiffness"]
+    y += p["coupling"] * free * (np.sin(7.0 * time) + 0.04 * np.sin(11.0 * time))
+    y += p.get("second", 0.0) * free * (np.sin(7.0 * time) + 0.04 * np.sin(10.8 * time))
     for k in range(12, 20):
         y += p[f"other{k}"] * (0.5 * np.sin(11.0 * time) + 0.87 * np.sin(k * time))
     return {"y": y}
@@ -94,7 +98,7 @@ def caught(time, inputs, parameters):
     return {"y": coupled(time, inputs, parameters)["y"] + 0.3 * between * np.cos(3.0 * time)}
 
 
-def fitted(function):
+def fitted(function, *more):
     """The model without a coupling, fitted to a machine that has one; the effects."""
     model = SimulatorModel(
         function,
@@ -103,7 +107,7 @@ def fitted(function):
         inputs=[],
         outputs={"y": "m"},
         exposed={
-            "coupling": Exposed(scale=1.0, sign=1, upper=2.0),
+            **{n: Exposed(scale=1.0, sign=1, upper=2.0) for n in ("coupling", *more)},
             **{n: Exposed(scale=0.02) for n in OTHERS},
         },
     )
@@ -146,9 +150,12 @@ def test_an_annealed_fit_does_not_end_at_the_jump_at_which_a_refit_ends():
     assert annealed.cost < direct.cost - 30.0
 
 
-def test_an_annealed_fit_above_the_model_is_not_compared(monkeypatch):
-    fit, effects = fitted(coupled)
-    calls = []
+def test_an_annealed_fit_above_the_model_is_not_compared_and_is_the_last(monkeypatch):
+    fit, effects = fitted(coupled, "second")
+    mild = refine.tempered(fit, FitSettings())
+    promised = score_fit(mild, all_candidates(effects)).evidence()
+    assert np.sum(promised > 5.0) == 2
+    calls, said = [], []
 
     def astray(base, included, *_):
         calls.append([t.name for t in included])
@@ -157,9 +164,37 @@ def test_an_annealed_fit_above_the_model_is_not_compared(monkeypatch):
         return finish(problem, start, 1.0, np.zeros(0))
 
     monkeypatch.setattr("feltmb.gap.search.annealed", astray)
-    found = search(fit, effects, FitSettings())
-    assert calls == [["coupling"]]
+    found = search(fit, effects, FitSettings(), progress=lambda what, *_: said.append(what))
+    assert len(calls) == 1
     assert all(c.fit.cost < fit.cost for c in found.sets)
+    assert not any(what.startswith("refine from within") for what in said)
+
+
+def test_an_effect_whose_annealed_fit_ends_badly_is_fitted_from_the_model_too(monkeypatch):
+    fit, effects = fitted(coupled)
+    effect = next(e for e in effects if e.name == "other13")
+    sound = refine.annealed
+
+    def astray(base, included, *more):
+        if included[0].name == effect.name:
+            problem = base.problem.with_candidates(included)
+            start = problem.carry(fit.point, included, np.array([1e-4]))
+            return finish(problem, start, 1.0, np.zeros(0))
+        return sound(base, included, *more)
+
+    # Its score at the tempered fit promises more than at the fit.
+    def promising(fit, candidates, **more):
+        at = score_fit(fit, candidates, **more)
+        if fit.included or fit.point.theta[0] > 0.9:
+            return at
+        own = np.array([t.name == effect.name for t in candidates])
+        return replace(at, b=np.where(own, 2.0 * at.b, at.b))
+
+    monkeypatch.setattr("feltmb.gap.search.annealed", astray)
+    monkeypatch.setattr("feltmb.gap.search.score_fit", promising)
+    found = search(fit, [e for e in effects if e.name != "coupling"], FitSettings())
+    alone = next(c for c in found.sets if c.names == (effect.name,))
+    assert alone.fit.point.magnitudes[0] == pytest.approx(0.02, abs=0.005)
 
 
 def test_an_effect_is_not_lost_beside_others_that_gain_much_more():
