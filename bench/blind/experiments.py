@@ -474,14 +474,9 @@ def command(
     """Sealed cases of a machine; experiments that are designed, random, or repeats."""
     machine = MACHINES[of]()
     truths = [machine.draw(seed, n) for n in range(cases)]
-    _seal(
-        machine,
-        output,
-        truths,
-        seed,
-        whole=(whole or None) if score_only else whole,
-        new=not score_only,
-    )
+    # --score-only alone takes the results that are there, whatever they are.
+    told = None if score_only and not whole else whole
+    _seal(machine, output, truths, seed, whole=told, new=not score_only)
     began = time.monotonic()
     if not score_only:
         player = Player(machine, whole=whole)

@@ -253,11 +253,11 @@ def tempered(fit: Fit, settings: FitSettings) -> Fit | None:
     the sum of squares, where no step along an effect reduces it. The sum of squares of the result,
     its scores and its evidence are those of the actual noise.
 
-    None if the model has states at the starts of segments, which follow the records anyway, or if
-    no parameter has a prior, so that the noise does not matter.
+    For fits without continuity defects: free start states follow the records anyway. None if no
+    parameter has a prior, so that the noise does not matter.
     """
     problem = fit.problem
-    if fit.gap_sd.size or problem.frozen or not fit.prior_deviation.size:
+    if problem.frozen or not fit.prior_deviation.size:
         return None
     point = _at_noise(problem, fit.point, TEMPERED[0], settings)
     return finish(problem, replace(point, memo={}), fit.level, fit.gap_sd)

@@ -288,7 +288,6 @@ class _Hunt:
         self.shaped: set[tuple[str, ...]] = set()
         self.explained = False
         self.near: Fit | None = None
-        self.tempered_fit: Fit | None = None
         self.annealed: set[str] = set()
         self.linearized: tuple[Fit, list[Linear]] | None = None
 
@@ -360,40 +359,31 @@ class _Hunt:
             self.done[found.key] = found
         return found
 
-    def _attempt(self, base: Fit, chosen: tuple[Candidate, ...], magnitudes: Array) -> Fit | None:
-        """Refit a set, starting from a similar fit; None if the search is stopped."""
+    def _attempt(self, base: Fit, chosen: tuple[Candidate, ...], magnitudes: Array) -> None:
+        """Refit a set, starting from a similar fit."""
         if current().stopping():
             self.skipped.update((t.name, None) for t in chosen)
-            return None
+            return
         self._tell("refine: " + " + ".join(t.name for t in chosen))
-        worth = worth_of(self._best().fit if self.done else None)
-        make = refit
-        if base is self.tempered_fit:
-            make, worth = annealed, min(worth, self.model_fit.cost)
-        fit = make(base, chosen, magnitudes, replace(self.quick, worth=worth))
+        fit = refit(base, chosen, magnitudes, replace(self.quick, worth=self._worth()))
         if len(chosen) == 1:
             fit = from_priors(fit, self.quick)
-        if base is self.tempered_fit and not fit.cost < self.model_fit.cost:
-            # Unfinished, or in a wrong local minimum: it is not compared with other sets.
-            if current().stopping():
-                self.skipped.update((t.name, None) for t in chosen)
-            return fit
         if np.isfinite(fit.cost):
             self._keep(fit)
         else:
             self.failed[" + ".join(_key(chosen))] = "could not be simulated"
-        return fit
+
+    def _worth(self) -> float:
+        """Sum of squares above which a fit cannot be a rival of the best set."""
+        return worth_of(self._best().fit if self.done else None)
 
     def _screen(self) -> None:
         """Refit the sets and the single effects with the largest linear evidence."""
         near, scores = self.model_fit, self.scores
         if self.near is not None:
             near, scores = self.near, score_fit(self.near, self.candidates)
-        elif not current().stopping():
-            self._tell("tempered fit")
-            self.tempered_fit = tempered(near, self.quick)
-        if self.tempered_fit is not None:
-            self._anneal(self.tempered_fit, scores)
+        elif not near.gap_sd.size:
+            self._anneal()
         if self.explained and not near.gap_sd.size:
             # The scores of a model that explains the records are valid except at jumps of its
             # derivatives. Sets of effects whose own fits contradict their scores are not fitted.
@@ -409,25 +399,37 @@ class _Hunt:
             if at is not None:
                 self._singles(near, at)
 
-    def _anneal(self, base: Fit, scores: Scores) -> None:
+    def _anneal(self) -> None:
         """Fit the best single effects of a tempered fit that the scores at the model fit hide."""
+        if current().stopping():
+            return
+        self._tell("tempered fit")
+        base = tempered(self.model_fit, self.quick)
+        if base is None:
+            return
         at = score_fit(base, self.candidates)
         single, size, promised = at.singles(), at.one_step(), at.evidence()
         # An annealed fit costs three refits: it must promise a gain.
-        hidden = promised > np.maximum(0.0, scores.evidence() + 2.0 * SAME)
-        names: list[str] = []
+        hidden = promised > np.maximum(0.0, self.scores.evidence() + 2.0 * SAME)
         for i in np.argsort(-single, kind="stable"):
             t = at.candidates[i]
-            if not hidden[i] or t.name in names or promised[i] < self._far_below(base):
+            if not hidden[i] or t.name in self.annealed or promised[i] < self._far_below(base):
                 continue
-            names.append(t.name)
+            if current().stopping():
+                self.skipped[t.name] = None
+                return
+            self._tell(f"refine: {t.name}")
             self.annealed.add(t.name)
-            fit = self._attempt(base, (t,), np.array([size[i] * t.effect.scale]))
+            way = replace(self.quick, worth=min(self._worth(), self.model_fit.cost))
+            fit = annealed(base, (t,), np.array([size[i] * t.effect.scale]), way)
+            gain = self.model_fit.cost - fit.cost
+            if gain > 0.0:
+                self._keep(fit)
+            elif current().stopping():  # unfinished, so that it is not compared with other sets
+                self.skipped[t.name] = None
             # Far from the fit, the linear model may be wrong: its other promises are not pursued.
-            if fit is None or short_of(single[i], self.model_fit.cost - fit.cost):
-                break
-            if len(names) == self.width:
-                break
+            if short_of(single[i], gain) or len(self.annealed) == self.width:
+                return
 
     def _singles(self, near: Fit, at: Scores) -> None:
         """Refit the best single effects, so that similar effects are compared equally."""

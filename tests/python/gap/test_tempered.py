@@ -19,29 +19,38 @@ SETTINGS = FitSettings(decrement=1e-10)
 X = np.linspace(-1.0, 1.0, 101)
 
 
-def line(sd):
-    """A line through data of a cubic with noise of 0.01; the slope is 1 with this prior."""
+def problem_of(model, time, y, sigma, **inputs):
+    """A record of one output with white noise of a known size, and the model."""
+    record = Record(
+        name="run",
+        time=time,
+        inputs=inputs,
+        outputs={"y": y},
+        sensors={"y": Sensor(name="y", unit=model.units.get("y", ""), sigma=sigma)},
+    )
+    return Problem(model, (segment_record(model, record, {"y": Noise(sigma)}, None),))
+
+
+def line(x, y, sigma, *, sd=0.2):
+    """A straight line through data; the slope is 1 with this prior."""
     model = LinearModel(
         output="y",
         columns={"slope": lambda r: r.inputs["x"]},
         parameters=[Parameter(name="slope", value=1.0, sd=sd)],
         name="line",
     )
+    return problem_of(model, np.arange(x.size) * 0.01, y, sigma, x=x)
+
+
+def cubic_line(**prior):
+    """A line fitted to a cubic with noise of 0.01, the cubic as a candidate, and the data."""
     y = 1.3 * X + 0.1 * X**3 + 0.01 * np.random.default_rng(1).standard_normal(X.size)
-    record = Record(
-        name="run",
-        time=np.arange(X.size) * 0.01,
-        inputs={"x": X},
-        outputs={"y": y},
-        sensors={"y": Sensor(name="y", sigma=0.01)},
-    )
-    problem = Problem(model, (segment_record(model, record, {"y": Noise(0.01)}, None),))
     cubic = Effect(name="cubic", component="spring", scale=0.1, regressor=lambda _r, _s: X**3)
-    return fit_problem(problem, SETTINGS), Candidate(cubic, cubic.shapes[0]), y
+    return fit_problem(line(X, y, 0.01, **prior), SETTINGS), Candidate(cubic, cubic.shapes[0]), y
 
 
 def test_a_tempered_fit_is_that_to_records_with_more_noise():
-    fit, _, y = line(0.2)
+    fit, _, y = cubic_line()
     mild = refine.tempered(fit, SETTINGS)
     sigma = 0.01 * refine.TEMPERED[0]
     slope = 1.0 + (X @ (y - X)) / (X @ X + (sigma / 0.2) ** 2)
@@ -52,7 +61,7 @@ def test_a_tempered_fit_is_that_to_records_with_more_noise():
 
 
 def test_scores_of_a_linear_model_are_those_of_the_fit():
-    fit, cubic, _ = line(0.2)
+    fit, cubic, _ = cubic_line()
     mild = refine.tempered(fit, SETTINGS)
     at, there = score_fit(fit, (cubic,)), score_fit(mild, (cubic,))
     assert there.singles() == pytest.approx(at.singles(), rel=1e-8)
@@ -60,7 +69,7 @@ def test_scores_of_a_linear_model_are_those_of_the_fit():
 
 
 def test_an_annealed_effect_ends_at_the_minimum():
-    fit, cubic, y = line(0.2)
+    fit, cubic, y = cubic_line()
     mild = refine.tempered(fit, SETTINGS)
     annealed = refine.annealed(mild, (cubic,), np.zeros(1), SETTINGS)
     columns = np.vstack([np.stack([X, X**3], axis=1) / 0.01, [[1.0 / 0.2, 0.0]]])
@@ -72,7 +81,7 @@ def test_an_annealed_effect_ends_at_the_minimum():
 
 
 def test_without_a_prior_there_is_nothing_to_temper():
-    fit, _, _ = line(np.inf)
+    fit, _, _ = cubic_line(sd=np.inf)
     assert refine.tempered(fit, SETTINGS) is None
 
 
@@ -112,14 +121,8 @@ def fitted(function, *more):
         },
     )
     made = function(TIME, {}, {"stiffness": 0.0, "coupling": 1.0, **dict.fromkeys(OTHERS, 0.0)})
-    record = Record(
-        name="run",
-        time=TIME,
-        inputs={},
-        outputs={"y": made["y"] + SIGMA * np.random.default_rng(3).standard_normal(TIME.size)},
-        sensors={"y": Sensor(name="y", unit="m", sigma=SIGMA)},
-    )
-    problem = Problem(model, (segment_record(model, record, {"y": Noise(SIGMA)}, None),))
+    noise = SIGMA * np.random.default_rng(3).standard_normal(TIME.size)
+    problem = problem_of(model, TIME, made["y"] + noise, SIGMA)
     fit = polish(problem, problem.start(theta=np.array([1.0])), 1.0, FitSettings())
     assert fit.explains
     assert fit.point.theta[0] > 0.9
@@ -206,24 +209,11 @@ def test_an_effect_is_not_lost_beside_others_that_gain_much_more():
     noise = rng.standard_normal(count)
     noise *= np.sqrt(count / (noise @ noise))  # so that the model alone explains the record
     y = x + np.array([16.0, 16.0, 15.0, 9.0]) / np.sqrt(count) @ columns[:4] + noise
-    model = LinearModel(
-        output="y",
-        columns={"slope": lambda r: r.inputs["x"]},
-        parameters=[Parameter(name="slope", value=1.0, sd=0.2)],
-        name="line",
-    )
-    record = Record(
-        name="run",
-        time=np.arange(count) * 0.01,
-        inputs={"x": x},
-        outputs={"y": y},
-        sensors={"y": Sensor(name="y", sigma=1.0)},
-    )
     effects = [
         Effect(name=f"e{i}", component="c", scale=0.05, regressor=lambda _r, _s, c=c: c)
         for i, c in enumerate(columns)
     ]
-    fit = fit_problem(Problem(model, (segment_record(model, record, {"y": Noise(1.0)}, None),)))
+    fit = fit_problem(line(x, y, 1.0))
     assert fit.explains
     found = search(fit, effects, FitSettings())
     assert found.best.evidence - found.model_evidence > 300.0
