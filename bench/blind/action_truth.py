@@ -51,18 +51,36 @@ SYNONYMS = ("compliance.wire", "compliance.shank", "key_lift_off", "channel_gain
 
 #: Causes that neither the library nor the tolerances hold: (component, changes by one unit).
 OUTSIDE: dict[str, tuple[str, tuple[Change, ...]]] = {
-    "head_lead": ("hammer head", (Change(path="bodies.head.center_of_mass.y", add=1e-3),)),
-    "butt_lead": ("hammer butt", (Change(path="bodies.butt.center_of_mass.x", add=1e-3),)),
-    "key_lead": ("key", (Change(path="bodies.key.center_of_mass.x", add=1e-3),)),
-    "key_inertia": ("key", (Change(path="bodies.key.inertia", scale=0.03),)),
-    "whippen_flange": ("whippen", (Change(path="bodies.whippen.position.x", add=2e-4),)),
-    "butt_flange": ("hammer butt", (Change(path="bodies.butt.position.x", add=2e-4),)),
-    "jack_flange": ("jack", (Change(path="bodies.jack.position.x", add=1e-4),)),
-    "string_distance": ("string", (Change(path="surfaces.Gp6.point.x", add=5e-4),)),
-    "shank_wood": ("hammer shank", (Change(path="bodies.shank.density", scale=0.1),)),
+    "butt_leather_radius": (
+        "contact 04, jack - hammer butt leather",
+        (Change(path="surfaces.Hbp4.radius", add=2e-4),),
+    ),
     "butt_leather_shape": (
         "contact 04, jack - hammer butt leather",
         (Change(path="surfaces.Hbp4.point.y", add=2e-4),),
+    ),
+    "capstan_place": (
+        "contact 03, key capstan - whippen",
+        (Change(path="surfaces.Kp2.point.x", add=5e-4),),
+    ),
+    "finger_place": ("key", (Change(path="finger.point.x", add=2e-3),)),
+    "head_angle": ("hammer head", (Change(path="bodies.head.angle", add=1e-2),)),
+    "jack_toe_place": (
+        "contact 05, jack toe - let-off button",
+        (Change(path="surfaces.Jp3.point.x", add=2e-4),),
+    ),
+    "jack_top_radius": (
+        "contact 04, jack - hammer butt leather",
+        (
+            Change(path="surfaces.Jp2.radius", add=2e-4),
+            Change(path="surfaces.Jp4.radius", add=2e-4),
+        ),
+    ),
+    "shank_angle": ("hammer shank", (Change(path="bodies.shank.angle", add=5e-3),)),
+    "shank_wood": ("hammer shank", (Change(path="bodies.shank.density", scale=0.1),)),
+    "whippen_cushion": (
+        "contact 03, key capstan - whippen",
+        (Change(path="surfaces.Wp2.point.y", add=2e-4),),
     ),
 }
 LARGEST_OUTSIDE = 10.0

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import feltmb
+from feltmb.action.touch import static_touch
 from feltmb.adapters import action_with_effects, load_library, mechanism_model, planned_strokes
 from feltmb.adapters.changes import Change, apply_changes, read_entry
 from feltmb.adapters.resolve import resolve
@@ -283,3 +284,41 @@ def test_the_mass_of_the_head_is_not_held_to_its_tabulated_inertia():
     before, after = ACTION.config.bodies["head"], changed.config.bodies["head"]
     assert after.inertia == pytest.approx(0.9 * before.inertia)
     assert after.mass == before.mass
+
+
+def moved(name, size):
+    """Static touch with an effect, minus the plain one: blow distance after let-off, weight."""
+    library = load_library(ACTION)
+    plain = static_touch(ACTION)
+    other = static_touch(action_with_effects(ACTION, [(library.effect(name), size, None)]))
+    return other.let_off_gap - plain.let_off_gap, other.balance_weight - plain.balance_weight
+
+
+def test_a_farther_string_leaves_a_larger_gap_at_let_off():
+    gap, weight = moved("string_distance", 5e-4)
+    assert gap == pytest.approx(5e-4, rel=1e-3)
+    assert weight == pytest.approx(0.0, abs=1e-9)
+
+
+def test_leads_in_the_key_change_the_balance_weight_by_their_moment():
+    config = ACTION.config
+    arm = config.finger.point[0]
+    for step in (1e-3, -1e-3):
+        gap, weight = moved("center_of_mass_x.key", step)
+        expected = -config.bodies["key"].mass * 9.81 * step / arm
+        assert weight == pytest.approx(expected, rel=0.03)  # the key is tilted by up to 3 degrees
+        assert gap == pytest.approx(0.0, abs=3e-5)  # felt under another load
+
+
+def test_inertia_is_not_seen_by_a_static_test_but_by_a_stroke():
+    gap, weight = moved("inertia.key", 0.1)
+    assert (gap, weight) == pytest.approx((0.0, 0.0), abs=1e-9)
+    entry = load_library(ACTION).effect("inertia.key")
+    stroke = feltmb.load_stroke("forte")
+    runs = [
+        feltmb.simulate(action_with_effects(ACTION, [(entry, size, None)]), stroke, duration=0.1)
+        for size in (0.0, 0.1)
+    ]
+    plain, heavier = (r["hammer_tip.x"] - r["hammer_tip.x"][0] for r in runs)
+    halfway = np.argmax(plain < 0.5 * plain.min())
+    assert plain[halfway] < heavier[halfway] - 1e-4 < -1e-3

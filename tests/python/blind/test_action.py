@@ -287,3 +287,23 @@ def mechanism_model_of(action, library):
         action, library=library, channels=library.default_channels,
         effects=["pivot_clearance.whippen"], workers=1,
     )  # fmt: skip
+
+
+def test_no_effect_or_tolerance_of_the_library_is_a_cause_from_outside():
+    _, _, library, _ = action_truth.setup()
+    held = {c.path for e in (*library.effects, *library.tolerances) for c in e.changes}
+    assert "surfaces.Gp6.point.x" in held
+    for name, (_, changes) in action_truth.OUTSIDE.items():
+        assert not held & {c.path for c in changes}, name
+
+
+def test_every_cause_from_outside_can_be_drawn_with_both_signs():
+    _, base, library, _ = action_truth.setup()
+    scales = packaged_scales()
+    for name in action_truth.OUTSIDE:
+        unit = scales[f"{name}:outside"]
+        assert action_truth.LARGEST_OUTSIDE * unit > 50.0
+        for sign in (-1.0, 1.0):
+            part = action_truth.Part(name, "outside", sign * 50.0 / unit, 50.0)
+            case = action_truth.plain_case((part,))
+            assert action_truth.machine(base, library, case, "mezzo").config is not base.config
