@@ -51,10 +51,6 @@ SYNONYMS = ("compliance.wire", "compliance.shank", "key_lift_off", "channel_gain
 
 #: Causes that neither the library nor the tolerances hold: (component, changes by one unit).
 OUTSIDE: dict[str, tuple[str, tuple[Change, ...]]] = {
-    "butt_leather_radius": (
-        "contact 04, jack - hammer butt leather",
-        (Change(path="surfaces.Hbp4.radius", add=2e-4),),
-    ),
     "butt_leather_shape": (
         "contact 04, jack - hammer butt leather",
         (Change(path="surfaces.Hbp4.point.y", add=2e-4),),
@@ -71,10 +67,7 @@ OUTSIDE: dict[str, tuple[str, tuple[Change, ...]]] = {
     ),
     "jack_top_radius": (
         "contact 04, jack - hammer butt leather",
-        (
-            Change(path="surfaces.Jp2.radius", add=2e-4),
-            Change(path="surfaces.Jp4.radius", add=2e-4),
-        ),
+        (Change(path="surfaces.Jp2.radius", add=2e-4),),
     ),
     "shank_angle": ("hammer shank", (Change(path="bodies.shank.angle", add=5e-3),)),
     "shank_wood": ("hammer shank", (Change(path="bodies.shank.density", scale=0.1),)),
