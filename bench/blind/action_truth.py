@@ -70,7 +70,7 @@ OUTSIDE: dict[str, tuple[str, tuple[Change, ...]]] = {
         (Change(path="surfaces.Jp2.radius", add=2e-4),),
     ),
     "shank_angle": ("hammer shank", (Change(path="bodies.shank.angle", add=5e-3),)),
-    "shank_wood": ("hammer shank", (Change(path="bodies.shank.density", scale=0.1),)),
+    "shank_wood": ("hammer shank", (Change(path="bodies.shank.density", exp=0.1),)),
     "whippen_cushion": (
         "contact 03, key capstan - whippen",
         (Change(path="surfaces.Wp2.point.y", add=2e-4),),
