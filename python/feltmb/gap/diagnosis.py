@@ -606,6 +606,7 @@ def _diagnosed(
         rows,
         calibrated,
         [r for r in which.effects if r.named],
+        [r for r in which.effects if r.effect in decision.one_of],
         decision.closest,
         components,
         best_fit.intervals(),

@@ -88,7 +88,7 @@ def _advice(fit: Fit, a: Candidate, b: Candidate, size: float) -> Advice:
         text = (
             "no tested variant (the same runs again, harder, softer, faster, slower, "
             f"low-noise sensors) separates {a.name} from {b.name}: measure another point or "
-            "quantity"
+            "quantity, or test one of the parts by itself"
         )
         return Advice(text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=now)
     text = (
@@ -96,7 +96,7 @@ def _advice(fit: Fit, a: Candidate, b: Candidate, size: float) -> Advice:
         f"{now:.0%} to {chosen.then:.0%}"
     )
     if chosen.then > POOR_EXPERIMENT:
-        text += "; no tested experiment is better"
+        text += "; no tested experiment is better: test one of the parts by itself"
     return Advice(
         text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=chosen.then
     )

@@ -25,6 +25,7 @@ def next_steps(
     as_it_is: Sequence[AsItIs],
     calibrated: Sequence[Calibrated],
     named: Sequence[Ranked],
+    one_of: Sequence[Ranked],
     closest: Closest | None,
     components: Sequence[ComponentRow],
     intervals: Sequence[Interval],
@@ -56,6 +57,8 @@ def next_steps(
         and abs(row.prior_deviations) > FAR_FROM_PRIOR
     ][:3]
     texts += [f"{r.effect}: {r.remedy}" for r in named if r.remedy]
+    # A direct test decides between effects that no record can separate.
+    texts += [f"If it is {r.effect}: {r.remedy}" for r in one_of if r.remedy]
     if verdict in (Verdict.UNKNOWN, Verdict.NAMED_UNKNOWN_REST):
         strong = [c for c in components if c.significant]
         if strong:

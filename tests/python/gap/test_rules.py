@@ -182,6 +182,22 @@ def test_one_of_some_effects_is_told_with_the_size_of_each():
     assert report.statement.startswith(f"One of {one} and {other}; these records cannot tell which")
 
 
+def test_effects_that_no_record_separates_are_to_be_tested_by_themselves():
+    cube = replace(power(3), remedy="Bend it.")
+    like = replace(cube, name="cube of the machine", remedy="Weigh it.")
+    silent = replace(cube, name="nothing is known of this", remedy="")
+    data = records(lambda u: u + 0.05 * u**3)
+    report = diagnose(LINE, [cube, like, silent], data, options=Options(bootstrap=0, advice=True))
+    assert len(report.one_of) == 3
+    texts = [a.text for a in report.next]
+    assert "If it is power 3: Bend it." in texts
+    assert "If it is cube of the machine: Weigh it." in texts
+    assert not any(t.startswith("If it is nothing") for t in texts)
+    apart = [t for t in texts if "no tested variant" in t]
+    assert apart
+    assert all(t.endswith("or test one of the parts by itself") for t in apart)
+
+
 def test_a_data_problem_holds_nothing_of_the_machine():
     cube, square = replace(power(3), kind="sensor"), replace(power(2), kind="sensor")
     both = records(lambda u: u + 0.3 * u**3 + 0.2 * u**2)
