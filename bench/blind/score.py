@@ -285,7 +285,8 @@ def score(cases: Sequence[Scored]) -> list[Figure]:
 
     share("false alarm, no effect", null, lambda c: c.claims, 5.0, 1.0, above=False)
     share("top-1, one effect, nc >= 5", strong, lambda c: c.top(1), 80.0, 95.0)
-    share("unknown flagged, outside, nc >= 5", outside, Scored.flagged, 80.0, 95.0)
+    seen = [c for c in outside if c.strength >= 5.0]
+    share("unknown flagged, outside, nc >= 5", seen, Scored.flagged, 80.0, 95.0)
     share("confident and wrong, of all cases", cases, Scored.wrong, 5.0, 1.0, above=False)
     share("selective risk: wrong, of those that commit", committed, Scored.wrong)
     share("diagnosis failed with an error", cases, lambda c: c.failed)

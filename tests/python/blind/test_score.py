@@ -86,6 +86,16 @@ def test_perfect_engine():
     assert f["closed / closed by the oracle, nc >= 5"].value == pytest.approx(0.9 / 0.95)
 
 
+def test_a_cause_from_outside_that_no_record_shows_cannot_be_flagged():
+    """The tolerances reproduce it up to less than 5, whatever it was drawn for."""
+    cases = [((part("strange", form="outside", nc=7.0),), result("UNKNOWN", (("a", 0.2),)))]
+    cases += [((part("strange", form="outside", nc=2.0),), result("NO GAP", (("a", 0.2),)))] * 3
+    f = figures(cases)
+    assert f["unknown flagged, outside, nc >= 5"].n == 1
+    assert f["unknown flagged, outside, nc >= 5"].value == 100.0
+    assert f["outside: silent (NO GAP, TOO WEAK)"].value == 75.0
+
+
 def test_bad_engine():
     wrong = result(ranking=(("b", 0.95), ("a", 0.02)))
     cases = [((part(),), wrong)] * 6
