@@ -172,13 +172,12 @@ def run(
         make_folder(output)
         for name in ("report.html", "report.json", "remains.png"):
             check_writable(output / name, force=force)
-    adapter = load_adapter(model, settings).measured(measured)
+    adapter = load_adapter(model, settings).including(included).measured(measured)
     if written is not None:
         check_writable(written, force=force)
         adapter.model.check_writing(written)
     groups = adapter.read_each(data, reading)
     records = tuple(r for group in groups for r in group)
-    adapter = adapter.including(included)
     held = held_out(hold_out, data, groups) or None
     resume = None if output is None else output / ".resume"
     options = Options(

@@ -50,8 +50,8 @@ measured_option = click.option(
     "--measured",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="TOML file with tests of single parts: [measured.PARAMETER] with value, sd and how. "
-    "They replace the tolerances of these parameters.",
+    help="TOML file with tests of single parts: [measured.NAME] with value, sd and how. NAME is a "
+    "parameter, whose tolerance the test replaces, or an effect, which becomes a parameter.",
 )
 limits_option = click.option(
     "--limits",

@@ -143,7 +143,9 @@ def command(
         limits=limits,
         records=records,
         sensors=sensors_of(adapter, limits, records, ()),
-        measured=() if measured is None else read_measured(measured, adapter.model),
+        measured=()
+        if measured is None
+        else read_measured(measured, adapter.model, adapter.effects),
         budget=budget,
         options=Options(
             credibility=credibility, form=form, bootstrap=bootstrap, seed=seed, advice=False

@@ -32,7 +32,10 @@ __all__ = ["Including", "including"]
 
 @checked
 def including(
-    model: Model, included: Sequence[Candidate | Effect], magnitudes: Sequence[float] | None = None
+    model: Model,
+    included: Sequence[Candidate | Effect],
+    magnitudes: Sequence[float] | None = None,
+    sds: Sequence[float] | None = None,
 ) -> Including:
     """The model with effects as a part of it, which can be fitted and diagnosed like any model.
 
@@ -42,21 +45,36 @@ def including(
         Effects (their first shape counts) or included effects; ``report.model.included`` of a
         diagnosis.
     magnitudes
-        Start values of their fit [units of the effects], in the same order; default: zero.
+        Start values of their fit [units of the effects], in the same order; default: zero. With a
+        prior, its mean.
+    sds
+        Standard deviations of the priors of the magnitudes [units of the effects], > 0; default:
+        infinite, which is no prior.
 
     Raises
     ------
     InvalidParameter
-        The model cannot simulate one of the effects, or it is an effect of a sensor or an input. In
-        the latter case, correct the records instead of the model.
+        A magnitude is out of the bounds of its effect. The model cannot simulate one of the
+        effects. An effect is one of a sensor or an input: correct the records instead of the model.
     """
     chosen = tuple(t if isinstance(t, Candidate) else Candidate(t, t.shapes[0]) for t in included)
     values = (
         np.zeros(len(chosen)) if magnitudes is None else np.asarray(magnitudes, dtype=np.float64)
     )
-    faults = []
-    if values.shape != (len(chosen),):
-        faults.append(f"{values.size} magnitudes for {len(chosen)} effects")
+    widths = np.full(len(chosen), np.inf) if sds is None else np.asarray(sds, dtype=np.float64)
+    faults = [
+        f"{given.size} {what} for {len(chosen)} effects"
+        for given, what in ((values, "magnitudes"), (widths, "standard deviations"))
+        if given.shape != (len(chosen),)
+    ]
+    faults += [f"a standard deviation of {w:g}, expected > 0" for w in widths if not w > 0.0]
+    if not faults:
+        faults += [
+            f"{t.name} = {v:g}, expected a value in [{t.effect.bounds[0]:g}, "
+            f"{t.effect.bounds[1]:g}] {t.effect.unit}"
+            for t, v in zip(chosen, values, strict=True)
+            if not t.effect.bounds[0] <= v <= t.effect.bounds[1]
+        ]
     names = [p.name for p in model.parameters]
     for t in chosen:
         if t.effect.observe is not None or t.effect.excite is not None:
@@ -68,36 +86,40 @@ def including(
         names.append(t.name)
     if faults:
         raise InvalidParameter("including: " + "; ".join(faults))
-    return Including(model, chosen, values)
+    return Including(model, chosen, values, widths)
 
 
 @checked
 class Including(Model):
     """Result of :func:`including`.
 
-    Its last parameters are the magnitudes of the effects, which have no prior.
+    Its last parameters are the magnitudes of the effects.
     """
 
-    def __init__(self, model: Model, included: tuple[Candidate, ...], magnitudes: Array):
-        if magnitudes.shape != (len(included),):
-            raise InvalidParameter(
-                f"including: magnitudes has shape {magnitudes.shape}, expected {(len(included),)}"
-            )
+    def __init__(
+        self, model: Model, included: tuple[Candidate, ...], magnitudes: Array, sds: Array
+    ):
+        for what, given in (("magnitudes", magnitudes), ("sds", sds)):
+            if given.shape != (len(included),):
+                raise InvalidParameter(
+                    f"including: {what} has shape {given.shape}, expected {(len(included),)}"
+                )
         self._base = model
         self._own = included
-        self._magnitudes = magnitudes
+        self._magnitudes, self._sds = magnitudes, sds
         self.name = f"{model.name} with {', '.join(t.name for t in included)}"
         self.parameters = model.parameters + tuple(
             Parameter(
                 name=t.name,
-                value=float(np.clip(size, *t.effect.bounds)),
+                value=float(size),
+                sd=float(sd),
                 unit=t.effect.unit,
                 lower=t.effect.bounds[0],
                 upper=t.effect.bounds[1],
                 component=t.effect.component,
                 scale=t.effect.scale,
             )
-            for t, size in zip(included, magnitudes, strict=True)
+            for t, size, sd in zip(included, magnitudes, sds, strict=True)
         )
         self.outputs = model.outputs
         self.units = model.units
@@ -112,6 +134,10 @@ class Including(Model):
         self.input_modes = model.input_modes
         self.input_names = model.input_names
         self.inputs = tuple(getattr(model, "inputs", ()))
+
+    def _with(self, base: Model) -> Including:
+        """The same effects in another version of the original model."""
+        return Including(base, self._own, self._magnitudes, self._sds)
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
         """States of the model, followed by the hidden states of all included effects."""
@@ -134,7 +160,7 @@ class Including(Model):
     def ready(self, records: Sequence[Record]) -> Ready:
         """The prepared model with the same effects."""
         base = self._base.ready(records)
-        return replace(base, model=Including(base.model, self._own, self._magnitudes))
+        return replace(base, model=self._with(base.model))
 
     def accepts(self, effect: Effect) -> bool:
         """Whether the original model accepts an effect that is not yet included."""
@@ -195,7 +221,7 @@ class Including(Model):
     def refined(self, batches: Sequence[Batch]) -> Model:
         """See :class:`~feltmb.fit.Model`."""
         base = self._base.refined([(record, self._inner(jobs)) for record, jobs in batches])
-        return self if base is self._base else Including(base, self._own, self._magnitudes)
+        return self if base is self._base else self._with(base)
 
     def with_variability_at(  # noqa: D102
         self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
@@ -203,7 +229,7 @@ class Including(Model):
         count = len(self._base.parameters)
         sizes = np.concatenate([theta[count:], magnitudes])
         base = self._base.with_variability_at(theta[:count], (*self._own, *included), sizes)
-        return self if base is self._base else Including(base, self._own, self._magnitudes)
+        return self if base is self._base else self._with(base)
 
     @property
     def core(self) -> Model:

@@ -147,9 +147,15 @@ def _usable(model: Model, effects: Sequence[Effect]) -> tuple[list[Effect], list
     if doubled:
         raise InvalidParameter(f"effects: the name {', '.join(doubled)} is used twice")
     good, bad = [], []
+    own = {p.name for p in model.parameters}
     for e in effects:
         if e.observe is None and e.excite is None and not model.accepts(e):
-            bad.append(NotTested(name=e.name, why=f"the model {model.name} cannot simulate it"))
+            why = (
+                "it is a parameter of the model"
+                if e.name in own
+                else f"the model {model.name} cannot simulate it"
+            )
+            bad.append(NotTested(name=e.name, why=why))
         else:
             good.append(e)
     return good, bad

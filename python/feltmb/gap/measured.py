@@ -6,35 +6,48 @@
     value = "3 %"
     sd = "2 %"
     how = "compression test of 2026-11-20"
+
+    [measured.string_distance]
+    value = "1.9 mm"
+    sd = "0.1 mm"
+
+The first is a parameter of the model, and the test replaces its tolerance. The second is an effect
+that the model lacks. With a measured magnitude it becomes a parameter of the model.
 """
 
 from __future__ import annotations
 
 import copy
+import difflib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
 
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import write_text
-from feltmb.fit.model import Model
+from feltmb.fit.inclusion import including
+from feltmb.fit.model import Effect, Model
 from feltmb.gap.tables import TableReader
 from feltmb.units.quantity import Schema
 
 __all__ = ["Measured", "measured_toml", "read_measured", "with_measured"]
 
-M = TypeVar("M", bound=Model)
+#: Number of known names in a message.
+MOST_NAMES = 20
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """Result of a separate test of a part for one parameter; it replaces the tolerance."""
+    """Result of a separate test of a part: the value of a parameter, or the magnitude of an effect.
+
+    The value of a parameter replaces its tolerance. An effect becomes a parameter.
+    """
 
     parameter: str
+    """Name of the parameter or of the effect."""
     value: float
     """[unit of the parameter]"""
     sd: float
@@ -62,11 +75,37 @@ class _MeasuredFile(Schema):
     measured: dict[str, _Entry]
 
 
+def _hint(name: str, known: Iterable[str]) -> str:
+    """Known names that are similar to an unknown one, or the first of all."""
+    names = list(dict.fromkeys(known))
+    near = difflib.get_close_matches(name, names, n=3)
+    if near:
+        return f"near are {', '.join(near)}"
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return f"there are {', '.join(names[:MOST_NAMES])}{more}"
+
+
 @checked
-def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
+def read_measured(
+    path: str | Path, model: Model, effects: Sequence[Effect] = ()
+) -> tuple[Measured, ...]:
     """Read ``[measured.PARAMETER]`` tables with ``value``, ``sd`` and ``how``.
 
     Numbers are in the unit of the parameter, or texts with a unit; a share may be ``"3 %"``.
+
+    Parameters
+    ----------
+    path
+        TOML file.
+    model
+        Model whose parameters were measured.
+    effects
+        Effects that the model lacks, whose magnitudes may have been measured too.
+
+    Returns
+    -------
+    tuple of Measured
+        Tests in the order of the file.
 
     Raises
     ------
@@ -75,10 +114,13 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
         numbers of an unknown name are not checked, because their unit is unknown.
     """
     read = TableReader(path, _MeasuredFile)
+    # An effect with the name of a parameter changes the same number: the parameter is meant.
     units = {p.name: p.unit for p in model.parameters}
+    units |= {e.name: e.unit for e in effects if e.name not in units}
+    kind = "parameter or effect" if effects else "parameter"
     table = read.raw.get("measured")
     read.check(
-        f"measured.{name}: no parameter of {model.name}; there are {', '.join(units)}"
+        f"measured.{name}: no {kind} of {model.name}; {_hint(name, units)}"
         for name in (table if isinstance(table, dict) else {})
         if name not in units
     )
@@ -104,43 +146,81 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
 
 
 @checked
-def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
+def with_measured(
+    model: Model, measured: Sequence[Measured], effects: Sequence[Effect] = ()
+) -> Model:
     """Copy of the model with the values and uncertainties of tests of parts.
 
     Several tests of one parameter are combined.
 
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    measured
+        Tests of its parameters, and of ``effects``.
+    effects
+        Effects that the model lacks. Those that were measured become parameters of the model, with
+        the measured magnitude and its standard deviation as the prior. A diagnosis of this model
+        does not test them as causes.
+
+    Returns
+    -------
+    feltmb.fit.Model
+        The model itself if nothing was measured.
+
     Raises
     ------
     InvalidParameter
-        A parameter that the model does not have, or a value beyond its limits.
+        A parameter that the model does not have, a value beyond its limits, or an effect of a
+        sensor or an input, for which the records must be corrected.
     """
     parameters = {p.name: p for p in model.parameters}
+    known = {e.name: e for e in effects}
+    kind = "parameter or effect" if known else "parameter"
     faults: list[str] = []
-    by_parameter: dict[str, list[Measured]] = {}
+    by_name: dict[str, list[Measured]] = {}
     for m in measured:
-        if m.parameter not in parameters:
-            faults.append(
-                f"{m.parameter}: no parameter of {model.name}; there are {', '.join(parameters)}"
-            )
+        if m.parameter not in parameters and m.parameter not in known:
+            hint = _hint(m.parameter, [*parameters, *known])
+            faults.append(f"{m.parameter}: no {kind} of {model.name}; {hint}")
             continue
-        by_parameter.setdefault(m.parameter, []).append(m)
-    for name, tests in by_parameter.items():
-        p, best = parameters[name], min(m.sd for m in tests)
+        by_name.setdefault(m.parameter, []).append(m)
+    magnitudes: dict[str, tuple[float, float]] = {}
+    for name, tests in by_name.items():
+        best = min(m.sd for m in tests)
         weights = [(best / m.sd) ** 2 for m in tests]  # at most 1, so that no square overflows
         value = sum(w * m.value for w, m in zip(weights, tests, strict=True)) / sum(weights)
-        if not p.lower <= value <= p.upper:
+        sd = best / math.sqrt(sum(weights))
+        p, effect = parameters.get(name), known.get(name)
+        if p is None and effect is not None:
+            (lower, upper), unit = effect.bounds, effect.unit
+            if effect.observe is not None or effect.excite is not None:
+                faults.append(
+                    f"{name}: an effect of the records and not of the machine: correct the records "
+                    "by the measured value, and leave the effect out"
+                )
+        else:
+            assert p is not None
+            lower, upper, unit = p.lower, p.upper, p.unit
+        if not lower <= value <= upper:
             faults.append(
-                f"{name}: got {value:g} {p.unit}, expected a value in [{p.lower:g}, {p.upper:g}]"
+                f"{name}: got {value:g} {unit}, expected a value in [{lower:g}, {upper:g}]"
             )
-            continue
-        parameters[name] = replace(p, value=value, sd=best / math.sqrt(sum(weights)))
+        elif p is None:
+            magnitudes[name] = value, sd
+        else:
+            parameters[name] = replace(p, value=value, sd=sd)
     if faults:
         raise InvalidParameter("measured: " + "; ".join(faults))
-    if not by_parameter:
+    if not by_name:
         return model
     out = copy.copy(model)
     out.parameters = tuple(parameters.values())
-    return out
+    if not magnitudes:
+        return out
+    values, sds = zip(*magnitudes.values(), strict=True)
+    return including(out, [known[name] for name in magnitudes], values, sds)
 
 
 @checked

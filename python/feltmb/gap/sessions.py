@@ -160,7 +160,7 @@ def session(
         warnings: tuple[str, ...] = ()
         if number:
             if step is None and not _asked(here):
-                current = with_measured(model, parts)
+                current = with_measured(model, parts, effects)
                 plan = design(
                     current,
                     effects,
@@ -195,7 +195,7 @@ def session(
                 measuring, limits = had.now, replace(limits, further=had.offers)
                 warnings = _noisier(wanted, sigma, now, model)
             else:
-                parts += read_measured(answer, model)
+                parts += read_measured(answer, model, effects)
             spent += float(asked["cost"])
         else:
             asked = {"kind": "", "name": "records from before", "cost": 0.0, "expected": 0.0}
@@ -203,7 +203,7 @@ def session(
             found = None
             if known and asked["kind"] != "sensor":
                 found = _diagnosed(
-                    with_measured(model, parts), effects, known, options, here, diagnosing
+                    with_measured(model, parts, effects), effects, known, options, here, diagnosing
                 )
             step = SessionStep(
                 number=number,

@@ -1,0 +1,183 @@
+"""Measured magnitudes of effects: the test of a part decides what no record can."""
+
+import importlib.util
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from feltmb.cli import main
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.fit import Including, including
+from feltmb.fit.linear import LinearModel
+from feltmb.fit.problem import Problem
+from feltmb.fit.segmented_records import Noise, segment_record
+from feltmb.fit.solve import FitSettings, fit_problem
+from feltmb.gap import (
+    Effect,
+    Measured,
+    Options,
+    Parameter,
+    Record,
+    Sensor,
+    Verdict,
+    diagnose,
+    library,
+    read_measured,
+    with_measured,
+)
+
+_spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
+models = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(models)
+
+DRY, CUBIC, NOMINAL = models.DRY, models.CUBIC, models.NOMINAL
+OTHER = replace(DRY, name="friction of the seal", component="seal")
+OPTIONS = Options(bootstrap=0, advice=False)
+
+
+def test_a_measured_effect_is_a_parameter_with_this_prior():
+    tests = [Measured(parameter=DRY.name, value=v, sd=1e-3) for v in (5e-3, 7e-3)]
+    tests.append(Measured(parameter="m", value=1.05, sd=0.01))
+    model = with_measured(NOMINAL, tests, [DRY, CUBIC])
+    assert isinstance(model, Including)
+    found = {p.name: p for p in model.parameters}
+    assert found[DRY.name].value == pytest.approx(6e-3)
+    assert found[DRY.name].sd == pytest.approx(1e-3 / np.sqrt(2.0))
+    assert found[DRY.name].unit == "N"
+    assert (found["m"].value, found["m"].sd) == (1.05, 0.01)
+    assert CUBIC.name not in found
+    assert with_measured(NOMINAL, [], [DRY]) is NOMINAL
+
+
+def test_the_fit_weighs_the_test_against_the_records():
+    """Closed form: least squares with one row for the test."""
+    x = np.linspace(-1.0, 1.0, 41)
+    y = 1.2 * x + 0.3 * x**3
+    model = LinearModel(
+        output="y",
+        columns={"slope": lambda r: r.inputs["x"]},
+        parameters=[Parameter(name="slope", value=1.0, sd=0.2)],
+        name="line",
+    )
+    cubic = Effect(name="cubic", component="spring", scale=0.1, regressor=lambda _r, _s: x**3)
+    data = Record(
+        name="run",
+        time=np.arange(x.size) * 0.01,
+        inputs={"x": x},
+        outputs={"y": y},
+        sensors={"y": Sensor(name="y", sigma=0.1)},
+    )
+    known = with_measured(model, [Measured(parameter="cubic", value=0.1, sd=0.05)], [cubic])
+    fit = fit_problem(
+        Problem(known, (segment_record(known, data, {"y": Noise(0.1)}, None),)),
+        FitSettings(decrement=1e-10),
+    )
+    rows = np.vstack([np.stack([x, x**3], axis=1) / 0.1, np.diag([1.0 / 0.2, 1.0 / 0.05])])
+    right = np.concatenate([y / 0.1, [1.0 / 0.2, 0.1 / 0.05]])
+    assert fit.point.theta == pytest.approx(np.linalg.lstsq(rows, right)[0], rel=1e-6)
+    sds = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    assert [i.sd for i in fit.intervals()] == pytest.approx(sds, rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def data():
+    return models.records(1, dry=6e-3)
+
+
+def test_the_test_of_one_part_names_the_other(data):
+    effects = (DRY, OTHER, CUBIC)
+    report = diagnose(NOMINAL, effects, data, options=OPTIONS)
+    assert report.verdict is Verdict.ONE_OF
+    assert set(report.one_of) == {DRY.name, OTHER.name}
+    clean = with_measured(
+        NOMINAL, [Measured(parameter=OTHER.name, value=1e-4, sd=2e-4, how="torque")], effects
+    )
+    report = diagnose(clean, effects, data, options=OPTIONS)
+    assert report.verdict is Verdict.NAMED
+    assert report.named == (DRY.name,)
+    assert report.which[DRY.name].low < 6e-3 < report.which[DRY.name].high
+    assert [(n.name, n.why) for n in report.not_tested] == [
+        (OTHER.name, "it is a parameter of the model")
+    ]
+
+
+def test_the_test_of_the_cause_leaves_nothing_to_explain(data):
+    effects = (DRY, OTHER, CUBIC)
+    known = with_measured(NOMINAL, [Measured(parameter=DRY.name, value=6.2e-3, sd=3e-4)], effects)
+    report = diagnose(known, effects, data, options=OPTIONS)
+    assert report.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)
+    fitted = {i.name: i for i in report.fit.intervals()}[DRY.name]
+    assert fitted.low < 6e-3 < fitted.high
+
+
+def test_files_have_effects_in_their_units(tmp_path):
+    path = tmp_path / "measured.toml"
+    path.write_text(
+        '[measured."dry friction"]\nvalue = "6 mN"\nsd = "0.5 mN"\nhow = "spring balance"\n'
+        "[measured.m]\nvalue = 1.02\nsd = 0.01\n"
+    )
+    dry, mass = read_measured(path, NOMINAL, models.EFFECTS)
+    assert dry == Measured(parameter="dry friction", value=6e-3, sd=5e-4, how="spring balance")
+    assert mass.parameter == "m"
+    with pytest.raises(DataError, match=r"measured\.dry friction: no parameter of oscillator"):
+        read_measured(path, NOMINAL)
+    path.write_text('[measured."dry frictoin"]\nvalue = "6 mN"\nsd = "0.5 mN"\n')
+    with pytest.raises(DataError, match="no parameter or effect of oscillator; near are dry fric"):
+        read_measured(path, NOMINAL, models.EFFECTS)
+
+
+def test_an_effect_with_the_name_of_a_parameter_means_the_parameter(tmp_path):
+    twin = replace(CUBIC, name="k", unit="1")
+    path = tmp_path / "measured.toml"
+    path.write_text('[measured.k]\nvalue = "98 N/m"\nsd = "1 N/m"\n')
+    tests = read_measured(path, NOMINAL, [twin])
+    model = with_measured(NOMINAL, tests, [twin])
+    assert not isinstance(model, Including)
+    assert {p.name: p.value for p in model.parameters}["k"] == 98.0
+
+
+def test_faults_of_measured_effects_are_told_together():
+    gain = library.sensor_gain(["q"], "q")
+    tests = [
+        Measured(parameter=gain.name, value=0.0, sd=0.01),
+        Measured(parameter=DRY.name, value=-1.0, sd=0.1),
+        Measured(parameter="rust", value=0.0, sd=0.01),
+    ]
+    with pytest.raises(InvalidParameter) as caught:
+        with_measured(NOMINAL, tests, [DRY, CUBIC, gain])
+    text = str(caught.value)
+    assert f"{gain.name}: an effect of the records and not of the machine" in text
+    assert "dry friction: got -1 N, expected a value in [0, inf]" in text
+    assert "rust: no parameter or effect of oscillator; there are m, k, d" in text
+
+
+def test_faults_of_priors_of_included_effects():
+    with pytest.raises(InvalidParameter, match="2 standard deviations for 1 effects"):
+        including(NOMINAL, [DRY], [0.0], [1.0, 2.0])
+    with pytest.raises(InvalidParameter, match="a standard deviation of 0, expected > 0"):
+        including(NOMINAL, [DRY], [0.0], [0.0])
+    with pytest.raises(InvalidParameter, match=r"dry friction = -1, expected a value in \[0, inf"):
+        including(NOMINAL, [DRY], [-1.0])
+
+
+def test_command_line(tmp_path, capsys):
+    """The effect is no candidate any more, and a typing error is told with similar names."""
+    folder = Path(__file__).parents[3] / "examples" / "gap"
+    data = [str(p) for p in sorted((folder / "data").glob("emps_*.csv"))]
+    tests = tmp_path / "tests.toml"
+    tests.write_text('[measured."dry friction"]\nvalue = "20 N"\nsd = "5 N"\n')
+    command = ["gap", "diagnose", str(folder / "emps.py"), *data, "--measured", str(tests)]
+    with pytest.raises(SystemExit) as stop:
+        main([*command, "--bootstrap", "0", "-o", str(tmp_path / "report")])
+    assert stop.value.code == 0
+    report = json.loads((tmp_path / "report" / "report.json").read_text())
+    assert "dry friction" not in [e["effect"] for e in report["which"]["effects"]]
+    assert "dry friction" in [p["name"] for p in report["fit"]["intervals"]]
+    tests.write_text('[measured."dry frictoin"]\nvalue = "20 N"\nsd = "5 N"\n')
+    with pytest.raises(SystemExit) as stop:
+        main(command)
+    assert stop.value.code == 2
+    assert "near are dry friction" in capsys.readouterr().err
