@@ -23,14 +23,17 @@ from typing import Any
 import numpy as np
 
 from blind import action_truth as truth
-from blind.action_calibration import answer_to_force, to_record, whole_segmented
+from blind.action_calibration import to_record, whole_segmented
 from feltmb.data import Array
 from feltmb.fit.segmented_records import SegmentedRecord
+from feltmb.run.stroke import Stroke, table_stroke
 
 __all__ = ["noncentralities"]
 
 #: Step of a tolerance for its derivative, in standard deviations.
 STEP = 0.25
+#: Samples of the force that the sensor shows [1/s].
+FINE = 16000.0
 #: Steps of the fit along the same columns, each one run of every stroke, and how often columns are
 #: taken anew where it stops.
 ITERATIONS, RENEWALS = 20, 4
@@ -86,10 +89,24 @@ def noncentralities(case: truth.Case) -> list[float | None]:
     return out
 
 
-def _view(case: truth.Case, name: str, length: float | None = None) -> dict[str, Array]:
+def _view(
+    case: truth.Case, name: str, length: float | None = None, played: Stroke | None = None
+) -> dict[str, Array]:
     """Ideal view of a stroke."""
     base, library, outputs, _ = _fixed(case.view)
-    return truth.record(base, library, case, name, outputs, rtol=1e-7, ideal=True, length=length)[0]
+    return truth.record(
+        base, library, case, name, outputs, rtol=1e-7, ideal=True, length=length, played=played
+    )[0]
+
+
+def _shown(case: truth.Case, name: str) -> Stroke | None:
+    """Stroke that the force sensor of a case shows; None: the one that was played."""
+    played, _ = truth.command(name, case)
+    time = np.linspace(0.0, played.duration, int(played.duration * FINE) + 1)
+    shown = truth.shown_force(played, case, time)
+    if np.array_equal(shown, played.at(time)):
+        return None
+    return table_stroke(time, shown, duration=played.duration, name=name)
 
 
 def _outputs(case: truth.Case, view: Mapping[str, Array]) -> Array:
@@ -125,13 +142,11 @@ def _columns(case: truth.Case, name: str, length: float, segmented: SegmentedRec
 
 
 def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> float:
-    _, library, _, model = _fixed(case.view)
-    sensed = "finger.force" if case.view == "motion" else "force"
-    targets: list[Array] = []
-    for s in strokes:
-        view = _view(case, s.name, s.length)
-        answer = answer_to_force(model, s.segmented.record, view[sensed])
-        targets.append(_outputs(case, view) - answer)
+    library = _fixed(case.view)[1]
+    targets = [_outputs(case, _view(case, s.name, s.length)) for s in strokes]
+    # An error of the force sensor leaves the machine as it is. The fitted machine gets the force
+    # that the sensor shows.
+    shown = [_shown(case, s.name) for s in strokes]
     magnitudes = np.array([e.magnitude for e in library.tolerances])
     names = [e.name for e in library.tolerances]
     own = np.array([bare.tolerances.get(n, 0.0) for n in names])
@@ -144,8 +159,8 @@ def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> flo
 
     def residual(p: Array) -> Array:
         parts = []
-        for s, y in zip(strokes, targets, strict=True):
-            left = y - _outputs(bare, _view(at(p), s.name, s.length))
+        for s, y, force in zip(strokes, targets, shown, strict=True):
+            left = y - _outputs(bare, _view(at(p), s.name, s.length, force))
             parts.append(s.segmented.whiten(left[None]).reshape(-1))
         return np.concatenate(parts)
 

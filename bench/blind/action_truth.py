@@ -341,6 +341,13 @@ def _seen(run: Run, output: str, frames: Array, size: Mapping[str, float]) -> Ar
     return np.asarray(gain * value)
 
 
+def shown_force(played: Stroke, case: Case, time: Array) -> Array:
+    """Force that the sensor shows at these times, without noise [N]."""
+    size = _magnitudes(case)
+    force = played.at(time - size.get("input_delay", 0.0))
+    return np.asarray((1.0 + size.get("input_gain", 0.0)) * force + size.get("input_offset", 0.0))
+
+
 def record(
     base: Action,
     library: Library,
@@ -387,11 +394,10 @@ def record(
         for o in names:
             if o in view and gain:
                 view[o] = (1.0 + gain) * view[o]
-    force = played.at(frames - size.get("input_delay", 0.0))
-    force = (1.0 + size.get("input_gain", 0.0)) * force + size.get("input_offset", 0.0)
+    force = shown_force(played, case, frames)
     if case.view == "motion":
         view["displacement"] = np.interp(frames, run.time, run["finger.displacement"])
-    view["finger.force" if case.view == "motion" else "force"] = np.asarray(force)
+    view["finger.force" if case.view == "motion" else "force"] = force
     if ideal:
         return view, run
     for name in ("force", "finger.force"):

@@ -161,10 +161,9 @@ def agreement(monkeypatch, stroke, effects, tolerances, tolerance=2e-6, rtol=1e-
 
 def test_a_sample_of_columns_by_differences(monkeypatch):
     """Short of the strike, where the force is that of felt and friction of all contacts."""
-    found = agreement(
-        monkeypatch, "forte", ["compliance.wire", "let_off_button"], ["mass.head", "felt.03"]
-    )
-    assert len(found) == 4
+    effects = ["compliance.wire", "let_off_button", "pivot_position_y.butt", "center_of_mass_x.key"]
+    found = agreement(monkeypatch, "forte", effects, ["mass.head", "felt.03"])
+    assert len(found) == 6
     assert max(found.values()) < ENOUGH, found
 
 

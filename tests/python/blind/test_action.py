@@ -181,10 +181,14 @@ def test_an_effect_that_a_tolerance_can_take_up_does_not_stand_out():
     """A softer shank is the tolerance of its bending: it costs what the prior says, no more."""
     part = action_truth.Part("shank_compliance", "A", 0.3, 40.0)
     gain = action_truth.Part("channel_gain.key", "A", 0.02, 0.0)
-    shank, channel = noncentralities(action_truth.plain_case((part, gain)))
+    force = action_truth.Part("input_gain", "A", 0.01, 0.0)
+    shank, channel, sensor = noncentralities(action_truth.plain_case((part, gain, force)))
     # E exp(-0.3) = E (1 - 0.259): 3.2 standard deviations of 8 %; other tolerances share it.
     assert 1.0 < shank < 0.259 / 0.08 * 1.1
     assert channel > 5.0
+    # All forces 1 % larger is all masses, felts, springs and frictions 1 % larger: 1.1 standard
+    # deviations together. The shank's mass and three felts have no tolerance.
+    assert 0.3 < sensor < 5.0
     assert noncentralities(action_truth.plain_case()) == []
 
 
