@@ -25,18 +25,17 @@ import numpy as np
 from blind import action_truth as truth
 from blind.action_calibration import to_record, whole_segmented
 from feltmb.data import Array
+from feltmb.fit import SensitivityRequest
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.run.stroke import Stroke, table_stroke
 
 __all__ = ["noncentralities"]
 
-#: Step of a tolerance for its derivative, in standard deviations.
-STEP = 0.25
 #: Samples of the force that the sensor shows [1/s].
 FINE = 16000.0
 #: Steps of the fit along the same columns, each one run of every stroke, and how often columns are
 #: taken anew where it stops.
-ITERATIONS, RENEWALS = 20, 4
+ITERATIONS, RENEWALS = 20, 8
 #: Damping of a step after one that failed, and the one beyond which the columns do not hold.
 LEAST_DAMPING, MOST_DAMPING = 1e-4, 1e3
 
@@ -123,22 +122,23 @@ def _stroke(bare: truth.Case, name: str) -> _Stroke:
     segmented = whole_segmented(model, record)
     variability = model.with_variability([record], truth.VARIATION).variabilities[name].columns
     white = segmented.whiten(variability[None]).reshape(-1, variability.shape[2])
-    columns = _columns(bare, name, length, segmented)
+    columns = _columns(bare, segmented)
     return _Stroke(name, length, segmented, columns, white)
 
 
-def _columns(case: truth.Case, name: str, length: float, segmented: SegmentedRecord) -> Array:
-    """Whitened derivatives of a stroke by all tolerances, at the tolerances of the case."""
-    base = _outputs(case, _view(case, name, length))
-    columns = []
-    for e in _fixed(case.view)[1].tolerances:
-        at = case.tolerances.get(e.name, 0.0)
-        step = STEP * e.magnitude if at <= 0.0 else -STEP * e.magnitude
-        moved = replace(case, tolerances={**case.tolerances, e.name: at + step})
-        change = _outputs(case, _view(moved, name, length)) - base
-        scaled = change * (e.magnitude / step)
-        columns.append(segmented.whiten(scaled[None]).reshape(-1))
-    return np.column_stack(columns)
+def _columns(case: truth.Case, segmented: SegmentedRecord) -> Array:
+    """Whitened derivatives of a stroke by all tolerances, in standard deviations.
+
+    They are those of the model at the tolerances of the case. They only steer the fit: its sum of
+    squares is that of the machine.
+    """
+    model = _fixed(case.view)[3]
+    theta = np.array([case.tolerances.get(p.name, 0.0) for p in model.parameters])
+    request = SensitivityRequest(
+        segmented.record, theta, segmented.segments, np.zeros((1, 0)), by_starts=False
+    )
+    unit = model.sensitivities(request).d_theta * np.array([p.sd for p in model.parameters])
+    return np.asarray(segmented.whiten(unit).reshape(-1, unit.shape[3]))
 
 
 def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> float:
@@ -178,10 +178,10 @@ def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> flo
         other = residual(moved)
         if cost(other, moved) < best:
             p, r, best = moved, other, cost(other, moved)
-            columns = np.vstack([_columns(at(p), s.name, s.length, s.segmented) for s in strokes])
+            columns = np.vstack([_columns(at(p), s.segmented) for s in strokes])
     for renewal in range(1 + RENEWALS):
         if renewal:
-            columns = np.vstack([_columns(at(p), s.name, s.length, s.segmented) for s in strokes])
+            columns = np.vstack([_columns(at(p), s.segmented) for s in strokes])
         before, damping = best, 0.0
         root = np.hstack([columns, variability])
         normal = root.T @ root + np.eye(root.shape[1])

@@ -195,7 +195,11 @@ class Fit:
                     prior=float(prior),
                     prior_sd=float(prior_sd),
                     at_limit=bool(np.isclose(value, low) or np.isclose(value, high)),
-                    contraction=float(1.0 - (s / prior_sd) ** 2) if prior_sd > 0.0 else 0.0,
+                    contraction=(
+                        float(1.0 - (s / prior_sd) ** 2)
+                        if prior_sd > 0.0 and np.isfinite(s)
+                        else 0.0
+                    ),
                 )
             )
         return tuple(out)

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -181,3 +182,19 @@ def test_command_line(tmp_path, capsys):
         main(command)
     assert stop.value.code == 2
     assert "near are dry friction" in capsys.readouterr().err
+
+
+def test_records_tell_nothing_of_an_effect_that_they_do_not_show():
+    """Neither a prior nor the records: the interval is infinite, without a warning of numpy."""
+    silent = replace(CUBIC, name="silent", rate=lambda t, x, u, p, size, shape: {"v": 0.0 * x.q})
+    model = including(NOMINAL, [silent])
+    run = models.record("soft", 0.5, 3)
+    fit = fit_problem(
+        Problem(model, (segment_record(model, run, {"q": Noise(1e-4)}, 0.2),)),
+        FitSettings(iterations=3),
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = {i.name: i for i in fit.intervals()}["silent"]
+    assert found.sd == np.inf
+    assert found.contraction == 0.0
