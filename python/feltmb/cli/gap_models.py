@@ -58,10 +58,7 @@ class Adapter:
         if path is None:
             return self
         tests = read_measured(path, self.model, self.effects)
-        model = with_measured(self.model, tests, self.effects)
-        added = {p.name for p in model.parameters} - {p.name for p in self.model.parameters}
-        effects = tuple(e for e in self.effects if e.name not in added)
-        return replace(self, model=model, effects=effects)
+        return replace(self, model=with_measured(self.model, tests, self.effects))
 
     def including(self, names: Sequence[str]) -> Adapter:
         """Copy of the adapter whose model includes effects of the library."""

@@ -127,8 +127,9 @@ def _missing(report: Report) -> None:
         say(f"No profile: {report.no_profile}.")
     for n in report.refused:
         say(f"In the best set, but not named: {n.name} ({n.why})")
-    if report.not_tested:
-        say("Not tested: " + ", ".join(n.name for n in report.not_tested))
+    for why in dict.fromkeys(n.why for n in report.not_tested):
+        names = ", ".join(n.name for n in report.not_tested if n.why == why)
+        say(f"Not tested: {names} ({why})")
 
 
 def _remains(report: Report) -> None:

@@ -100,7 +100,7 @@ def command(
     COMMAND applies these inputs and writes the measurement to RECORD, a CSV file with time, inputs
     and outputs. A TOML file of the same name may describe the sensors. If the limits contain tests
     of parts, REQUEST may be a TOML file with [part] (parameter, sd, how). RECORD is then a TOML
-    file with [measured.PARAMETER] (value, sd). If they contain further sensors, REQUEST may be a
+    file with [measured.NAME] (value, sd). If they contain further sensors, REQUEST may be a
     TOML file with [sensor] (output, sigma, how). RECORD is then a TOML file with [sensors.OUTPUT]
     (sigma), and all later records have this output. The exit code must be 0. DATA are earlier
     records.

@@ -48,8 +48,8 @@ def including(
         Start values of their fit [units of the effects], in the same order; default: zero. With a
         prior, its mean.
     sds
-        Standard deviations of the priors of the magnitudes [units of the effects], > 0; default:
-        infinite, which is no prior.
+        Standard deviations of the priors of the magnitudes [units of the effects], finite, > 0;
+        default: no priors.
 
     Raises
     ------
@@ -138,6 +138,23 @@ class Including(Model):
     def _with(self, base: Model) -> Including:
         """The same effects in another version of the original model."""
         return Including(base, self._own, self._magnitudes, self._sds)
+
+    @property
+    def own_effects(self) -> tuple[Candidate, ...]:
+        """Effects that are a part of this model."""
+        return self._own
+
+    def with_parameters(self, parameters: Mapping[str, Parameter]) -> Including:
+        """See :meth:`~feltmb.fit.Model.with_parameters`."""
+        count = len(self._base.parameters)
+        own = [parameters.get(p.name, p) for p in self.parameters[count:]]
+        base = {n: p for n, p in parameters.items() if n not in {q.name for q in own}}
+        return Including(
+            self._base.with_parameters(base) if base else self._base,
+            self._own,
+            np.array([p.value for p in own]),
+            np.array([p.sd for p in own]),
+        )
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
         """States of the model, followed by the hidden states of all included effects."""

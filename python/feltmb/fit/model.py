@@ -580,6 +580,12 @@ class Model(ABC):
         del theta, included, magnitudes
         return self
 
+    def with_parameters(self, parameters: Mapping[str, Parameter]) -> Model:
+        """Copy with other values and priors of some parameters, by their names."""
+        out = copy.copy(self)
+        out.parameters = tuple(parameters.get(p.name, p) for p in self.parameters)
+        return out
+
     @property
     def core(self) -> Model:
         """The model that simulates: itself, or the model that it is derived from."""

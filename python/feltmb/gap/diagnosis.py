@@ -147,14 +147,15 @@ def _usable(model: Model, effects: Sequence[Effect]) -> tuple[list[Effect], list
     if doubled:
         raise InvalidParameter(f"effects: the name {', '.join(doubled)} is used twice")
     good, bad = [], []
-    own = {p.name for p in model.parameters}
+    own = {t.name: t for t in getattr(model, "own_effects", ())}
     for e in effects:
         if e.observe is None and e.excite is None and not model.accepts(e):
-            why = (
-                "it is a parameter of the model"
-                if e.name in own
-                else f"the model {model.name} cannot simulate it"
-            )
+            why = f"the model {model.name} cannot simulate it"
+            if e.name in own:
+                given = own[e.name].shape
+                told = f"{given:.3g}" if isinstance(given, float) else str(given)
+                shape = f", with the shape {told}" if len(e.shapes) > 1 else ""
+                why = f"it is a parameter of the model{shape}"
             bad.append(NotTested(name=e.name, why=why))
         else:
             good.append(e)

@@ -202,8 +202,9 @@ def _identity(model: Model) -> str | None:
     if raw is None:
         return None
     names = ("tolerances", "rtol", "until", "variation", "segment")
-    options = {n: getattr(model, n, None) for n in names}
-    return repr((type(model).__name__, raw, options, model.outputs))
+    options = {n: getattr(model, n, getattr(model.core, n, None)) for n in names}
+    own = [(t.name, t.shape, t.effect.data) for t in getattr(model, "own_effects", ())]
+    return repr((type(model).__name__, raw, options, model.outputs, own))
 
 
 def _informations(

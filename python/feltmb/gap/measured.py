@@ -17,10 +17,9 @@ that the model lacks. With a measured magnitude it becomes a parameter of the mo
 
 from __future__ import annotations
 
-import copy
 import difflib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,7 +27,7 @@ from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import write_text
 from feltmb.fit.inclusion import including
-from feltmb.fit.model import Effect, Model
+from feltmb.fit.model import Effect, Model, Parameter
 from feltmb.gap.tables import TableReader
 from feltmb.units.quantity import Schema
 
@@ -89,9 +88,10 @@ def _hint(name: str, known: Iterable[str]) -> str:
 def read_measured(
     path: str | Path, model: Model, effects: Sequence[Effect] = ()
 ) -> tuple[Measured, ...]:
-    """Read ``[measured.PARAMETER]`` tables with ``value``, ``sd`` and ``how``.
+    """Read ``[measured.NAME]`` tables with ``value``, ``sd`` and ``how``.
 
-    Numbers are in the unit of the parameter, or texts with a unit; a share may be ``"3 %"``.
+    Numbers are in the unit of the parameter or effect, or texts with a unit; a share may be
+    ``"3 %"``.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def read_measured(
     # An effect with the name of a parameter changes the same number: the parameter is meant.
     units = {p.name: p.unit for p in model.parameters}
     units |= {e.name: e.unit for e in effects if e.name not in units}
-    kind = "parameter or effect" if effects else "parameter"
+    kind = "parameter or tested effect" if effects else "parameter"
     table = read.raw.get("measured")
     read.check(
         f"measured.{name}: no {kind} of {model.name}; {_hint(name, units)}"
@@ -145,6 +145,18 @@ def read_measured(
     return tuple(m for m in out if m is not None)
 
 
+def _not_a_magnitude(effect: Effect, parameters: Container[str]) -> str:
+    """Reason why the magnitude of an effect cannot be given as measured; empty: it can."""
+    if effect.observe is not None or effect.excite is not None:
+        return (
+            "an effect of the records and not of the machine: correct the records by the measured "
+            "value, and leave the effect out"
+        )
+    if effect.tolerance_parameter in parameters:
+        return f"it changes the same number as {effect.tolerance_parameter}: give that parameter"
+    return ""
+
+
 @checked
 def with_measured(
     model: Model, measured: Sequence[Measured], effects: Sequence[Effect] = ()
@@ -161,8 +173,8 @@ def with_measured(
         Tests of its parameters, and of ``effects``.
     effects
         Effects that the model lacks. Those that were measured become parameters of the model, with
-        the measured magnitude and its standard deviation as the prior. A diagnosis of this model
-        does not test them as causes.
+        the measured magnitude and its standard deviation as the prior. Of an effect with several
+        shapes, the first counts. A diagnosis of this model does not test them as causes.
 
     Returns
     -------
@@ -172,12 +184,13 @@ def with_measured(
     Raises
     ------
     InvalidParameter
-        A parameter that the model does not have, a value beyond its limits, or an effect of a
-        sensor or an input, for which the records must be corrected.
+        A parameter or effect that does not exist, or a value beyond its limits. An effect of a
+        sensor or an input, for which the records must be corrected, or one that changes the same
+        number as a parameter, which must be given instead.
     """
     parameters = {p.name: p for p in model.parameters}
     known = {e.name: e for e in effects}
-    kind = "parameter or effect" if known else "parameter"
+    kind = "parameter or tested effect" if known else "parameter"
     faults: list[str] = []
     by_name: dict[str, list[Measured]] = {}
     for m in measured:
@@ -187,6 +200,7 @@ def with_measured(
             continue
         by_name.setdefault(m.parameter, []).append(m)
     magnitudes: dict[str, tuple[float, float]] = {}
+    changed: dict[str, Parameter] = {}
     for name, tests in by_name.items():
         best = min(m.sd for m in tests)
         weights = [(best / m.sd) ** 2 for m in tests]  # at most 1, so that no square overflows
@@ -195,11 +209,10 @@ def with_measured(
         p, effect = parameters.get(name), known.get(name)
         if p is None and effect is not None:
             (lower, upper), unit = effect.bounds, effect.unit
-            if effect.observe is not None or effect.excite is not None:
-                faults.append(
-                    f"{name}: an effect of the records and not of the machine: correct the records "
-                    "by the measured value, and leave the effect out"
-                )
+            why = _not_a_magnitude(effect, parameters)
+            if why:
+                faults.append(f"{name}: {why}")
+                continue
         else:
             assert p is not None
             lower, upper, unit = p.lower, p.upper, p.unit
@@ -210,13 +223,10 @@ def with_measured(
         elif p is None:
             magnitudes[name] = value, sd
         else:
-            parameters[name] = replace(p, value=value, sd=sd)
+            changed[name] = replace(p, value=value, sd=sd)
     if faults:
         raise InvalidParameter("measured: " + "; ".join(faults))
-    if not by_name:
-        return model
-    out = copy.copy(model)
-    out.parameters = tuple(parameters.values())
+    out = model.with_parameters(changed) if changed else model
     if not magnitudes:
         return out
     values, sds = zip(*magnitudes.values(), strict=True)

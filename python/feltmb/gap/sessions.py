@@ -109,7 +109,7 @@ def session(
     run
         ``run(request, answer)`` performs a request and writes the measurement. A request is a CSV
         of time and inputs, and the answer is a CSV of a record. Or a request is a TOML with
-        ``[part]``, and the answer is a TOML with ``[measured.PARAMETER]``. Or it is a TOML with
+        ``[part]``, and the answer is a TOML with ``[measured.NAME]``. Or it is a TOML with
         ``[sensor]``: all records from then on have this output, and the answer is a TOML with
         ``[sensors.OUTPUT]`` and its ``sigma``.
     read
@@ -138,7 +138,7 @@ def session(
     limits.check(model)
     if not 0.0 < budget <= 1000.0:
         raise InvalidParameter(f"budget = {budget!r} experiments, expected in (0, 1000]")
-    _same_session(place, model, effects, limits, records, seed)
+    _same_session(place, with_measured(model, measured, effects), effects, limits, records, seed)
     known, parts = list(records), list(measured)
     measuring: Mapping[str, Sensor] | None = sensors
     steps: list[SessionStep] = []

@@ -47,7 +47,7 @@ def next_steps(
     texts += [
         f"{i.name} is at its limit {i.value:.4g}: widen the limit, or find the reason."
         for i in intervals
-        if i.at_limit
+        if i.at_limit and i.value != i.prior  # a part without friction was measured as such
     ]
     texts += [
         f"Measure it separately: {row.text[0].lower()}{row.text[1:]}."

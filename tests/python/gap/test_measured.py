@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import feltmb
+from feltmb.adapters import mechanism_model
 from feltmb.cli import main
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Including, including
@@ -18,6 +20,8 @@ from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import (
     Effect,
+    InputLimits,
+    Limits,
     Measured,
     Options,
     Parameter,
@@ -29,6 +33,8 @@ from feltmb.gap import (
     read_measured,
     with_measured,
 )
+from feltmb.gap.information import _identity
+from feltmb.gap.sessions import _same_session
 
 _spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
 models = importlib.util.module_from_spec(_spec)
@@ -126,7 +132,9 @@ def test_files_have_effects_in_their_units(tmp_path):
     with pytest.raises(DataError, match=r"measured\.dry friction: no parameter of oscillator"):
         read_measured(path, NOMINAL)
     path.write_text('[measured."dry frictoin"]\nvalue = "6 mN"\nsd = "0.5 mN"\n')
-    with pytest.raises(DataError, match="no parameter or effect of oscillator; near are dry fric"):
+    with pytest.raises(
+        DataError, match="no parameter or tested effect of oscillator; near are dry fric"
+    ):
         read_measured(path, NOMINAL, models.EFFECTS)
 
 
@@ -152,7 +160,53 @@ def test_faults_of_measured_effects_are_told_together():
     text = str(caught.value)
     assert f"{gain.name}: an effect of the records and not of the machine" in text
     assert "dry friction: got -1 N, expected a value in [0, inf]" in text
-    assert "rust: no parameter or effect of oscillator; there are m, k, d" in text
+    assert "rust: no parameter or tested effect of oscillator; there are m, k, d" in text
+
+
+def test_tests_of_a_model_that_includes_effects_are_kept(data):
+    """``ready`` builds such a model anew: it lost the tests."""
+    tests = [
+        Measured(parameter="m", value=1.2, sd=1e-3),
+        Measured(parameter=CUBIC.name, value=50.0, sd=2.0),
+    ]
+    model = with_measured(including(NOMINAL, [CUBIC]), tests, [DRY])
+    for one in (model, model.ready(data).model):
+        found = {p.name: (p.value, p.sd) for p in one.parameters}
+        assert found["m"] == (1.2, 1e-3)
+        assert found[CUBIC.name] == (50.0, 2.0)
+        assert found["k"] == (100.0, 10.0)
+
+
+def test_an_effect_that_changes_the_number_of_a_parameter_is_refused():
+    twin = replace(CUBIC, name="stiffer spring", tolerance_parameter="k")
+    test = Measured(parameter="stiffer spring", value=0.0, sd=1.0)
+    with pytest.raises(InvalidParameter, match="the same number as k: give that parameter"):
+        with_measured(NOMINAL, [test], [twin])
+
+
+def test_a_plan_of_the_action_with_a_measured_effect_has_its_own_store():
+    """The key of the stored experiments did not contain the options of such a model."""
+    keys = set()
+    for variation in (0.01, 0.1):
+        model, effects = mechanism_model(
+            feltmb.load_action("steinway45"), variation=variation, channels=["key", "hammer_tip"]
+        )
+        keys.add(_identity(model))
+        for value in (0.0, 1e-4):
+            test = Measured(parameter="felt_thickness.06", value=value, sd=5e-5)
+            keys.add(_identity(with_measured(model, [test], effects)))
+    assert len(keys) == 4  # the value is part of the key by the parameters
+
+
+def test_a_session_with_other_tests_is_another_session(tmp_path):
+    limits = Limits(inputs={"f": InputLimits(least=-1.0, most=1.0, rate=100.0)}, duration=1.0)
+    tests = [Measured(parameter=OTHER.name, value=1e-4, sd=2e-4)]
+    effects = (DRY, OTHER)
+    plain = (NOMINAL, effects, limits, [], 0)
+    _same_session(tmp_path, *plain)
+    _same_session(tmp_path, *plain)
+    with pytest.raises(InvalidParameter, match="holds another session"):
+        _same_session(tmp_path, with_measured(NOMINAL, tests, effects), *plain[1:])
 
 
 def test_faults_of_priors_of_included_effects():
@@ -177,6 +231,9 @@ def test_command_line(tmp_path, capsys):
     report = json.loads((tmp_path / "report" / "report.json").read_text())
     assert "dry friction" not in [e["effect"] for e in report["which"]["effects"]]
     assert "dry friction" in [p["name"] for p in report["fit"]["intervals"]]
+    assert [(n["name"], n["why"]) for n in report["not_tested"]] == [
+        ("dry friction", "it is a parameter of the model, with the shape 0.0006")
+    ]
     tests.write_text('[measured."dry frictoin"]\nvalue = "20 N"\nsd = "5 N"\n')
     with pytest.raises(SystemExit) as stop:
         main(command)
