@@ -97,8 +97,13 @@ class Including(Model):
     """
 
     def __init__(
-        self, model: Model, included: tuple[Candidate, ...], magnitudes: Array, sds: Array
+        self,
+        model: Model,
+        included: tuple[Candidate, ...],
+        magnitudes: Array,
+        sds: Array | None = None,
     ):
+        sds = np.full(len(included), np.inf) if sds is None else sds
         for what, given in (("magnitudes", magnitudes), ("sds", sds)):
             if given.shape != (len(included),):
                 raise InvalidParameter(

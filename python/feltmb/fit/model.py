@@ -581,7 +581,17 @@ class Model(ABC):
         return self
 
     def with_parameters(self, parameters: Mapping[str, Parameter]) -> Model:
-        """Copy with other values and priors of some parameters, by their names."""
+        """Copy with other values and priors of some parameters, by their names.
+
+        Raises
+        ------
+        InvalidParameter
+            The model does not have one of the parameters.
+        """
+        own = {p.name for p in self.parameters}
+        if not parameters.keys() <= own:
+            missing = ", ".join(sorted(parameters.keys() - own))
+            raise InvalidParameter(f"with_parameters: {missing}: no parameter of {self.name}")
         out = copy.copy(self)
         out.parameters = tuple(parameters.get(p.name, p) for p in self.parameters)
         return out

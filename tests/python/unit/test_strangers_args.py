@@ -277,6 +277,7 @@ def model_methods(model):
         "sensitivities": {
             "request": gap.SensitivityRequest(record(), theta, np.array([[0, 199]]), starts)
         },
+        "with_parameters": {"parameters": {p.name: p for p in model.parameters[:1]}},
         "with_variability_at": {"theta": theta, "included": (), "magnitudes": np.zeros(0)},
     }
 
