@@ -257,10 +257,15 @@ class Library:
         return _chosen(self.effects, [name], "effects", self.name)[0]
 
     def select(self, names: Sequence[str] = ()) -> tuple[Entry, ...]:
-        """Effects by name, pattern with ``*``, or ``all``; without names, the default set."""
-        return _chosen(
-            self.effects, names or self.default_effects or ("all",), "effects", self.name
-        )
+        """Effects by name, pattern with ``*``, ``default`` for the default set, or ``all``.
+
+        Without names, the default set.
+        """
+        default = self.default_effects or ("all",)
+        wanted = [
+            n for name in names or default for n in (default if name == "default" else (name,))
+        ]
+        return _chosen(self.effects, wanted, "effects", self.name)
 
     def choose_tolerances(self, names: Sequence[str]) -> tuple[Entry, ...]:
         """Tolerances by name, pattern or ``all``; ``none`` for none."""

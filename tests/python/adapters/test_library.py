@@ -172,6 +172,16 @@ def test_felts_and_springs_are_asked_by_default():
         assert set(known) <= set(asked)
 
 
+def test_an_effect_is_added_to_the_default_set():
+    library = load_library(ACTION)
+    more = [e.name for e in library.select(["default", "inertia.key", "camera_*"])]
+    assert set(more) == {*library.default_effects, "inertia.key"}
+    assert len(more) == len(set(more))
+    assert "inertia.key" not in library.default_effects
+    bare = load_library(ACTION, "mechanism")  # it has no default set
+    assert bare.select(["default"]) == bare.select(["all"])
+
+
 def test_segments_go_on_where_the_last_one_ended():
     model, _ = mechanism_model(ACTION, rtol=1e-8, shooting="multiple")
     stroke = feltmb.load_stroke("forte")
