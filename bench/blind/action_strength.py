@@ -105,7 +105,7 @@ def _shown(case: truth.Case, name: str) -> Stroke | None:
     shown = truth.shown_force(played, case, time)
     if np.array_equal(shown, played.at(time)):
         return None
-    return table_stroke(time, shown, duration=played.duration, name=name)
+    return table_stroke(time.tolist(), shown.tolist(), duration=played.duration, name=name)
 
 
 def _outputs(case: truth.Case, view: Mapping[str, Array]) -> Array:

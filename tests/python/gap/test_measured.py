@@ -139,11 +139,11 @@ def test_files_have_effects_in_their_units(tmp_path):
 
 
 def test_an_effect_with_the_name_of_a_parameter_means_the_parameter(tmp_path):
-    twin = replace(CUBIC, name="k", unit="1")
+    alias = replace(CUBIC, name="k", unit="1")
     path = tmp_path / "measured.toml"
     path.write_text('[measured.k]\nvalue = "98 N/m"\nsd = "1 N/m"\n')
-    tests = read_measured(path, NOMINAL, [twin])
-    model = with_measured(NOMINAL, tests, [twin])
+    tests = read_measured(path, NOMINAL, [alias])
+    model = with_measured(NOMINAL, tests, [alias])
     assert not isinstance(model, Including)
     assert {p.name: p.value for p in model.parameters}["k"] == 98.0
 
@@ -178,10 +178,10 @@ def test_tests_of_a_model_that_includes_effects_are_kept(data):
 
 
 def test_an_effect_that_changes_the_number_of_a_parameter_is_refused():
-    twin = replace(CUBIC, name="stiffer spring", tolerance_parameter="k")
+    alias = replace(CUBIC, name="stiffer spring", tolerance_parameter="k")
     test = Measured(parameter="stiffer spring", value=0.0, sd=1.0)
     with pytest.raises(InvalidParameter, match="the same number as k: give that parameter"):
-        with_measured(NOMINAL, [test], [twin])
+        with_measured(NOMINAL, [test], [alias])
 
 
 def test_a_plan_of_the_action_with_a_measured_effect_has_its_own_store():
