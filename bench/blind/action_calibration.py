@@ -68,6 +68,15 @@ def whole_segmented(model: Any, record: Record) -> SegmentedRecord:
     return segment_record(model, record, noise, None, np.array([[0, record.samples - 1]]))
 
 
+def white_columns(model: Any, segmented: SegmentedRecord, theta: Array) -> Array:
+    """Whitened derivatives of a record by all parameters, in standard deviations of the priors."""
+    request = SensitivityRequest(
+        segmented.record, theta, segmented.segments, np.zeros((1, 0)), by_starts=False
+    )
+    unit = model.sensitivities(request).d_theta * np.array([p.sd for p in model.parameters])
+    return np.asarray(segmented.whiten(unit).reshape(-1, unit.shape[3]))
+
+
 def answer_to_force(model: Any, record: Record, force: Array) -> Array | float:
     """Change of the model's motion where it is shown another force than that of the record.
 
@@ -97,13 +106,8 @@ def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[s
     whole = model.with_variability(records)
     for r in records:
         segmented = whole_segmented(whole, r)
-        theta = np.zeros(len(whole.parameters))
-        s = whole.sensitivities(
-            SensitivityRequest(r, theta, segmented.segments, np.zeros((1, 0)), by_starts=False)
-        )
-        unit = s.d_theta * np.array([p.sd for p in whole.parameters])
         segmented_records.append(segmented)
-        roots.append(segmented.whiten(unit).reshape(-1, unit.shape[3]))
+        roots.append(white_columns(whole, segmented, np.zeros(len(whole.parameters))))
     root = np.vstack(roots)
     height = np.asarray(np.linalg.inv(root.T @ root + np.eye(root.shape[1])), dtype=np.float64)
 

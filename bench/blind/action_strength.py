@@ -23,9 +23,8 @@ from typing import Any
 import numpy as np
 
 from blind import action_truth as truth
-from blind.action_calibration import to_record, whole_segmented
+from blind.action_calibration import to_record, white_columns, whole_segmented
 from feltmb.data import Array
-from feltmb.fit import SensitivityRequest
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.run.stroke import Stroke, table_stroke
 
@@ -134,11 +133,7 @@ def _columns(case: truth.Case, segmented: SegmentedRecord) -> Array:
     """
     model = _fixed(case.view)[3]
     theta = np.array([case.tolerances.get(p.name, 0.0) for p in model.parameters])
-    request = SensitivityRequest(
-        segmented.record, theta, segmented.segments, np.zeros((1, 0)), by_starts=False
-    )
-    unit = model.sensitivities(request).d_theta * np.array([p.sd for p in model.parameters])
-    return np.asarray(segmented.whiten(unit).reshape(-1, unit.shape[3]))
+    return white_columns(model, segmented, theta)
 
 
 def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> float:

@@ -126,11 +126,15 @@ def no_such(what: str, name: object, known: Iterable[str]) -> InvalidParameter:
     known
         Known names.
     """
+    return InvalidParameter(f"there is no {what} {shown(name)}{near_names(name, known)}")
+
+
+def near_names(name: object, known: Iterable[str]) -> str:
+    """The end of a message: known names that are similar to an unknown one; empty if none is."""
     import difflib
 
     near = difflib.get_close_matches(name, list(known), n=3) if isinstance(name, str) else []
-    hint = f"; near are {', '.join(near)}" if near else ""
-    return InvalidParameter(f"there is no {what} {shown(name)}{hint}")
+    return f"; near are {', '.join(near)}" if near else ""
 
 
 def shown(value: object) -> str:

@@ -263,7 +263,7 @@ class Library:
         """
         default = self.default_effects or ("all",)
         wanted = [
-            n for name in names or default for n in (default if name == "default" else (name,))
+            n for name in names or ("default",) for n in (default if name == "default" else (name,))
         ]
         return _chosen(self.effects, wanted, "effects", self.name)
 

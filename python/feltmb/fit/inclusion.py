@@ -86,7 +86,9 @@ def including(
         names.append(t.name)
     if faults:
         raise InvalidParameter("including: " + "; ".join(faults))
-    return Including(model, chosen, values, widths)
+    out = Including(model, chosen, values)
+    own = {t.name: w for t, w in zip(chosen, widths, strict=True)}
+    return out.with_parameters({p.name: replace(p, sd=float(own[p.name])) for p in out.own})
 
 
 @checked
@@ -96,35 +98,25 @@ class Including(Model):
     Its last parameters are the magnitudes of the effects.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        included: tuple[Candidate, ...],
-        magnitudes: Array,
-        sds: Array | None = None,
-    ):
-        sds = np.full(len(included), np.inf) if sds is None else sds
-        for what, given in (("magnitudes", magnitudes), ("sds", sds)):
-            if given.shape != (len(included),):
-                raise InvalidParameter(
-                    f"including: {what} has shape {given.shape}, expected {(len(included),)}"
-                )
+    def __init__(self, model: Model, included: tuple[Candidate, ...], magnitudes: Array):
+        if magnitudes.shape != (len(included),):
+            raise InvalidParameter(
+                f"including: magnitudes has shape {magnitudes.shape}, expected {(len(included),)}"
+            )
         self._base = model
         self._own = included
-        self._magnitudes, self._sds = magnitudes, sds
         self.name = f"{model.name} with {', '.join(t.name for t in included)}"
         self.parameters = model.parameters + tuple(
             Parameter(
                 name=t.name,
                 value=float(size),
-                sd=float(sd),
                 unit=t.effect.unit,
                 lower=t.effect.bounds[0],
                 upper=t.effect.bounds[1],
                 component=t.effect.component,
                 scale=t.effect.scale,
             )
-            for t, size, sd in zip(included, magnitudes, sds, strict=True)
+            for t, size in zip(included, magnitudes, strict=True)
         )
         self.outputs = model.outputs
         self.units = model.units
@@ -141,8 +133,16 @@ class Including(Model):
         self.inputs = tuple(getattr(model, "inputs", ()))
 
     def _with(self, base: Model) -> Including:
-        """The same effects in another version of the original model."""
-        return Including(base, self._own, self._magnitudes, self._sds)
+        """The same effects, with their parameters, in another version of the original model."""
+        own = self.own
+        out = Including(base, self._own, np.array([p.value for p in own]))
+        out.parameters = base.parameters + own
+        return out
+
+    @property
+    def own(self) -> tuple[Parameter, ...]:
+        """Parameters that are the magnitudes of the effects."""
+        return self.parameters[len(self._base.parameters) :]
 
     @property
     def own_effects(self) -> tuple[Candidate, ...]:
@@ -151,15 +151,11 @@ class Including(Model):
 
     def with_parameters(self, parameters: Mapping[str, Parameter]) -> Including:
         """See :meth:`~feltmb.fit.Model.with_parameters`."""
-        count = len(self._base.parameters)
-        own = [parameters.get(p.name, p) for p in self.parameters[count:]]
-        base = {n: p for n, p in parameters.items() if n not in {q.name for q in own}}
-        return Including(
-            self._base.with_parameters(base) if base else self._base,
-            self._own,
-            np.array([p.value for p in own]),
-            np.array([p.sd for p in own]),
-        )
+        names = {p.name for p in self.own}
+        base = {n: p for n, p in parameters.items() if n not in names}
+        out = self._with(self._base.with_parameters(base) if base else self._base)
+        out.parameters = tuple(parameters.get(p.name, p) for p in out.parameters)
+        return out
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
         """States of the model, followed by the hidden states of all included effects."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -163,15 +162,14 @@ def _largest(fit: Fit, candidates: tuple[Candidate, ...]) -> float:
 
 def _with_priors_about(fit: Fit, generator: np.random.Generator) -> Model:
     """Copy of the model with prior means drawn about the fitted parameters."""
-    model = copy.copy(fit.problem.model)
-    drawn = list(model.parameters)
+    model = fit.problem.model
+    drawn = {}
     for i in fit.problem.free:
-        p = drawn[i]
+        p = model.parameters[i]
         if np.isfinite(p.sd):
             value = fit.point.theta[i] + p.sd * generator.standard_normal()
-            drawn[i] = replace(p, value=float(np.clip(value, p.lower, p.upper)))
-    model.parameters = tuple(drawn)
-    return model
+            drawn[p.name] = replace(p, value=float(np.clip(value, p.lower, p.upper)))
+    return model.with_parameters(drawn)
 
 
 def _noisy(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -204,9 +203,9 @@ def without_tolerances(
     fit: Fit, names: Collection[str], start: Point, settings: FitSettings
 ) -> Fit:
     """Fit of the model without priors for some parameters."""
-    model = copy.copy(fit.problem.model)
-    model.parameters = tuple(
-        replace(p, sd=math.inf, scale=p.size) if p.name in names else p for p in model.parameters
+    model = fit.problem.model
+    model = model.with_parameters(
+        {p.name: replace(p, sd=math.inf, scale=p.size) for p in model.parameters if p.name in names}
     )
     problem = replace(fit.problem, model=model)
     new = polish(problem, replace(start, memo={}), fit.level, settings)
@@ -231,9 +230,7 @@ def _moves(fit: Fit, names: Collection[str]) -> bool:
 
 def _held(model: Model, names: Collection[str]) -> Model:
     """The model with limits at the tolerance for some parameters."""
-    out = copy.copy(model)
-    out.parameters = tuple(_limited(p) if p.name in names else p for p in model.parameters)
-    return out
+    return model.with_parameters({p.name: _limited(p) for p in model.parameters if p.name in names})
 
 
 def _limited(p: Parameter) -> Parameter:
