@@ -13,6 +13,7 @@ from blind.action_machine import RTOL
 from blind.interactive import NULLS, Asked, Interactive, drawn_size, role_of
 from feltmb import gap
 from feltmb.adapters import finger_limits, mechanism_model
+from feltmb.adapters.changes import read_entry
 from feltmb.data import Array, Record
 from feltmb.run.stroke import table_stroke
 
@@ -20,15 +21,21 @@ __all__ = ["ActionRequests"]
 
 #: Records before any experiment.
 DEFAULT = ("piano", "staccato", "forte")
-#: Test of a part: its standard deviation as a share of the tolerance, and its cost in strokes.
+#: Test of a part: its standard deviation as a share of the tolerance or of the expected magnitude
+#: of an effect, and its cost in strokes.
 PART_SD, PART_COST = 0.2, 1.0
+#: Effects that a caliper, a balance or a torque gauge measures: beginnings of names.
+TESTED = (
+    "center_of_mass", "coulomb_friction", "felt_thickness", "inertia", "pivot_position",
+    "string_distance",
+)  # fmt: skip
 
 
 class ActionRequests(Interactive):
     """The packaged upright action with all its tolerances, recorded by six cameras.
 
-    A request is a force of the finger. Each tolerance can be tested separately, to a fifth of it,
-    at the cost of a stroke.
+    A request is a force of the finger. Each tolerance, and each effect of geometry, mass and dry
+    friction, can be tested separately, to a fifth of it, at the cost of a stroke.
     """
 
     name = "steinway45"
@@ -48,11 +55,19 @@ class ActionRequests(Interactive):
         )
         own = finger_limits(self.model)
         assert own is not None
+        self._tolerances = {e.name: e for e in self._library.tolerances}
+        self._same = {e.name: e.tolerance_parameter for e in self.effects}
+        tested = [*self._tolerances.values()]
+        tested += [
+            e
+            for e in self._entries.values()
+            if e.name.startswith(TESTED) and not self._same[e.name]
+        ]
         tests = tuple(
             gap.PartTest(
                 parameter=e.name, sd=PART_SD * e.magnitude, cost=PART_COST, how="test of the part"
             )
-            for e in self._library.tolerances
+            for e in tested
         )
         self.limits = replace(own, sample_rate=truth.RATE, parts=tests)
 
@@ -112,4 +127,18 @@ class ActionRequests(Interactive):
         return out
 
     def true_value(self, case: truth.Case, parameter: str) -> float:
-        return case.tolerances.get(parameter, 0.0)
+        """Value in a test of the part as it is: the tolerance, and the effect if it is there."""
+        value = case.tolerances.get(parameter, 0.0)
+        for part in case.parts:
+            if self._same[part.name] == parameter:
+                change = self._tolerances[parameter].changes[0]
+                tabulated = float(read_entry(self._refined.config, change.path))
+                found = tabulated * (1.0 + change.scale * value) + change.add * value
+                for own in self._entries[part.name].changes:
+                    if own.path == change.path:
+                        found *= (1.0 + own.scale * part.size) * np.exp(own.exp * part.size)
+                        found += own.add * part.size
+                value = (found - tabulated) / (tabulated * change.scale + change.add)
+            elif part.name == parameter:
+                value = part.size
+        return float(value)

@@ -24,7 +24,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -49,6 +49,7 @@ from feltmb.fit.solve import FitSettings
 from feltmb.gap.information import Knowledge, information
 from feltmb.gap.report import report_json
 from feltmb.gap.score import all_candidates, family_threshold, score_fit, screen_sets
+from feltmb.gap.tabulated import given_values
 
 __all__ = ["MACHINES", "ROUNDS", "command", "outcome_of"]
 
@@ -66,22 +67,28 @@ MACHINES: dict[str, Callable[[], Interactive]] = {
 NAME = 0.9
 
 
-def outcome_of(case: Any, report: Mapping[str, Any]) -> str:
-    """right, class (of two), rest, wrong, silent or unknown; without an effect quiet or alarm."""
+def outcome_of(case: Any, report: Mapping[str, Any], same_number: str = "") -> str:
+    """right, class (of two), more, wrong, silent or unknown; without an effect quiet or alarm.
+
+    ``same_number``: parameter of the model that the true effect changes too. A test of its part
+    that differs from the table is the right answer.
+    """
     named, one_of = list(report["named"]), list(report["one_of"])
     verdict = report["verdict"]
     quiet = verdict in {
         str(v) for v in gap.Verdict if v.name in ("NO_GAP", "CALIBRATED", "TOO_WEAK")
     }
+    if quiet:  # the test of a part may have found the cause
+        named = list(report.get("given", ()))
     if not case.parts:
-        return "quiet" if quiet else "alarm"
-    true = case.parts[0].name
+        return "quiet" if quiet and not named else "alarm"
+    true = {case.parts[0].name, same_number or case.parts[0].name}
     if named:
-        if named == [true]:
+        if set(named) <= true:
             return "right"
-        return "more" if true in named else "wrong"
+        return "more" if true & set(named) else "wrong"
     if one_of:
-        if true in one_of:
+        if true & set(one_of):
             return "class" if len(one_of) <= 2 else "large class"
         return "wrong"
     return "silent" if quiet else "unknown"
@@ -115,7 +122,7 @@ class Player:
 
     def see(self, records: Sequence[Record], parts: Sequence[gap.Measured]) -> Seen:
         """Compare the model, with tests of parts, with all records."""
-        model = gap.with_measured(self.model, parts)
+        model = gap.with_measured(self.model, parts, self.library)
         return self._diagnosed(model, records) if self.whole else self._screened(model, records)
 
     def _diagnosed(self, model: gap.Model, records: Sequence[Record]) -> Seen:
@@ -126,13 +133,16 @@ class Player:
             "verdict": str(report.verdict),
             "named": list(report.named),
             "one_of": list(report.one_of),
+            "given": [g.name for g in report.given if g.differs],
         }
         return Seen(row, gap.Belief.of_report(report_json(report)), sets)
 
     def _screened(self, model: gap.Model, records: Sequence[Record]) -> Seen:
         fit = gap.fit_model(model, records, settings=FitSettings(restarts=0))
-        scores = score_fit(fit, self.every)
-        found = {self.every[x.index[0]].name: x for x in screen_sets(scores, largest=1)[::-1]}
+        own = {t.name for t in model.own_effects}
+        every = tuple(t for t in self.every if t.name not in own)
+        scores = score_fit(fit, every)
+        found = {every[x.index[0]].name: x for x in screen_sets(scores, largest=1)[::-1]}
         sets = {n: x.evidence for n, x in found.items()}
         top = max([0.0, *sets.values()])
         weights = {n: math.exp(v - top) for n, v in sets.items()}
@@ -140,14 +150,15 @@ class Player:
         weights = {n: w / total for n, w in weights.items()}
         order = sorted(weights, key=lambda n: -weights[n])
         level = family_threshold(scores, 0.01, draws=4000)[0]
-        row: dict[str, Any] = {"verdict": "NO GAP", "named": [], "one_of": []}
+        given = [g.name for g in given_values(fit, 0.01) if g.differs]
+        row: dict[str, Any] = {"verdict": "NO GAP", "named": [], "one_of": [], "given": given}
         if order and found[order[0]].statistic / scores.inflation > level:
             row["verdict"] = "UNKNOWN"
             if weights[order[0]] > NAME:
                 row |= {"verdict": "NAMED", "named": order[:1]}
             elif sum(weights[n] for n in order[:2]) > NAME:
                 row |= {"verdict": "ONE OF", "one_of": order[:2]}
-        scale = {t.name: t.effect.scale for t in self.every}
+        scale = {t.name: t.effect.scale for t in every}
         sizes = {n: abs(found[n].magnitudes[0]) * scale[n] for n in order if weights[n] > 0.01}
         belief = gap.Belief(weights=weights, none=math.exp(-top) / total, magnitudes=sizes)
         row["misfit"] = fit.chi2 / fit.dof
@@ -157,16 +168,16 @@ class Player:
         self, records: Sequence[Record], parts: Sequence[gap.Measured], belief: gap.Belief,
         budget: float, seed: int,
     ) -> gap.Design:  # fmt: skip
-        made = {m.parameter for m in parts}
-        allowed = replace(
-            self.allowed,
-            parts=tuple(t for t in self.allowed.parts if t.parameter not in made),
-        )
         return gap.design(
-            gap.with_measured(self.model, parts), self.library, records, limits=allowed,
-            budget=budget, belief=belief, families=self.families, candidates=16, refinements=6,
-            seed=seed,
+            gap.with_measured(self.model, parts, self.library), self.library, records,
+            limits=self.allowed.without_tests(m.parameter for m in parts), budget=budget,
+            belief=belief, families=self.families, candidates=16, refinements=6, seed=seed,
         )  # fmt: skip
+
+    def same(self, case: Any) -> str:
+        """Parameter of the model that changes the same number as the true effect; "": none."""
+        own = {e.name: e.tolerance_parameter for e in self.library}
+        return own.get(case.parts[0].name, "") if case.parts else ""
 
     def expected(
         self, case: Any, records: Sequence[Record], parts: Sequence[gap.Measured]
@@ -177,7 +188,7 @@ class Player:
         """
         true = case.parts[0]
         every = self.every
-        model = gap.with_measured(self.model, parts)
+        model = gap.with_measured(self.model, parts, self.library)
         known = [information(model, r, every) for r in records]
         knowledge = Knowledge.start(
             model, every, gap.Belief.even(every), [k for k in known if k is not None]
@@ -224,9 +235,10 @@ def run_cases(
         except Exception as error:  # a crash counts as a bad result
             return {"outcome": "failed", "error": f"{type(error).__name__}: {error}"}
         own.belief = seen.belief
-        row = {**seen.row, "outcome": outcome_of(own.truth, seen.row)}
+        row = {**seen.row, "outcome": outcome_of(own.truth, seen.row, player.same(own.truth))}
         row["cpu_seconds"] = time.process_time() - clock
-        if own.truth.parts:
+        made = {m.parameter for m in own.parts}
+        if own.truth.parts and not made & {own.truth.parts[0].name, player.same(own.truth)}:
             row["evidence"] = evidence_of(own.truth, seen.sets)
             row["expected"] = player.expected(own.truth, own.records, own.parts)
         return row

@@ -4,11 +4,13 @@
 
 It is called with a request (CSV: time and force of the finger) and the name of the record to be
 written. A rig of yours does the same: play the request, write what was measured. It may be slow,
-ask an operator, or refuse (exit code 1 and a line on stderr).
+ask an operator, or refuse (exit code 1 and a line on stderr). If the limits contain tests of parts
+([[parts]]), a request may be a TOML file: measure that part by itself.
 """
 
 import hashlib
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +34,20 @@ def machine() -> feltmb.Action:
     return action_with_effects(action, entries)
 
 
+def measure_part(request: Path, answer: Path) -> None:
+    """Measure one part by itself: a parameter of the model, or an effect that it lacks."""
+    part = tomllib.loads(request.read_text(encoding="utf-8"))["part"]
+    name, sd = part["parameter"], part["sd"]
+    true = MAGNITUDE if name == EFFECT else TOLERANCES.get(name, 0.0)
+    value = true + sd * np.random.default_rng([*name.encode()]).standard_normal()
+    answer.write_text(f'[measured."{name}"]\nvalue = {value:.6g}\nsd = {sd:.6g}\n')
+
+
 def main(request: Path, answer: Path) -> None:
     """Play a request and write the record."""
+    if request.suffix == ".toml":
+        measure_part(request, answer)
+        return
     time, force = np.loadtxt(request, delimiter=",", skiprows=1).T
     stroke = feltmb.table_stroke(time, force, duration=float(time[-1]))
     run = feltmb.simulate(machine(), stroke, output_rate=20000.0)

@@ -20,6 +20,7 @@ def effect_of(
     *,
     states: bool = True,
     tolerance_parameter: str = "",
+    tolerance_ratio: float = 1.0,
 ) -> Effect:
     """Make an effect from an entry of a library.
 
@@ -33,6 +34,9 @@ def effect_of(
         Whether the effect shows its hidden states; false if records are simulated as a whole.
     tolerance_parameter
         Tolerance that changes the same values.
+    tolerance_ratio
+        Change of this tolerance that acts as a magnitude of 1 does [unit of the tolerance per unit
+        of the effect].
     """
     hidden = [
         State(name=name, unit=unit, scale=magnitude, start_sd=0.0, hidden=True)
@@ -75,5 +79,6 @@ def effect_of(
         observe=observe,
         excite=excite,
         tolerance_parameter=tolerance_parameter,
+        tolerance_ratio=tolerance_ratio,
         data=data,
     )

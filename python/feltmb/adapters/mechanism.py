@@ -72,6 +72,7 @@ def mechanism_model(
                 library.channels,
                 states=not model.single,
                 tolerance_parameter="" if alias is None else alias.tolerance.name,
+                tolerance_ratio=1.0 if alias is None else alias.ratio(0.0, 0.0),
             )
         )
     return model, tuple(ready)

@@ -242,7 +242,7 @@ def limits_of(model: str, adapter: Adapter, file: Path | None) -> Limits:
     from feltmb.gap import read_limits
 
     if file is not None:
-        return read_limits(file, adapter.model)
+        return read_limits(file, adapter.model, adapter.effects)
     if adapter.limits is None:
         raise InvalidParameter(
             f"{model}: how far may its inputs go? Give --limits FILE with schema = 1, duration = "
@@ -354,6 +354,9 @@ def print_design(found: Design) -> None:
         say(f"measure a part separately: {p.text}")
     for group in found.inseparable:
         say("no experiment within the limits separates: " + ", ".join(group))
+        tests = [t.text for t in found.decisive if t.effect in group]
+        if tests:
+            say(f"  a test of one of these parts would: {', '.join(tests)} (standard deviation)")
     if found.failed:
         say(f"{found.failed} profiles could not be simulated and are omitted")
 

@@ -75,6 +75,8 @@ class Parameter:
     """Words of a report for a value below and above the tabulated one."""
     relative: bool = False
     """Whether the value is a relative deviation from a tabulated value."""
+    before: Parameter | None = None
+    """The parameter before a test of the part replaced its prior; None: there was no test."""
     process_sd: float = 0.0
     """Standard deviation of the independent deviation from the value in each segment [unit]. It
     allows for errors in the form of the law; 0: the law is exact."""
@@ -182,6 +184,9 @@ class Effect:
     tolerance_parameter: str = ""
     """Name of the parameter that the effect changes. A change within its tolerance is attributed to
     the parameter, and a much larger change to the effect."""
+    tolerance_ratio: float = 1.0
+    """Change of this parameter that acts as a magnitude of 1 does, to first order [unit of the
+    parameter per unit of the effect]."""
     data: Any = None
     """Any data for the model; the engine does not use it."""
 
@@ -595,6 +600,11 @@ class Model(ABC):
         out = copy.copy(self)
         out.parameters = tuple(parameters.get(p.name, p) for p in self.parameters)
         return out
+
+    @property
+    def own_effects(self) -> tuple[Candidate, ...]:
+        """Effects that are a part of the model, see :func:`including`."""
+        return ()
 
     @property
     def core(self) -> Model:

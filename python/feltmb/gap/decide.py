@@ -25,7 +25,7 @@ from feltmb.gap.criteria import (
     TRUST_UNKNOWN,
     TRUST_WEAK,
 )
-from feltmb.gap.findings import Calibrated, Closest, HowFar, Verdict, Where
+from feltmb.gap.findings import Calibrated, Closest, GivenValue, HowFar, Verdict, Where
 from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.options import Options
 from feltmb.gap.proof import explained_share
@@ -87,6 +87,8 @@ class Facts:
     """Whether the fit changed the parameters, jointly, by more than noise would."""
     calibrated: tuple[Calibrated, ...] = ()
     """Parameters that the fit changed."""
+    given: tuple[GivenValue, ...] = ()
+    """Tests of parts, and effects that are a part of the model."""
     closest: Closest | None = None
     """The tested set with the smallest gap on the held-out records."""
     enough: bool = False
@@ -184,13 +186,18 @@ def _calibrated(facts: Facts) -> Decision:
                 f" {len(facts.calibrated)} of {len(of_the_machine(fit))} parameters moved by more"
                 " than two standard deviations of their estimates, which noise alone can cause."
             )
-        text = f"The model explains the records as it is tabulated: what is left is {what}."
+        having = " and ".join(g.text for g in facts.given if g.differs)
+        own = f", with {having}" if having else ""
+        text = f"The model explains the records as it is tabulated{own}: what is left is {what}."
         return _silent(facts, Verdict.NO_GAP, text + by_chance + but)
     text = _moved(facts) or (
         "No single parameter, but all of them together: each within its tolerance, they close the "
         "gap that the tabulated numbers leave."
     )
-    text = f"{_another(facts, complete=True)}{text} Nothing is missing: what is left is {what}."
+    having = " and ".join(g.text for g in facts.given if g.differs)
+    own = f" The model has {having}." if having else ""
+    nothing = f"Nothing {'else ' if having else ''}is missing: what is left is {what}."
+    text = f"{_another(facts, complete=True)}{text}{own} {nothing}"
     return _silent(facts, Verdict.CALIBRATED, text + but)
 
 

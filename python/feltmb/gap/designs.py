@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scipy.stats import qmc
+from scipy.stats import norm, qmc
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
@@ -40,12 +40,14 @@ from feltmb.gap.information import (
     record_of,
 )
 from feltmb.gap.limits import FurtherSensor, Limits, PartTest
+from feltmb.gap.measured import no_test_of
 from feltmb.gap.planning import _noise
 from feltmb.gap.profiles import FAMILIES, Profile
 from feltmb.gap.score import all_candidates
-from feltmb.units import unit_suffix
+from feltmb.units import readable_unit, unit_suffix
 
 __all__ = [
+    "DecisiveTest",
     "Design",
     "DesignedExperiment",
     "HelpfulPart",
@@ -149,6 +151,33 @@ class HelpfulPart:
 
 
 @dataclass(frozen=True, kw_only=True)
+class DecisiveTest:
+    """A test of one part that separates its effect from all others.
+
+    With a magnitude m and a standard deviation s of the test, the expected log evidence for the
+    effect is at least (m/s)^2 / 2, whatever the records show. The probability of confusion is then
+    at most Phi(-m / (2 s)). If the effect changes the same number as a parameter, the square of its
+    tolerance is added to s^2.
+    """
+
+    effect: str
+    parameter: str
+    """What the test measures: the effect, or the parameter with the same number."""
+    known_to: float
+    """Standard deviation that the test must have, so that this probability is at most one in ten
+    [``unit``]."""
+    unit: str
+
+    @property
+    def text(self) -> str:
+        """The effect and the standard deviation."""
+        if self.unit == "1":
+            return f"{self.parameter} to {self.known_to:.2g}"
+        factor, shown = readable_unit(self.known_to, self.unit)
+        return f"{self.parameter} to {factor * self.known_to:.2g}{unit_suffix(shown)}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class HelpfulSensor:
     """What a further sensor would tell in all experiments that are made with it."""
 
@@ -202,6 +231,8 @@ class Design:
     this nothing here brings."""
     inseparable: tuple[tuple[str, ...], ...]
     """Effects that all experiments together could not distinguish (confusion above one in ten)."""
+    decisive: tuple[DecisiveTest, ...]
+    """Tests of single parts that would distinguish the effects in ``inseparable``."""
     worked_out: int
     """Number of computed linearizations, without those from the store."""
     failed: int
@@ -281,7 +312,7 @@ def design(
     InvalidParameter
         Unknown names, a budget that is too small, or no profile that can be simulated.
     """
-    limits.check(model)
+    limits.check(model, effects)
     chosen = _families(families)
     if not 0.0 < budget <= 1000.0:
         raise InvalidParameter(f"budget = {budget!r} experiments, expected in (0, 1000]")
@@ -749,6 +780,7 @@ def _result(
     everything = start
     for option in equipped.options:
         everything = everything.plus((option.information, *option.carrying)[-1])
+    groups = _inseparable(everything)
     return Design(
         aim=aim,
         experiments=tuple(experiments),
@@ -758,7 +790,8 @@ def _result(
         before=value(start),
         after=value(knowledge),
         reachable=value(everything),
-        inseparable=_inseparable(everything),
+        inseparable=groups,
+        decisive=_decisive(start, [name for group in groups for name in group]),
         worked_out=work.made,
         failed=work.failed,
         belief=_by_name(start, start.belief.over(start.candidates)),
@@ -895,11 +928,31 @@ def _inseparable(knowledge: Knowledge) -> tuple[tuple[str, ...], ...]:
     alike = np.zeros((len(names), len(names)), dtype=bool)
     for i, a in enumerate(knowledge.candidates):
         for j, b in enumerate(knowledge.candidates):
-            if a.name != b.name and shown[i] and shown[j] and chance[i, j] > 0.1:
+            if a.name != b.name and shown[i] and shown[j] and chance[i, j] > SHOWS:
                 alike[names.index(a.name), names.index(b.name)] = True
     _, label = connected_components(alike, directed=False)
     groups = [tuple(n for n, k in zip(names, label, strict=True) if k == c) for c in set(label)]
     return tuple(sorted(g for g in groups if len(g) > 1))
+
+
+def _decisive(knowledge: Knowledge, names: Sequence[str]) -> tuple[DecisiveTest, ...]:
+    """Tests of the parts whose effects are named, as far as a test can decide."""
+    effects = {t.name: t.effect for t in knowledge.candidates}
+    parameters = {p.name: p for p in knowledge.model.parameters}
+    out = []
+    for n in names:
+        effect = effects[n]
+        size = knowledge.belief.magnitudes.get(n, effect.scale)
+        known_to = size / (2.0 * float(norm.isf(SHOWS)))
+        same = parameters.get(effect.tolerance_parameter)
+        measured, unit = n, effect.unit
+        if same is not None:
+            known_to *= abs(effect.tolerance_ratio)
+            known_to = math.sqrt(max(known_to**2 - same.sd**2, 0.0))
+            measured, unit = same.name, same.unit
+        if known_to > 0.0 and not no_test_of(measured, knowledge.model, list(effects.values())):
+            out.append(DecisiveTest(effect=n, parameter=measured, known_to=known_to, unit=unit))
+    return tuple(out)
 
 
 @checked
@@ -933,7 +986,7 @@ def draw_experiment(
     InvalidParameter
         An unknown family, or a hundred draws gave no profile that can be simulated.
     """
-    limits.check(model)
+    replace(limits, parts=()).check(model)  # tests of parts are not drawn
     chosen = _families(families)
     generator = np.random.default_rng([seed, 11])
     work = _Work(model, limits, sensors_now(model, limits, (), sensors), None, seed, None)

@@ -83,6 +83,7 @@ from feltmb.gap.tabulated import (
     calibrated_rows,
     fitted_starts,
     found_starts,
+    given_values,
     moved_together,
     tabulated_outcome,
 )
@@ -147,7 +148,7 @@ def _usable(model: Model, effects: Sequence[Effect]) -> tuple[list[Effect], list
     if doubled:
         raise InvalidParameter(f"effects: the name {', '.join(doubled)} is used twice")
     good, bad = [], []
-    own = {t.name: t for t in getattr(model, "own_effects", ())}
+    own = {t.name: t for t in model.own_effects}
     for e in effects:
         if e.observe is None and e.excite is None and not model.accepts(e):
             why = f"the model {model.name} cannot simulate it"
@@ -568,6 +569,7 @@ def _diagnosed(
     calibrated = calibrated_rows(
         best_fit, [tabulated], [fitted, accepted.after], which_gap, options.alpha
     )
+    given = given_values(best_fit, options.alpha)
     closest = closest_set(found, accepted, sensed, which_gap, options.seed)
     sizes = Sizes(found, accepted, options.form)
     facts = Facts(
@@ -587,6 +589,7 @@ def _diagnosed(
         beyond=beyond,
         apart=moved_together(best_fit, options.alpha),
         calibrated=calibrated,
+        given=given,
         closest=closest,
         sizes=sizes,
         enough=bool(options.good_enough) and _within(first.tight_fit or first.bare),
@@ -643,6 +646,7 @@ def _diagnosed(
         confidence=decision.confidence,
         as_it_is=rows,
         calibrated=calibrated,
+        given=given,
         closest=decision.closest,
         where=where,
         which=which,

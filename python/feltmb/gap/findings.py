@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,6 +28,7 @@ __all__ = [
     "EventRow",
     "Findings",
     "GapRow",
+    "GivenValue",
     "HowFar",
     "LedgerCell",
     "ModelWithEffects",
@@ -94,6 +95,37 @@ class AsItIs:
 
 
 @dataclass(frozen=True, kw_only=True)
+class GivenValue:
+    """A value that the model was given beside its table.
+
+    It is the magnitude of an effect that is a part of the model, or a parameter that was measured
+    by a test of its part.
+    """
+
+    name: str
+    component: str
+    unit: str
+    tabulated: float
+    """Value without the test [unit]; of an effect 0."""
+    tolerance: float
+    """Its standard deviation [unit]; of an effect inf."""
+    given: float
+    """Value before the fit, for example of a test of the part [unit]."""
+    given_sd: float
+    """Its standard deviation [unit]; inf: nothing was known."""
+    value: float
+    """Fitted value [unit]."""
+    low: float
+    """Lower end of the 95 % interval [unit]."""
+    high: float
+    differs: bool
+    """Whether the fitted value differs from the table: an effect from zero, at the family-wise
+    level ``alpha``; a parameter by more than its tolerance."""
+    text: str
+    """Name and value as text."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Calibrated:
     """A parameter that the fit changed by more than two posterior standard deviations."""
 
@@ -127,6 +159,8 @@ class Calibrated:
     NaN."""
     alone_sd: float = math.nan
     """Standard deviation of ``alone`` [unit]."""
+    origin: Literal["tabulated", "measured"] = "tabulated"
+    """Where ``tabulated`` is from: a table, or a test of the part."""
     beyond: bool = False
     """Whether the value exceeds its tolerance; see
     :func:`~feltmb.gap.tolerance.beyond_tolerance`."""
@@ -139,7 +173,8 @@ class Calibrated:
         notes = []
         if self.prior_deviations is not None:
             far = abs(self.prior_deviations)
-            notes.append("within its tolerance" if far <= 1.0 else f"{far:.1f} times its tolerance")
+            what = "tolerance" if self.origin == "tabulated" else "uncertainty of its test"
+            notes.append(f"within its {what}" if far <= 1.0 else f"{far:.1f} times its {what}")
         if math.isfinite(self.share):
             notes.append(f"{self.share:.0%} of the gap")
         if not self.sure:
@@ -558,6 +593,9 @@ class Findings:
     effects."""
     calibrated: tuple[Calibrated, ...]
     """Parameters that the fit changed, sorted by their share of the gap, largest first."""
+    given: tuple[GivenValue, ...]
+    """Tests of parts, and effects that are a part of the diagnosed model; see
+    :func:`feltmb.gap.with_measured`."""
     closest: Closest | None
     """The closest tested set if no effect is named; None: no tested set is closer than the
     model."""

@@ -202,8 +202,8 @@ def _identity(model: Model) -> str | None:
     if raw is None:
         return None
     names = ("tolerances", "rtol", "until", "variation", "segment")
-    options = {n: getattr(model, n, getattr(model.core, n, None)) for n in names}
-    own = [(t.name, t.shape, t.effect.data) for t in getattr(model, "own_effects", ())]
+    options = {n: getattr(model.core, n, None) for n in names}
+    own = [(t.name, t.shape, t.effect.data) for t in model.own_effects]
     return repr((type(model).__name__, raw, options, model.outputs, own))
 
 
@@ -340,11 +340,26 @@ class Knowledge:
         )
 
     def part(self, name: str, sd: float) -> Information:
-        """Information of a test of one part by itself."""
-        at = [p.name for p in self.model.parameters].index(name)
-        matrix = np.zeros_like(self.matrix)
-        matrix[at, at] = 1.0 / sd**2
-        return Information(matrix, np.zeros_like(self.right))
+        """Information of a test of one part by itself: of a parameter, or of an effect.
+
+        The test of a parameter measures the sum of its deviation and of the effects that change the
+        same number.
+
+        Parameters
+        ----------
+        name
+            Parameter or effect.
+        sd
+            Standard deviation of the test [unit of the parameter or effect].
+        """
+        row = [float(p.name == name) for p in self.model.parameters]
+        for t in self.candidates:
+            effect = t.effect
+            if effect.tolerance_parameter == name:
+                row.append(effect.scale * effect.tolerance_ratio)
+            else:
+                row.append(effect.scale * (t.name == name))
+        return Information(np.outer(row, row) / sd**2, np.zeros_like(self.right))
 
     @property
     def _split(self) -> tuple[Array, Array, Array]:

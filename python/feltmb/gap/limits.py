@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,7 +13,8 @@ from pydantic import Field, ValidationError
 
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
-from feltmb.fit.model import Model
+from feltmb.fit.model import Effect, Model
+from feltmb.gap.measured import no_test_of, units_of_tests
 from feltmb.gap.tables import TableReader
 from feltmb.units.quantity import SI, Schema
 
@@ -72,9 +73,9 @@ class PartTest:
     """A test of one part by itself, for example weighing, compression, torque, or spring rate."""
 
     parameter: str
-    """Parameter of the model that the test measures."""
+    """Parameter of the model, or effect, that the test measures."""
     sd: float
-    """Standard deviation of the parameter after the test [unit of the parameter]."""
+    """Standard deviation of the parameter or magnitude after the test [its unit]."""
     cost: float = 1.0
     """Cost of the test, in experiments."""
     how: str = ""
@@ -164,16 +165,20 @@ class Limits:
         if faults:
             raise InvalidParameter("limits: " + "; ".join(faults))
 
-    def check(self, model: Model) -> None:
+    def check(self, model: Model, effects: Sequence[Effect] = ()) -> None:
         """Check that the model has the inputs, outputs and parameters that the limits name.
+
+        ``effects``: effects that the model lacks, which a test of a part may measure.
 
         Raises
         ------
         InvalidParameter
-            Names of inputs, outputs or parameters that the model does not have, all in one message.
+            Names of inputs, outputs or parameters that the model does not have, and effects that
+            no test can measure, all in one message.
         """
         faults = _strangers(
             model,
+            effects,
             self.inputs,
             self.sensors,
             [t.parameter for t in self.parts],
@@ -182,21 +187,23 @@ class Limits:
         if faults:
             raise InvalidParameter("limits: " + "; ".join(faults.values()))
 
+    def without_tests(self, names: Iterable[str]) -> Limits:
+        """Limits without the tests of these parameters and effects."""
+        made = set(names)
+        return replace(self, parts=tuple(t for t in self.parts if t.parameter not in made))
+
 
 def _strangers(
     model: Model,
+    effects: Sequence[Effect],
     inputs: Iterable[str],
     sensors: Iterable[str],
     parts: Iterable[str],
     further: Iterable[str],
 ) -> dict[tuple[str, str], str]:
     """Names in the limits that the model does not have, by table."""
-    known = [p.name for p in model.parameters]
-    faults = {
-        ("parts", t): f"part {t}: no parameter of {model.name}; there are {', '.join(known)}"
-        for t in parts
-        if t not in known
-    }
+    reasons = {t: no_test_of(t, model, effects) for t in parts}
+    faults = {("parts", t): f"part {t}: {why}" for t, why in reasons.items() if why}
     outputs = ", ".join(model.outputs)
     for table, what, names in (
         ("sensors", "sensor", sensors),
@@ -292,11 +299,25 @@ def _per(unit: str, power: int) -> str:
 
 
 @checked
-def read_limits(path: str | Path, model: Model) -> Limits:
+def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] = ()) -> Limits:
     """Read ``limits.toml``: the limits of experiments with a model.
 
     Numbers are in SI units, or texts with a unit (``"20 N"``, ``"2 kN/s"``, ``"0.02 mm"``; a share
     may be ``"2 %"``).
+
+    Parameters
+    ----------
+    path
+        TOML file.
+    model
+        Model of the machine that will be measured.
+    effects
+        Effects that the model lacks, which a test of a part may measure.
+
+    Returns
+    -------
+    Limits
+        Limits of the inputs, tests of parts, and sensors.
 
     Raises
     ------
@@ -305,7 +326,7 @@ def read_limits(path: str | Path, model: Model) -> Limits:
         numbers of an unknown name are not checked, because their unit is unknown.
     """
     read = TableReader(path, _LimitsFile)
-    strange = _strangers(model, *_names_in(read.raw))
+    strange = _strangers(model, effects, *_names_in(read.raw))
     read.check(strange.values())
 
     inputs: dict[str, InputLimits | None] = {}
@@ -328,11 +349,11 @@ def read_limits(path: str | Path, model: Model) -> Limits:
             sigma=number("sigma", unit, 0.0, _hint(unit)),
             unit=unit,
         )
-    own = {p.name: p.unit for p in model.parameters}
+    own = units_of_tests(model, effects)
     parts = []
     for at, where, entry in read.entries("parts"):
         name = entry.get("parameter")
-        if isinstance(name, str) and name in own:
+        if isinstance(name, str) and ("parts", name) not in strange:
             known: dict[str, Any] = {k: entry[k] for k in ("cost", "how") if k in entry}
             known["sd"] = read.number(where, entry, "sd", own[name])
             parts.append(read.made(("parts", at), f"{where}: ", PartTest, parameter=name, **known))
@@ -385,7 +406,7 @@ def read_sensors(path: str | Path, model: Model) -> dict[str, float]:
     """
     read = TableReader(path, _SensorsFile)
     table = read.raw.get("sensors")
-    strange = _strangers(model, (), table if isinstance(table, dict) else (), (), ())
+    strange = _strangers(model, (), (), table if isinstance(table, dict) else (), (), ())
     read.check(strange.values())
     out = _sigmas(read, model, strange)
     for name, sigma in out.items():

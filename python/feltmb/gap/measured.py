@@ -17,14 +17,13 @@ that the model lacks. With a measured magnitude it becomes a parameter of the mo
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
+from feltmb.errors import InvalidParameter, near_names
 from feltmb.files import write_text
 from feltmb.fit.inclusion import including
 from feltmb.fit.model import Effect, Model, Parameter
@@ -75,13 +74,10 @@ class _MeasuredFile(Schema):
 
 
 def _hint(name: str, known: Iterable[str]) -> str:
-    """Known names that are similar to an unknown one, or the first of all."""
+    """The end of a message: names that are similar to an unknown one, or the first of all."""
     names = list(dict.fromkeys(known))
-    near = difflib.get_close_matches(name, names, n=3)
-    if near:
-        return f"near are {', '.join(near)}"
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    return f"there are {', '.join(names[:MOST_NAMES])}{more}"
+    return near_names(name, names) or f"; there are {', '.join(names[:MOST_NAMES])}{more}"
 
 
 @checked
@@ -114,13 +110,10 @@ def read_measured(
         numbers of an unknown name are not checked, because their unit is unknown.
     """
     read = TableReader(path, _MeasuredFile)
-    # An effect with the name of a parameter changes the same number: the parameter is meant.
-    units = {p.name: p.unit for p in model.parameters}
-    units |= {e.name: e.unit for e in effects if e.name not in units}
-    kind = "parameter or tested effect" if effects else "parameter"
+    units = units_of_tests(model, effects)
     table = read.raw.get("measured")
     read.check(
-        f"measured.{name}: no {kind} of {model.name}; {_hint(name, units)}"
+        f"measured.{name}: {no_test_of(name, model, effects)}"
         for name in (table if isinstance(table, dict) else {})
         if name not in units
     )
@@ -145,8 +138,16 @@ def read_measured(
     return tuple(m for m in out if m is not None)
 
 
-def _not_a_magnitude(effect: Effect, parameters: Container[str]) -> str:
-    """Reason why the magnitude of an effect cannot be given as measured; empty: it can."""
+def no_test_of(name: str, model: Model, effects: Sequence[Effect] = ()) -> str:
+    """Reason why a test of a part by itself cannot give a parameter or effect; empty: it can."""
+    parameters = [p.name for p in model.parameters]
+    known = {e.name: e for e in effects}
+    if name in parameters:
+        return ""
+    if name not in known:
+        kind = "parameter or tested effect" if known else "parameter"
+        return f"no {kind} of {model.name}{_hint(name, [*parameters, *known])}"
+    effect = known[name]
     if effect.observe is not None or effect.excite is not None:
         return (
             "an effect of the records and not of the machine: correct the records by the measured "
@@ -155,6 +156,14 @@ def _not_a_magnitude(effect: Effect, parameters: Container[str]) -> str:
     if effect.tolerance_parameter in parameters:
         return f"it changes the same number as {effect.tolerance_parameter}: give that parameter"
     return ""
+
+
+def units_of_tests(model: Model, effects: Sequence[Effect] = ()) -> dict[str, str]:
+    """Unit by name of all parameters and effects.
+
+    An effect with the name of a parameter changes the same number: the parameter is meant.
+    """
+    return {e.name: e.unit for e in effects} | {p.name: p.unit for p in model.parameters}
 
 
 @checked
@@ -190,18 +199,16 @@ def with_measured(
     """
     parameters = {p.name: p for p in model.parameters}
     known = {e.name: e for e in effects}
-    kind = "parameter or tested effect" if known else "parameter"
-    faults: list[str] = []
     by_name: dict[str, list[Measured]] = {}
     for m in measured:
-        if m.parameter not in parameters and m.parameter not in known:
-            hint = _hint(m.parameter, [*parameters, *known])
-            faults.append(f"{m.parameter}: no {kind} of {model.name}; {hint}")
-            continue
         by_name.setdefault(m.parameter, []).append(m)
+    reasons = {name: no_test_of(name, model, effects) for name in by_name}
+    faults = [f"{name}: {why}" for name, why in reasons.items() if why]
     magnitudes: dict[str, tuple[float, float]] = {}
     changed: dict[str, Parameter] = {}
     for name, tests in by_name.items():
+        if reasons[name]:
+            continue
         best = min(m.sd for m in tests)
         weights = [(best / m.sd) ** 2 for m in tests]  # at most 1, so that no square overflows
         value = sum(w * m.value for w, m in zip(weights, tests, strict=True)) / sum(weights)
@@ -209,10 +216,6 @@ def with_measured(
         p, effect = parameters.get(name), known.get(name)
         if p is None and effect is not None:
             (lower, upper), unit = effect.bounds, effect.unit
-            why = _not_a_magnitude(effect, parameters)
-            if why:
-                faults.append(f"{name}: {why}")
-                continue
         else:
             assert p is not None
             lower, upper, unit = p.lower, p.upper, p.unit
@@ -223,14 +226,16 @@ def with_measured(
         elif p is None:
             magnitudes[name] = value, sd
         else:
-            changed[name] = replace(p, value=value, sd=sd)
+            changed[name] = replace(p, value=value, sd=sd, before=p.before or p)
     if faults:
         raise InvalidParameter("measured: " + "; ".join(faults))
     out = model.with_parameters(changed) if changed else model
     if not magnitudes:
         return out
     values, sds = zip(*magnitudes.values(), strict=True)
-    return including(out, [known[name] for name in magnitudes], values, sds)
+    out = including(out, [known[name] for name in magnitudes], values, sds)
+    unknown = {p.name: replace(p, value=0.0, sd=math.inf) for p in out.own}
+    return out.with_parameters({p.name: replace(p, before=unknown[p.name]) for p in out.own})
 
 
 @checked

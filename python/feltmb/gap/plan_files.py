@@ -59,6 +59,7 @@ def design_json(design: Design) -> dict[str, Any]:
             for s in design.sensors
         ],
         "inseparable": plain(design.inseparable),
+        "decisive": [{**plain(t), "text": t.text} for t in design.decisive],
         "belief": plain(design.belief),
     }
 

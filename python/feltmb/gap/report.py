@@ -103,6 +103,7 @@ def report_json(report: Findings) -> dict[str, Any]:
         "confidence": plain(report.confidence),
         "as_it_is": plain(report.as_it_is),
         "calibrated": plain(report.calibrated),
+        "given": plain(report.given),
         "named": list(report.named),
         "one_of": list(report.one_of),
         "closest": plain(report.closest),

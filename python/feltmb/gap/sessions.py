@@ -135,7 +135,7 @@ def session(
         The folder holds another session.
     """
     place = make_folder(folder)
-    limits.check(model)
+    limits.check(model, effects)
     if not 0.0 < budget <= 1000.0:
         raise InvalidParameter(f"budget = {budget!r} experiments, expected in (0, 1000]")
     _same_session(place, with_measured(model, measured, effects), effects, limits, records, seed)
@@ -165,7 +165,7 @@ def session(
                     current,
                     effects,
                     known,
-                    limits=_without(limits, parts),
+                    limits=limits.without_tests(m.parameter for m in parts),
                     sensors=measuring,
                     budget=budget - spent,
                     belief=None if report is None else Belief.of_report(report),
@@ -223,7 +223,7 @@ def session(
             report = read_json(here / "report.json")
         if number or known:
             finished(step)
-        if step.verdict == Verdict.NAMED:
+        if step.verdict == Verdict.NAMED or (step.verdict in _COMPLETE and _found_by_test(report)):
             return ended("named", step.statement)
         if spent >= budget - 1e-9:
             told_last = [s.statement for s in steps if s.statement]
@@ -234,6 +234,11 @@ def session(
 def _complete(report: Mapping[str, Any] | None) -> bool:
     """Whether the model explains the records."""
     return report is not None and report.get("verdict") in _COMPLETE
+
+
+def _found_by_test(report: Mapping[str, Any] | None) -> bool:
+    """Whether the test of a part, or an effect that was included, is what the model lacked."""
+    return any(g["differs"] for g in (report or {}).get("given", ()))
 
 
 def _hidden(plan: Design, effects: Sequence[Effect], *, planned: bool) -> list[str]:
@@ -265,7 +270,7 @@ def _at_an_end(
             "inseparable",
             f"No experiment within the limits separates {', '.join(open_)} from similar causes: "
             f"the probability of the correct name would change from {plan.before:.0%} to "
-            f"{plan.reachable:.0%} with all tested experiments.",
+            f"{plan.reachable:.0%} with all tested experiments." + _would_separate(plan, open_),
         )
     if report is not None and _complete(report):
         hidden = _hidden(plan, effects, planned=False)
@@ -281,6 +286,14 @@ def _at_an_end(
         f"show: {plan.before:.0%} of the effects of the library would be named now, "
         f"{plan.reachable:.0%} with all tested experiments ({left:g} experiments are left).",
     )
+
+
+def _would_separate(plan: Design, names: Sequence[str]) -> str:
+    """Sentence about tests of single parts that are not within the limits; empty: none."""
+    tests = [t.text for t in plan.decisive if t.effect in names]
+    if not tests:
+        return ""
+    return f" A test of one of these parts would (standard deviation): {', '.join(tests)}."
 
 
 def _same_session(
@@ -354,12 +367,6 @@ def _ask(
         "reasons": list(first.reasons),
     }
     write_text(here / "asked.json", json.dumps(asked, indent=1) + "\n", force=True)
-
-
-def _without(limits: Limits, parts: Sequence[Measured]) -> Limits:
-    """Limits without the tests of parts that were already made."""
-    made = {m.parameter for m in parts}
-    return replace(limits, parts=tuple(t for t in limits.parts if t.parameter not in made))
 
 
 def _answered_sigma(answer: Path, model: Model, output: str) -> float:

@@ -17,16 +17,17 @@ from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, Interval, chained, estimate_states, polish
 from feltmb.gap.criteria import FAR_FROM_PRIOR, MOVED
 from feltmb.gap.digits import digits
-from feltmb.gap.findings import AsItIs, Calibrated
+from feltmb.gap.findings import AsItIs, Calibrated, GivenValue
 from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
 from feltmb.gap.tolerance import beyond_tolerance
-from feltmb.units import unit_suffix
+from feltmb.units import readable_unit, unit_suffix
 
 __all__ = [
     "as_it_is",
     "calibrated_rows",
     "fitted_starts",
     "found_starts",
+    "given_values",
     "moved_together",
     "of_the_machine",
     "outcome_at",
@@ -202,6 +203,7 @@ def _row(p: Parameter, interval: Interval, share: float, *, sure: bool) -> Calib
         at_limit=interval.at_limit,
         share=share,
         sure=sure,
+        origin="tabulated" if p.before is None else "measured",
         alone=alone,
         alone_sd=alone_sd,
         beyond=far is not None and beyond_tolerance(far, interval.contraction),
@@ -241,13 +243,76 @@ def _text(p: Parameter, row: Calibrated) -> str:
         by, shown = 1e3, "mm"
     elif p.unit == "rad":
         by, shown = math.degrees(1.0), "deg"
-    text = f"{subject} is {_amount(change * by, wide * by, shown)} {word} than tabulated"
+    text = f"{subject} is {_amount(change * by, wide * by, shown)} {word} than {row.origin}"
     if row.at_limit:
         return f"{text} (at its limit)"
     if not math.isnan(row.alone):
         alone = _amount((row.alone - row.tabulated) * by, 1.96 * row.alone_sd * by, shown)
-        text += f" (its tolerance holds it back; the records alone say {alone})"
+        holds = "test" if row.origin == "measured" else "tolerance"
+        text += f" (its {holds} holds it back; the records alone say {alone})"
     return text
+
+
+def given_values(fit: Fit, alpha: float) -> tuple[GivenValue, ...]:
+    """Tests of parts, and effects that are a part of the model, with the values of a fit.
+
+    ``alpha``: family-wise probability that the magnitude of an effect seems to differ from zero
+    though it does not.
+    """
+    model = fit.problem.model
+    own = {t.name for t in model.own_effects}
+    rows = [(model.parameters[i], x) for _, i, _, x in of_the_machine(fit)]
+    bar = float(stats.norm.isf(0.5 * alpha / max(len(own), 1)))
+    return tuple(
+        _given(p, interval, bar if p.name in own else None)
+        for p, interval in rows
+        if p.name in own or p.before is not None
+    )
+
+
+def _given(p: Parameter, interval: Interval, bar: float | None) -> GivenValue:
+    """A given value after a fit; ``bar``: deviations from zero that count, None: no effect."""
+    before = p.before or replace(p, value=0.0, sd=math.inf)
+    if bar is None:
+        far = (interval.value - before.value) / before.sd
+        differs = beyond_tolerance(far, 1.0 - (interval.sd / before.sd) ** 2)
+    else:
+        differs = abs(interval.value) > bar * max(interval.sd, 1e-300)
+    text = f"{p.name} of {_with_interval(interval.value, interval.sd, p)}"
+    known = []
+    if bar is None:
+        known.append(f"table: {_with_interval(before.value, before.sd, p)}")
+    if p.before is not None:
+        known.append(f"test: {_with_interval(p.value, p.sd, p)}")
+    if known:
+        text += f" ({', '.join(known)})"
+    return GivenValue(
+        name=p.name,
+        component=p.component,
+        unit=p.unit,
+        tabulated=before.value,
+        tolerance=before.sd,
+        given=p.value,
+        given_sd=p.sd,
+        value=interval.value,
+        low=interval.low,
+        high=interval.high,
+        differs=differs,
+        text=text,
+    )
+
+
+def _with_interval(value: float, sd: float, p: Parameter) -> str:
+    """A value of a parameter with half its 95 % interval."""
+    wide = 1.96 * sd
+    if p.relative:
+        by, shown = 100.0, "%"
+    else:
+        by, shown = readable_unit(max(abs(value), wide) if math.isfinite(wide) else value, p.unit)
+    text = f"{by * value:.{digits(value, sd, 3)}g}"
+    if math.isfinite(wide):
+        text += f" ± {by * wide:.2g}"
+    return text + unit_suffix(shown)
 
 
 def _amount(change: float, wide: float, unit: str) -> str:

@@ -113,6 +113,7 @@ def test_beyond_its_tolerance_a_parameter_is_a_cause(small):
         "viscous_friction.butt": "",
         "camera_skew": "",
     }
+    assert all(e.tolerance_ratio == 1.0 for e in effects)
     report = diagnose(model, effects, strokes, hold_out=["forte"])
     assert report.verdict is Verdict.NAMED
     assert report.named == ("let_off_button",)

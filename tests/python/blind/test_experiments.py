@@ -1,7 +1,7 @@
 """The machine that answers requests: what it gives, what it refuses, how it is scored."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +12,7 @@ from blind.action_requests import ActionRequests
 from blind.interactive import Asked, role_of
 from blind.key_hammer import effects
 from blind.small_requests import SmallRequests
+from feltmb.adapters.changes import read_entry
 from feltmb.cli import main
 from feltmb.errors import InvalidParameter
 from feltmb.gap import Belief, PartTest
@@ -80,6 +81,48 @@ def test_parts_of_the_action_are_measured_with_the_stated_noise(action):
         off = [(action.part(c, test, 1).value - c.tolerances[name]) / test.sd for c in cases]
         assert abs(np.mean(off)) < 0.5
         assert 0.7 < np.std(off) < 1.4
+
+
+def test_a_test_measures_the_part_with_its_effect(action):
+    """As the sealed machine has it: stiffness, torque [N m] as a share, compliance, length [m]."""
+    bare = next(c for c in (action.draw(26, n) for n in range(50)) if not c.parts)
+
+    def with_effect(name, size):
+        return replace(bare, parts=(action_truth.Part(name, "A", size, float("nan")),))
+
+    path = {
+        "felt.04": "contacts.04.loading.a",
+        "joint_friction.key": "bodies.key.friction.amplitude",
+        "bending.wire": "bodies.wire.young_modulus",
+    }
+    for name, size, parameter in (
+        ("felt_stiffness.04", 0.3, "felt.04"),
+        ("coulomb_friction.key", 4e-3, "joint_friction.key"),
+        ("wire_compliance", 0.4, "bending.wire"),
+    ):
+        case = with_effect(name, size)
+        own = {t: v for t, v in case.tolerances.items() if t == parameter}
+        alone = replace(case, tolerances=own, varied={})
+        true = action_truth.machine(action._refined, action._library, alone, "forte").config
+        values = [float(read_entry(c, path[parameter])) for c in (true, action._refined.config)]
+        assert action.true_value(case, parameter) == pytest.approx(
+            values[0] / values[1] - 1.0, rel=1e-9
+        )
+        assert action.true_value(case, "felt.05") == case.tolerances["felt.05"]
+    assert action.true_value(with_effect("string_distance", 2e-3), "string_distance") == 2e-3
+    assert action.true_value(bare, "string_distance") == 0.0
+
+
+def test_the_test_of_a_part_can_be_the_answer():
+    case = SimpleNamespace(parts=[SimpleNamespace(name="felt_stiffness.04")])
+    none = SimpleNamespace(parts=[])
+    report = {"verdict": "NO GAP", "named": [], "one_of": [], "given": ["felt.04"]}
+    assert experiments.outcome_of(case, report, "felt.04") == "right"
+    assert experiments.outcome_of(case, report) == "wrong"
+    assert experiments.outcome_of(none, report) == "alarm"
+    assert experiments.outcome_of(case, {**report, "given": ["felt.04", "x"]}, "felt.04") == "more"
+    unexplained = {**report, "verdict": "UNKNOWN CAUSE"}
+    assert experiments.outcome_of(case, unexplained, "felt.04") == "unknown"
 
 
 @pytest.mark.parametrize("rounds", [(0, 1), (0, 2), (0, 1, 4)])

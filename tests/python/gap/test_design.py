@@ -158,6 +158,87 @@ def test_twins_are_told_to_be_inseparable():
     assert rows["cube"].right > 0.95
 
 
+ALIKE = effect("alike", lambda u: -2.0 * u**2, scale=0.5)
+
+
+def alike_effects(parts=()):
+    cube = effect("cube", lambda u: u**3 - u)
+    return design(
+        line(), [SQUARE, ALIKE, cube], limits=limits(least=-1.0, parts=parts), sensors=SENSORS,
+        budget=3, refinements=0,
+    )  # fmt: skip
+
+
+def test_a_test_of_one_part_separates_equal_effects():
+    """The plan gives the standard deviation; an eighth more is not enough.
+
+    The prior of the rival's magnitude separates as much as a test to one scale: t + 1 = 2.563^2
+    permits a standard deviation that is larger by a factor of 1.086.
+    """
+    found = alike_effects()
+    known = {t.effect: t.known_to for t in found.decisive}
+    assert known == pytest.approx({"square": 0.390, "alike": 0.195}, rel=2e-3)  # scale / 2.563
+    assert found.decisive[0].text == "square to 0.39"
+    enough, poor = (
+        PartTest(parameter="alike", sd=f * known["alike"], cost=0.1) for f in (1.05, 1.12)
+    )
+    assert alike_effects([enough]).inseparable == ()
+    assert alike_effects([enough]).decisive == ()
+    assert alike_effects([poor]).inseparable == (("square", "alike"),)
+    bought = alike_effects([enough]).experiments
+    assert [e.part for e in bought if e.kind == "part"] == [enough]
+    assert any("separates alike from square" in r for e in bought for r in e.reasons)
+
+
+def test_the_fitted_magnitude_decides_how_exact_a_test_must_be():
+    belief = Belief(weights={"square": 0.5, "alike": 0.5}, magnitudes={"square": 2.0, "alike": 1.0})
+    found = design(
+        line(), [SQUARE, ALIKE], limits=limits(least=-1.0), sensors=SENSORS, budget=1,
+        refinements=0, belief=belief,
+    )  # fmt: skip
+    assert [t.known_to for t in found.decisive] == pytest.approx([0.780, 0.390], rel=2e-3)
+
+
+def test_a_test_of_an_effect_is_one_more_measured_value():
+    """Its information is that of a record with the magnitude as its only output."""
+    every = all_candidates([SQUARE, ALIKE])
+    start = Knowledge.start(line(sd=1.0), every, Belief.even(every))
+    then = start.plus(start.part("alike", 0.1)).evidence()
+    assert then[1, 2] == pytest.approx(0.5 * (0.5 / 0.1) ** 2)
+    assert then[0] == pytest.approx(0.0)
+    assert start.plus(start.part("slope", 0.1)).matrix[0, 0] == pytest.approx(1.0 + 100.0)
+
+
+def test_the_test_of_a_parameter_measures_what_changes_the_same_number():
+    """The variance of its tolerance is added to that of the test: 0.06^2 + 0.08^2 = 0.1^2."""
+    steeper = effect("steeper", lambda u: u, scale=0.5)
+    every = all_candidates([replace(steeper, tolerance_parameter="slope"), ALIKE])
+    percent = replace(steeper, scale=50.0, tolerance_parameter="slope", tolerance_ratio=-0.01)
+    scaled = Knowledge.start(
+        line(sd=0.08), all_candidates([percent]), Belief.even(all_candidates([percent]))
+    )
+    assert scaled.plus(scaled.part("slope", 0.06)).evidence()[0, 1] == pytest.approx(12.5)
+    start = Knowledge.start(line(sd=0.08), every, Belief.even(every))
+    then = start.plus(start.part("slope", 0.06)).evidence()
+    assert then[0, 2] == pytest.approx(0.5 * (0.5 / 0.1) ** 2)
+    assert then[1, 2] == pytest.approx(0.0, abs=1e-9)
+    both = [replace(steeper, tolerance_parameter="slope"), replace(steeper, name="look-alike")]
+    found = design(line(sd=0.08), both, limits=limits(), sensors=SENSORS, budget=1, refinements=0)
+    assert [(t.effect, t.parameter) for t in found.decisive] == [
+        ("steeper", "slope"), ("look-alike", "look-alike"),
+    ]  # fmt: skip
+    widths = [0.5 / 2.5631, np.hypot(found.decisive[0].known_to, 0.08)]
+    assert widths == pytest.approx([found.decisive[1].known_to] * 2, rel=1e-4)
+
+
+def test_effects_of_sensors_have_no_test_of_a_part():
+    shift = Effect(name="shift", component="camera", scale=1.0, observe=lambda _t, y, *_: y + 1.0)
+    no_part = limits(parts=(PartTest(parameter="shift", sd=0.1),))
+    no_part.check(line(), [replace(SQUARE, name="shift")])
+    with pytest.raises(InvalidParameter, match="part shift: an effect of the records and not"):
+        no_part.check(line(), [shift])
+
+
 def test_belief_decides_what_is_worth_an_experiment():
     """A pair that is left wants another profile than the size of a third effect."""
     low = effect("low", lambda u: np.where(u < 0.3, u, 0.3))
@@ -291,6 +372,21 @@ def test_limits_are_read(tmp_path):
     assert found.inputs["u"].rate == pytest.approx(2000.0)
     assert found.parts[0].sd == pytest.approx(0.02)
     assert found.sensors == {"y": 0.1}
+
+
+def test_limits_may_test_effects(tmp_path):
+    path = tmp_path / "limits.toml"
+    path.write_text(LIMITS.replace('"slope"\nsd = "2 %"', '"gap"\nsd = "0.1 mm"\ncost = 0.5'))
+    gap = replace(SQUARE, name="gap", unit="m")
+    found = read_limits(path, line(), [gap])
+    assert (found.parts[0].parameter, found.parts[0].sd) == ("gap", pytest.approx(1e-4))
+    with pytest.raises(DataError, match="part gap: no parameter"):
+        read_limits(path, line())
+    with pytest.raises(DataError, match="part gap: it changes the same number as slope"):
+        read_limits(path, line(), [replace(gap, tolerance_parameter="slope")])
+    path.write_text(path.read_text().replace("0.1 mm", "0.1 N"))
+    with pytest.raises(DataError, match=r"parts\.0\.sd"):
+        read_limits(path, line(), [gap])
 
 
 @pytest.mark.parametrize(

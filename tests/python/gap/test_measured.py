@@ -118,6 +118,12 @@ def test_the_test_of_the_cause_leaves_nothing_to_explain(data):
     assert report.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)
     fitted = {i.name: i for i in report.fit.intervals()}[DRY.name]
     assert fitted.low < 6e-3 < fitted.high
+    (one,) = report.given
+    assert (one.name, one.given, one.given_sd, one.differs) == (DRY.name, 6.2e-3, 3e-4, True)
+    assert (one.tabulated, one.tolerance) == (0.0, np.inf)
+    assert (one.low, one.high) == (fitted.low, fitted.high)
+    assert one.text in report.statement
+    assert "(test: 0.0062 ± 0.00059 N)" in one.text
 
 
 def test_files_have_effects_in_their_units(tmp_path):
@@ -175,6 +181,38 @@ def test_tests_of_a_model_that_includes_effects_are_kept(data):
         assert found["m"] == (1.2, 1e-3)
         assert found[CUBIC.name] == (50.0, 2.0)
         assert found["k"] == (100.0, 10.0)
+
+
+def test_a_measured_parameter_is_compared_with_its_table():
+    """The fit cannot tell that a spring is wrong once its rate was measured: the report does."""
+    for tabulated, told in ((96.0, False), (70.0, True)):
+        table = {p.name: p for p in NOMINAL.parameters}
+        table["k"] = replace(table["k"], value=tabulated, sd=5.0)
+        model = NOMINAL.with_parameters(table)
+        test = Measured(parameter="k", value=96.3, sd=0.3)
+        report = diagnose(
+            with_measured(model, [test]), (CUBIC,), models.records(1), options=OPTIONS
+        )
+        (one,) = report.given
+        assert (one.name, one.tabulated, one.tolerance) == ("k", tabulated, 5.0)
+        assert one.low < 96.0 < one.high
+        assert one.differs is told
+        assert report.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)
+        both = "(table: 70 ± 9.8 N/m, test: 96.3 ± 0.59 N/m)"
+        assert (f"The model has {one.text}. Nothing else is missing" in report.statement) is told
+        assert (both in one.text) is told
+        for row in report.calibrated:
+            assert ("than measured" in row.text) is (row.name == "k")
+
+
+def test_limits_of_a_model_that_includes_effects_are_kept(data):
+    model = including(NOMINAL, [CUBIC])
+    held = {p.name: replace(p, lower=0.5 * p.value, upper=100.0) for p in model.parameters}
+    for one in (model.with_parameters(held), model.with_parameters(held).ready(data).model):
+        limits = {p.name: (p.lower, p.upper) for p in one.parameters if p.name in held}
+        assert limits == {n: (p.lower, p.upper) for n, p in held.items()}
+    with pytest.raises(InvalidParameter, match="rust: no parameter of"):
+        model.with_parameters({"rust": model.parameters[0]})
 
 
 def test_an_effect_that_changes_the_number_of_a_parameter_is_refused():

@@ -12,6 +12,7 @@ import pytest
 from feltmb.cli import main as feltmb_main
 from feltmb.data import read_record, write_record
 from feltmb.errors import DataError, InvalidParameter
+from feltmb.files import read_toml
 from feltmb.gap import (
     Candidate,
     InputLimits,
@@ -173,6 +174,7 @@ def test_equal_effects_are_inseparable(tmp_path):
     )
     assert found.outcome == "inseparable"
     assert set(found.steps[-1].one_of) == {"dry friction", "dry too"}
+    assert "A test of one of these parts would (standard deviation): dry " in found.statement
     assert len(found.steps) < 4
 
 
@@ -200,6 +202,51 @@ def test_a_part_is_measured_where_it_tells_more(tmp_path):
     if asked:
         assert 'parameter = "d"' in asked[0]
     assert "stroke" in kinds
+
+
+def equal_effects_with_a_test(folder, value):
+    """A session with two equal effects, one of which can be tested by itself."""
+    same = replace(models.DRY, name="dry too")
+    test = PartTest(parameter="dry too", sd=5e-3, cost=0.5, how="torque wrench")
+    machine, asked = Machine(), []
+
+    def run(request, answer):
+        if request.suffix == ".toml":
+            asked.append(read_toml(request)["part"])
+            answer.write_text(f"[measured.'dry too']\nvalue = {value}\nsd = 0.005\n")
+        else:
+            machine(request, answer)
+
+    found = session(
+        models.NOMINAL, [models.DRY, same], run, read, folder, budget=4,
+        **{**QUICK, "limits": replace(LIMITS, parts=(test,))},
+    )  # fmt: skip
+    assert asked == [{"parameter": "dry too", "sd": 5e-3, "how": "torque wrench"}]
+    again = session(
+        models.NOMINAL, [models.DRY, same], _refuse, read, folder, budget=4,
+        **{**QUICK, "limits": replace(LIMITS, parts=(test,))},
+    )  # fmt: skip
+    assert (again.outcome, again.statement, again.steps) == (
+        found.outcome, found.statement, found.steps,
+    )  # fmt: skip
+    return found
+
+
+def test_the_test_of_a_part_names_the_other(tmp_path):
+    found = equal_effects_with_a_test(tmp_path, 0.001)
+    assert found.outcome == "named"
+    assert found.steps[-1].named == ("dry friction",)
+
+
+def test_the_test_of_a_part_finds_the_cause(tmp_path):
+    found = equal_effects_with_a_test(tmp_path, 0.049)
+    assert found.outcome == "named"
+    assert found.steps[-1].named == ()
+    (one,) = found.report["given"]
+    assert one["differs"]
+    assert one["low"] < 0.05 < one["high"]
+    assert "dry too of 0.0" in found.statement
+    assert "(test: 0.049 ± 0.0098 N)" in found.statement
 
 
 def test_faults_are_told(tmp_path):

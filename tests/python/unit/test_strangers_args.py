@@ -1080,6 +1080,7 @@ CALLS = {
         name: getattr(limits(), name) for name in inspect.signature(gap.Limits).parameters
     },
     "feltmb.gap.Limits.check": lambda: (limits(), {"model": oscillator()}),
+    "feltmb.gap.Limits.without_tests": lambda: (limits(), {"names": ["k"]}),
     "feltmb.gap.Measured": lambda: {"parameter": "k", "value": 99.0, "sd": 1.0, "how": "scale"},
     "feltmb.gap.PartTest": lambda: {"parameter": "k", "sd": 1.0, "cost": 1.0, "how": "scale"},
     "feltmb.gap.design": lambda: {
