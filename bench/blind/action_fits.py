@@ -28,7 +28,7 @@ from feltmb.data import Array
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, fit_problem
 from feltmb.gap.checks import check_records
-from feltmb.gap.diagnosis import prepare
+from feltmb.gap.judged_data import prepare
 from feltmb.gap.refine import full_evidence
 
 __all__ = ["Result", "cases", "measure", "problem_of", "read", "starts", "table"]

@@ -20,16 +20,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scipy.stats import norm, qmc
+from scipy.stats import qmc
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import Store
 from feltmb.fit.calling import calling
-from feltmb.fit.model import VARIABILITY, Effect, Model
+from feltmb.fit.model import Effect, Model
 from feltmb.gap.checks import with_sigma
-from feltmb.gap.criteria import LEAST_PLAN_GAIN, SHOWS, WORTH_TELLING
+from feltmb.gap.criteria import LEAST_PLAN_GAIN
 from feltmb.gap.further_sensors import Sensors, offered
 from feltmb.gap.information import (
     Belief,
@@ -40,19 +40,24 @@ from feltmb.gap.information import (
     record_of,
 )
 from feltmb.gap.limits import FurtherSensor, Limits, PartTest
-from feltmb.gap.measured import no_test_of
 from feltmb.gap.planning import _noise
 from feltmb.gap.profiles import FAMILIES, Profile
 from feltmb.gap.score import all_candidates
-from feltmb.units import readable_unit, unit_suffix
+from feltmb.gap.visibility import (
+    DecisiveTest,
+    HelpfulPart,
+    Visible,
+    decisive_tests,
+    helpful_parts,
+    inseparable,
+    reasons,
+    visible,
+)
 
 __all__ = [
-    "DecisiveTest",
     "Design",
     "DesignedExperiment",
-    "HelpfulPart",
     "HelpfulSensor",
-    "Visible",
     "design",
     "draw_experiment",
     "sensors_now",
@@ -93,88 +98,6 @@ class DesignedExperiment:
     """The same after it. Of a sensor: at the end of a plan of the same budget with it."""
     reasons: tuple[str, ...] = ()
     """Reasons for the experiment, as text."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Visible:
-    """One effect, before and after the whole plan."""
-
-    effect: str
-    unit: str
-    belief: float
-    """Present probability of the effect [1]."""
-    smallest_before: float
-    """Smallest detectable magnitude now [unit]; inf: not detectable."""
-    smallest: float
-    """Smallest detectable magnitude after the plan [unit]; inf: not detectable."""
-    right: float
-    """Expected probability of the effect after the plan, if it were the cause [1]."""
-    pair: float
-    """Expected probability of the effect and the most similar candidate together, after the plan
-    [1]."""
-    rival: str
-    """Effect that it would most often be confused with after the plan; "": none."""
-    confusion: float
-    """Probability of this confusion at its scale [1]."""
-    hidden: str = ""
-    """Why the plan shows it at no magnitude, as text; "": it does."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class HelpfulPart:
-    """A parameter whose separate measurement would make an effect detectable."""
-
-    effect: str
-    parameter: str
-    known_to: float
-    """Standard deviation that the measurement must have [``unit``]."""
-    unit: str
-    tolerance: float
-    """Its present standard deviation [``unit``]."""
-    smallest_before: float
-    """Smallest detectable magnitude of the effect before the measurement [``effect_unit``]."""
-    smallest: float
-    effect_unit: str
-
-    @property
-    def text(self) -> str:
-        """Description in a sentence."""
-        own = f"{self.known_to:.1%}" if self.unit == "1" else f"{self.known_to:.2g} {self.unit}"
-        unit = unit_suffix(self.effect_unit)
-        now = f"{self.smallest_before:.2g}{unit}"
-        if math.isinf(self.smallest_before):
-            now = "at no magnitude"
-        return (
-            f"{self.parameter} known to {own}: {self.effect} is detectable from "
-            f"{self.smallest:.2g}{unit} (now {now})"
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class DecisiveTest:
-    """A test of one part that separates its effect from all others.
-
-    With a magnitude m and a standard deviation s of the test, the expected log evidence for the
-    effect is at least (m/s)^2 / 2, whatever the records show. The probability of confusion is then
-    at most Phi(-m / (2 s)). If the effect changes the same number as a parameter, the square of its
-    tolerance is added to s^2.
-    """
-
-    effect: str
-    parameter: str
-    """What the test measures: the effect, or the parameter with the same number."""
-    known_to: float
-    """Standard deviation that the test must have, so that this probability is at most one in ten
-    [``unit``]."""
-    unit: str
-
-    @property
-    def text(self) -> str:
-        """The effect and the standard deviation."""
-        if self.unit == "1":
-            return f"{self.parameter} to {self.known_to:.2g}"
-        factor, shown = readable_unit(self.known_to, self.unit)
-        return f"{self.parameter} to {factor * self.known_to:.2g}{unit_suffix(shown)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -484,7 +407,7 @@ def _equip(
                     after=value(free),
                     after_paid=value(paid[-1]),
                     planned=False,
-                    reasons=_reasons(plan, free),
+                    reasons=reasons(plan, free),
                 )
             )
         best = max(range(len(told)), key=lambda k: told[k].after_paid)
@@ -773,25 +696,25 @@ def _result(
                 part=option.part,
                 before=value(knowledge),
                 after=value(then),
-                reasons=_reasons(knowledge, then),
+                reasons=reasons(knowledge, then),
             )
         )
         knowledge = then
     everything = start
     for option in equipped.options:
         everything = everything.plus((option.information, *option.carrying)[-1])
-    groups = _inseparable(everything)
+    groups = inseparable(everything)
     return Design(
         aim=aim,
         experiments=tuple(experiments),
-        effects=_visible(start, knowledge, everything),
-        parts=_parts(knowledge),
+        effects=visible(start, knowledge, everything),
+        parts=helpful_parts(knowledge),
         sensors=equipped.sensors,
         before=value(start),
         after=value(knowledge),
         reachable=value(everything),
         inseparable=groups,
-        decisive=_decisive(start, [name for group in groups for name in group]),
+        decisive=decisive_tests(start, [name for group in groups for name in group]),
         worked_out=work.made,
         failed=work.failed,
         belief=_by_name(start, start.belief.over(start.candidates)),
@@ -803,156 +726,6 @@ def _by_name(knowledge: Knowledge, values: Array) -> dict[str, float]:
     for t, v in zip(knowledge.candidates, values, strict=True):
         out[t.name] = out.get(t.name, 0.0) + float(v)
     return out
-
-
-def _reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, ...]:
-    """Reasons: number of detectable effects, and separated pairs weighted by probability."""
-    weights = before.belief.over(before.candidates)
-    names = [t.name for t in before.candidates]
-    was, then = before.confusion(), after.confusion()
-    out = []
-    shown = [{n for n, c in zip(names, x[:, -1], strict=True) if c < SHOWS} for x in (was, then)]
-    if shown[1] - shown[0]:
-        count = len(set(names))
-        out.append(
-            f"detects {len(shown[1])} of {count} effects at their expected magnitude "
-            f"({len(shown[0])} before)"
-        )
-    same = np.array([[a == b for b in names] for a in names])
-    # Only a detectable effect can be confused with another one.
-    fall = np.where(same, 0.0, was[:, :-1] - then[:, :-1])
-    worth = fall * np.minimum(weights[:, None], weights[None, :])
-    reported: set[str] = set()
-    for flat in np.argsort(-worth, axis=None, kind="stable"):
-        a, b = (int(i) for i in np.unravel_index(int(flat), worth.shape))
-        if worth[a, b] <= 0.0 or len(out) >= most:
-            break
-        if fall[a, b] < WORTH_TELLING or names[a] in reported:
-            continue
-        reported |= {names[a], names[b]}
-        out.append(
-            f"separates {names[a]} from {names[b]}: probability of confusion {was[a, b]:.0%} "
-            f"-> {then[a, b]:.0%}"
-        )
-    return tuple(out)
-
-
-def _hidden(all_: Knowledge, at: int) -> str:
-    """Why no experiment of a plan shows a candidate; all tested experiments are in ``all_``."""
-    smallest = float(all_.smallest()[at])
-    candidate = all_.candidates[at]
-    if math.isfinite(smallest):
-        unit = unit_suffix(candidate.effect.unit)
-        return (
-            "no experiment of the plan shows it; all tested experiments together show it from "
-            f"{smallest:.2g}{unit}"
-        )
-    alike = all_.imitators(at)
-    if not alike:
-        return "no measured output changes with it in any tested experiment"
-    return (
-        f"a change of {' and '.join(alike)} looks the same in all tested experiments; measure "
-        f"{'this parameter' if len(alike) == 1 else 'these parameters'} separately"
-    )
-
-
-def _visible(before: Knowledge, after: Knowledge, everything: Knowledge) -> tuple[Visible, ...]:
-    weights = before.belief.over(before.candidates)
-    first, last = before.smallest(), after.smallest()
-    right, pair = after.beliefs(), after.beliefs(2)
-    confusion = after.confusion()
-    names = [t.name for t in before.candidates]
-    rows: dict[str, Visible] = {}
-    for i, t in enumerate(before.candidates):
-        row = confusion[i, :-1].copy()
-        row[[n == t.name for n in names]] = 0.0
-        rival = int(np.argmax(row))
-        known = rows.get(t.name)
-        if known is not None and known.smallest <= last[i]:
-            continue
-        rows[t.name] = Visible(
-            effect=t.name,
-            unit=t.effect.unit,
-            belief=float(sum(w for w, n in zip(weights, names, strict=True) if n == t.name)),
-            smallest_before=float(first[i]),
-            smallest=float(last[i]),
-            right=float(right[i]),
-            pair=float(pair[i]),
-            rival=names[rival] if row[rival] > 0.0 else "",
-            confusion=float(row[rival]),
-            hidden="" if math.isfinite(last[i]) else _hidden(everything, i),
-        )
-    return tuple(sorted(rows.values(), key=lambda r: (-r.belief, -r.right, r.effect)))
-
-
-def _parts(knowledge: Knowledge, most: int = 8) -> tuple[HelpfulPart, ...]:
-    weights = knowledge.belief.over(knowledge.candidates)
-    right, smallest = knowledge.beliefs(), knowledge.smallest()
-    found: dict[str, tuple[float, HelpfulPart]] = {}
-    for i, t in enumerate(knowledge.candidates):
-        helpful = knowledge.helpful_part(i)
-        if helpful is None or not helpful[2] < 0.9 * smallest[i]:
-            continue
-        p = knowledge.model.parameters[helpful[0]]
-        if p.component == VARIABILITY:
-            continue
-        gain = float(weights[i] * (1.0 - right[i]) * math.log(smallest[i] / helpful[2]))
-        if not math.isfinite(gain):
-            gain = float(weights[i])
-        if t.name in found and found[t.name][0] >= gain:
-            continue
-        found[t.name] = (
-            gain,
-            HelpfulPart(
-                effect=t.name,
-                parameter=p.name,
-                known_to=helpful[1],
-                unit=p.unit,
-                tolerance=p.sd,
-                smallest_before=float(smallest[i]),
-                smallest=helpful[2],
-                effect_unit=t.effect.unit,
-            ),
-        )
-    order = sorted(found.values(), key=lambda x: (-x[0], x[1].effect))
-    return tuple(h for _, h in order[:most])
-
-
-def _inseparable(knowledge: Knowledge) -> tuple[tuple[str, ...], ...]:
-    """Groups of detectable effects that no allowed experiment separates."""
-    from scipy.sparse.csgraph import connected_components
-
-    names = list(dict.fromkeys(t.name for t in knowledge.candidates))
-    chance = knowledge.confusion()
-    shown = chance[:, -1] < SHOWS
-    alike = np.zeros((len(names), len(names)), dtype=bool)
-    for i, a in enumerate(knowledge.candidates):
-        for j, b in enumerate(knowledge.candidates):
-            if a.name != b.name and shown[i] and shown[j] and chance[i, j] > SHOWS:
-                alike[names.index(a.name), names.index(b.name)] = True
-    _, label = connected_components(alike, directed=False)
-    groups = [tuple(n for n, k in zip(names, label, strict=True) if k == c) for c in set(label)]
-    return tuple(sorted(g for g in groups if len(g) > 1))
-
-
-def _decisive(knowledge: Knowledge, names: Sequence[str]) -> tuple[DecisiveTest, ...]:
-    """Tests of the parts whose effects are named, as far as a test can decide."""
-    effects = {t.name: t.effect for t in knowledge.candidates}
-    parameters = {p.name: p for p in knowledge.model.parameters}
-    out = []
-    for n in names:
-        effect = effects[n]
-        size = knowledge.belief.magnitudes.get(n, effect.scale)
-        known_to = size / (2.0 * float(norm.isf(SHOWS)))
-        same = parameters.get(effect.tolerance_parameter)
-        measured, unit = n, effect.unit
-        if same is not None:
-            known_to *= abs(effect.tolerance_ratio)
-            known_to = math.sqrt(max(known_to**2 - same.sd**2, 0.0))
-            measured, unit = same.name, same.unit
-        if known_to > 0.0 and not no_test_of(measured, knowledge.model, list(effects.values())):
-            out.append(DecisiveTest(effect=n, parameter=measured, known_to=known_to, unit=unit))
-    return tuple(out)
 
 
 @checked

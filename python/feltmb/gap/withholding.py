@@ -30,8 +30,9 @@ from feltmb.fit.shift import shifted
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap.checks import DataChecks, check_against, with_sigma
 from feltmb.gap.criteria import CLEAR_SIGNAL
-from feltmb.gap.diagnosis import diagnose, prepare
+from feltmb.gap.diagnosis import diagnose
 from feltmb.gap.findings import QUIET, Findings, Verdict
+from feltmb.gap.judged_data import prepare
 from feltmb.gap.options import Options
 
 __all__ = ["OUTCOMES", "Withheld", "WithheldCase", "outcome_of", "withhold"]

@@ -18,7 +18,7 @@ from feltmb.fit.solve import fit_problem
 from feltmb.gap import Verdict, diagnose
 from feltmb.gap.checks import check_against
 from feltmb.gap.criteria import TOLERATED
-from feltmb.gap.diagnosis import prepare
+from feltmb.gap.judged_data import prepare
 from feltmb.gap.score import all_candidates, score_fit
 from feltmb.gap.tolerance import beyond_prior
 

@@ -16,7 +16,7 @@ from feltmb.data.smoothing import smooth_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Jobs, including
 from feltmb.gap import fit_model
-from feltmb.gap.diagnosis import _ready as ready_with_checks
+from feltmb.gap.judged_data import ready as ready_with_checks
 from feltmb.gap.split import split_records
 from feltmb.gap.withholding import _Machine
 

@@ -200,7 +200,7 @@ def test_the_fit_of_the_model_is_not_stuck(tmp_path):
     from feltmb.fit.problem import Problem
     from feltmb.fit.solve import FitSettings, fit_problem
     from feltmb.gap.checks import check_records
-    from feltmb.gap.diagnosis import prepare
+    from feltmb.gap.judged_data import prepare
     from feltmb.gap.split import split_records
 
     machine = MACHINES["steinway45"]
@@ -264,7 +264,7 @@ def test_an_effect_whose_warm_start_falls_short_is_fitted_from_the_priors():
     from feltmb.fit.problem import Problem
     from feltmb.fit.solve import FitSettings, fit_problem
     from feltmb.gap.checks import check_records
-    from feltmb.gap.diagnosis import prepare
+    from feltmb.gap.judged_data import prepare
     from feltmb.gap.refine import refit
     from feltmb.gap.score import all_candidates, score_fit
 

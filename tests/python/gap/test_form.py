@@ -22,7 +22,7 @@ from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
 from feltmb.gap.checks import check_records
 from feltmb.gap.decide import decide
-from feltmb.gap.diagnosis import prepare
+from feltmb.gap.judged_data import prepare
 from feltmb.gap.report import write_report
 from feltmb.gap.sizes import LAWS, with_form
 from feltmb.gap.spread import spread

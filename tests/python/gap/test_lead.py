@@ -9,7 +9,8 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Parameter, Record, Sensor, SimulatorModel, library
 from feltmb.gap.checks import check_records
-from feltmb.gap.diagnosis import _alone, prepare
+from feltmb.gap.investigate import _alone
+from feltmb.gap.judged_data import prepare
 from feltmb.gap.lead import lead
 from feltmb.gap.refine import worth_of
 from feltmb.gap.search import search
@@ -88,7 +89,7 @@ def test_a_model_that_explains_is_not_started_again(monkeypatch):
     def never(*_, **__):
         raise AssertionError("fitted from its priors")
 
-    monkeypatch.setattr(sys.modules["feltmb.gap.diagnosis"], "fit_problem", never)
+    monkeypatch.setattr(sys.modules["feltmb.gap.investigate"], "fit_problem", never)
     fit = _alone(led, problem, FitSettings(), None, "")
     assert fit.plausible
     assert fit.cost <= led[0].cost

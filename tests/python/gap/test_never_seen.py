@@ -22,10 +22,10 @@ from feltmb.gap import (
     design,
     diagnose,
 )
-from feltmb.gap.designs import HelpfulPart
 from feltmb.gap.page import page
 from feltmb.gap.plan_files import design_json
 from feltmb.gap.report import report_json
+from feltmb.gap.visibility import HelpfulPart
 
 
 def effect(name, column):

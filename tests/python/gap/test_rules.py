@@ -23,8 +23,8 @@ from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
 from feltmb.gap.acceptance import _Attempt, _certainty, sure_part
 from feltmb.gap.decide import TRUST, _probable, decide
-from feltmb.gap.diagnosis import _explained
 from feltmb.gap.digits import digits
+from feltmb.gap.investigate import Task, _explained
 from feltmb.gap.proof import Paired
 from feltmb.gap.refine import refit
 from feltmb.gap.report import write_report
@@ -564,9 +564,10 @@ def test_a_set_found_beside_a_rest_is_asked_whether_there_is_one():
             fit_problem(Problem(LINE, segmented_records(law, 3.0 * NOISE))), effects, settings
         )
         assert beside.best.names == ("power 3",)
-        found = _explained(
-            first, beside, effects, settings, SimpleNamespace(estimated=False), Options(), None
+        task = Task(
+            effects=effects, options=Options(), settings=settings, store=None, progress=None
         )
+        found = _explained(first, beside, SimpleNamespace(estimated=False), task)
         assert (found is not None) is explains
         if explains:
             assert found.best.names == ("power 3",)
