@@ -353,13 +353,16 @@ class Knowledge:
             Standard deviation of the test [unit of the parameter or effect].
         """
         row = [float(p.name == name) for p in self.model.parameters]
-        for t in self.candidates:
-            effect = t.effect
-            if effect.tolerance_parameter == name:
-                row.append(effect.scale * effect.tolerance_ratio)
-            else:
-                row.append(effect.scale * (t.name == name))
+        row += [self._share_in_test(t, name) for t in self.candidates]
         return Information(np.outer(row, row) / sd**2, np.zeros_like(self.right))
+
+    @staticmethod
+    def _share_in_test(candidate: Candidate, name: str) -> float:
+        """Change of the result of a test by a candidate at one scale [unit of the test]."""
+        effect = candidate.effect
+        if effect.tolerance_parameter == name:
+            return effect.scale * effect.tolerance_ratio
+        return effect.scale * (candidate.name == name)
 
     @property
     def _split(self) -> tuple[Array, Array, Array]:
@@ -479,7 +482,13 @@ class Knowledge:
         finite = np.where(np.isfinite(sd), sd, 0.0)
         known_to = np.maximum(0.5 * np.sqrt(spread), BEST_PART * finite)
         able = (spread > 0.0) & (sd > 0.0) & (known_to < sd)
-        gain = np.where(able, x**2 / (spread + np.where(able, known_to, 1.0) ** 2), 0.0)
+        own_part = [
+            self._share_in_test(self.candidates[candidate], p.name) for p in self.model.parameters
+        ]
+        change = (
+            np.array(own_part) - x
+        )  # of the result by the effect, the records being as they are
+        gain = np.where(able, change**2 / (spread + np.where(able, known_to, 1.0) ** 2), 0.0)
         at = int(np.argmax(gain)) if n else -1
         own = float(self.gram[candidate, candidate])
         if at < 0 or gain[at] <= 0.1 * own or gain[at] <= 1e-12:

@@ -71,14 +71,13 @@ class HelpfulPart:
     @property
     def text(self) -> str:
         """Description in a sentence."""
-        own = f"{self.known_to:.1%}" if self.unit == "1" else f"{self.known_to:.2g} {self.unit}"
-        unit = unit_suffix(self.effect_unit)
-        now = f"{self.smallest_before:.2g}{unit}"
+        own = f"{self.known_to:.1%}" if self.unit == "1" else _amount(self.known_to, self.unit)
+        now = _amount(self.smallest_before, self.effect_unit)
         if math.isinf(self.smallest_before):
             now = "at no magnitude"
         return (
             f"{self.parameter} known to {own}: {self.effect} is detectable from "
-            f"{self.smallest:.2g}{unit} (now {now})"
+            f"{_amount(self.smallest, self.effect_unit)} (now {now})"
         )
 
 
@@ -103,10 +102,13 @@ class DecisiveTest:
     @property
     def text(self) -> str:
         """The effect and the standard deviation."""
-        if self.unit == "1":
-            return f"{self.parameter} to {self.known_to:.2g}"
-        factor, shown = readable_unit(self.known_to, self.unit)
-        return f"{self.parameter} to {factor * self.known_to:.2g}{unit_suffix(shown)}"
+        return f"{self.parameter} to {_amount(self.known_to, self.unit)}"
+
+
+def _amount(value: float, unit: str) -> str:
+    """A value in the unit in which people read it."""
+    factor, shown = readable_unit(value, unit)
+    return f"{factor * value:.3g}{unit_suffix(shown)}"
 
 
 def reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, ...]:

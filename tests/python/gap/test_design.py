@@ -231,6 +231,33 @@ def test_the_test_of_a_parameter_measures_what_changes_the_same_number():
     assert widths == pytest.approx([found.decisive[1].known_to] * 2, rel=1e-4)
 
 
+@pytest.mark.parametrize("same_number", [False, True])
+def test_the_promise_of_a_test_of_a_part_is_kept(same_number):
+    """The smallest detectable magnitude is what the plan computes with this test."""
+    hidden = effect("hidden", lambda u: 2.0 * u + 1e-2 * u**2, scale=0.5)
+    if same_number:
+        hidden = replace(hidden, tolerance_parameter="slope", tolerance_ratio=2.0)
+    every = all_candidates([hidden])
+    time = np.arange(400) / 400.0
+    bare = Record(
+        name="one", time=time, inputs={"u": np.sin(7.0 * time)}, outputs={"y": np.zeros(400)},
+        sensors={"y": Sensor(name="y", sigma=1.0)},
+    )  # fmt: skip
+    model = line(sd=0.3)
+    start = Knowledge.start(model, every, Belief.even(every), [information(model, bare, every)])
+    promised = start.helpful_part(0)
+    if same_number:  # the records know the sum of both, which the test measures again
+        assert promised is None
+        again = start.plus(start.part("slope", 1e-3)).smallest()[0]
+        assert again == pytest.approx(start.smallest()[0], rel=0.05)
+        return
+    at, known_to, smallest = promised
+    assert at == 0
+    then = start.plus(start.part("slope", known_to))
+    assert then.smallest()[0] == pytest.approx(smallest, rel=1e-9)
+    assert smallest < 0.9 * start.smallest()[0]
+
+
 def test_effects_of_sensors_have_no_test_of_a_part():
     shift = Effect(name="shift", component="camera", scale=1.0, observe=lambda _t, y, *_: y + 1.0)
     no_part = limits(parts=(PartTest(parameter="shift", sd=0.1),))

@@ -86,7 +86,7 @@ def test_a_part_that_makes_the_difference_is_told_without_inf():
         effect="alike", parameter="slope", known_to=0.1, unit="1", tolerance=np.inf,
         smallest_before=np.inf, smallest=0.5, effect_unit="m",
     )  # fmt: skip
-    assert one.text == "slope known to 10.0%: alike is detectable from 0.5 m (now at no magnitude)"
+    assert one.text == "slope known to 10.0%: alike is detectable from 500 mm (now at no magnitude)"
 
 
 CODE = """
