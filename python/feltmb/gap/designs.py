@@ -714,7 +714,7 @@ def _result(
         after=value(knowledge),
         reachable=value(everything),
         inseparable=groups,
-        decisive=decisive_tests(start, [name for group in groups for name in group]),
+        decisive=decisive_tests(start, groups),
         worked_out=work.made,
         failed=work.failed,
         belief=_by_name(start, start.belief.over(start.candidates)),

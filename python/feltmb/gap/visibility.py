@@ -71,13 +71,12 @@ class HelpfulPart:
     @property
     def text(self) -> str:
         """Description in a sentence."""
-        own = f"{self.known_to:.1%}" if self.unit == "1" else _amount(self.known_to, self.unit)
         now = _amount(self.smallest_before, self.effect_unit)
         if math.isinf(self.smallest_before):
             now = "at no magnitude"
         return (
-            f"{self.parameter} known to {own}: {self.effect} is detectable from "
-            f"{_amount(self.smallest, self.effect_unit)} (now {now})"
+            f"{self.parameter} known to {_accuracy(self.known_to, self.unit)}: {self.effect} is "
+            f"detectable from {_amount(self.smallest, self.effect_unit)} (now {now})"
         )
 
 
@@ -92,7 +91,7 @@ class DecisiveTest:
     """
 
     effect: str
-    parameter: str
+    measured: str
     """What the test measures: the effect, or the parameter with the same number."""
     known_to: float
     """Standard deviation that the test must have, so that this probability is at most one in ten
@@ -102,7 +101,12 @@ class DecisiveTest:
     @property
     def text(self) -> str:
         """The effect and the standard deviation."""
-        return f"{self.parameter} to {_amount(self.known_to, self.unit)}"
+        return f"{self.measured} to {_accuracy(self.known_to, self.unit)}"
+
+
+def _accuracy(sd: float, unit: str) -> str:
+    """A standard deviation; a share in percent."""
+    return f"{sd:.1%}" if unit == "1" else _amount(sd, unit)
 
 
 def _amount(value: float, unit: str) -> str:
@@ -251,21 +255,34 @@ def inseparable(knowledge: Knowledge) -> tuple[tuple[str, ...], ...]:
     return tuple(sorted(g for g in groups if len(g) > 1))
 
 
-def decisive_tests(knowledge: Knowledge, names: Sequence[str]) -> tuple[DecisiveTest, ...]:
-    """Tests of the parts whose effects are named, as far as a test can decide."""
+def decisive_tests(
+    knowledge: Knowledge, groups: Sequence[Sequence[str]]
+) -> tuple[DecisiveTest, ...]:
+    """Tests of parts that separate an effect from the others of its group.
+
+    If two effects of a group change the same number, a test of this number does not separate them.
+    """
+    out: list[DecisiveTest] = []
+    for group in groups:
+        tests = [t for t in (_decisive(knowledge, n) for n in group) if t is not None]
+        numbers = [t.measured for t in tests]
+        out += [t for t in tests if numbers.count(t.measured) == 1]
+    return tuple(out)
+
+
+def _decisive(knowledge: Knowledge, name: str) -> DecisiveTest | None:
+    """The test of the part of an effect; None: no test can decide."""
     effects = {t.name: t.effect for t in knowledge.candidates}
     parameters = {p.name: p for p in knowledge.model.parameters}
-    out = []
-    for n in names:
-        effect = effects[n]
-        size = knowledge.belief.magnitudes.get(n, effect.scale)
-        known_to = size / (2.0 * float(norm.isf(SHOWS)))
-        same = parameters.get(effect.tolerance_parameter)
-        measured, unit = n, effect.unit
-        if same is not None:
-            known_to *= abs(effect.tolerance_ratio)
-            known_to = math.sqrt(max(known_to**2 - same.sd**2, 0.0))
-            measured, unit = same.name, same.unit
-        if known_to > 0.0 and not no_test_of(measured, knowledge.model, list(effects.values())):
-            out.append(DecisiveTest(effect=n, parameter=measured, known_to=known_to, unit=unit))
-    return tuple(out)
+    effect = effects[name]
+    size = knowledge.belief.magnitudes.get(name, effect.scale)
+    known_to = size / (2.0 * float(norm.isf(SHOWS)))
+    same = parameters.get(effect.tolerance_parameter)
+    measured, unit = name, effect.unit
+    if same is not None:
+        known_to *= abs(effect.tolerance_ratio)
+        known_to = math.sqrt(max(known_to**2 - same.sd**2, 0.0))
+        measured, unit = same.name, same.unit
+    if not known_to > 0.0 or no_test_of(measured, knowledge.model, list(effects.values())):
+        return None
+    return DecisiveTest(effect=name, measured=measured, known_to=known_to, unit=unit)

@@ -178,7 +178,7 @@ def test_a_test_of_one_part_separates_equal_effects():
     found = alike_effects()
     known = {t.effect: t.known_to for t in found.decisive}
     assert known == pytest.approx({"square": 0.390, "alike": 0.195}, rel=2e-3)  # scale / 2.563
-    assert found.decisive[0].text == "square to 0.39"
+    assert found.decisive[0].text == "square to 39.0%"
     enough, poor = (
         PartTest(parameter="alike", sd=f * known["alike"], cost=0.1) for f in (1.05, 1.12)
     )
@@ -224,11 +224,15 @@ def test_the_test_of_a_parameter_measures_what_changes_the_same_number():
     assert then[1, 2] == pytest.approx(0.0, abs=1e-9)
     both = [replace(steeper, tolerance_parameter="slope"), replace(steeper, name="look-alike")]
     found = design(line(sd=0.08), both, limits=limits(), sensors=SENSORS, budget=1, refinements=0)
-    assert [(t.effect, t.parameter) for t in found.decisive] == [
+    assert [(t.effect, t.measured) for t in found.decisive] == [
         ("steeper", "slope"), ("look-alike", "look-alike"),
     ]  # fmt: skip
     widths = [0.5 / 2.5631, np.hypot(found.decisive[0].known_to, 0.08)]
     assert widths == pytest.approx([found.decisive[1].known_to] * 2, rel=1e-4)
+    same = [both[0], replace(both[0], name="steeper too")]
+    found = design(line(sd=0.08), same, limits=limits(), sensors=SENSORS, budget=1, refinements=0)
+    assert found.inseparable == (("steeper", "steeper too"),)
+    assert found.decisive == ()  # both are the slope
 
 
 @pytest.mark.parametrize("same_number", [False, True])
