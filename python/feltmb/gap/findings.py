@@ -120,7 +120,7 @@ class GivenValue:
     high: float
     differs: bool
     """Whether the fitted value differs from the table: an effect from zero, at the family-wise
-    level ``alpha``; a parameter by more than its tolerance."""
+    level ``alpha``; a parameter by more than ``TOLERATED`` deviations of table and fit."""
     text: str
     """Name and value as text."""
 

@@ -15,7 +15,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, Interval, chained, estimate_states, polish
-from feltmb.gap.criteria import FAR_FROM_PRIOR, MOVED
+from feltmb.gap.criteria import FAR_FROM_PRIOR, MOVED, TOLERATED
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated, GivenValue
 from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
@@ -274,8 +274,9 @@ def _given(p: Parameter, interval: Interval, bar: float | None) -> GivenValue:
     """A given value after a fit; ``bar``: deviations from zero that count, None: no effect."""
     before = p.before or replace(p, value=0.0, sd=math.inf)
     if bar is None:
-        far = (interval.value - before.value) / before.sd
-        differs = beyond_tolerance(far, 1.0 - (interval.sd / before.sd) ** 2)
+        # The fit does not use the table, so that both uncertainties add.
+        spread = math.hypot(before.sd, interval.sd)
+        differs = abs(interval.value - before.value) > TOLERATED * spread
     else:
         differs = abs(interval.value) > bar * max(interval.sd, 1e-300)
     text = f"{p.name} of {_with_interval(interval.value, interval.sd, p)}"
