@@ -11,7 +11,7 @@ from blind import action_truth as truth
 from blind.action_calibration import packaged_scales, to_record
 from blind.action_machine import RTOL
 from blind.interactive import NULLS, Asked, Interactive, drawn_size, role_of
-from feltmb import gap
+from feltmb import Action, gap
 from feltmb.adapters import finger_limits, mechanism_model
 from feltmb.adapters.changes import read_entry
 from feltmb.data import Array, Record
@@ -127,18 +127,18 @@ class ActionRequests(Interactive):
         return out
 
     def true_value(self, case: truth.Case, parameter: str) -> float:
-        """Value in a test of the part as it is: the tolerance, and the effect if it is there."""
-        value = case.tolerances.get(parameter, 0.0)
-        for part in case.parts:
-            if self._same[part.name] == parameter:
-                change = self._tolerances[parameter].changes[0]
-                tabulated = float(read_entry(self._refined.config, change.path))
-                found = tabulated * (1.0 + change.scale * value) + change.add * value
-                for own in self._entries[part.name].changes:
-                    if own.path == change.path:
-                        found *= (1.0 + own.scale * part.size) * np.exp(own.exp * part.size)
-                        found += own.add * part.size
-                value = (found - tabulated) / (tabulated * change.scale + change.add)
-            elif part.name == parameter:
-                value = part.size
-        return float(value)
+        """Value in a test of the part as it is in the machine, with its effect."""
+        entry = self._tolerances.get(parameter)
+        if entry is None:  # an effect: relative to the machine without it
+            entry, tabulated = self._entries[parameter], self._machine(replace(case, parts=()))
+        else:
+            tabulated = self._refined
+        change, found = entry.changes[0], self._machine(case)
+        was, now = (float(read_entry(a.config, change.path)) for a in (tabulated, found))
+        if change.exp:
+            return float(np.log(now / was) / change.exp)
+        return (now - was) / (change.scale * was + change.add)
+
+    def _machine(self, case: truth.Case) -> Action:
+        """The machine of a case, without the variability of a stroke."""
+        return truth.machine(self._refined, self._library, replace(case, varied={}), DEFAULT[0])

@@ -47,6 +47,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder, read_json, write_file, write_text
 from feltmb.fit.solve import FitSettings
 from feltmb.gap.information import Knowledge, information
+from feltmb.gap.measured import known_by_test
 from feltmb.gap.report import report_json
 from feltmb.gap.score import all_candidates, family_threshold, score_fit, screen_sets
 from feltmb.gap.tabulated import given_values
@@ -139,8 +140,7 @@ class Player:
 
     def _screened(self, model: gap.Model, records: Sequence[Record]) -> Seen:
         fit = gap.fit_model(model, records, settings=FitSettings(restarts=0))
-        own = {t.name for t in model.own_effects}
-        every = tuple(t for t in self.every if t.name not in own)
+        every = self._left(model)
         scores = score_fit(fit, every)
         found = {every[x.index[0]].name: x for x in screen_sets(scores, largest=1)[::-1]}
         sets = {n: x.evidence for n, x in found.items()}
@@ -150,7 +150,7 @@ class Player:
         weights = {n: w / total for n, w in weights.items()}
         order = sorted(weights, key=lambda n: -weights[n])
         level = family_threshold(scores, 0.01, draws=4000)[0]
-        given = [g.name for g in given_values(fit, 0.01) if g.differs]
+        given = [g.name for g in given_values(fit, model, 0.01) if g.differs]
         row: dict[str, Any] = {"verdict": "NO GAP", "named": [], "one_of": [], "given": given}
         if order and found[order[0]].statistic / scores.inflation > level:
             row["verdict"] = "UNKNOWN"
@@ -174,6 +174,13 @@ class Player:
             belief=belief, families=self.families, candidates=16, refinements=6, seed=seed,
         )  # fmt: skip
 
+    def _left(self, model: gap.Model) -> tuple[gap.Candidate, ...]:
+        """Candidates that no test of a part has measured."""
+        own = {t.name for t in model.own_effects}
+        return tuple(
+            t for t in self.every if t.name not in own and not known_by_test(t.effect, model)
+        )
+
     def same(self, case: Any) -> str:
         """Parameter of the model that changes the same number as the true effect; "": none."""
         own = {e.name: e.tolerance_parameter for e in self.library}
@@ -187,8 +194,8 @@ class Player:
         The bench uses it for the calibration; the planning side does not know it.
         """
         true = case.parts[0]
-        every = self.every
         model = gap.with_measured(self.model, parts, self.library)
+        every = self._left(model)
         known = [information(model, r, every) for r in records]
         knowledge = Knowledge.start(
             model, every, gap.Belief.even(every), [k for k in known if k is not None]

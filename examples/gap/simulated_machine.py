@@ -17,6 +17,7 @@ import numpy as np
 
 import feltmb
 from feltmb.adapters import action_with_effects, load_library
+from feltmb.adapters.changes import read_entry
 
 EFFECT, MAGNITUDE = "coulomb_friction.butt", 0.004  # [N m], what the model lacks
 TOLERANCES = {"felt.04": 0.05, "felt.06": -0.07, "capstan_height": 1e-4}  # what is not as drawn
@@ -34,12 +35,22 @@ def machine() -> feltmb.Action:
     return action_with_effects(action, entries)
 
 
+def true_value(name: str) -> float:
+    """Value of a parameter or effect as it is in the machine, in the unit of the library."""
+    tabulated, found = feltmb.load_action("steinway45"), machine()
+    entries = {e.name: e for e in load_library(tabulated).tolerances}
+    if name not in entries:  # not a parameter, but an effect
+        return MAGNITUDE if name == EFFECT else 0.0
+    change = entries[name].changes[0]
+    was, now = (float(read_entry(a.config, change.path)) for a in (tabulated, found))
+    return (now - was) / (change.scale * was + change.add)
+
+
 def measure_part(request: Path, answer: Path) -> None:
     """Measure one part by itself: a parameter of the model, or an effect that it lacks."""
     part = tomllib.loads(request.read_text(encoding="utf-8"))["part"]
     name, sd = part["parameter"], part["sd"]
-    true = MAGNITUDE if name == EFFECT else TOLERANCES.get(name, 0.0)
-    value = true + sd * np.random.default_rng([*name.encode()]).standard_normal()
+    value = true_value(name) + sd * np.random.default_rng([*name.encode()]).standard_normal()
     answer.write_text(f'[measured."{name}"]\nvalue = {value:.6g}\nsd = {sd:.6g}\n')
 
 

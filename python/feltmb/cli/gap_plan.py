@@ -356,7 +356,7 @@ def print_design(found: Design) -> None:
         say("no experiment within the limits separates: " + ", ".join(group))
         tests = [t.text for t in found.decisive if t.effect in group]
         if tests:
-            say(f"  a test of one of these parts would: {', '.join(tests)} (standard deviation)")
+            say(f"  a test of its part separates an effect from the others: {', '.join(tests)}")
     if found.failed:
         say(f"{found.failed} profiles could not be simulated and are omitted")
 

@@ -81,7 +81,7 @@ def _calibration(report: Report) -> None:
     if len(report.calibrated) > MOST_MOVED:
         say(f"- and {len(report.calibrated) - MOST_MOVED} more, see report.json")
     for g in report.given:
-        say(f"A part of the model: {g.text}{'' if g.differs else '; as tabulated'}")
+        say(f"A part of the model: {g.text}{g.remark}")
     at_limit = [i.name for i in report.fit.intervals() if i.at_limit]
     if at_limit:
         say(f"At a limit of its range: {', '.join(at_limit)}")

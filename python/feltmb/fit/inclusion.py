@@ -146,8 +146,8 @@ class Including(Model):
 
     @property
     def own_effects(self) -> tuple[Candidate, ...]:
-        """Effects that are a part of this model."""
-        return self._own
+        """Effects that are a part of this model, also those of a model that it is based on."""
+        return (*self._base.own_effects, *self._own)
 
     def with_parameters(self, parameters: Mapping[str, Parameter]) -> Including:
         """See :meth:`~feltmb.fit.Model.with_parameters`."""

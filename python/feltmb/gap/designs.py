@@ -40,6 +40,7 @@ from feltmb.gap.information import (
     record_of,
 )
 from feltmb.gap.limits import FurtherSensor, Limits, PartTest
+from feltmb.gap.measured import open_effects
 from feltmb.gap.planning import _noise
 from feltmb.gap.profiles import FAMILIES, Profile
 from feltmb.gap.score import all_candidates
@@ -244,7 +245,7 @@ def design(
             raise InvalidParameter(f"{name} = {count!r}, expected 1 to 100000")
     if aim not in ("names", "sizes"):
         raise InvalidParameter(f"aim = {aim!r}, expected names or sizes")
-    tested = [e for e in effects if model.accepts(e) or e.observe or e.excite]
+    tested = open_effects(effects, model)
     if not tested:
         raise InvalidParameter(f"plan: model {model.name} can simulate none of the effects")
     every = all_candidates(tested)

@@ -29,6 +29,7 @@ from feltmb.gap.experiments import advise
 from feltmb.gap.findings import Advice, NotTested, Profile, Verdict, Where
 from feltmb.gap.investigate import Investigation, Task, investigate
 from feltmb.gap.judged_data import judged_data, prepare, ready, with_other_noise
+from feltmb.gap.measured import known_by_test
 from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.options import Options
 from feltmb.gap.overlay import wrong_units
@@ -389,7 +390,7 @@ class _Diagnosis:
         calibrated = calibrated_rows(
             best_fit, [tabulated], [fitted, accepted.after], which_gap, options.alpha
         )
-        given = given_values(best_fit, options.alpha)
+        given = given_values(best_fit, tabulated.fit.problem.model, options.alpha)
         sizes = Sizes(found, accepted, options.form)
         facts = Facts(
             checks=checks,
@@ -450,6 +451,8 @@ class _Diagnosis:
         )
         provenance = _provenance(best_fit, self.records)
         profiles, no_profile = self._profiles(accepted, decision)
+        if options.profile:
+            self._lap("profile")
         return Report(
             verdict=decision.verdict,
             statement=decision.statement,
@@ -486,13 +489,12 @@ class _Diagnosis:
         if self.watch.over():
             return (), self.watch.why
         best, settings = accepted.best.fit, self.task.settings
-        profiles = tuple(profile_of(best, n, settings, self.task.progress) for n in decision.named)
-        self._lap("profile")
-        return profiles, ""
+        profiles = (profile_of(best, n, settings, self.task.progress) for n in decision.named)
+        return tuple(profiles), ""
 
 
 def _usable(model: Model, effects: Sequence[Effect]) -> tuple[list[Effect], list[NotTested]]:
-    """Effects that the model can simulate, and why the others cannot be tested."""
+    """Effects that can be tested, and why the others cannot."""
     names = [e.name for e in effects]
     doubled = sorted({n for n in names if names.count(n) > 1})
     if doubled:
@@ -507,6 +509,9 @@ def _usable(model: Model, effects: Sequence[Effect]) -> tuple[list[Effect], list
                 told = f"{given:.3g}" if isinstance(given, float) else str(given)
                 shape = f", with the shape {told}" if len(e.shapes) > 1 else ""
                 why = f"it is a parameter of the model{shape}"
+            bad.append(NotTested(name=e.name, why=why))
+        elif known := known_by_test(e, model):
+            why = f"the test of {known} measured the number that it changes"
             bad.append(NotTested(name=e.name, why=why))
         else:
             good.append(e)

@@ -118,11 +118,26 @@ class GivenValue:
     low: float
     """Lower end of the 95 % interval [unit]."""
     high: float
+    effect: bool
+    """Whether it is the magnitude of an effect."""
     differs: bool
     """Whether the fitted value differs from the table: an effect from zero, at the family-wise
     level ``alpha``; a parameter by more than ``TOLERATED`` deviations of table and fit."""
+    refuted: bool
+    """Whether the records contradict the test, so that the fit does not use it."""
     text: str
-    """Name and value as text."""
+    """Name, value and test as text, with 95 % intervals."""
+
+    @property
+    def remark(self) -> str:
+        """What follows from the value, as text after the value; may be empty."""
+        if self.refuted:
+            return "; the records contradict the test, which is not used"
+        if self.differs:
+            return ""
+        if self.effect:
+            return "; not distinguishable from zero"
+        return "" if math.isinf(self.tolerance) else "; agrees with its table"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,8 +188,8 @@ class Calibrated:
         notes = []
         if self.prior_deviations is not None:
             far = abs(self.prior_deviations)
-            what = "tolerance" if self.origin == "tabulated" else "uncertainty of its test"
-            notes.append(f"within its {what}" if far <= 1.0 else f"{far:.1f} times its {what}")
+            what = "its tolerance" if self.origin == "tabulated" else "the uncertainty of its test"
+            notes.append(f"within {what}" if far <= 1.0 else f"{far:.1f} times {what}")
         if math.isfinite(self.share):
             notes.append(f"{self.share:.0%} of the gap")
         if not self.sure:

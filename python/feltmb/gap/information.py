@@ -485,9 +485,8 @@ class Knowledge:
         own_part = [
             self._share_in_test(self.candidates[candidate], p.name) for p in self.model.parameters
         ]
-        change = (
-            np.array(own_part) - x
-        )  # of the result by the effect, the records being as they are
+        # Change of the test's result by the effect, if the records stay as they are.
+        change = np.array(own_part) - x
         gain = np.where(able, change**2 / (spread + np.where(able, known_to, 1.0) ** 2), 0.0)
         at = int(np.argmax(gain)) if n else -1
         own = float(self.gram[candidate, candidate])

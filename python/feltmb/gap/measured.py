@@ -113,9 +113,9 @@ def read_measured(
     units = units_of_tests(model, effects)
     table = read.raw.get("measured")
     read.check(
-        f"measured.{name}: {no_test_of(name, model, effects)}"
+        f"measured.{name}: {why}"
         for name in (table if isinstance(table, dict) else {})
-        if name not in units
+        if (why := no_test_of(name, model, effects))
     )
     out = []
     for name, where, entry in read.entries("measured"):
@@ -156,6 +156,24 @@ def no_test_of(name: str, model: Model, effects: Sequence[Effect] = ()) -> str:
     if effect.tolerance_parameter in parameters:
         return f"it changes the same number as {effect.tolerance_parameter}: give that parameter"
     return ""
+
+
+def known_by_test(effect: Effect, model: Model) -> str:
+    """Parameter whose test measured what an effect changes; empty: none.
+
+    The test measured the number as it is, with the effect. The effect is then no cause besides it.
+    """
+    tested = {p.name for p in model.parameters if p.before is not None}
+    return effect.tolerance_parameter if effect.tolerance_parameter in tested else ""
+
+
+def open_effects(effects: Sequence[Effect], model: Model) -> list[Effect]:
+    """Effects that the model can simulate and that no test has measured."""
+    return [
+        e
+        for e in effects
+        if (model.accepts(e) or e.observe or e.excite) and not known_by_test(e, model)
+    ]
 
 
 def units_of_tests(model: Model, effects: Sequence[Effect] = ()) -> dict[str, str]:

@@ -20,6 +20,7 @@ from feltmb.fit.solve import FitSettings, finish
 from feltmb.gap.advise import confused_groups, confusion_at
 from feltmb.gap.checks import faults_against, with_sigma
 from feltmb.gap.criteria import DETECTABLE, REPORTED_GAIN
+from feltmb.gap.measured import open_effects
 from feltmb.gap.score import Scores, all_candidates, score_fit
 from feltmb.gap.smoke_test import try_effects
 
@@ -197,7 +198,7 @@ def plan(
     for r in records:
         for n, s in r.sensors.items():
             known.setdefault(n, s)
-    tested = [e for e in effects if model.accepts(e) or e.observe or e.excite]
+    tested = open_effects(effects, model)
     with calling(f"model {model.name}: its simulation"):
         model, records, experiments = _ready(model, records, experiments, known)
     try_effects(model, tested, records[0])

@@ -60,6 +60,8 @@ class SessionStep:
     verdict: str
     """Verdict of the diagnosis; "" if there is no record yet."""
     named: tuple[str, ...]
+    """Effects that the diagnosis named, and what a test of the session found to differ from its
+    table."""
     one_of: tuple[str, ...]
     statement: str
     expected: float
@@ -195,7 +197,7 @@ def session(
                 measuring, limits = had.now, replace(limits, further=had.offers)
                 warnings = _noisier(wanted, sigma, now, model)
             else:
-                parts += read_measured(answer, model, effects)
+                parts += _answered_tests(request, answer, model, effects)
             spent += float(asked["cost"])
         else:
             asked = {"kind": "", "name": "records from before", "cost": 0.0, "expected": 0.0}
@@ -211,7 +213,9 @@ def session(
                 name=asked["name"],
                 cost=float(asked["cost"]),
                 verdict="" if found is None else str(found.verdict),
-                named=() if found is None else tuple(found.named),
+                named=()
+                if found is None
+                else (*found.named, *_found_by_test(found, parts[len(measured) :])),
                 one_of=() if found is None else tuple(found.one_of),
                 statement="" if found is None else found.statement,
                 expected=float(asked["expected"]),
@@ -223,7 +227,7 @@ def session(
             report = read_json(here / "report.json")
         if number or known:
             finished(step)
-        if step.verdict == Verdict.NAMED or (step.verdict in _COMPLETE and _found_by_test(report)):
+        if step.verdict == Verdict.NAMED or (step.verdict in _COMPLETE and step.named):
             return ended("named", step.statement)
         if spent >= budget - 1e-9:
             told_last = [s.statement for s in steps if s.statement]
@@ -236,9 +240,10 @@ def _complete(report: Mapping[str, Any] | None) -> bool:
     return report is not None and report.get("verdict") in _COMPLETE
 
 
-def _found_by_test(report: Mapping[str, Any] | None) -> bool:
-    """Whether the test of a part, or an effect that was included, is what the model lacked."""
-    return any(g["differs"] for g in (report or {}).get("given", ()))
+def _found_by_test(report: Report, tests: Sequence[Measured]) -> tuple[str, ...]:
+    """Tested parameters and effects whose values differ from the table."""
+    tested = {m.parameter for m in tests}
+    return tuple(g.name for g in report.given if g.differs and g.name in tested)
 
 
 def _hidden(plan: Design, effects: Sequence[Effect], *, planned: bool) -> list[str]:
@@ -289,11 +294,14 @@ def _at_an_end(
 
 
 def _would_separate(plan: Design, names: Sequence[str]) -> str:
-    """Sentence about tests of single parts that are not within the limits; empty: none."""
+    """Sentence about tests of single parts with which a further session could go on."""
     tests = [t.text for t in plan.decisive if t.effect in names]
     if not tests:
         return ""
-    return f" A test of one of these parts would (standard deviation): {', '.join(tests)}."
+    return (
+        " A test of its part, with this standard deviation, separates a cause from the others: "
+        f"{', '.join(tests)}."
+    )
 
 
 def _same_session(
@@ -367,6 +375,22 @@ def _ask(
         "reasons": list(first.reasons),
     }
     write_text(here / "asked.json", json.dumps(asked, indent=1) + "\n", force=True)
+
+
+def _answered_tests(
+    request: Path, answer: Path, model: Model, effects: Sequence[Effect]
+) -> tuple[Measured, ...]:
+    """Results of the test that was asked for, and perhaps of others."""
+    if not is_file(answer):
+        raise DataError(f"{answer}: missing; expected [measured.NAME] with value and sd")
+    found = read_measured(answer, model, effects)
+    wanted = read_toml(request)["part"]["parameter"]
+    if wanted not in [m.parameter for m in found]:
+        raise DataError(
+            f"{answer}: got {', '.join(m.parameter for m in found) or 'no test'}, expected the "
+            f"test of {wanted}"
+        )
+    return found
 
 
 def _answered_sigma(answer: Path, model: Model, output: str) -> float:

@@ -253,67 +253,71 @@ def _text(p: Parameter, row: Calibrated) -> str:
     return text
 
 
-def given_values(fit: Fit, alpha: float) -> tuple[GivenValue, ...]:
+def given_values(fit: Fit, given: Model, alpha: float) -> tuple[GivenValue, ...]:
     """Tests of parts, and effects that are a part of the model, with the values of a fit.
 
-    ``alpha``: family-wise probability that the magnitude of an effect seems to differ from zero
-    though it does not.
+    Parameters
+    ----------
+    fit
+        Fit of the model.
+    given
+        The model before the fit, which has the tests as its priors.
+    alpha
+        Family-wise probability that the magnitude of an effect seems to differ from zero though it
+        does not.
     """
-    model = fit.problem.model
-    own = {t.name for t in model.own_effects}
-    rows = [(model.parameters[i], x) for _, i, _, x in of_the_machine(fit)]
+    own = {t.name for t in given.own_effects}
     bar = float(stats.norm.isf(0.5 * alpha / max(len(own), 1)))
-    return tuple(
-        _given(p, interval, bar if p.name in own else None)
-        for p, interval in rows
-        if p.name in own or p.before is not None
-    )
+    out = []
+    for _, i, fitted, interval in of_the_machine(fit):
+        p = given.parameters[i]
+        if p.name in own:
+            differs = abs(interval.value) > bar * max(interval.sd, 1e-300)
+            before = replace(p, value=0.0, sd=math.inf)
+        elif p.before is not None:
+            # The fit does not use the table, so that both uncertainties add.
+            before = p.before
+            spread = math.hypot(before.sd, interval.sd)
+            differs = abs(interval.value - before.value) > TOLERATED * spread
+        else:
+            continue
+        out.append(
+            GivenValue(
+                name=p.name,
+                component=p.component,
+                unit=p.unit,
+                tabulated=before.value,
+                tolerance=before.sd,
+                given=p.value,
+                given_sd=p.sd,
+                value=interval.value,
+                low=interval.low,
+                high=interval.high,
+                effect=p.name in own,
+                differs=differs,
+                refuted=p.before is not None and fitted.sd > p.sd,
+                text=_given_text(p, interval, effect=p.name in own),
+            )
+        )
+    return tuple(out)
 
 
-def _given(p: Parameter, interval: Interval, bar: float | None) -> GivenValue:
-    """A given value after a fit; ``bar``: deviations from zero that count, None: no effect."""
-    before = p.before or replace(p, value=0.0, sd=math.inf)
-    if bar is None:
-        # The fit does not use the table, so that both uncertainties add.
-        spread = math.hypot(before.sd, interval.sd)
-        differs = abs(interval.value - before.value) > TOLERATED * spread
-    else:
-        differs = abs(interval.value) > bar * max(interval.sd, 1e-300)
-    text = f"{p.name} of {_with_interval(interval.value, interval.sd, p)}"
-    known = []
-    if bar is None:
-        known.append(f"table: {_with_interval(before.value, before.sd, p)}")
+def _given_text(p: Parameter, interval: Interval, *, effect: bool) -> str:
+    """Name, fitted value, table and test, all in one unit, with half their 95 % intervals."""
+    known = [("", interval.value, interval.sd)]
+    if p.before is not None and not effect:
+        known.append(("table ", p.before.value, p.before.sd))
     if p.before is not None:
-        known.append(f"test: {_with_interval(p.value, p.sd, p)}")
-    if known:
-        text += f" ({', '.join(known)})"
-    return GivenValue(
-        name=p.name,
-        component=p.component,
-        unit=p.unit,
-        tabulated=before.value,
-        tolerance=before.sd,
-        given=p.value,
-        given_sd=p.sd,
-        value=interval.value,
-        low=interval.low,
-        high=interval.high,
-        differs=differs,
-        text=text,
-    )
-
-
-def _with_interval(value: float, sd: float, p: Parameter) -> str:
-    """A value of a parameter with half its 95 % interval."""
-    wide = 1.96 * sd
+        known.append(("test ", p.value, p.sd))
     if p.relative:
         by, shown = 100.0, "%"
     else:
-        by, shown = readable_unit(max(abs(value), wide) if math.isfinite(wide) else value, p.unit)
-    text = f"{by * value:.{digits(value, sd, 3)}g}"
-    if math.isfinite(wide):
-        text += f" ± {by * wide:.2g}"
-    return text + unit_suffix(shown)
+        by, shown = readable_unit(max(abs(value) for _, value, _ in known), p.unit)
+    texts = []
+    for what, value, sd in known:
+        wide = f" ± {by * 1.96 * sd:.2g}" if 0.0 < sd < math.inf else ""
+        texts.append(f"{what}{by * value:.{digits(value, sd, 3)}g}{wide}{unit_suffix(shown)}")
+    return f"{p.name} of {texts[0]} ({', '.join(['95 %', *texts[1:]])})"
 
 
 def _amount(change: float, wide: float, unit: str) -> str:

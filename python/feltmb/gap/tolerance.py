@@ -34,7 +34,7 @@ __all__ = [
 #: Note of a model whose parameters were limited to their tolerance.
 HELD = "parameters held within their tolerance"
 #: Note of a model with parameters whose tolerance the records contradict.
-RELEASED = "the records refute the tolerance of {}: the fit does not use it"
+RELEASED = "the records refute the {}: the fit does not use it"
 
 
 def beyond_tolerance(deviation: float, contraction: float) -> bool:
@@ -209,7 +209,13 @@ def without_tolerances(
     )
     problem = replace(fit.problem, model=model)
     new = polish(problem, replace(start, memo={}), fit.level, settings)
-    note = RELEASED.format(", ".join(sorted(names)))
+    tested = {p.name for p in fit.problem.model.parameters if p.before is not None}
+    refuted = [
+        f"{what} of {', '.join(sorted(some))}"
+        for what, some in (("tolerance", {*names} - tested), ("test", {*names} & tested))
+        if some
+    ]
+    note = RELEASED.format(" and the ".join(refuted))
     return replace(new, levels=fit.levels, notes=(*fit.notes, note))
 
 

@@ -262,12 +262,13 @@ def decisive_tests(
 
     If two effects of a group change the same number, a test of this number does not separate them.
     """
-    out: list[DecisiveTest] = []
+    same = {t.name: t.effect.tolerance_parameter or t.name for t in knowledge.candidates}
+    out = []
     for group in groups:
-        tests = [t for t in (_decisive(knowledge, n) for n in group) if t is not None]
-        numbers = [t.measured for t in tests]
-        out += [t for t in tests if numbers.count(t.measured) == 1]
-    return tuple(out)
+        numbers = [same[n] for n in group]
+        alone = [n for n in group if numbers.count(same[n]) == 1]
+        out += [_decisive(knowledge, n) for n in alone]
+    return tuple(test for test in out if test is not None)
 
 
 def _decisive(knowledge: Knowledge, name: str) -> DecisiveTest | None:

@@ -108,9 +108,17 @@ def test_a_test_measures_the_part_with_its_effect(action):
         assert action.true_value(case, parameter) == pytest.approx(
             values[0] / values[1] - 1.0, rel=1e-9
         )
-        assert action.true_value(case, "felt.05") == case.tolerances["felt.05"]
-    assert action.true_value(with_effect("string_distance", 2e-3), "string_distance") == 2e-3
+        assert action.true_value(case, "felt.05") == pytest.approx(case.tolerances["felt.05"])
+    far = with_effect("string_distance", 2e-3)
+    assert action.true_value(far, "string_distance") == pytest.approx(2e-3)
     assert action.true_value(bare, "string_distance") == 0.0
+    # The other form of a stiffer felt also hardens: its stiffness changes less.
+    other = replace(bare, parts=(action_truth.Part("felt_stiffness.04", "B", 0.3, float("nan")),))
+    assert action.true_value(other, "felt.04") < action.true_value(
+        with_effect("felt_stiffness.04", 0.3), "felt.04"
+    )
+    for test in action.limits.parts:  # each test can be made
+        assert np.isfinite(action.true_value(far, test.parameter))
 
 
 def test_the_test_of_a_part_can_be_the_answer():

@@ -233,6 +233,33 @@ def test_the_test_of_a_parameter_measures_what_changes_the_same_number():
     found = design(line(sd=0.08), same, limits=limits(), sensors=SENSORS, budget=1, refinements=0)
     assert found.inseparable == (("steeper", "steeper too"),)
     assert found.decisive == ()  # both are the slope
+    uneven = Belief(
+        weights={"steeper": 0.5, "steeper too": 0.2, "look-alike": 0.3},
+        magnitudes={"steeper": 0.5, "steeper too": 0.15, "look-alike": 0.5},
+    )
+    found = design(
+        line(sd=0.08), [*same, both[1]], limits=limits(), sensors=SENSORS, budget=1,
+        refinements=0, belief=uneven,
+    )  # fmt: skip
+    assert [t.measured for t in found.decisive if t.measured == "slope"] == []
+
+
+def test_a_plan_after_a_test_keeps_the_promise_of_the_plan_before_it():
+    """A test of the slope separates a steeper line from its look-alike."""
+    steeper = effect("steeper", lambda u: u, scale=0.5)
+    both = [replace(steeper, tolerance_parameter="slope"), replace(steeper, name="look-alike")]
+    test = PartTest(parameter="slope", sd=0.06, cost=0.1)
+
+    def planned(model, parts=()):
+        return design(
+            model, both, limits=limits(parts=parts), sensors=SENSORS, budget=1, refinements=0
+        )
+
+    assert planned(line(sd=0.08)).inseparable == (("steeper", "look-alike"),)
+    assert planned(line(sd=0.08), [test]).inseparable == ()
+    after = planned(with_measured(line(sd=0.08), [Measured(parameter="slope", value=1.0, sd=0.06)]))
+    assert after.inseparable == ()
+    assert [v.effect for v in after.effects] == ["look-alike"]
 
 
 @pytest.mark.parametrize("same_number", [False, True])

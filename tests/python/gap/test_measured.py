@@ -123,7 +123,7 @@ def test_the_test_of_the_cause_leaves_nothing_to_explain(data):
     assert (one.tabulated, one.tolerance) == (0.0, np.inf)
     assert (one.low, one.high) == (fitted.low, fitted.high)
     assert one.text in report.statement
-    assert "(test: 0.0062 ± 0.00059 N)" in one.text
+    assert "(95 %, test 0.0062 ± 0.00059 N)" in one.text
 
 
 def test_files_have_effects_in_their_units(tmp_path):
@@ -198,11 +198,81 @@ def test_a_measured_parameter_is_compared_with_its_table():
         assert one.low < 96.0 < one.high
         assert one.differs is told
         assert report.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)
-        both = f"(table: {tabulated:g} ± {1.96 * tolerance:g} N/m, test: 96.3 ± 0.59 N/m)"
+        wide = f" ± {1.96 * tolerance:g}" if tolerance else ""
+        both = f"(95 %, table {tabulated:g}{wide} N/m, test 96.3 ± 0.59 N/m)"
         assert (f"The model has {one.text}. Nothing else is missing" in report.statement) is told
         assert both in one.text
         for row in report.calibrated:
             assert ("than measured" in row.text) is (row.name == "k")
+
+
+def test_a_test_that_the_records_contradict_is_reported():
+    test = Measured(parameter="k", value=100.0, sd=0.5)
+    report = diagnose(with_measured(NOMINAL, [test]), (CUBIC,), models.records(1), options=OPTIONS)
+    (one,) = report.given
+    assert (one.given, one.given_sd, one.refuted) == (100.0, 0.5, True)
+    assert "test 100 ± 0.98 N/m" in one.text
+    assert one.remark == "; the records contradict the test, which is not used"
+    assert any("refute the test of k" in w for w in report.checks.warnings)
+
+
+def test_the_test_of_a_number_excludes_the_effects_that_change_it():
+    """The spring is as tabulated: what acts like a stiffer spring is another part."""
+    stiffer = Effect(
+        name="stiffer spring", component="spring", unit="N/m", scale=20.0,
+        tolerance_parameter="k",
+        rate=lambda t, x, u, p, size, shape: {"v": -size * x.q / p.m},
+    )  # fmt: skip
+    other = replace(stiffer, name="other spring", component="guide", tolerance_parameter="")
+    table = {p.name: p for p in NOMINAL.parameters}
+    table["k"] = replace(table["k"], value=60.0, sd=2.0)
+    model, runs = NOMINAL.with_parameters(table), models.records(1)
+    report = diagnose(model, (stiffer, other), runs, options=OPTIONS)
+    assert report.named != (other.name,)
+    known = with_measured(model, [Measured(parameter="k", value=60.0, sd=2.0)])
+    report = diagnose(known, (stiffer, other), runs, options=OPTIONS)
+    assert report.named == (other.name,)
+    assert [(n.name, n.why) for n in report.not_tested] == [
+        (stiffer.name, "the test of k measured the number that it changes")
+    ]
+
+
+def test_effects_of_both_options_are_reported(data):
+    """--include and --measured: one model that includes effects is based on the other."""
+    both = (DRY, CUBIC)
+    tests = [Measured(parameter=CUBIC.name, value=0.0, sd=100.0)]
+    inner = including(NOMINAL, [DRY])
+    report = diagnose(with_measured(inner, tests, both), both, data, options=OPTIONS)
+    assert [(g.name, g.differs) for g in report.given] == [(DRY.name, True), (CUBIC.name, False)]
+    assert DRY.name in report.statement
+    assert report.given[1].remark == "; not distinguishable from zero"
+    tests.append(Measured(parameter=DRY.name, value=6.2e-3, sd=3e-4))
+    report = diagnose(with_measured(inner, tests, both), both, data, options=OPTIONS)
+    dry = report.given[0]
+    assert (dry.name, dry.tabulated, dry.differs, dry.given) == (DRY.name, 0.0, True, 6.2e-3)
+    assert "table" not in dry.text
+
+
+def test_faults_of_names_are_told_with_the_file(tmp_path):
+    shift = Effect(name="shift", component="camera", scale=1.0, observe=lambda _t, y, *_: y)
+    path = tmp_path / "m.toml"
+    path.write_text("[measured.shift]\nvalue = 1\nsd = 1\n[measured.rust]\nvalue = 1\nsd = 1\n")
+    with pytest.raises(DataError, match=r"m\.toml: 2 faults") as failure:
+        read_measured(path, NOMINAL, [shift])
+    assert "measured.shift: an effect of the records" in str(failure.value)
+
+
+def test_the_example_machine_measures_its_parts():
+    path = Path(__file__).parents[3] / "examples" / "gap" / "simulated_machine.py"
+    spec = importlib.util.spec_from_file_location("machine", path)
+    machine = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(machine)
+    assert machine.true_value("felt.04") == pytest.approx(0.05)
+    assert machine.true_value("capstan_height") == pytest.approx(1e-4)
+    assert machine.true_value("felt.05") == 0.0
+    assert machine.true_value("string_distance") == 0.0
+    # The friction of the butt is 0.0025 N m in the table, 0.0065 N m in the machine.
+    assert machine.true_value("joint_friction.butt") == pytest.approx(1.6)
 
 
 def test_limits_of_a_model_that_includes_effects_are_kept(data):

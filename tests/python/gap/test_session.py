@@ -18,6 +18,7 @@ from feltmb.gap import (
     InputLimits,
     Jobs,
     Limits,
+    Measured,
     Options,
     PartTest,
     Record,
@@ -174,7 +175,9 @@ def test_equal_effects_are_inseparable(tmp_path):
     )
     assert found.outcome == "inseparable"
     assert set(found.steps[-1].one_of) == {"dry friction", "dry too"}
-    assert "A test of one of these parts would (standard deviation): dry " in found.statement
+    assert (
+        "with this standard deviation, separates a cause from the others: dry " in found.statement
+    )
     assert len(found.steps) < 4
 
 
@@ -241,12 +244,41 @@ def test_the_test_of_a_part_names_the_other(tmp_path):
 def test_the_test_of_a_part_finds_the_cause(tmp_path):
     found = equal_effects_with_a_test(tmp_path, 0.049)
     assert found.outcome == "named"
-    assert found.steps[-1].named == ()
+    assert found.steps[-1].named == ("dry too",)
     (one,) = found.report["given"]
     assert one["differs"]
     assert one["low"] < 0.05 < one["high"]
     assert "dry too of 0.0" in found.statement
-    assert "(test: 0.049 ± 0.0098 N)" in found.statement
+    assert "(95 %, test 0.049 ± 0.0098 N)" in found.statement
+
+
+def test_a_test_from_before_is_no_answer_of_a_session(tmp_path):
+    """Who has measured a part looks for further causes."""
+    machine = Machine()
+    known = Measured(parameter="dry friction", value=0.049, sd=5e-3)
+    found = session(
+        models.NOMINAL, models.EFFECTS, machine, read, tmp_path, budget=1, measured=[known], **QUICK
+    )
+    assert machine.calls == ["request.csv"]
+    assert found.outcome != "named"
+    assert found.steps[-1].named == ()
+    (one,) = found.report["given"]
+    assert one["differs"]
+
+
+def test_another_test_than_the_one_asked_for_is_no_answer(tmp_path):
+    same = replace(models.DRY, name="dry too")
+    test = PartTest(parameter="dry too", sd=5e-3, cost=0.1)
+
+    def run(request, answer):
+        assert request.suffix == ".toml"
+        answer.write_text("[measured.k]\nvalue = 96\nsd = 1\n")
+
+    with pytest.raises(DataError, match=r"record\.toml: got k, expected the test of dry too"):
+        session(
+            models.NOMINAL, [models.DRY, same], run, read, tmp_path, budget=0.1,
+            **{**QUICK, "limits": replace(LIMITS, parts=(test,))},
+        )  # fmt: skip
 
 
 def test_faults_are_told(tmp_path):
