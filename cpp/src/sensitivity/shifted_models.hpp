@@ -163,6 +163,7 @@ class ShiftedModels {
   std::vector<double> floor_;
   std::vector<double> scratch_, shifted_, moved_memory_;
   Eigen::VectorXd one_, two_, three_;
+  Eigen::VectorXd here_;           ///< a function of the model, without a shift
   bool has_base_ = false;          ///< two_ holds the rates of the base
   std::vector<double> reference_;  ///< of a prescribed motion: see wanted(), without the input
   long evaluations_ = 0;
@@ -190,16 +191,24 @@ void ShiftedModels::total(double t, std::span<const double> y, std::span<const d
       moved_memory_[c] = memory[c] + shift * columns.memory(static_cast<Eigen::Index>(c), j);
     }
   };
+  remember(*probe_, memory);
+  function(*probe_, t, y, value, -1, std::size_t{0});
+  here_ = one_;
   for (std::size_t j = 0; j < this->columns(); ++j) {
     const auto column = static_cast<Eigen::Index>(j);
     const double size = norm(columns.state.col(column));
     bool together = false;
     if (j < parameters_.size()) {
+      auto& nodes = parameters_[j];
       double shift = 0.0;
-      for (const Node& node : parameters_[j]) shift = std::max(shift, std::fabs(node.shift));
+      for (const Node& node : nodes) shift = std::max(shift, std::fabs(node.shift));
       together = shift * size <= most;
-      for (std::size_t k = 0; k < parameters_[j].size(); ++k) {
-        Node& node = parameters_[j][k];
+      for (std::size_t k = 0; k < nodes.size(); ++k) {
+        Node& node = nodes[k];
+        if (node.shift == 0.0 && node.mechanism == mechanism_) {
+          out.col(column) += node.weight * here_;
+          continue;
+        }
         move(column, together ? node.shift : 0.0);
         remember(*node.system, moved_memory_);
         function(*node.system, t, std::span<const double>(shifted_), value, static_cast<int>(j), k);

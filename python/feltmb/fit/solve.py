@@ -742,13 +742,18 @@ def model_with_variability(fit: Fit) -> Model:
     return fit.problem.model.with_variability_at(fit.point.theta, *fit.machine_effects)
 
 
-def with_variability(fit: Fit, settings: FitSettings) -> Fit:
-    """Repeat a fit that explains the records, with the run-to-run variability at its parameters."""
-    problem = fit.problem
-    model = model_with_variability(fit) if fit.explains else problem.model
-    if model is problem.model or current().stopping():
+def with_variability(fit: Fit, settings: FitSettings, *, near: Fit | None = None) -> Fit:
+    """Repeat a fit with the run-to-run variability at its parameters, if it explains the records.
+
+    ``near``: another fit to the records, whose parameters are used if only this one explains them.
+    """
+    of = near if near is not None and near.explains and not fit.explains else fit
+    model = model_with_variability(of) if of.explains else fit.problem.model
+    if model is fit.problem.model or current().stopping():
         return fit
-    again = polish(replace(problem, model=model), replace(fit.point, memo={}), fit.level, settings)
+    way = settings if of is fit else replace(settings, iterations=1)
+    problem = replace(fit.problem, model=model)
+    again = polish(problem, replace(fit.point, memo={}), fit.level, way)
     return replace(again, levels=fit.levels, notes=fit.notes)
 
 

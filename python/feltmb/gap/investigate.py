@@ -160,7 +160,7 @@ def _search(
     if not watch.stopping():
         fit = without_several(fit, settings)
     if known is None:
-        fit = with_variability(fit, settings)
+        fit = with_variability(fit, settings, near=led[0] if led else None)
         led = [f.in_problem(replace(f.problem, model=fit.problem.model)) for f in led]
     watch.fitted(fit.chi2 / fit.dof)
     watch.enter(SEARCH)

@@ -59,32 +59,36 @@ def lead(
         return []
     total = sum(e.weight for e in effects)
     begins: dict[Key, tuple[Problem, Point]] = {(): (problem, start)}
-    alone, way = start, settings
-    stage = _Stage(problem, {}, effects, way)
+    alone, repeated = start, settings.restarts == 0
+    stage = _Stage(problem, {}, effects, settings)
     shares = _shares(problem, start)
     for i, share in enumerate(shares):
         if progress is not None:
             progress("along the records", i, len(shares))
-        stage = _Stage(_until(problem, share), begins, effects, way)
+        stage = _Stage(_until(problem, share), begins, effects, settings)
         stage.widen(most)
+        if not repeated and () in stage.found and not stage.best(1)[0].fit.plausible:
+            # Nothing explains these beginnings: perhaps the model alone is in a local minimum.
+            stage.repeat()
+            repeated = True
         if () in stage.found:
             alone = stage.found[()].fit.point
-            if not stage.found[()].fit.plausible:  # further starts were tried here
-                way = replace(settings, restarts=0)
         if current().stopping():
             return []
         begins = {c.key: (c.fit.problem, c.fit.point) for c in stage.best(WIDTH)}
-    out = [c.fit for c in stage.found.values()]
+    best = stage.best(1)[0].fit
+    limited = replace(settings, worth=worth_of(best))
     if () not in stage.found:
         # Start the model alone from the best set, and from its own last fit.
-        best = stage.best(1)[0].fit
-        limited = replace(settings, worth=worth_of(best))
         fits = [
             polish(problem, replace(p, memo={}), 1.0, limited) for p in (taken_over(best), alone)
         ]
         if min(f.cost for f in fits) > tabulated:  # both local minima are worse than no fit
             fits.append(polish(problem, replace(start, memo={}), 1.0, limited))
-        out.append(max(fits, key=lambda f: f.log_evidence))
+        stage.keep(max(fits, key=lambda f: f.log_evidence))
+    elif stage.found[()].fit.cost > limited.worth:
+        stage.keep(polish(problem, replace(taken_over(best), memo={}), 1.0, limited))
+    out = [c.fit for c in stage.found.values()]
     return sorted(out, key=lambda f: -full_evidence(f, total))
 
 
@@ -121,7 +125,7 @@ class _Stage:
         self.problem, self.begins = problem, dict(begins)
         self.candidates = all_candidates(effects)
         self.total = sum(e.weight for e in effects)
-        self.way = settings.coarser(0.3, iterations=ITERATIONS)
+        self.way = replace(settings.coarser(0.3, iterations=ITERATIONS), restarts=0)
         self.found: dict[Key, CandidateSet] = {}
         for base, point in begins.values():
             self._fit(self._here(base), point)
@@ -153,12 +157,28 @@ class _Stage:
                 if t.name in tried:
                     continue
                 tried.add(t.name)
+                key = tuple(sorted((*best.names, t.name)))
+                if key in self.found:
+                    continue
                 wider = base.with_candidates((*base.included, t))
                 begin = base.carry(point, wider.included, np.append(point.magnitudes, 0.0))
-                self.begins[tuple(sorted((*best.names, t.name)))] = (wider, begin)
+                self.begins[key] = (wider, begin)
                 self._fit(wider, begin)
             if self.best(1)[0] is best:
                 return
+
+    def repeat(self) -> None:
+        """Fit the model alone also from its priors."""
+        problem = self._here(self.begins[()][0])
+        way = replace(self.way, restarts=1)
+        self.keep(fit_problem(problem, way, point=replace(self.found[()].fit.point, memo={})))
+
+    def keep(self, fit: Fit) -> None:
+        """Store a fit unless its set has a better one."""
+        new = CandidateSet(fit, full_evidence(fit, self.total))
+        known = self.found.get(new.key)
+        if known is None or new.evidence > known.evidence:
+            self.found[new.key] = new
 
     def _here(self, problem: Problem) -> Problem:
         return self.problem.with_candidates(problem.included)
@@ -166,8 +186,8 @@ class _Stage:
     def _fit(self, problem: Problem, point: Point) -> None:
         start = replace(point, memo={})
         if problem.included:
-            fit = polish(problem, start, 1.0, self.way)
+            worth = worth_of(self.best(1)[0].fit) if self.found else np.inf
+            fit = polish(problem, start, 1.0, replace(self.way, worth=worth))
         else:  # the model alone gets the chance to follow the longer records step by step
             fit = fit_problem(problem, self.way, point=start)
-        kept = CandidateSet(fit, full_evidence(fit, self.total))
-        self.found[kept.key] = kept
+        self.keep(fit)

@@ -97,14 +97,14 @@ def refit(
 ) -> Fit:
     """Nonlinear fit with included effects, started from ``base``; tightened as long as that helps.
 
-    If a fit without continuity defects reaches less than half of the improvement that its linear
-    model predicts, the model without the effect is in another local minimum. The fit is then
-    repeated from the priors, and new effects start at their expected magnitude.
+    If a fit without continuity defects reaches less than half of the improvement that the linear
+    model at its start predicts, ``base`` is in another local minimum. The fit is then repeated from
+    the priors, and new effects start at their expected magnitude.
     """
     problem = base.problem.with_candidates(included)
-    start, promised = _reachable(problem, base, included, magnitudes)
+    start, before, promised = _reachable(problem, base, included, magnitudes)
     fit = refit_at(problem, start, base.level, settings)
-    if fit.gap_sd.size or not short_of(promised, base.cost - fit.cost):
+    if fit.gap_sd.size or not short_of(promised, before - fit.cost):
         return fit
     known = {t.name for t in base.included}
     expected = [
@@ -148,8 +148,8 @@ def refit_at(
 
 def _reachable(
     problem: Problem, base: Fit, included: tuple[Candidate, ...], magnitudes: Array
-) -> tuple[Point, float]:
-    """Start point from ``base``, and the improvement that its linear model predicts.
+) -> tuple[Point, float, float]:
+    """Start point from ``base``; sum of squares without new effects, and its predicted reduction.
 
     New magnitudes are reduced if the linear step is too large.
     """
@@ -158,16 +158,17 @@ def _reachable(
     plain = base.problem.carry(base.point, included, kept)
     gap_sd = base.level * problem.scale(plain)
     linears = problem.linear(plain)
-    best, least = plain, problem.cost_at(plain, gap_sd, linears)[0]
+    before = problem.cost_at(plain, gap_sd, linears)[0]
+    best, least = plain, before
     promised = problem.step(plain, problem.normal(plain, linears, gap_sd), 0.0, linears)[1]
     for share in (1.0, 0.3, 0.1):
         point = replace(plain, magnitudes=kept + share * (magnitudes - kept), memo={})
         cost = problem.cost(point, gap_sd, linears)[0]
         if cost < 4.0 * least:
-            return point, promised
+            return point, before, promised
         if cost < least:
             best, least = point, cost
-    return best, promised
+    return best, before, promised
 
 
 def from_priors(fit: Fit, settings: FitSettings) -> Fit:
@@ -273,7 +274,7 @@ def annealed(
     that the fit without the effect needed, and the jump.
     """
     problem = base.problem.with_candidates(included)
-    point, _ = _reachable(problem, base, included, magnitudes)
+    point, _, _ = _reachable(problem, base, included, magnitudes)
     for factor in TEMPERED:
         point = _at_noise(problem, point, factor, settings)
     return polish(problem, replace(point, memo={}), base.level, settings)

@@ -115,7 +115,8 @@ def search(
         for fit in led:
             if fit.included:
                 # Converged as well as the sets that it is compared with.
-                hunt._keep(refit_at(fit.problem, fit.point, fit.level, hunt.quick))
+                way = replace(hunt.quick, worth=hunt._worth())
+                hunt._keep(refit_at(fit.problem, fit.point, fit.level, way))
         if better is not None and reseeds and better.log_evidence > model.log_evidence + 1.0:
             # Tightening had left the local minimum that has the tightest defects.
             notes = (*model.notes, CLOSED)
@@ -199,13 +200,16 @@ def _again(
     """The search with its best sets fitted again to another problem."""
     effects = list({t.effect.name: t.effect for t in found.scores.candidates}.values())
 
-    def again(fit: Fit) -> Fit:
+    def again(fit: Fit, way: FitSettings) -> Fit:
         problem = other(fit.problem)
-        new = polish(problem, replace(fit.point, memo={}), fit.level, settings)
+        new = polish(problem, replace(fit.point, memo={}), fit.level, way)
         return replace(new, levels=fit.levels, notes=fit.notes)
 
-    tight = None if found.tight_fit is None else again(found.tight_fit)
-    hunt = _Hunt(again(found.model_fit), tight, effects, settings, 0, 0, progress)
+    best, way = found.best, settings
+    if best is not None and not found.model_fit.explains:
+        way = replace(settings, worth=worth_of(best.fit))
+    tight = None if found.tight_fit is None else again(found.tight_fit, way)
+    hunt = _Hunt(again(found.model_fit, way), tight, effects, settings, 0, 0, progress)
     hunt.scores, hunt.tight = found.scores, found.tight
     if rescore:
         hunt.scores = score_fit(hunt.model_fit, hunt.candidates)
@@ -227,7 +231,7 @@ def _again(
         small = len(c.names) <= len(found.sets[0].names)
         if small and c.evidence > found.sets[0].evidence - NEAR_BEST:
             hunt._tell(f"{what}: " + " + ".join(c.names))
-            fit = again(c.fit)
+            fit = again(c.fit, hunt.quick)
             hunt.done[c.key] = CandidateSet(fit, full_evidence(fit, hunt.total))
         elif len(c.names) == 1:
             hunt.done[c.key] = moved(c)
@@ -658,7 +662,8 @@ class _Hunt:
             start = inner.problem.carry(
                 inner.point, included, np.array([size.get(t.name, 0.0) for t in included])
             )
-            fit = polish(problem, replace(start, memo={}), c.fit.level, self.quick)
+            way = replace(self.quick, worth=self._worth())
+            fit = polish(problem, replace(start, memo={}), c.fit.level, way)
             if fit.cost <= inner.cost + NESTED:
                 self.done[c.key] = CandidateSet(fit, full_evidence(fit, self.total))
                 continue

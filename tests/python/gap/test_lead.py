@@ -111,3 +111,40 @@ def test_only_what_explains_bounds_what_is_worth_pursuing(bent):
     alone = fit_problem(problem, FitSettings(restarts=0, iterations=2))
     assert not alone.plausible
     assert worth_of(alone) == np.inf
+
+
+def test_the_model_alone_is_repeated_once_and_only_if_nothing_explains(monkeypatch):
+    repeated = []
+
+    def counted(problem, settings, **more):
+        if settings.restarts:
+            repeated.append(problem.samples)
+        return fit_problem(problem, settings, **more)
+
+    monkeypatch.setattr(sys.modules["feltmb.gap.lead"], "fit_problem", counted)
+    problem, effects = parts(bend=0.2)
+    assert lead(problem, effects, FitSettings())[0].plausible
+    assert not repeated
+    (alone,) = lead(problem, [], FitSettings())
+    assert not alone.plausible
+    assert len(repeated) == 1
+
+
+def test_a_set_that_explains_only_from_the_last_stage_on_leads_the_model_alone(monkeypatch):
+    """The model alone is then started from the parameters of this set too."""
+    module = sys.modules["feltmb.gap.lead"]
+    starts = []
+
+    def taken_over(fit):
+        starts.append(fit.included)
+        return taken(fit)
+
+    taken = module.taken_over
+    monkeypatch.setattr(module, "taken_over", taken_over)
+    monkeypatch.setattr(module, "HORIZONS", ())  # one stage
+    problem, effects = parts(bend=0.2, frequency=5.05)
+    monkeypatch.setattr(module, "SHORTEST", 1.0)
+    led = lead(problem, effects, FitSettings())
+    assert [t.name for t in led[0].included] == ["nonlinearity of sensor y"]
+    assert len(starts) == 1
+    assert sum(not f.included for f in led) == 1

@@ -80,6 +80,24 @@ def test_an_annealed_effect_ends_at_the_minimum():
     assert annealed.converged
 
 
+def test_an_exchanged_effect_that_reaches_what_its_start_promises_is_not_repeated(monkeypatch):
+    fit, cubic, y = cubic_line()
+    quintic = Effect(name="quintic", component="spring", scale=0.1, regressor=lambda _r, _s: X**5)
+    base = refine.refit(fit, (cubic,), np.array([0.1]), SETTINGS)
+
+    def never(*_, **__):
+        raise AssertionError("fitted from its priors")
+
+    monkeypatch.setattr(refine, "fit_problem", never)
+    other = refine.refit(base, (Candidate(quintic, quintic.shapes[0]),), np.array([0.1]), SETTINGS)
+    columns = np.vstack([np.stack([X, X**5], axis=1) / 0.01, [[1.0 / 0.2, 0.0]]])
+    right = np.append(y / 0.01, 1.0 / 0.2)
+    slope, size = np.linalg.lstsq(columns, right, rcond=None)[0]
+    assert other.cost > base.cost  # although it is worse than the effect that it replaces
+    assert other.point.theta[0] == pytest.approx(slope, rel=1e-8)
+    assert other.point.magnitudes[0] == pytest.approx(size, rel=1e-8)
+
+
 def test_without_a_prior_there_is_nothing_to_temper():
     fit, _, _ = cubic_line(sd=np.inf)
     assert refine.tempered(fit, SETTINGS) is None
