@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -90,10 +91,10 @@ def _make(data: dict[str, Any], path: Path) -> dict[str, Any]:
     _, base, library, outputs = _setup()
     case = truth.from_dict(data)
     arrays: dict[str, Any] = {}
-    onsets: dict[str, list[float]] = {}
+    moments: dict[str, list[float]] = {}
     for stroke in truth.STROKES:
         view, _ = truth.record(base, library, case, stroke, outputs)
-        onsets[stroke] = [truth.onset(p, view) for p in case.parts]
+        moments[stroke] = truth.moments(base, library, case, stroke, outputs)
         arrays |= {f"{stroke}.{channel}": values for channel, values in view.items()}
 
     def save(path: Path) -> None:
@@ -101,11 +102,15 @@ def _make(data: dict[str, Any], path: Path) -> dict[str, Any]:
             np.savez_compressed(file, **arrays)
 
     write_file(path, save, force=True)
-    return _answer(case, library, onsets)
+    return _answer(case, library, moments)
 
 
-def _answer(case: truth.Case, library: Any, onsets: dict[str, list[float]]) -> dict[str, Any]:
-    """What the scorer needs to know of a case."""
+def _answer(case: truth.Case, library: Any, moments: dict[str, list[float]]) -> dict[str, Any]:
+    """What the scorer needs to know of a case.
+
+    ``moments``: times [s] from which its parts show, by stroke. When an effect of the action first
+    can act, apart from showing, is not defined.
+    """
     parts = []
     strengths = noncentralities(case)
     for k, part in enumerate(case.parts):
@@ -116,8 +121,10 @@ def _answer(case: truth.Case, library: Any, onsets: dict[str, list[float]]) -> d
             entry = library.effect(part.name)
             component = entry.component
             data = truth.is_signal(entry) or entry.kind in ("sensor", "input")
-        times = {s: onsets[s][k] for s in onsets}
-        told = {"component": component, "data": data, "onset": times}
+        told = {"component": component, "data": data, "onset": {}}
+        if component != "input":  # what is recorded of the input moves no camera
+            shown = {s: moments[s][k] for s in moments}
+            told["shows"] = {s: t for s, t in shown.items() if math.isfinite(t)}
         if second := truth.second_of(part, library):
             told["second"] = second
         if strengths[k] is not None:

@@ -413,15 +413,37 @@ def record(
     return view, run
 
 
-def onset(part: Part, view: Mapping[str, Array]) -> float:
-    """Time [s] at which the key starts to move: what effects of the machine cannot precede."""
-    if part.name in ("input_offset",):
-        return 0.0
-    if "key_front.y" in view:
-        moved = np.flatnonzero(np.abs(view["key_front.y"]) > 3e-4)
-    else:  # the hammer follows the key within a millisecond
-        moved = np.flatnonzero(np.abs(view["hammer_tip.x"]) > 3e-4)
-    return float(moved[0] / RATE) if moved.size else float("nan")
+def shows(with_it: Mapping[str, Array], without: Mapping[str, Array]) -> float:
+    """Time [s] from which ideal records of a stroke differ by an effect; NaN: never.
+
+    By a tenth of the noise and of their largest difference, in any output.
+    """
+    outputs = [o for o in with_it if o not in ("force", "displacement")]
+    apart = np.max(
+        [
+            np.abs(with_it[o] - without[o]) / (NOISE_FORCE if o == "finger.force" else NOISE_CAMERA)
+            for o in outputs
+        ],
+        axis=0,
+    )
+    there = np.flatnonzero(apart > 0.1 * max(1.0, float(np.max(apart))))
+    return float(there[0] / RATE) if there.size else float("nan")
+
+
+def moments(
+    base: Action, library: Library, case: Case, stroke: str, outputs: Sequence[str]
+) -> list[float]:
+    """Times [s] from which each part of a case shows in a stroke, see :func:`shows`."""
+    if not case.parts:
+        return []
+    view, _ = record(base, library, case, stroke, outputs, ideal=True)
+    length = len(next(iter(view.values()))) / RATE
+    out = []
+    for k in range(len(case.parts)):
+        other = replace(case, parts=case.parts[:k] + case.parts[k + 1 :])
+        without, _ = record(base, library, other, stroke, outputs, ideal=True, length=length)
+        out.append(shows(view, without))
+    return out
 
 
 def setup(outputs: Sequence[str] = ()) -> tuple[Action, Action, Library, tuple[str, ...]]:
