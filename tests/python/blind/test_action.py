@@ -176,6 +176,32 @@ def test_the_answer_says_how_far_the_effect_stands_out(made):
     assert all(0.0 <= p["nc"] < 500.0 for p in answer["parts"])
 
 
+def test_an_effect_shows_when_ideal_records_differ():
+    time = np.arange(100) / action_truth.RATE
+    still = {"force": np.ones(100), "hammer_tip.x": np.zeros(100), "finger.force": np.zeros(100)}
+    noise = action_truth.NOISE_CAMERA
+    ramp = {**still, "hammer_tip.x": 40.0 * noise * time / time[-1]}
+    # A tenth of the largest difference, which is 40 times the noise.
+    assert action_truth.shows(ramp, still) == pytest.approx(time[10])
+    weak = {**still, "finger.force": 0.5 * action_truth.NOISE_FORCE * time / time[-1]}
+    assert action_truth.shows(weak, still) == pytest.approx(time[20])  # a tenth of the noise
+    assert np.isnan(action_truth.shows({**still, "force": np.zeros(100)}, still))  # the input
+
+
+def test_an_effect_of_the_string_shows_at_the_impact():
+    _, base, library, outputs = action_machine._setup()
+    parts = tuple(
+        action_truth.Part(name, "A", size, 0.0)
+        for name, size in (("string_tension", -0.2), ("channel_gain.key", 0.02))
+    )
+    case = action_truth.plain_case(parts)
+    view, _ = action_truth.record(base, library, case, "forte", outputs, ideal=True)
+    farthest = np.argmax(np.abs(view["hammer_tip.x"])) / action_truth.RATE
+    string, gain = action_truth.moments(base, library, case, "forte", outputs)
+    assert farthest - 0.002 < string < farthest + 0.002
+    assert gain < string - 0.02  # from the first motion of the key on
+
+
 @pytest.mark.slow
 def test_an_effect_that_a_tolerance_can_take_up_does_not_stand_out():
     """A softer shank is the tolerance of its bending: it costs what the prior says, no more."""
