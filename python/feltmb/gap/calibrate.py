@@ -115,9 +115,9 @@ def largest_statistic(
 
     The statistic of a candidate is its score T. T is the predicted decrease of the sum of squares
     by the candidate. If the candidate was refitted, the statistic is the smaller of T and the
-    actual decrease (the likelihood ratio), which has the same null distribution. They differ if a
-    derivative jumps at the fit: a hammer that is just caught has another slope to either side, and
-    T predicts what no fit reaches.
+    actual decrease (the likelihood ratio) with the same continuity defects, which has the same null
+    distribution. They differ if a derivative jumps at the fit: a hammer that is just caught has
+    another slope to either side, and T predicts what no fit reaches.
 
     Parameters
     ----------
@@ -133,14 +133,14 @@ def largest_statistic(
     Returns
     -------
     float
-        The largest statistic [1]; with continuity defects, the largest T, because free start states
-        remove such jumps.
+        The largest statistic [1].
     """
     statistic = scores.singles()
     fit = found.model_fit
-    if not statistic.size or fit.gap_sd.size:
-        return float(np.max(statistic, initial=0.0))
-    realized = {c.names[0]: fit.cost - c.fit.cost for c in found.sets if len(c.names) == 1}
+    if not statistic.size:
+        return 0.0
+    alone = [c for c in found.sets if len(c.names) == 1 and c.fit.level == fit.level]
+    realized = {c.names[0]: fit.cost - c.fit.cost for c in alone}
     limit = float(np.quantile(maxima, 1.0 - REFUTED))
     size = scores.one_step()
     while True:
@@ -152,7 +152,10 @@ def largest_statistic(
             return float(statistic[i])
         if progress is not None:
             progress(f"refine: {t.name}", len(realized), 0)
-        again = refit(fit, (t,), np.array([size[i] * t.effect.scale]), quicker(settings))
+        way = quicker(settings)
+        again = refit(fit, (t,), np.array([size[i] * t.effect.scale]), way)
+        if again.level != fit.level:
+            again = polish(again.problem, replace(again.point, memo={}), fit.level, way)
         realized[t.name] = fit.cost - again.cost if np.isfinite(again.cost) else 0.0
 
 

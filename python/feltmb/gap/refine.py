@@ -97,15 +97,22 @@ def refit(
 ) -> Fit:
     """Nonlinear fit with included effects, started from ``base``; tightened as long as that helps.
 
-    If a fit without continuity defects reaches less than half of the improvement that the linear
-    model at its start predicts, ``base`` is in another local minimum. The fit is then repeated from
-    the priors, and new effects start at their expected magnitude.
+    If a fit reaches less than half of the improvement that the linear model at its start predicts,
+    it is repeated. With continuity defects, the states of the segments hold it back: the new fit
+    starts with loose defects and the predicted magnitudes. Without them, ``base`` is in another
+    local minimum: the new fit starts from the priors, and new effects at their expected magnitude.
     """
     problem = base.problem.with_candidates(included)
     start, before, promised = _reachable(problem, base, included, magnitudes)
     fit = refit_at(problem, start, base.level, settings)
-    if fit.gap_sd.size or not short_of(promised, before - fit.cost):
+    reached = before - fit.cost
+    if fit.level != base.level:
+        reached = 2.0 * (fit.log_evidence - base.log_evidence)
+    if not short_of(promised, reached):
         return fit
+    if fit.gap_sd.size:
+        again = refit_at(problem, replace(start, magnitudes=magnitudes, memo={}), LOOSE, settings)
+        return again if again.log_evidence > fit.log_evidence else fit
     known = {t.name for t in base.included}
     expected = [
         m if t.name in known else float(np.clip(np.copysign(t.effect.scale, m), *t.effect.bounds))

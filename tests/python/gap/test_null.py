@@ -1,6 +1,8 @@
 """The null law of the largest score: p is uniform under a null, and small under a true cause."""
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +14,17 @@ from feltmb.fit.linear import FunctionModel
 from feltmb.fit.noise import Noise
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import segment_record
-from feltmb.fit.solve import FitSettings, fit_problem
+from feltmb.fit.solve import FitSettings, fit_problem, polish
 from feltmb.gap.calibrate import calibrate, largest_statistic
+from feltmb.gap.checks import check_records
 from feltmb.gap.criteria import REFUTED
+from feltmb.gap.judged_data import prepare
+from feltmb.gap.refine import CandidateSet, quicker, refit
 from feltmb.gap.score import all_candidates, family_threshold, score_fit
-from feltmb.gap.search import search
+from feltmb.gap.search import Search, search
+
+sys.path.insert(0, str(Path(__file__).parent))
+import models
 
 NOISE, SD = 0.02, 0.3
 NAMES = ("bend", "gain", "offset", "slope")
@@ -147,3 +155,28 @@ def test_a_refitted_candidate_counts_by_the_decrease_that_its_fit_reaches(limit)
         else:
             assert 0.0 <= seen < 0.3 * promised
     assert largest_statistic(bare, found.scores, maxima, settings, confirm=False) == promised
+
+
+def test_a_refitted_candidate_counts_by_its_decrease_with_the_same_continuity_defects():
+    records = models.records(1, dry=6e-3)
+    checks = check_records(records, models.NOMINAL.outputs)
+    problem = Problem(models.NOMINAL, prepare(models.NOMINAL, records, checks, None))
+    fit = fit_problem(problem, FitSettings(restarts=0))
+    assert fit.gap_sd.size
+    candidates = all_candidates([models.DRY])
+    scores = score_fit(fit, candidates)
+    _, maxima = family_threshold(scores, 0.01)
+    promised = float(scores.singles()[0])
+    settings = FitSettings()
+    best = refit(fit, candidates, scores.one_step() * models.DRY.scale, quicker(settings))
+    bare = Search(fit, scores, None, None, (), 0.0, ())
+    assert largest_statistic(bare, scores, maxima, settings, confirm=False) == promised
+    for level, expected in ((fit.level, 3.0), (0.5 * fit.level, promised)):
+        reached = replace(best, cost=fit.cost - 3.0, level=level)
+        known = replace(bare, sets=(CandidateSet(reached, 0.0),))
+        seen = largest_statistic(known, scores, maxima, settings, confirm=False)
+        assert seen == pytest.approx(expected)
+    # Refitted now: with the defects of the model, whatever is best for the effect.
+    same = polish(best.problem, replace(best.point, memo={}), fit.level, quicker(settings))
+    seen = largest_statistic(bare, scores, maxima, settings, confirm=True)
+    assert seen == pytest.approx(min(promised, fit.cost - same.cost), abs=0.1)

@@ -1,6 +1,8 @@
 """The search ends in the right local minimum: cases of the blind bench in which it once did not."""
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +14,16 @@ from feltmb.fit import Candidate, Effect, Parameter
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
-from feltmb.fit.solve import FitSettings, finish, fit_problem
+from feltmb.fit.solve import FitSettings, finish, fit_problem, polish
 from feltmb.gap import refine
+from feltmb.gap.checks import check_records
+from feltmb.gap.judged_data import prepare
 from feltmb.gap.refine import CandidateSet
-from feltmb.gap.score import score_fit
+from feltmb.gap.score import all_candidates, score_fit
 from feltmb.gap.search import NESTED, _Hunt, search
+
+sys.path.insert(0, str(Path(__file__).parent))
+import models
 
 
 def searched(folder, number, *names):
@@ -244,3 +251,17 @@ def test_shapes_of_one_effect_do_not_displace_other_rivals():
     pairs = [c.names for c in found.sets if c.evidence > best - 3.0 and len(c.names) == 2]
     others = {"cubic", "shapes", "alike 1", "alike 2", "alike 3"}
     assert {n for names in pairs for n in names} == {"large"} | others
+
+
+def test_an_effect_that_start_states_hold_back_is_fitted_from_loose_defects():
+    """With tight defects no step along the effect is better unless all start states move too."""
+    records = models.records(1, cubic=3e4)
+    checks = check_records(records, models.NOMINAL.outputs)
+    problem = Problem(models.NOMINAL, prepare(models.NOMINAL, records, checks, None))
+    loose = fit_problem(problem, FitSettings(restarts=0))
+    base = polish(loose.problem, replace(loose.point, memo={}), 1e-5, FitSettings(chain=True))
+    candidates = all_candidates([models.CUBIC])
+    size = score_fit(base, candidates).one_step() * models.CUBIC.scale
+    fit = refine.refit(base, candidates, size, FitSettings(decrement=0.1, iterations=8))
+    assert fit.point.magnitudes[0] == pytest.approx(3e4, rel=0.01)
+    assert fit.explains
