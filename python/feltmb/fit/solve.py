@@ -63,7 +63,8 @@ class FitSettings:
     is not plausible is repeated once from the priors, unless this is 0."""
     seed: int = 0
     chain: bool = False
-    """Whether a poor fit is also started from one simulation through all segments."""
+    """Whether a poor fit is also started from one simulation through all segments. This is always
+    so in :func:`fit_problem`."""
     jumps: bool = True
     """Whether a fit without continuity defects that ends at a jump of the sum of squares goes on
     from the other side."""
@@ -825,10 +826,11 @@ def fit_problem(
     fit that is not plausible is repeated from the priors with shorter stages.
     With segments, continuity defects decrease from loose to tight, and the level with the largest
     marginal likelihood is used. If such a fit is poor, it is repeated from other starts, so that a
-    local minimum is not mistaken for a gap. Segments with a large residual are restarted from their
-    neighbors. Parameters are drawn from their priors until the best fit is reached a second time.
+    local minimum is not mistaken for a gap: from one simulation through all segments, and segments
+    with a large residual from their neighbors. Parameters are drawn from their priors until the
+    best fit is reached a second time.
     """
-    settings = settings or FitSettings()
+    settings = replace(settings or FitSettings(), chain=True)
     first = point or problem.start()
     fit, loose, loosest = _descend(problem, first, settings, progress, label)
     if not fit.gap_sd.size:

@@ -209,7 +209,10 @@ def _moved(facts: Facts) -> str:
     moved = sure or list(facts.calibrated)
     if not moved:
         return ""
-    large = [r for r in moved if r.share >= LARGE_MOVE or r.beyond][:4] or moved[:1]
+    large = [r for r in moved if r.share >= LARGE_MOVE or r.beyond]
+    # What exceeds its tolerance tells more of the machine than what closes the gap.
+    large.sort(key=lambda r: -abs(r.prior_deviations or 0.0) if r.beyond else 0.0)
+    large = large[:4] or moved[:1]
     text = "; ".join(r.text + r.notes for r in large) + "."
     more = len(moved) - len(large)
     if more:

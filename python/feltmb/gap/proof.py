@@ -134,7 +134,7 @@ def evaluate(
 ) -> Outcome:
     """Evaluate a fitted model on held-out segmented records.
 
-    ``like``: another model whose start states are used if the estimated ones fail.
+    ``like``: another model, whose start states are a second start for those of this one.
     """
     base = replace(
         model.problem,
@@ -145,21 +145,31 @@ def evaluate(
     way = replace(settings, chain=True)
     fit = polish(base, _converge(base, model), model.level, way)
     density = _density(base, fit, model)
-    if fit.gap_sd.size and not fit.explains:
+    if not fit.gap_sd.size:
+        return Outcome(fit, density, settings, segmented_level, model)
+
+    def attempt(level: float, point: Point) -> None:
+        nonlocal fit, density
+        other = polish(base, point, level, way)
+        worth = _density(base, other, model)
+        if np.sum(worth) > np.sum(density):
+            fit, density = other, worth
+
+    starts = [fit.point]
+    if like is not None:
+        # The states of tightly connected segments may be in a local minimum, which the records do
+        # not reveal: they are explained, but less well than by the other model.
+        point = like.fit.problem.carry(like.fit.point, base.included, model.point.magnitudes)
+        starts.append(replace(point, theta=model.point.theta, memo={}))
+        attempt(model.level, starts[1])
+    if not fit.explains:
         # Continuity defects that were right for the fitted records may be too tight for another
         # motion, for example with a repeated impact. Models could then not be compared. Larger
         # defects have a cost.
         looser = [v for v in settings.levels if 1.5 * model.level < v < 1.0]
-        tries = [(level, fit.point) for level in looser]
-        if like is not None:
-            point = like.fit.problem.carry(like.fit.point, base.included, model.point.magnitudes)
-            point = replace(point, theta=model.point.theta, memo={})
-            tries += [(level, point) for level in (model.level, *looser)]
-        for level, point in tries:
-            other = polish(base, point, level, way)
-            worth = _density(base, other, model)
-            if np.sum(worth) > np.sum(density):
-                fit, density = other, worth
+        for start in starts:
+            for level in looser:
+                attempt(level, start)
     return Outcome(fit, density, settings, segmented_level, model)
 
 

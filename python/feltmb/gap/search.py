@@ -293,6 +293,7 @@ class _Hunt:
         self.explained = False
         self.near: Fit | None = None
         self.annealed: set[str] = set()
+        self.led_from: list[Fit] = []
         self.linearized: tuple[Fit, list[Linear]] | None = None
 
     def run(self, *, may_restart: bool) -> Fit | None:
@@ -537,6 +538,8 @@ class _Hunt:
         """The model started from the best sets, if that gives a better fit."""
         best = sorted(self.done.values(), key=lambda c: -c.evidence)[:2]
         fits = [c.fit for c in best if c.evidence > self.start]
+        fits = [fit for fit in fits if not any(fit is other for other in self.led_from)]
+        self.led_from += fits
         return freed(self.model_fit, fits, self.quick)
 
     def _climb(self) -> None:

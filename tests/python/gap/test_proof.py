@@ -15,7 +15,7 @@ from feltmb.fit.model import Parameter
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
-from feltmb.gap import Candidate, Effect, State
+from feltmb.gap import Candidate, Effect, State, proof
 from feltmb.gap.acceptance import least_gain
 from feltmb.gap.criteria import CONTRADICTED, LEAST_GAIN
 from feltmb.gap.proof import HeldOut, compare, evaluate, expected_gain
@@ -112,6 +112,32 @@ def test_what_a_segment_is_worth_does_not_depend_on_what_follows(fitted):
     )
     assert whole[:2] == pytest.approx(begun[:2], abs=0.01)
     assert begun[3:] == pytest.approx(0.0, abs=1e-9)  # nothing is measured there
+
+
+@pytest.mark.parametrize("better", ["own", "other"])
+def test_held_out_start_states_have_those_of_the_other_model_as_a_second_start(
+    fitted, monkeypatch, better
+):
+    """A true effect lost 60 units of log density: its tight segments were in a local minimum."""
+    fit, segmented = fitted
+    held = HeldOut((segmented,), fit.problem.scale(fit.point), (segmented,))
+    other = evaluate(held, fit, FitSettings(), segmented_level=fit.level)
+    places = tuple(replace(p, starts=p.starts + 0.3) for p in other.fit.point.places)
+    other = replace(other, fit=replace(other.fit, point=replace(other.fit.point, places=places)))
+
+    def where_it_is(problem, point, level, settings):
+        return replace(other.fit, problem=problem, point=point, level=level)
+
+    def density(problem, fit, model):
+        from_other = np.array_equal(fit.point.places[0].starts, places[0].starts)
+        return np.array([-50.0 if from_other == (better == "other") else -110.0])
+
+    monkeypatch.setattr(proof, "polish", where_it_is)
+    monkeypatch.setattr(proof, "_density", density)
+    found = evaluate(held, fit, FitSettings(), segmented_level=fit.level, like=other)
+    assert found.density == pytest.approx([-50.0])
+    assert found.fit.explains  # so that no larger defects are tried
+    assert found.fit.level == fit.level
 
 
 def test_a_memory_that_starts_known_costs_nothing(fitted):

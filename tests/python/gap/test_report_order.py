@@ -422,5 +422,18 @@ def test_a_weak_hint_does_not_hide_what_calibration_moved():
     assert told.statement.startswith("Parameter slope (lever) is")
     assert "times its tolerance" in told.statement
     assert "There may be something more, but these records cannot prove it" in told.statement
+    # What exceeds its tolerance comes first, the farthest first; then what closes the gap.
+    rows = [
+        replace(row, share=share, beyond=beyond, prior_deviations=far, text=text)
+        for share, beyond, far, text in (
+            (0.6, False, 0.9, "A"), (0.3, True, 2.3, "B"), (0.0, True, -9.9, "C"),
+            (0.01, False, 0.5, "D"), (0.2, False, 0.4, "E"),
+        )
+    ]  # fmt: skip
+    facts.calibrated = tuple(rows)
+    told = decide(facts).statement
+    assert [told.index(f"{t} (") for t in "CBAE"] == sorted(told.index(f"{t} (") for t in "CBAE")
+    assert "D (" not in told
+    assert "1 more parameter moved" in told
     facts.calibrated, facts.apart = (), False
     assert decide(facts).statement.startswith("There may be something, but")

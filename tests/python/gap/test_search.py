@@ -265,3 +265,20 @@ def test_an_effect_that_start_states_hold_back_is_fitted_from_loose_defects():
     fit = refine.refit(base, candidates, size, FitSettings(decrement=0.1, iterations=8))
     assert fit.point.magnitudes[0] == pytest.approx(3e4, rel=0.01)
     assert fit.explains
+
+
+def test_a_poor_fit_is_also_started_from_one_simulation(monkeypatch):
+    """The model alone was 175 units below its best fit, because tight segments were astray."""
+    records = models.records(1, dry=3e-2)
+    checks = check_records(records, models.NOMINAL.outputs)
+    problem = Problem(models.NOMINAL, prepare(models.NOMINAL, records, checks, None))
+    module, levels = sys.modules["feltmb.fit.solve"], []
+    once = module.chained
+
+    def chained(at, point):
+        levels.append(at)
+        return once(at, point)
+
+    monkeypatch.setattr(module, "chained", chained)
+    fit_problem(problem, FitSettings(restarts=0))
+    assert levels
