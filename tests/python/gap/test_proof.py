@@ -125,10 +125,10 @@ def test_held_out_start_states_have_those_of_the_other_model_as_a_second_start(
     places = tuple(replace(p, starts=p.starts + 0.3) for p in other.fit.point.places)
     other = replace(other, fit=replace(other.fit, point=replace(other.fit.point, places=places)))
 
-    def where_it_is(problem, point, level, settings):
+    def where_it_is(problem, point, level, _):
         return replace(other.fit, problem=problem, point=point, level=level)
 
-    def density(problem, fit, model):
+    def density(_, fit, __):
         from_other = np.array_equal(fit.point.places[0].starts, places[0].starts)
         return np.array([-50.0 if from_other == (better == "other") else -110.0])
 
