@@ -36,6 +36,7 @@ from feltmb.gap.proof import (
     evaluate,
     expected_gain,
     explained_share,
+    second_start,
 )
 from feltmb.gap.refine import CandidateSet, full_evidence, refit, tighten
 from feltmb.gap.search import Search
@@ -158,6 +159,9 @@ class _Attempt:
                 segmented_level=self.options.segmented_level,
                 like=self.outcomes.get(()),
             )
+            if len(self.outcomes) == 2:  # each model has the start states of the other
+                self.before = second_start(self.before, self.outcomes[key])
+                self.outcomes[()] = self.before
         return self.outcomes[key]
 
     def without(self, c: CandidateSet, name: str) -> CandidateSet | None:

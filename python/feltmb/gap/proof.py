@@ -34,6 +34,7 @@ __all__ = [
     "explained_share",
     "one_run",
     "residuals_by_segment",
+    "second_start",
 ]
 
 
@@ -145,32 +146,49 @@ def evaluate(
     way = replace(settings, chain=True)
     fit = polish(base, _converge(base, model), model.level, way)
     density = _density(base, fit, model)
+    found = Outcome(fit, density, settings, segmented_level, model)
     if not fit.gap_sd.size:
-        return Outcome(fit, density, settings, segmented_level, model)
-
-    def attempt(level: float, point: Point) -> None:
-        nonlocal fit, density
-        other = polish(base, point, level, way)
-        worth = _density(base, other, model)
-        if np.sum(worth) > np.sum(density):
-            fit, density = other, worth
-
+        return found
     starts = [fit.point]
     if like is not None:
-        # The states of tightly connected segments may be in a local minimum, which the records do
-        # not reveal: they are explained, but less well than by the other model.
-        point = like.fit.problem.carry(like.fit.point, base.included, model.point.magnitudes)
-        starts.append(replace(point, theta=model.point.theta, memo={}))
-        attempt(model.level, starts[1])
-    if not fit.explains:
+        starts.append(_carried(found, like))
+        found = second_start(found, like)
+    if not found.fit.explains:
         # Continuity defects that were right for the fitted records may be too tight for another
         # motion, for example with a repeated impact. Models could then not be compared. Larger
         # defects have a cost.
         looser = [v for v in settings.levels if 1.5 * model.level < v < 1.0]
-        for start in starts:
-            for level in looser:
-                attempt(level, start)
-    return Outcome(fit, density, settings, segmented_level, model)
+        for start, level in itertools.product(starts, looser):
+            found = _better(found, start, level)
+    return found
+
+
+def second_start(found: Outcome, like: Outcome) -> Outcome:
+    """The result with the start states of another model as a second start, if that is better.
+
+    The states of tightly connected segments may be in a local minimum, which the records do not
+    reveal: they are explained, but less well than by the other model.
+    """
+    if not found.fit.gap_sd.size:
+        return found
+    return _better(found, _carried(found, like), found.fit.level)
+
+
+def _carried(found: Outcome, like: Outcome) -> Point:
+    """Start states of another model, with the parameters and magnitudes of this one."""
+    included = found.fit.problem.included
+    point = like.fit.problem.carry(like.fit.point, included, found.model.point.magnitudes)
+    return replace(point, theta=found.model.point.theta, memo={})
+
+
+def _better(found: Outcome, start: Point, level: float) -> Outcome:
+    """The result, or that of a fit from other start states if its density is larger."""
+    way = replace(found.settings, chain=True)
+    fit = polish(found.fit.problem, start, level, way)
+    density = _density(fit.problem, fit, found.model)
+    if not np.sum(density) > np.sum(found.density):
+        return found
+    return replace(found, fit=fit, density=density)
 
 
 def expected_gain(

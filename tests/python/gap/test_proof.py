@@ -138,6 +138,9 @@ def test_held_out_start_states_have_those_of_the_other_model_as_a_second_start(
     assert found.density == pytest.approx([-50.0])
     assert found.fit.explains  # so that no larger defects are tried
     assert found.fit.level == fit.level
+    alone = evaluate(held, fit, FitSettings(), segmented_level=fit.level)
+    assert alone.density == pytest.approx([-50.0 if better == "own" else -110.0])
+    assert proof.second_start(alone, other).density == pytest.approx([-50.0])
 
 
 def test_a_memory_that_starts_known_costs_nothing(fitted):
