@@ -28,6 +28,7 @@ __all__ = [
     "fit_problem",
     "model_with_variability",
     "polish",
+    "relaxed",
     "with_variability",
 ]
 
@@ -63,8 +64,8 @@ class FitSettings:
     is not plausible is repeated once from the priors, unless this is 0."""
     seed: int = 0
     chain: bool = False
-    """Whether a poor fit is also started from one simulation through all segments. This is always
-    so in :func:`fit_problem`."""
+    """Whether a poor fit with continuity defects below a tenth is also started from one simulation
+    through all segments. :func:`fit_problem` always does this."""
     jumps: bool = True
     """Whether a fit without continuity defects that ends at a jump of the sum of squares goes on
     from the other side."""
@@ -301,9 +302,7 @@ def _minimize(
             normal = problem.normal(point, linears, gap_sd, used)
             scaled = lam * np.diag(normal.matrix)
             attempt, gain = problem.step(point, normal, scaled, linears)
-            # The chains already contain the gain by the states; this is the remaining residual.
-            left = sum(float(np.sum(c.grams[:, -1, -1])) for c in normal.chains)
-            predicted = cost - left + gain - _priors(problem, point)
+            predicted = cost - relaxed(problem, point, normal) + gain
             least = max(settings.decrement, COARSE * max(cost - 4.0 * samples, 0.0))
             if predicted < least:
                 return point, cost, linears, True
@@ -419,6 +418,13 @@ def _within(problem: Problem, point: Point, normal: Normal, radius: float) -> tu
         if high - low <= 0.02 or tried[1] > 0.9 * radius:
             return tried
     return found if found[1] <= radius else at(10.0**high * weight)
+
+
+def relaxed(problem: Problem, point: Point, normal: Normal) -> float:
+    """Sum of squares after a step of the states alone, to first order."""
+    # The chains contain the gain by the states; this is the remaining residual.
+    left = sum(float(np.sum(c.grams[:, -1, -1])) for c in normal.chains)
+    return left + _priors(problem, point)
 
 
 def _priors(problem: Problem, point: Point) -> float:
@@ -744,17 +750,16 @@ def model_with_variability(fit: Fit) -> Model:
 
 
 def with_variability(fit: Fit, settings: FitSettings, *, near: Fit | None = None) -> Fit:
-    """Repeat a fit with the run-to-run variability at its parameters, if it explains the records.
+    """Repeat a fit that explains the records, with the run-to-run variability at its parameters.
 
-    ``near``: another fit to the records, whose parameters are used if only this one explains them.
+    ``near``: another fit that explains the records, whose parameters are used in its place.
     """
-    of = near if near is not None and near.explains and not fit.explains else fit
+    of = fit if near is None else near
     model = model_with_variability(of) if of.explains else fit.problem.model
     if model is fit.problem.model or current().stopping():
         return fit
-    way = settings if of is fit else replace(settings, iterations=1)
     problem = replace(fit.problem, model=model)
-    again = polish(problem, replace(fit.point, memo={}), fit.level, way)
+    again = polish(problem, replace(fit.point, memo={}), fit.level, settings)
     return replace(again, levels=fit.levels, notes=fit.notes)
 
 

@@ -548,7 +548,13 @@ def shapley(
                 progress("waterfall: " + " + ".join(key), len(value), len(subsets))
             kept = [k for k, n in enumerate(names) if n in subset]
             part = known.get(key) or _part(search, fit, kept, settings)
-            found = evaluate(held, part, settings, segmented_level=segmented_level)
+            found = evaluate(
+                held,
+                part,
+                settings,
+                segmented_level=segmented_level,
+                like=accepted.outcomes.get(()),
+            )
         value[subset] = found.gap(held.sensed, which)
     n = len(names)
     out = {}

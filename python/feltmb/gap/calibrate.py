@@ -140,7 +140,9 @@ def largest_statistic(
     if not statistic.size:
         return 0.0
     alone = [c for c in found.sets if len(c.names) == 1 and c.fit.level == fit.level]
-    realized = {c.names[0]: fit.cost - c.fit.cost for c in alone}
+    # With continuity defects, an unfinished fit may be held back by its start states.
+    ended = [c for c in alone if c.fit.converged or not fit.gap_sd.size]
+    realized = {c.names[0]: fit.cost - c.fit.cost for c in ended}
     limit = float(np.quantile(maxima, 1.0 - REFUTED))
     size = scores.one_step()
     while True:
@@ -156,6 +158,8 @@ def largest_statistic(
         again = refit(fit, (t,), np.array([size[i] * t.effect.scale]), way)
         if again.level != fit.level:
             again = polish(again.problem, replace(again.point, memo={}), fit.level, way)
+        if fit.gap_sd.size and not again.converged:
+            return float(statistic[i])
         realized[t.name] = fit.cost - again.cost if np.isfinite(again.cost) else 0.0
 
 

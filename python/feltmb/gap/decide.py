@@ -209,14 +209,16 @@ def _moved(facts: Facts) -> str:
     moved = sure or list(facts.calibrated)
     if not moved:
         return ""
-    large = [r for r in moved if r.share >= LARGE_MOVE or r.beyond]
     # What exceeds its tolerance tells more of the machine than what closes the gap.
-    large.sort(key=lambda r: -abs(r.prior_deviations or 0.0) if r.beyond else 0.0)
-    large = large[:4] or moved[:1]
+    beyond = sorted((r for r in moved if r.beyond), key=lambda r: -abs(r.prior_deviations or 0.0))
+    large = [r for r in moved if r.share >= LARGE_MOVE and not r.beyond]
+    large = [*beyond[: 3 if large else 4], *large][:4] or moved[:1]
     text = "; ".join(r.text + r.notes for r in large) + "."
-    more = len(moved) - len(large)
-    if more:
-        text += f" {more} more parameter{'s' if more > 1 else ''} moved, by less of the gap."
+    others = [r for r in moved if r not in large]
+    if others:
+        less = max(r.share for r in others) <= min(r.share for r in large)
+        what = ", by less of the gap" if less else ""
+        text += f" {len(others)} more parameter{'s' if len(others) > 1 else ''} moved{what}."
     return text
 
 

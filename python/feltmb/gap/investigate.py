@@ -160,7 +160,9 @@ def _search(
     if not watch.stopping():
         fit = without_several(fit, settings)
     if known is None:
-        fit = with_variability(fit, settings, near=led[0] if led else None)
+        near = led[0] if led and led[0].plausible and not fit.explains else None
+        way = replace(settings, worth=worth_of(near))
+        fit = with_variability(fit, way, near=near)
         led = [f.in_problem(replace(f.problem, model=fit.problem.model)) for f in led]
     watch.fitted(fit.chi2 / fit.dof)
     watch.enter(SEARCH)

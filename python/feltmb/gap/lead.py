@@ -175,7 +175,8 @@ class _Stage:
 
     def keep(self, fit: Fit) -> None:
         """Store a fit unless its set has a better one."""
-        new = CandidateSet(fit, full_evidence(fit, self.total))
+        value = full_evidence(fit, self.total)
+        new = CandidateSet(fit, value if np.isfinite(value) else -np.inf)
         known = self.found.get(new.key)
         if known is None or new.evidence > known.evidence:
             self.found[new.key] = new

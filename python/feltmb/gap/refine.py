@@ -10,7 +10,16 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.model import Candidate
 from feltmb.fit.problem import Point, Problem
-from feltmb.fit.solve import Fit, FitSettings, at_level, chained, finish, fit_problem, polish
+from feltmb.fit.solve import (
+    Fit,
+    FitSettings,
+    at_level,
+    chained,
+    finish,
+    fit_problem,
+    polish,
+    relaxed,
+)
 from feltmb.gap.criteria import BEYOND_PRIORS, DOUBT, LOOSE, NEAR_BEST
 from feltmb.gap.score import prior_of
 
@@ -104,23 +113,24 @@ def refit(
     """
     problem = base.problem.with_candidates(included)
     start, before, promised = _reachable(problem, base, included, magnitudes)
-    fit = refit_at(problem, start, base.level, settings)
-    reached = before - fit.cost
-    if fit.level != base.level:
-        reached = 2.0 * (fit.log_evidence - base.log_evidence)
-    if not short_of(promised, reached):
-        return fit
-    if fit.gap_sd.size:
+    first = polish(problem, start, base.level, settings)
+    short = short_of(promised, before - first.cost)
+    if first.gap_sd.size:
+        fit = _tightened(first, base.level, settings)
+        if not short:
+            return fit
         again = refit_at(problem, replace(start, magnitudes=magnitudes, memo={}), LOOSE, settings)
         return again if again.log_evidence > fit.log_evidence else fit
+    if not short:
+        return first
     known = {t.name for t in base.included}
     expected = [
         m if t.name in known else float(np.clip(np.copysign(t.effect.scale, m), *t.effect.bounds))
         for t, m in zip(included, magnitudes, strict=True)
     ]
-    way = replace(settings, restarts=0, worth=min(settings.worth, fit.cost))
+    way = replace(settings, restarts=0, worth=min(settings.worth, first.cost))
     again = fit_problem(problem, way, point=problem.start(np.array(expected)))
-    return again if again.cost < fit.cost else fit
+    return again if again.cost < first.cost else first
 
 
 def short_of(promised: float, reached: float) -> bool:
@@ -135,9 +145,14 @@ def refit_at(
 
     ``patient``: a tighter level gets all iterations before it counts as no improvement.
     """
-    fit = polish(problem, point, level, settings)
+    return _tightened(polish(problem, point, level, settings), level, settings, patient=patient)
+
+
+def _tightened(fit: Fit, level: float, settings: FitSettings, *, patient: bool = False) -> Fit:
+    """The fit with tighter continuity defects, as long as that helps."""
     if not fit.gap_sd.size:
         return fit
+    problem = fit.problem
     levels = list(settings.levels)
     at = min(range(len(levels)), key=lambda i: abs(np.log(levels[i] / level)))
     quick = replace(settings, iterations=min(settings.iterations, 4))
@@ -158,16 +173,18 @@ def _reachable(
 ) -> tuple[Point, float, float]:
     """Start point from ``base``; sum of squares without new effects, and its predicted reduction.
 
-    New magnitudes are reduced if the linear step is too large.
+    Both are those of start states that fit the other numbers, to first order. New magnitudes are
+    reduced if the linear step is too large.
     """
     old = {t.name: s for t, s in zip(base.included, base.point.magnitudes, strict=True)}
     kept = np.array([old.get(t.name, 0.0) for t in included])
     plain = base.problem.carry(base.point, included, kept)
     gap_sd = base.level * problem.scale(plain)
     linears = problem.linear(plain)
-    before = problem.cost_at(plain, gap_sd, linears)[0]
-    best, least = plain, before
-    promised = problem.step(plain, problem.normal(plain, linears, gap_sd), 0.0, linears)[1]
+    best, least = plain, problem.cost_at(plain, gap_sd, linears)[0]
+    normal = problem.normal(plain, linears, gap_sd)
+    promised = problem.step(plain, normal, 0.0, linears)[1]
+    before = relaxed(problem, plain, normal)
     for share in (1.0, 0.3, 0.1):
         point = replace(plain, magnitudes=kept + share * (magnitudes - kept), memo={})
         cost = problem.cost(point, gap_sd, linears)[0]

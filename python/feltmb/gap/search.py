@@ -205,9 +205,11 @@ def _again(
         new = polish(problem, replace(fit.point, memo={}), fit.level, way)
         return replace(new, levels=fit.levels, notes=fit.notes)
 
-    best, way = found.best, settings
+    best, way, quick = found.best, settings, quicker(settings)
+    ready: dict[tuple[str, ...], Fit] = {}
     if best is not None and not found.model_fit.explains:
-        way = replace(settings, worth=worth_of(best.fit))
+        ready[best.key] = again(best.fit, quick)
+        way = replace(settings, worth=worth_of(ready[best.key]))
     tight = None if found.tight_fit is None else again(found.tight_fit, way)
     hunt = _Hunt(again(found.model_fit, way), tight, effects, settings, 0, 0, progress)
     hunt.scores, hunt.tight = found.scores, found.tight
@@ -231,7 +233,7 @@ def _again(
         small = len(c.names) <= len(found.sets[0].names)
         if small and c.evidence > found.sets[0].evidence - NEAR_BEST:
             hunt._tell(f"{what}: " + " + ".join(c.names))
-            fit = again(c.fit, hunt.quick)
+            fit = ready.get(c.key) or again(c.fit, quick)
             hunt.done[c.key] = CandidateSet(fit, full_evidence(fit, hunt.total))
         elif len(c.names) == 1:
             hunt.done[c.key] = moved(c)

@@ -138,3 +138,19 @@ def test_a_search_uses_the_variability_at_its_best_set():
     when, names, _ = report.fit.problem.model.computed_at
     assert when == pytest.approx(TRUE, abs=0.002)
     assert "chirp" in names
+
+
+def test_the_variability_of_a_fit_can_be_that_of_another_one(record):
+    problem = gap.fit_model(Rung(), [record]).problem
+    fit = fit_problem(problem, FitSettings(restarts=0))
+    chirp = problem.with_candidates((Candidate(CHIRP),))
+    near = polish(chirp, chirp.start(theta=fit.point.theta), 1.0, FitSettings())
+    assert near.explains
+    found = with_variability(fit, FitSettings(), near=near)
+    assert found.problem.model.computed_at == (
+        near.point.theta[0],
+        ("chirp",),
+        tuple(near.point.magnitudes),
+    )
+    assert not found.included
+    assert found.converged
