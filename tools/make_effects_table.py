@@ -13,11 +13,8 @@ DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "gap-a
 def tables() -> dict[str, str]:
     """Generated parts of the document, by their marks."""
     library = load_library(feltmb.load_action("steinway45"))
-    default = {e.name for e in library.select()}
-    rest = [e.name for e in library.effects if e.name not in default]
     return {
-        "effects": effects_markdown(library, default),
-        "more effects": effects_markdown(library, rest),
+        "effects": effects_markdown(library),
         "tolerances": tolerances_markdown(library),
     }
 

@@ -39,7 +39,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--strokes", type=int, default=5)
     parser.add_argument("--rtol", type=float, default=3e-6)
-    parser.add_argument("--effects", default="", help="default: the core set; all")
+    parser.add_argument("--effects", default="", help="names or patterns; default: all")
     parser.add_argument("--after-impact", type=float, default=0.006)
     parser.add_argument(
         "--whole",

@@ -149,7 +149,6 @@ class _Defaults(Schema):
     segment: Annotated[float, SI("s"), Field(gt=0)] | None = None
     until: _UntilTable | None = None
     without_tolerances: list[str] = []
-    effects: list[str] = []
 
 
 class LibraryFile(Schema):
@@ -247,7 +246,6 @@ class Library:
     effects: tuple[Entry, ...]
     channels: Mapping[str, tuple[str, ...]]
     default_channels: tuple[str, ...]
-    default_effects: tuple[str, ...]
     segment: float | None
     until: Until | None
     origin: str
@@ -257,15 +255,8 @@ class Library:
         return _chosen(self.effects, [name], "effects", self.name)[0]
 
     def select(self, names: Sequence[str] = ()) -> tuple[Entry, ...]:
-        """Effects by name, pattern with ``*``, ``default`` for the default set, or ``all``.
-
-        Without names, the default set.
-        """
-        default = self.default_effects or ("all",)
-        wanted = [
-            n for name in names or ("default",) for n in (default if name == "default" else (name,))
-        ]
-        return _chosen(self.effects, wanted, "effects", self.name)
+        """Effects by name, or pattern with ``*``; without names, or with ``all``, all of them."""
+        return _chosen(self.effects, names or ("all",), "effects", self.name)
 
     def choose_tolerances(self, names: Sequence[str]) -> tuple[Entry, ...]:
         """Tolerances by name, pattern or ``all``; ``none`` for none."""
@@ -344,9 +335,6 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> LibraryFile:
         raise InvalidParameter(f"{path.name}: extends {own.extends!r}, which leads back to itself")
     base = _read(base_path, (*seen, path))
     defaults = {k: getattr(own.defaults, k) for k in own.defaults.model_fields_set}
-    if base.defaults.effects and "effects" not in defaults:
-        new = [n for n in own.effects if "{" not in n and n not in base.defaults.effects]
-        defaults["effects"] = [*base.defaults.effects, *new]
     return own.model_copy(
         update={
             "channels": base.channels | own.channels,
@@ -404,42 +392,16 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
             until = None  # another mechanism has other strokes
     if faults:
         raise InvalidParameter(fault_text(path.name, list(dict.fromkeys(faults))))
-    known = {e.name for e in effects}
-    library = Library(
+    return Library(
         name=file.name,
         tolerances=tuple(tolerances),
         effects=tuple(effects),
         channels={k: tuple(v) for k, v in outputs.items()},
         default_channels=tuple(file.defaults.channels) or tuple(_all_points(config)),
-        default_effects=tuple(e for e in file.defaults.effects if e in known),
         segment=file.defaults.segment,
         until=None if until is None else Until(until.output, until.after_turn),
         origin=path.name,
     )
-    missing = sorted(n for n in set(file.defaults.effects) - known if not _absent(config, file, n))
-    if missing and file.name == action.name:
-        raise InvalidParameter(f"{path.name}: defaults.effects: unknown {', '.join(missing)}")
-    return library
-
-
-def _absent(config: MechanismFile, file: LibraryFile, name: str) -> bool:
-    """Whether an effect does not apply because the mechanism lacks the part on which it acts.
-
-    Examples: the damping of a member that was made rigid, or a contact that is switched off.
-    """
-    parts = {*config.bodies, *config.contacts, *config.springs, *config.straps, *config.points}
-    for template, table in file.effects.items():
-        if not table.each:
-            continue
-        if "{name}" not in template:
-            if template == name:
-                return True
-            continue
-        before, _, after = template.partition("{name}")
-        part = name.removeprefix(before).removesuffix(after)
-        if part in parts and template.replace("{name}", part) == name:
-            return True
-    return False
 
 
 def _all_points(config: MechanismFile) -> Iterator[str]:

@@ -36,7 +36,7 @@ def mechanism_model(
     library
         A library, its name or path; default: the library of the mechanism.
     effects
-        Names or patterns (``felt_*``, ``all``); default: the default set of the library.
+        Names or patterns (``felt_*``); default: all effects of the library.
     tolerances
         Parameters that a fit estimates: names, patterns or entries of the library; default: all of
         the library. An empty list: none.

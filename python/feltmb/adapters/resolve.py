@@ -19,7 +19,7 @@ __all__ = ["SETTINGS", "resolve"]
 #: Settings of a command: name -> meaning.
 SETTINGS = {
     "channels": "channels or outputs, with commas: key,hammer_tip (default: those of the library)",
-    "effects": "names or patterns, with commas: felt_*,let_off_button; all (default: a core set)",
+    "effects": "names or patterns, with commas: felt_*,let_off_button (default: all)",
     "tolerances": "parameters to estimate, names or patterns (default: all of the library)",
     "library": "packaged library of effects or TOML file (default: that of the mechanism)",
     "rtol": "relative tolerance of the integrator (default 1e-6)",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from feltmb.adapters.library import Entry, Library
 from feltmb.units import unit_suffix
 
@@ -23,13 +21,10 @@ def _shapes(entry: Entry) -> str:
     return f"{entry.shape_path.rpartition('.')[2]} {values} {entry.shape_unit}".strip()
 
 
-def effects_markdown(library: Library, names: Iterable[str] | None = None) -> str:
-    """Table of effects: name, component, mechanism, magnitude, shapes, kind."""
-    chosen = set(names) if names is not None else None
+def effects_markdown(library: Library) -> str:
+    """Table of effects: name, mechanism, magnitude, kind, shapes."""
     rows = ["| effect | description | magnitude | kind | shapes |", "|---|---|---|---|---|"]
     for e in library.effects:
-        if chosen is not None and e.name not in chosen:
-            continue
         rows.append(f"| `{e.name}` | {e.mechanism} | {_size(e)} | {e.kind} | {_shapes(e)} |")
     return "\n".join(rows) + "\n"
 

@@ -164,22 +164,13 @@ def test_a_member_that_the_model_takes_as_rigid_may_bend():
     np.testing.assert_allclose(large, 2.0 * small, atol=0.01 * np.max(np.abs(large)))
 
 
-def test_felts_and_springs_are_asked_by_default():
-    asked = load_library(ACTION).default_effects
-    for family in ("felt_stiffness", "spring_rate"):
-        known = [e.name for e in load_library(ACTION).effects if e.name.startswith(family + ".")]
-        assert known
-        assert set(known) <= set(asked)
-
-
-def test_an_effect_is_added_to_the_default_set():
+def test_all_effects_of_the_library_are_tested_unless_some_are_chosen():
     library = load_library(ACTION)
-    more = [e.name for e in library.select(["default", "inertia.key", "camera_*"])]
-    assert set(more) == {*library.default_effects, "inertia.key"}
-    assert len(more) == len(set(more))
-    assert "inertia.key" not in library.default_effects
-    bare = load_library(ACTION, "mechanism")  # it has no default set
-    assert bare.select(["default"]) == bare.select(["all"])
+    assert library.select() == library.effects
+    assert [e.name for e in library.select(["inertia.key", "camera_*", "camera_scale"])] == [
+        "inertia.key",
+        *(e.name for e in library.effects if e.name.startswith("camera_")),
+    ]
 
 
 def test_segments_go_on_where_the_last_one_ended():
@@ -237,21 +228,16 @@ def test_the_document_shows_the_library_as_it_is():
     assert made["renewed"](text) == text, "run tools/make_effects_table.py"
 
 
-def test_a_rigid_member_leaves_its_effects_out_and_a_typo_does_not(tmp_path):
+def test_a_rigid_member_leaves_its_effects_out_and_a_typo_does_not():
     action = ACTION
     rigid = action.with_values({"bodies.wire.rigid": True, "bodies.shank.rigid": True})
     whole, less = load_library(action), load_library(rigid)
-    assert set(whole.default_effects) - set(less.default_effects) == {
-        "damping.wire",
-        "damping.shank",
-    }
-    file = tmp_path / "typo.toml"
-    file.write_text(
-        'schema = 1\nname = "steinway45"\nextends = "steinway45"\n'
-        '[defaults]\neffects = ["damping.shnk"]\n'
-    )
-    with pytest.raises(InvalidParameter, match=r"unknown damping\.shnk"):
-        load_library(action, file)
+    names, fewer = ({e.name for e in library.effects} for library in (whole, less))
+    assert {"damping.wire", "damping.shank"} <= names - fewer
+    with pytest.raises(
+        InvalidParameter, match=r"'damping\.shnk' is not in library .*damping\.shank"
+    ):
+        whole.select(["damping.shnk"])
 
 
 def test_an_extended_library_keeps_what_it_does_not_say(tmp_path):
@@ -262,7 +248,7 @@ def test_an_extended_library_keeps_what_it_does_not_say(tmp_path):
         'component = "x"\nmagnitude = 0.1\nchanges = [{ path = "bodies.head.mass", scale = 1.0 }]\n'
     )
     base, mine = load_library(action), load_library(action, file)
-    assert mine.default_effects == (*base.default_effects, "extra")
+    assert [e.name for e in mine.effects] == [*(e.name for e in base.effects), "extra"]
     assert mine.default_channels == base.default_channels
     assert [t.name for t in mine.tolerances] == [t.name for t in base.tolerances]
     assert mine.segment == base.segment
