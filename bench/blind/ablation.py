@@ -43,32 +43,23 @@ __all__ = ["NEUTRAL", "at_value", "command"]
 #: tests, prior probabilities, and the calibration of the confidence, which have no neutral value.
 NEUTRAL: dict[str, tuple[float, ...]] = {
     "ALLOWED_REST": (0.0,),
-    "AS_GIVEN": (math.inf,),
-    "BEYOND_PRIORS": (math.inf,),
     "CLOSES_ALL": (2.0,),
     "CLOSE_ALARM": (0.0,),
     "COLOR_GAIN": (math.inf,),
-    "CONTRADICTED": (1e9,),
     "DEEP_GAP": (0.0,),
-    "DOUBT": (math.inf,),
     "EXPLAINS_MOST": (0.0,),
     "HINT": (1.0,),
     "LEAST_CLOSED": (0.0, 2.0),
-    "LEAST_GAIN": (0.0,),
     "NEAR_SHAPE": (0.0, 1.0),
     "NO_GAP_RATIO": (1.0,),
     "PAIRED_P": (1.0,),
     "PAIRED_P_INFLATED": (0.4,),
-    "REFUTED": (0.0,),
-    "REST_EXCESS": (4.0,),
     "SLOW_COLOR": (math.inf,),
-    "SMALL_GAIN": (0.0,),
+    "SMALL_SHARE": (0.0,),
     "STILL_SHRINKS": (math.inf,),
     "WALD": (0.0,),
-    "WIDE_GAP": (1.0,),
     "WORTH_SHAPE": (0.0,),
     "form": (0.0,),
-    "least_share": (0.0,),
 }
 #: Key of the results with all thresholds.
 AS_IT_IS = "as it is"

@@ -84,9 +84,13 @@ class FitSettings:
         )
 
 
+#: Standard deviations within which a sum of squares agrees with noise.
+FAR = 4.0
+
+
 def _limit_of_noise(count: float) -> float:
-    """Largest sum of squares of so many numbers that agrees with noise [four deviations]."""
-    return float(count + 4.0 * np.sqrt(2.0 * count))
+    """Largest sum of squares of so many numbers that agrees with noise."""
+    return float(count + FAR * np.sqrt(2.0 * count))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,8 +143,13 @@ class Fit:
     @property
     def plausible(self) -> bool:
         """Whether the fit explains the records with parameters that their joint prior permits."""
+        return self.explains and self.within_priors
+
+    @property
+    def within_priors(self) -> bool:
+        """Whether the parameters agree jointly with their priors, within four deviations."""
         far = self.prior_deviation
-        return self.explains and float(far @ far) <= _limit_of_noise(far.size)
+        return float(far @ far) <= _limit_of_noise(far.size)
 
     @property
     def included(self) -> tuple[Candidate, ...]:

@@ -5,26 +5,27 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from feltmb.fit.solve import SAME, Fit, FitSettings
 from feltmb.gap.criteria import (
     CLOSES_ALL,
-    CONTRADICTED,
     DEEP_GAP,
     EXPLAINS_MOST,
     INFLATED,
     LEAST_CLOSED,
-    LEAST_GAIN,
     NO_EFFECT,
+    NOISE_ERROR,
     NOT_LISTED,
     PAIRED_P,
     PAIRED_P_INFLATED,
     RIVAL,
+    SMALL_SHARE,
     WALD,
-    WIDE_GAP,
+    contradicted,
+    least_odds,
 )
 from feltmb.gap.misfit import allowance
 from feltmb.gap.options import Options
@@ -40,6 +41,7 @@ from feltmb.gap.proof import (
 )
 from feltmb.gap.refine import CandidateSet, full_evidence, refit, tighten
 from feltmb.gap.search import Search
+from feltmb.gap.smooth import smooth_evidence
 
 __all__ = ["Accepted", "Posterior", "accept", "posterior", "refutes", "shapley"]
 
@@ -56,18 +58,13 @@ class Posterior:
     """Probability of each set, in the order of ``Search.sets``."""
     inflation: float
 
-    def trusted(self, share: float) -> Posterior:
-        """Multiply the probabilities of the sets by ``share`` and move the rest to ``other``."""
-        lost = (1.0 - share) * sum(self.sets)
-        sets = tuple(share * w for w in self.sets)
-        return replace(self, other=self.other + lost, sets=sets)
-
 
 def posterior(search: Search, *, none: float = NO_EFFECT, other: float = NOT_LISTED) -> Posterior:
     """Compute the posterior of the model, of the model with unknown forces, and of the sets.
 
-    "Unknown" is the model with continuity defects between its segments; "none" is the model without
-    them, or with them up to the :func:`~feltmb.gap.misfit.allowance`. All log evidences are divided
+    "Unknown" is the model with continuity defects between its segments, or, if it has no segments,
+    with a smooth unknown signal in every output; "none" is the model without them, or with defects
+    up to the :func:`~feltmb.gap.misfit.allowance`. All log evidences are divided
     by the inflation: the smallest residual sum of squares of all fits over its degrees of freedom,
     at least 1. If even the best fit leaves more than noise, no set may get a high probability.
     """
@@ -77,11 +74,7 @@ def posterior(search: Search, *, none: float = NO_EFFECT, other: float = NOT_LIS
         search.model_evidence, search.tight_evidence + allowance(search.tight_fit or fits[0])
     )
     values = [max(search.tight_evidence, within) / inflation + math.log(none)]
-    values.append(
-        search.model_evidence / inflation + math.log(other)
-        if search.tight_fit is not None
-        else -math.inf
-    )
+    values.append(_unknown(search) / inflation + math.log(other))
     share = math.log(1.0 - none - other)
     values += [c.evidence / inflation + share for c in search.sets]
     top = max(values)
@@ -90,6 +83,14 @@ def posterior(search: Search, *, none: float = NO_EFFECT, other: float = NOT_LIS
     return Posterior(
         float(weights[0]), float(weights[1]), tuple(float(w) for w in weights[2:]), inflation
     )
+
+
+def _unknown(search: Search) -> float:
+    """Log evidence of the model with an unknown cause; -inf: the fit permits none."""
+    if search.tight_fit is not None:
+        return search.model_evidence
+    fit = search.model_fit
+    return -math.inf if fit.gap_sd.size else search.model_evidence + smooth_evidence(fit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +132,7 @@ class _Attempt:
         self.search, self.held, self.settings = search, held, settings
         self.inflation, self.options = inflation, options
         self.discrepancy, self.progress = discrepancy, progress
-        self.total = search.scores.total_weight
+        self.total = search.total
         self.outcomes: dict[tuple[str, ...], Outcome] = {}
         self.tightest: dict[tuple[str, ...], Fit | None] = {}
         self.known = {c.key: c for c in search.sets}
@@ -146,6 +147,11 @@ class _Attempt:
                     )
         self.before = self.outcome(search.bare)
 
+    @property
+    def odds(self) -> float:
+        """Held-out gain that confirms an effect [log evidence]."""
+        return least_odds(self.options.credibility)
+
     def outcome(self, fit: Fit) -> Outcome:
         """Evaluate a fit on the held-out records."""
         key = tuple(sorted(t.name for t in fit.included))
@@ -156,7 +162,6 @@ class _Attempt:
                 self.held,
                 fit,
                 self.settings,
-                segmented_level=self.options.segmented_level,
                 like=self.outcomes.get(()),
             )
             if len(self.outcomes) == 2:  # each model has the start states of the other
@@ -177,7 +182,7 @@ class _Attempt:
 
     def part(self, c: CandidateSet, names: Sequence[str]) -> CandidateSet:
         """Part of a set: the given effects only."""
-        for name in set(c.names) - set(names):
+        for name in [n for n in c.names if n not in names]:
             smaller = self.without(c, name)
             assert smaller is not None
             c = smaller
@@ -244,7 +249,7 @@ class _Attempt:
         unknown = self.unexplained(c) / self.inflation
         if 0.0 < unknown > paired.gain and not self._carries(c, name, paired):
             return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
-        small = most > LEAST_GAIN and paired.gain < self.options.least_share * most
+        small = most > self.odds and paired.gain < SMALL_SHARE * most
         if small and not self._completes(c, name):
             return (
                 f"{gain} compared with {most:.0f}: an error in the form of the larger effect would "
@@ -255,9 +260,9 @@ class _Attempt:
         # records can show that it is more than this parameter.
         another = any(
             t.name == name and t.effect.tolerance_parameter for t in c.fit.included
-        ) and not _improves(paired, self.inflation)
+        ) and not self._improves(paired)
         if another or self._refused(paired, without, after):
-            if paired.gain > LEAST_GAIN:
+            if paired.gain > self.odds:
                 return f"{gain}, p = {paired.p:.2g}"
             if _follows(after):
                 return f"{gain}; it follows these records only with larger continuity defects"
@@ -266,14 +271,15 @@ class _Attempt:
 
     def _refused(self, paired: Paired, before: Outcome, after: Outcome) -> bool:
         """Whether the held-out records contradict ``after``, or do not show what they must show."""
-        if _improves(paired, self.inflation):
+        if self._improves(paired):
             return False
         if _follows(after):
             return True
-        least = least_gain(*self.expected(before, after))
+        alpha, odds = self.options.alpha, self.odds
+        least = least_gain(*self.expected(before, after), alpha=alpha, odds=odds)
         # A true effect that surely shows must improve the prediction. The expected gain of another
         # one omits the difference of S, which is small (two fits differ by SAME without a reason).
-        return least >= LEAST_GAIN or paired.gain < least - CONTRADICTED * SAME
+        return least >= odds or paired.gain < least - contradicted(alpha) * SAME
 
     def expected(self, before: Outcome, after: Outcome) -> tuple[float, float]:
         """Held-out gain that a set would have if it were true, and its standard deviation."""
@@ -299,9 +305,9 @@ class _Attempt:
         shares = [
             explained_share(old, new)
             for old, new in zip(before, after, strict=True)
-            if WIDE_GAP < old < np.inf and np.isfinite(new)
+            if NOISE_ERROR < old < np.inf and np.isfinite(new)
         ]
-        return _improves(paired, self.inflation) and max(shares, default=0.0) >= EXPLAINS_MOST
+        return self._improves(paired) and max(shares, default=0.0) >= EXPLAINS_MOST
 
     def standing(
         self, first: CandidateSet, proof: dict[str, Paired], bad: dict[str, str]
@@ -328,11 +334,7 @@ class _Attempt:
             for names in itertools.combinations(first.names, size):
                 if not needed <= set(names):
                     continue
-                part: CandidateSet | None = first
-                for name in set(first.names) - set(names):
-                    assert part is not None
-                    part = self.without(part, name)
-                assert part is not None
+                part = self.part(first, names)
                 if part.evidence < self.search.model_evidence:
                     continue
                 found, wrong = self.faults(part)
@@ -356,7 +358,7 @@ class _Attempt:
             own = self.outcome(c.fit)
             if self._contradicted(own):
                 continue
-            if _improves(self._compared(own, after), self.inflation):
+            if self._improves(self._compared(own, after)):
                 continue  # the best one predicts better than it
             found.append(c)
         return found
@@ -365,6 +367,11 @@ class _Attempt:
         return compare(
             old, new, self.held.segmented_records, self.inflation, seed=self.options.seed
         )
+
+    def _improves(self, paired: Paired) -> bool:
+        """Whether a gain is significant; if the noise model is doubtful, in many segments."""
+        least_p = PAIRED_P if self.inflation < INFLATED else PAIRED_P_INFLATED
+        return paired.gain > self.odds and paired.p < least_p
 
     def _contradicted(self, own: Outcome) -> bool:
         """Whether held-out records show less gain over the model than a true set would."""
@@ -476,13 +483,6 @@ def _certainty(fit: Fit) -> dict[str, float]:
     return {i.name: abs(i.value) / max(i.sd, 1e-150) for i in magnitudes}
 
 
-def _improves(paired: Paired, inflation: float) -> bool:
-    """Whether a gain is significant; if the noise model is doubtful, in many segments."""
-    return paired.gain > LEAST_GAIN and paired.p < (
-        PAIRED_P if inflation < INFLATED else PAIRED_P_INFLATED
-    )
-
-
 def _follows(outcome: Outcome) -> bool:
     """Whether a model explains held-out records only with larger continuity defects, or not at all.
 
@@ -494,10 +494,10 @@ def _follows(outcome: Outcome) -> bool:
     )
 
 
-def least_gain(expected: float, sd: float) -> float:
-    """Held-out gain that a true effect exceeds with a probability of 99 % [log evidence].
+def least_gain(expected: float, sd: float, *, alpha: float, odds: float) -> float:
+    """Held-out gain that a true effect exceeds with the probability 1 - alpha [log evidence].
 
-    More than ``LEAST_GAIN`` is never required. A small expected gain means that the held-out
+    More than ``odds`` is never required. A small expected gain means that the held-out
     records do not excite the effect, and can neither confirm nor refute it.
 
     With a standard normal x, the gain is ``expected + sd x + r x^2 / 2 - log(1 + r) / 2``. The last
@@ -508,16 +508,22 @@ def least_gain(expected: float, sd: float) -> float:
     ----------
     expected, sd
         Distribution of the gain (:func:`~feltmb.gap.proof.expected_gain`) [log evidence].
+    alpha
+        Rate of false alarms.
+    odds
+        Gain that confirms an effect [log evidence].
     """
     ratio = max(0.0, sd**2 / (2.0 * expected) - 1.0) if expected > 0.0 else 0.0
-    x = CONTRADICTED if ratio * CONTRADICTED <= sd else sd / ratio
+    far = contradicted(alpha)
+    x = far if ratio * far <= sd else sd / ratio
     value = expected - x * sd + 0.5 * ratio * x**2 - 0.5 * math.log1p(ratio)
-    return min(LEAST_GAIN, value)
+    return min(odds, value)
 
 
-def refutes(old: Accepted, new: Accepted, held: HeldOut) -> bool:
-    """Whether held-out records favor the earlier search over the later model, 10 to 1."""
-    return compare(old.after, new.before, held.segmented_records, 1.0).gain < -LEAST_GAIN
+def refutes(old: Accepted, new: Accepted, held: HeldOut, credibility: float) -> bool:
+    """Whether held-out records favor the earlier search, by the odds of the credibility."""
+    gain = compare(old.after, new.before, held.segmented_records, 1.0).gain
+    return gain < -least_odds(credibility)
 
 
 def shapley(
@@ -527,7 +533,6 @@ def shapley(
     settings: FitSettings,
     *,
     which: str,
-    segmented_level: float,
     progress: Progress | None = None,
 ) -> dict[str, float]:
     """Order-free share of every accepted effect in the held-out gap (2^n fits, n <= 4) [sigma]."""
@@ -552,7 +557,6 @@ def shapley(
                 held,
                 part,
                 settings,
-                segmented_level=segmented_level,
                 like=accepted.outcomes.get(()),
             )
         value[subset] = found.gap(held.sensed, which)

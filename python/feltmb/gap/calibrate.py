@@ -13,7 +13,6 @@ from feltmb.fit.model import Candidate, Effect, Model
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, finish, polish
 from feltmb.fit.watch import current
-from feltmb.gap.criteria import REFUTED
 from feltmb.gap.refine import quicker, refit
 from feltmb.gap.score import Scores, all_candidates, family_threshold, score_fit
 from feltmb.gap.search import Search
@@ -105,7 +104,7 @@ def calibrate(
 def largest_statistic(
     found: Search,
     scores: Scores,
-    maxima: Array,
+    limit: float,
     settings: FitSettings,
     *,
     confirm: bool,
@@ -125,8 +124,8 @@ def largest_statistic(
         The search with its refitted sets.
     scores
         Scores at the fit of the model.
-    maxima
-        Draws of the largest T under the null.
+    limit
+        Largest T that the model produces by chance; a larger one refutes it.
     confirm
         Whether candidates that were not refitted, and whose T refutes the model, are refitted now.
 
@@ -143,7 +142,6 @@ def largest_statistic(
     # With continuity defects, an unfinished fit may be held back by its start states.
     ended = [c for c in alone if c.fit.converged or not fit.gap_sd.size]
     realized = {c.names[0]: fit.cost - c.fit.cost for c in ended}
-    limit = float(np.quantile(maxima, 1.0 - REFUTED))
     size = scores.one_step()
     while True:
         for i, t in enumerate(scores.candidates):

@@ -22,8 +22,6 @@ from feltmb.gap.criteria import (
     MOST_CLIPPED,
     MOST_MISSING,
     QUIET_BLOCKS,
-    QUIET_RECORDS,
-    SAME_CLOCK,
     UNEVEN_STEP,
     WHOLE_STEPS,
 )
@@ -34,6 +32,10 @@ __all__ = ["ChannelCheck", "DataChecks", "check_records"]
 #: Number of equal samples from which two records count as copies. Shorter sequences of readings
 #: with few digits may be equal by chance.
 LEAST_COPY = 8
+#: Largest relative difference between the steps of clocks that count as the same.
+SAME_CLOCK = 1e-3
+#: Four times the relative error of a noise estimate from n samples, 2 / sqrt(n), times sqrt(n).
+QUIET_RECORDS = 8.0
 #: Differences of values below this share of their spread are errors of arithmetic.
 LEAST_STEP = 1e-9
 #: Methods that estimate the noise from one record.
@@ -377,7 +379,7 @@ def _colored(
     for c in channels:
         steps = np.diff(by_name[c.record].time)
         interval = float(np.median(steps))
-        even = np.allclose(steps, interval, rtol=1e-3, atol=0.0)
+        even = np.allclose(steps, interval, rtol=SAME_CLOCK, atol=0.0)
         # Only sensors without a stated white share: otherwise both parts of the noise are
         # specified.
         known = c.method == "sensor" and _fine(c.quantum, c.sigma)

@@ -15,8 +15,8 @@ from feltmb.gap.criteria import (
     COLOR_GAIN,
     FORGOTTEN,
     LEAST_BLOCKS,
+    NOISE_ERROR,
     REST_SHARE,
-    SAME_SPREAD,
 )
 
 __all__ = ["averaged_noise", "color_at_rest", "still_blocks"]
@@ -84,7 +84,7 @@ def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noi
     """
     table = np.concatenate(blocks) if blocks else np.zeros((0, BLOCK))
     average = _average(table, interval, sheet)
-    if average is None or not 1.0 / SAME_SPREAD < average.sigma / sheet.sigma < SAME_SPREAD:
+    if average is None or not 1.0 / NOISE_ERROR < average.sigma / sheet.sigma < NOISE_ERROR:
         return sheet
     return replace(average, sigma=sheet.sigma)
 
@@ -146,7 +146,7 @@ def averaged_noise(records: Sequence[Array], interval: float, sheet: Noise) -> N
     expected = found.sigma * float(
         np.sqrt(weights @ _covariance(found, interval)[:4, :4] @ weights)
     )
-    return found if 1.0 / SAME_SPREAD < differences / expected < SAME_SPREAD else None
+    return found if 1.0 / NOISE_ERROR < differences / expected < NOISE_ERROR else None
 
 
 def _forgets(blocks: Array, noise: Noise) -> bool:

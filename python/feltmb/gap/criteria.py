@@ -1,5 +1,8 @@
 """All decision thresholds of a diagnosis: value, unit, reason, data and test.
 
+Some limits follow from the numbers of the user, the rate of false alarms and the credibility:
+``DERIVED``. The others are constants: ``CRITERIA``.
+
 Numerical settings of solvers (steps, lengths, numbers of trials) are in the files that use them.
 ``CRITERIA`` lists them in the order of this file. ``docs/reference/gap-criteria.md`` shows the same
 table.
@@ -8,9 +11,23 @@ table.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["CRITERIA", "Criterion", "table"]
+from scipy import stats
+
+__all__ = [
+    "CRITERIA",
+    "DERIVED",
+    "Criterion",
+    "Derived",
+    "contradicted",
+    "least_odds",
+    "refuted",
+    "squares_of_noise",
+    "table",
+    "unknown_gain",
+]
 
 
 @dataclass(frozen=True)
@@ -33,7 +50,6 @@ CRITERIA: list[Criterion] = []
 _STATISTICS = "none; the value follows from statistics"
 #: No measurement that determined the value was stored.
 _JUDGED = "judgment; no measurement was stored"
-_SEED_24 = "development half of seed 20261124, 306 blind cases"
 
 
 def _number(name: str, value: float, unit: str, reason: str, data: str, test: str) -> float:
@@ -46,6 +62,71 @@ def _pair(
 ) -> tuple[float, float]:
     CRITERIA.append(Criterion(name, value, unit, reason, data, test))
     return value
+
+
+# ---------------------------------------------------------------- limits from the user's numbers
+
+
+def refuted(alpha: float) -> float:
+    """Probability below which one test refutes the model, whatever other records say.
+
+    It is the probability that two independent tests both alarm by chance.
+
+    Parameters
+    ----------
+    alpha
+        Rate of false alarms (``Options.alpha``).
+    """
+    return alpha**2
+
+
+def squares_of_noise(alpha: float, dof: float) -> float:
+    """Sum of squares above which a residual is more than noise: :func:`refuted` of chi2(dof).
+
+    Parameters
+    ----------
+    alpha
+        Rate of false alarms (``Options.alpha``).
+    dof
+        Degrees of freedom of the sum of squares, > 0.
+    """
+    return float(stats.chi2.isf(refuted(alpha), dof))
+
+
+def unknown_gain(alpha: float) -> float:
+    """Gain of unknown forces or signals that refutes the model [log evidence].
+
+    Twice the gain has the distribution of half a chi2(1) if nothing is missing: the variance of the
+    unknown force is at its limit zero in half of the cases.
+
+    Parameters
+    ----------
+    alpha
+        Rate of false alarms (``Options.alpha``).
+    """
+    return 0.5 * float(stats.chi2.isf(2.0 * refuted(alpha), 1))
+
+
+def contradicted(alpha: float) -> float:
+    """Distance of a held-out gain below that of a true effect that contradicts the effect [sd].
+
+    Parameters
+    ----------
+    alpha
+        Rate of false alarms (``Options.alpha``).
+    """
+    return float(stats.norm.isf(alpha))
+
+
+def least_odds(credibility: float) -> float:
+    """Held-out gain that confirms an effect: the odds of the credibility [log evidence].
+
+    Parameters
+    ----------
+    credibility
+        Posterior probability that a named effect needs (``Options.credibility``).
+    """
+    return math.log(credibility / (1.0 - credibility))
 
 
 # ---------------------------------------------------------------- units
@@ -62,11 +143,6 @@ ALIKE = _number(
     "gap/test_overlay.py",
 )  # fmt: skip
 
-SEEN_GAP = _number(
-    "SEEN_GAP", 3.0, "noise",
-    "rms of record minus model above which a shift or a factor is searched for",
-    _JUDGED, "gap/test_overlay.py",
-)  # fmt: skip
 NEAR_UNIT = _number(
     "NEAR_UNIT", 0.1, "1",
     "largest relative difference between a factor and the factor of a known unit",
@@ -80,22 +156,16 @@ SAME_DELAY = _number(
 
 # ---------------------------------------------------------------- is there a gap
 
-MISFIT_RATIO = _number(
-    "MISFIT_RATIO", 1.33**2, "1",
-    "ratio of the sum of squares to its expectation above which there is an unexplained "
-    "residual; an estimated noise is wrong by up to a third",
+ALPHA = _number(
+    "ALPHA", 0.01, "rate", "default of `Options.alpha`, the family-wise rate of false alarms",
+    _JUDGED, "gap/test_null.py",
+)  # fmt: skip
+NOISE_ERROR = _number(
+    "NOISE_ERROR", 1.33, "1",
+    "factor by which a noise that was estimated from the records may be wrong; a smaller residual "
+    "is not unexplained, a smaller held-out gap is not tested, and the noise of blocks may differ "
+    "by it",
     _JUDGED, "gap/test_rules.py",
-)  # fmt: skip
-EXCESS = _number(
-    "EXCESS", 4.0, "sd",
-    "standardized excess of the sum of squares above which there is a gap of any cause (p = "
-    "3e-5)",
-    _STATISTICS, "gap/test_rules.py",
-)  # fmt: skip
-OTHER_EVIDENCE = _number(
-    "OTHER_EVIDENCE", 6.0, "log evidence",
-    "gain of unknown forces or signals above which there is a gap of any cause: odds of 400",
-    _STATISTICS, "gap/test_smooth.py",
 )  # fmt: skip
 ALLOWED_REST = _number(
     "ALLOWED_REST", 0.1, "noise",
@@ -116,12 +186,6 @@ FORM_LEFT = _number(
     "compensate the rest",
     _JUDGED, "gap/test_smooth.py",
 )  # fmt: skip
-REFUTED = _number(
-    "REFUTED", 1e-4, "1",
-    "family-wise p of the largest score below which the model is refuted, even if held-out "
-    "records refuse the effect with this score",
-    _STATISTICS, "gap/test_rules.py",
-)  # fmt: skip
 HINT = _number(
     "HINT", 5.0, "alpha",
     "family-wise p, in multiples of alpha, up to which the verdict is TOO WEAK and not NO GAP",
@@ -134,21 +198,6 @@ NO_GAP_RATIO = _number(
     _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
 
-CELL_LEVEL = _number(
-    "CELL_LEVEL", 0.05, "rate",
-    "rate of false discoveries among the cells of channel and time",
-    _STATISTICS, "gap/test_diagnose.py",
-)  # fmt: skip
-PLACE_LEVEL = _number(
-    "PLACE_LEVEL", 0.01, "rate",
-    "rate of false discoveries among events, and among components",
-    _STATISTICS, "gap/test_diagnose.py",
-)  # fmt: skip
-ONSET_EXCESS = _number(
-    "ONSET_EXCESS", 4.0, "sd",
-    "excess of the running sum of squares at which a gap begins",
-    _STATISTICS, "gap/test_diagnose.py",
-)  # fmt: skip
 CLOSE_ALARM = _number(
     "CLOSE_ALARM", 6.0, "threshold",
     "largest score, in multiples of the false-alarm threshold, up to which simulated records "
@@ -158,15 +207,10 @@ CLOSE_ALARM = _number(
 
 # ---------------------------------------------------------------- noise and unexplained residual
 
-AS_GIVEN = _number(
-    "AS_GIVEN", 1.15, "noise of the sensor",
-    "size of the residual up to which it can be the given noise of the sensor",
-    _JUDGED, "gap/test_smooth.py",
-)  # fmt: skip
 GIVEN_SIGMA = _number(
     "GIVEN_SIGMA", 0.2, "share of the sigma",
     "standard deviation of a given sigma, which is then estimated together with the other "
-    "parameters", _JUDGED,
+    "parameters; a residual that is larger by this share can be the noise of the sensor", _JUDGED,
     "gap/test_told_sigma.py",
 )  # fmt: skip
 COLORED = _number(
@@ -212,11 +256,6 @@ FORGOTTEN = _number(
     "noise, if no noise is given; samples of a vibration are correlated",
     _JUDGED, "gap/test_color.py",
 )  # fmt: skip
-SAME_SPREAD = _number(
-    "SAME_SPREAD", 1.3, "1",
-    "largest ratio between the standard deviation of the blocks and that of the sensor",
-    _JUDGED, "gap/test_color.py",
-)  # fmt: skip
 
 # ---------------------------------------------------------------- data checks
 
@@ -233,17 +272,6 @@ CLOCK_JUMP = _number(
 UNEVEN_STEP = _pair(
     "UNEVEN_STEP", (0.5, 1.5), "median step",
     "range of the steps of an even clock", _JUDGED, "gap/test_data.py",
-)  # fmt: skip
-SAME_CLOCK = _number(
-    "SAME_CLOCK", 0.001, "1",
-    "largest relative difference between the steps of repeats that are compared",
-    _JUDGED, "gap/test_data.py",
-)  # fmt: skip
-QUIET_RECORDS = _number(
-    "QUIET_RECORDS", 8.0, "1 / square root of the samples",
-    "relative distance to the smallest estimate of the noise of a sensor up to which an estimate "
-    "of another record is used as well: four times the error of an estimate, which is 2 / sqrt(n)",
-    _STATISTICS, "gap/test_data.py",
 )  # fmt: skip
 WHOLE_STEPS = _pair(
     "WHOLE_STEPS", (0.02, 0.95), "step, share",
@@ -277,49 +305,12 @@ MOST_CLIPPED = _number(
     "share of values at the end of the range above which a warning is given",
     _JUDGED, "gap/test_data.py",
 )  # fmt: skip
-REPORTED_SHARE = _number(
-    "REPORTED_SHARE", 0.5, "share of the squared gap",
-    "share that a shift or a factor must explain to be reported", _JUDGED, "gap/test_overlay.py",
-)  # fmt: skip
 
 # ---------------------------------------------------------------- which effects are searched
 
-LEAST_SURVIVING = _number(
-    "LEAST_SURVIVING", 1e-7, "share of the signature",
-    "share that must remain after the projection for a test of the effect",
-    _JUDGED, "gap/test_search.py",
-)  # fmt: skip
 FAINT_SCORE = _number(
     "FAINT_SCORE", 4.0, "T", "score below which a single effect is not refitted",
     _JUDGED, "gap/test_search.py",
-)  # fmt: skip
-PROMISE = _number(
-    "PROMISE", -3.0, "log evidence",
-    "predicted gain below which a set is not refitted if the model explains the records",
-    _JUDGED, "gap/test_search.py",
-)  # fmt: skip
-SMALL_GAIN = _number(
-    "SMALL_GAIN", 0.02, "share of the evidence gained",
-    "gain of a further effect below which the search ends; such an effect cannot be "
-    "distinguished from an error of form of a larger one",
-    _JUDGED, "gap/test_search.py",
-)  # fmt: skip
-SHORT = _number(
-    "SHORT", 1.0, "log evidence",
-    "difference between the evidence of a fit and the prediction of a larger set above which "
-    "the fit is repeated",
-    _JUDGED, "gap/test_search.py",
-)  # fmt: skip
-DEPENDENT = _number(
-    "DEPENDENT", 0.0001, "1",
-    "smallest eigenvalue of the correlations of signatures below which a set cannot be "
-    "separated",
-    _JUDGED, "gap/test_search.py",
-)  # fmt: skip
-BEYOND_PRIORS = _number(
-    "BEYOND_PRIORS", 4.0, "sd",
-    "root of the sum of squared prior deviations above which a fit restarts from the priors",
-    _STATISTICS, "gap/test_search.py",
 )  # fmt: skip
 NEAR_SHAPE = _number(
     "NEAR_SHAPE", 0.5, "share of the best gain",
@@ -340,29 +331,9 @@ WORTH_SHAPE = _number(
     "WORTH_SHAPE", 2.0, "log evidence",
     "gain above its cost that another shape must predict", _JUDGED, "gap/test_shape.py",
 )  # fmt: skip
-LOOSE = _number(
-    "LOOSE", 0.1, "spread of the states",
-    "continuity defects that let parameters return to their priors", _JUDGED,
-    "gap/test_search.py",
-)  # fmt: skip
-DOUBT = _number(
-    "DOUBT", 3.0, "log evidence",
-    "loss through tight continuity above which the fit is tried from another start; gain of the "
-    "model by another start above which a search without continuity defects begins anew", _JUDGED,
-    "gap/test_search.py",
-)  # fmt: skip
 
 # ---------------------------------------------------------------- which effects are accepted
 
-LEAST_GAIN = _number(
-    "LEAST_GAIN", math.log(10.0), "log predictive density",
-    "gain that held-out records must show: odds of ten to one", _STATISTICS, "gap/test_proof.py",
-)  # fmt: skip
-CONTRADICTED = _number(
-    "CONTRADICTED", 2.33, "sd",
-    "distance of a held-out gain below that of a true effect, above which the held-out "
-    "records contradict the effect: one in a hundred", _STATISTICS, "gap/test_proof.py",
-)  # fmt: skip
 PAIRED_P = _number(
     "PAIRED_P", 0.4, "1",
     "largest p of the gain over held-out segments if the noise model is valid; the gain "
@@ -395,13 +366,8 @@ DEEP_GAP = _number(
 EXPLAINS_MOST = _number(
     "EXPLAINS_MOST", 0.5, "share of the squared held-out gap",
     "share above which an effect is accepted although an unknown force would gain more, and below "
-    "which it is not named if more than noise is left: it must explain more than remains",
-    _JUDGED, "gap/test_rules.py",
-)  # fmt: skip
-WIDE_GAP = _number(
-    "WIDE_GAP", 1.33, "noise",
-    "held-out gap above which such a share counts, and above which the fit tests whether "
-    "parameters of the model could close the gap",
+    "which it is not named if more than noise is left: it must explain more than remains. A shift "
+    "or a factor that explains less is not reported",
     _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
 TOLERATED = _number(
@@ -419,13 +385,22 @@ NO_EFFECT = _number(
 )  # fmt: skip
 NOT_LISTED = _number(
     "NOT_LISTED", 0.1, "probability",
-    "prior probability that something is missing that is not in the library",
+    "prior probability that something is missing that is not in the library, and share of the "
+    "belief that a plan leaves to effects that a diagnosis considers impossible",
     _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
 RIVAL = _number(
     "RIVAL", math.log(20.0), "log evidence",
-    "distance to the best set up to which another set is an alternative: odds of twenty",
+    "difference up to which another set, another start of a fit, or a promised gain counts: odds "
+    "of twenty",
     _STATISTICS, "gap/test_rules.py",
+)  # fmt: skip
+SMALL_SHARE = _number(
+    "SMALL_SHARE", 0.03, "share of the gain",
+    "gain of an effect, relative to that of the largest one, below which it cannot be "
+    "distinguished from an error of form of the larger one: an error of a sixth in the force "
+    "leaves a thirtieth of its gain",
+    _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
 SURE = _number(
     "SURE", 0.9, "probability",
@@ -438,35 +413,6 @@ LEAST_CLOSED = _number(
     "unexplained residual was accepted",
     _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
-REST_EXCESS = _number(
-    "REST_EXCESS", 3.0, "sd",
-    "excess of the sum of squares above which a residual remains after effects were named",
-    _STATISTICS, "gap/test_rules.py",
-)  # fmt: skip
-TRUST_NAMED = _number(
-    "TRUST_NAMED", 0.97, "share of the cases",
-    "cases in which the first of the ranking was right, divided by the prediction of its "
-    "evidence; evidence does not include causes outside the library. For the verdict NAMED",
-    _SEED_24, "gap/test_rules.py",
-)  # fmt: skip
-TRUST_DATA = _number(
-    "TRUST_DATA", 0.98, "share of the cases", "the same for DATA PROBLEM", _SEED_24,
-    "gap/test_rules.py",
-)  # fmt: skip
-TRUST_REST = _number(
-    "TRUST_REST", 0.72, "share of the cases", "the same for NAMED + RESIDUAL REMAINS", _SEED_24,
-    "gap/test_rules.py",
-)  # fmt: skip
-TRUST_ONE_OF = _number(
-    "TRUST_ONE_OF", 0.5, "share of the cases", "the same for ONE OF", _SEED_24, "gap/test_rules.py",
-)  # fmt: skip
-TRUST_WEAK = _number(
-    "TRUST_WEAK", 0.6, "share of the cases", "the same for TOO WEAK", _SEED_24, "gap/test_rules.py",
-)  # fmt: skip
-TRUST_UNKNOWN = _number(
-    "TRUST_UNKNOWN", 0.36, "share of the cases", "the same for UNKNOWN", _SEED_24,
-    "gap/test_rules.py",
-)  # fmt: skip
 
 # ---------------------------------------------------------------- other reported results
 
@@ -476,15 +422,10 @@ LARGE_MOVE = _number(
     "gap/test_rules.py",
 )  # fmt: skip
 MOVED = _number(
-    "MOVED", 2.0, "posterior sd",
-    "distance from its tabulated value above which a parameter counts as changed", _STATISTICS,
+    "MOVED", 2.0, "sd",
+    "distance from its tabulated value above which a parameter counts as changed, and prior "
+    "deviation above which a separate measurement of the part is recommended", _STATISTICS,
     "adapters/test_aliases.py",
-)  # fmt: skip
-FAR_FROM_PRIOR = _number(
-    "FAR_FROM_PRIOR", 2.0, "prior sd",
-    "deviation above which a separate measurement of the part is recommended",
-    _JUDGED,
-    "gap/test_report_order.py",
 )  # fmt: skip
 SIGNATURE = _number(
     "SIGNATURE", 0.15, "share of a recovered force",
@@ -514,30 +455,10 @@ CLEAR_SIGNAL = _number(
     "ratio above which an effect counts as detectable",
     _JUDGED, "gap/test_withhold.py",
 )  # fmt: skip
-POOR_EXPERIMENT = _number(
-    "POOR_EXPERIMENT", 0.2, "confusion", "confusion above which an experiment is not recommended",
-    _JUDGED, "gap/test_experiments.py",
-)  # fmt: skip
-CLEAR_DIFFERENCE = _number(
-    "CLEAR_DIFFERENCE", 0.005, "confusion",
-    "confusion below which noise does not hide a difference",
-    _JUDGED, "gap/test_experiments.py",
-)  # fmt: skip
 CONFUSED = _number(
     "CONFUSED", 0.1, "probability",
-    "probability of confusion above which two effects are one class",
-    _JUDGED, "gap/test_planning.py",
-)  # fmt: skip
-SEPARATES = _number(
-    "SEPARATES", 0.95, "1",
-    "ratio of the confusion after an experiment to that before, above which the experiment "
-    "does not help",
-    _JUDGED, "gap/test_experiments.py",
-)  # fmt: skip
-REPORTED_GAIN = _pair(
-    "REPORTED_GAIN", (0.05, 0.02), "probability",
-    "confusion of a pair, and its decrease by an experiment, above which the experiment is "
-    "reported",
+    "probability of confusion above which two effects are one class and an experiment is not "
+    "recommended, and to miss an effect below which a plan counts it as visible",
     _JUDGED, "gap/test_planning.py",
 )  # fmt: skip
 BETTER_SENSOR = _number(
@@ -548,28 +469,8 @@ BETTER_SENSOR = _number(
 
 WORTH_TELLING = _number(
     "WORTH_TELLING", 0.02, "probability",
-    "decrease of the probability of confusion above which a plan gives it as a reason",
-    _JUDGED, "gap/test_design.py",
-)  # fmt: skip
-SHOWS = _number(
-    "SHOWS", 0.1, "probability",
-    "probability to miss an effect below which a plan counts it as visible",
-    _JUDGED, "gap/test_design.py",
-)  # fmt: skip
-LEAST_PLAN_GAIN = _number(
-    "LEAST_PLAN_GAIN", 1e-4, "probability or log evidence",
-    "gain below which an experiment is left out of a plan: below it are rounding errors",
-    _JUDGED, "gap/test_design.py",
-)  # fmt: skip
-LEAST_PROGRESS = _number(
-    "LEAST_PROGRESS", 0.02, "probability",
-    "expected gain by all possible experiments below which a session ends",
-    _JUDGED, "gap/test_session.py",
-)  # fmt: skip
-RESERVE = _number(
-    "RESERVE", 0.1, "probability",
-    "share of the belief that a plan leaves to effects that the diagnosis considers impossible, "
-    "because a diagnosis can be wrong",
+    "decrease of the probability of confusion above which an experiment is reported, and "
+    "expected gain below which a session ends",
     _JUDGED, "gap/test_design.py",
 )  # fmt: skip
 BEST_PART = _number(
@@ -579,9 +480,56 @@ BEST_PART = _number(
 )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Derived:
+    """A limit that follows from the numbers of the user."""
+
+    name: str
+    formula: str
+    value: Callable[[], float]
+    """Value at the defaults."""
+    unit: str
+    meaning: str
+
+
+DERIVED = (
+    Derived(
+        "refuted", "alpha^2", lambda: refuted(ALPHA), "1",
+        "p of the largest score below which the model is refuted, even if held-out records refuse "
+        "the effect with this score",
+    ),
+    Derived(
+        "squares_of_noise", "chi2.isf(alpha^2, n) / n", lambda: squares_of_noise(ALPHA, 1e3) / 1e3,
+        "1", "sum of squares over its expectation above which a residual is more than noise (n = "
+        "1000 samples)",
+    ),
+    Derived(
+        "unknown_gain", "chi2.isf(2 alpha^2, 1) / 2", lambda: unknown_gain(ALPHA), "log evidence",
+        "gain of unknown forces or signals above which there is a gap of any cause",
+    ),
+    Derived(
+        "contradicted", "norm.isf(alpha)", lambda: contradicted(ALPHA), "sd",
+        "distance of a held-out gain below that of a true effect, above which the held-out records "
+        "contradict the effect",
+    ),
+    Derived(
+        "least_odds", "log(credibility / (1 - credibility))", lambda: least_odds(SURE),
+        "log evidence", "gain that held-out records must show",
+    ),
+    Derived(
+        "alpha", "alpha", lambda: ALPHA, "rate",
+        "rate of false discoveries among cells of channel and time, among events, and among "
+        "components",
+    ),
+)  # fmt: skip
+
+
 def table() -> str:
-    """The criteria as a table in Markdown."""
-    lines = ["| name | value | unit | reason | set on | test |", "|---|---|---|---|---|---|"]
+    """The limits and criteria as two tables in Markdown."""
+    lines = ["| name | formula | at the defaults | unit | meaning |", "|---|---|---|---|---|"]
+    for d in DERIVED:
+        lines.append(f"| `{d.name}` | `{d.formula}` | {d.value():.4g} | {d.unit} | {d.meaning} |")
+    lines += ["", "| name | value | unit | reason | set on | test |", "|---|---|---|---|---|---|"]
     for c in CRITERIA:
         values = c.value if isinstance(c.value, tuple) else (c.value,)
         shown = ", ".join(f"{v:.4g}" for v in values)

@@ -13,17 +13,10 @@ from feltmb.gap.criteria import (
     EXPLAINS_MOST,
     HINT,
     LARGE_MOVE,
-    LEAST_GAIN,
     NO_GAP_RATIO,
-    OTHER_EVIDENCE,
-    REFUTED,
-    REST_EXCESS,
-    TRUST_DATA,
-    TRUST_NAMED,
-    TRUST_ONE_OF,
-    TRUST_REST,
-    TRUST_UNKNOWN,
-    TRUST_WEAK,
+    least_odds,
+    refuted,
+    unknown_gain,
 )
 from feltmb.gap.findings import Calibrated, Closest, GivenValue, HowFar, Verdict, Where
 from feltmb.gap.misfit import Misfit, form_of, misfit
@@ -36,22 +29,6 @@ from feltmb.gap.tolerance import prior_deviations_told
 from feltmb.units import readable_unit, unit_suffix
 
 __all__ = ["Decision", "Facts", "decide"]
-
-#: Calibration of the stated probability, by verdict: the share of cases in which the first of the
-#: ranking was correct, relative to its posterior probability. The posterior only compares causes of
-#: the library; it cannot see a cause outside it. From 306 blind cases of the development half of
-#: seed 20261124 (docs/validation/2026-11_gap_blind_bench.md).
-TRUST = {
-    Verdict.NAMED: TRUST_NAMED,
-    Verdict.DATA_PROBLEM: TRUST_DATA,
-    Verdict.NAMED_UNKNOWN_REST: TRUST_REST,
-    Verdict.ONE_OF: TRUST_ONE_OF,
-    Verdict.TOO_WEAK: TRUST_WEAK,
-    Verdict.UNKNOWN: TRUST_UNKNOWN,
-    Verdict.NO_GAP: 1.0,
-    Verdict.CALIBRATED: 1.0,
-}
-
 
 #: Advice if only the held-out records show a gap.
 FIT_OTHERS = "They excite effects that the others do not. Fit some of them, and hold out others."
@@ -261,12 +238,12 @@ def _closest(closest: Closest | None) -> str:
 
 def _refuted(facts: Facts) -> bool:
     """Whether the records refute the model, whatever the cause."""
-    return facts.misfit.left or facts.p <= REFUTED
+    return facts.misfit.left or facts.p <= refuted(facts.options.alpha)
 
 
 def _silent(facts: Facts, verdict: Verdict, text: str) -> Decision:
     """A decision that names no effect."""
-    belief = facts.belief.trusted(TRUST[verdict])
+    belief = facts.belief
     confidence = {
         Verdict.NO_GAP: belief.none,
         Verdict.CALIBRATED: belief.none,
@@ -305,8 +282,8 @@ def _name(facts: Facts) -> Decision:
     after = misfit(
         best.fit,
         facts.rest,
+        alpha=facts.options.alpha,
         estimated=facts.checks.estimated,
-        bar=REST_EXCESS,
         allowed=form_of(best.evidence - facts.search.tight_evidence, facts.options.form),
     )
     fitted = after.left or facts.unexplained
@@ -359,9 +336,7 @@ def _name(facts: Facts) -> Decision:
         if words := facts.sizes.mechanism(name):
             rest += f" {name}: {words}"
     text = _another(facts) + text
-    trust = TRUST[verdict]
-    belief = facts.belief.trusted(trust)
-    return Decision(verdict, text + rest, sure, tuple(unsure), trust * confidence, belief)
+    return Decision(verdict, text + rest, sure, tuple(unsure), confidence, facts.belief)
 
 
 def _probable(
@@ -422,7 +397,8 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
     if not math.isfinite(gap):
         return "The model cannot simulate the held-out records to their end."
     gains = {n: p.gain for n, p in facts.accepted.proof.items() if n in names}
-    weak = [n for n in names if n in gains and gains[n] < LEAST_GAIN]
+    odds = least_odds(facts.options.credibility)
+    weak = [n for n in names if n in gains and gains[n] < odds]
     doubt = ""
     if weak:
         one = len(weak) == 1
@@ -468,9 +444,9 @@ def _signs(facts: Facts) -> str:
     first = facts.first
     text = f"sum of squares {_ratio(first):.3g} of its expectation"
     other = facts.misfit.other
-    if other > OTHER_EVIDENCE and not first.bare.gap_sd.size:
+    if other > unknown_gain(facts.options.alpha) and not first.bare.gap_sd.size:
         text += f", but what is left is smoother than noise, by {other:.0f} units of log evidence"
-    if facts.p > REFUTED:
+    if facts.p > refuted(facts.options.alpha):
         return text
     return f"{text}, largest score family-wise p = {facts.p:.1g}"
 

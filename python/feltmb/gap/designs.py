@@ -29,7 +29,6 @@ from feltmb.files import Store
 from feltmb.fit.calling import calling
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.checks import with_sigma
-from feltmb.gap.criteria import LEAST_PLAN_GAIN
 from feltmb.gap.further_sensors import Sensors, offered
 from feltmb.gap.information import (
     Belief,
@@ -73,6 +72,8 @@ DRAWS = 8
 POINTS = 64
 #: First and smallest step of the compass search, as a share of the range of a profile parameter.
 COMPASS, FINEST = 0.15, 1e-3
+#: Gain below which an experiment is left out of a plan: below it are rounding errors.
+LEAST_PLAN_GAIN = 1e-4
 #: Number of refinements of one family before the next family is refined.
 ROOM = 20
 

@@ -23,7 +23,7 @@ from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import Null, calibrate, largest_statistic
 from feltmb.gap.checks import DataChecks
 from feltmb.gap.components import component_table
-from feltmb.gap.criteria import CLOSE_ALARM, EXCESS, REST_EXCESS, WIDE_GAP
+from feltmb.gap.criteria import CLOSE_ALARM, NOISE_ERROR, refuted
 from feltmb.gap.decide import Decision, Facts, decide
 from feltmb.gap.experiments import advise
 from feltmb.gap.findings import Advice, NotTested, Profile, Verdict, Where
@@ -176,7 +176,7 @@ class _Diagnosis:
         self.task = Task(
             effects=usable,
             options=options,
-            settings=options.fit or FitSettings(restarts=options.restarts, seed=options.seed),
+            settings=FitSettings(restarts=options.restarts, seed=options.seed),
             store=None if options.resume is None else Store(options.resume),
             progress=watch.say,
         )
@@ -217,7 +217,6 @@ class _Diagnosis:
             self.model,
             (*self.data.fitted, *self.data.held),
             self.task.settings,
-            self.options.segmented_level,
         )
         _check_units(self.model, tabulated, self.metric)
         self._lap("gap as it is")
@@ -243,9 +242,18 @@ class _Diagnosis:
         more = more_of_tolerances(accepted.best, beyond_prior(done.found.model_fit))
         if more or done.unexplained or self.watch.over():
             return done, _Proof(accepted, held)
-        free = released(done.found, self.task.settings, estimated=self.data.checks.estimated)
+        free = released(
+            done.found,
+            self.task.settings,
+            alpha=self.options.alpha,
+            estimated=self.data.checks.estimated,
+        )
         again = None if free is None else proven(free)
-        if free is None or again is None or refutes(accepted, again, held):
+        if (
+            free is None
+            or again is None
+            or refutes(accepted, again, held, self.options.credibility)
+        ):
             return done, _Proof(accepted, held)
         return replace(done, first=free, found=free), _Proof(again, held)
 
@@ -274,11 +282,11 @@ class _Diagnosis:
         self.watch.say("where the gap lies")
         tight = None if self.model.chaotic else first.tight_fit
         seen = tight or first.bare
-        cells, onset = ledger(seen)
+        cells, onset = ledger(seen, self.options.alpha)
         return Where(
             ledger=cells,
-            events=event_ledger(seen),
-            components=component_table(first.bare, tight),
+            events=event_ledger(seen, self.options.alpha),
+            components=component_table(first.bare, tight, self.options.alpha),
             onset=onset,
             split=split_gap(seen),
         )
@@ -293,7 +301,6 @@ class _Diagnosis:
             proof.held,
             self.task.settings,
             which=which,
-            segmented_level=self.options.segmented_level,
             progress=self.task.progress,
         )
 
@@ -307,11 +314,16 @@ class _Diagnosis:
         bar, maxima = family_threshold(reference, options.alpha, seed=options.seed)
         # A correction can only raise the threshold. It matters only for a score slightly above the
         # threshold, and only if there is no other evidence against the model.
-        bare = misfit(first.bare, first.tight_fit, estimated=done.sensed.checks.estimated)
+        bare = misfit(
+            first.bare,
+            first.tight_fit,
+            alpha=options.alpha,
+            estimated=done.sensed.checks.estimated,
+        )
         largest = largest_statistic(
             found,
             reference,
-            maxima,
+            float(np.quantile(maxima, 1.0 - refuted(options.alpha))),
             self.task.settings,
             confirm=accepted.best is None and not bare.left,
             progress=self.task.progress,
@@ -353,7 +365,7 @@ class _Diagnosis:
             alone,
             self.task.settings,
             self.data.checks,
-            self.options.form,
+            self.options,
             self.watch.say,
         )
 
@@ -376,7 +388,9 @@ class _Diagnosis:
             where = replace(
                 where,
                 onset={**where.onset, **first_act(accepted.best.fit)},
-                remains=ledger(with_other_noise(rest or accepted.best.fit, plain))[0],
+                remains=ledger(with_other_noise(rest or accepted.best.fit, plain), options.alpha)[
+                    0
+                ],
             )
         beyond = self._beyond(done, accepted, alarm.bare)
         self._lap("how far")
@@ -386,7 +400,7 @@ class _Diagnosis:
         how_far = how_far_rows(accepted, held_tabulated, sensed, shares, which_gap, options.seed)
         end = rest or (found.tight_fit if accepted.best is None else None) or best_fit
         there = replace(end, problem=replace(end.problem, segmented_records=plain))
-        fitted = Outcome(there, np.zeros(0), settings, options.segmented_level, there)
+        fitted = Outcome(there, np.zeros(0), settings, there)
         calibrated = calibrated_rows(
             best_fit, [tabulated], [fitted, accepted.after], which_gap, options.alpha
         )
@@ -562,7 +576,7 @@ def _beyond(
     held: Problem,
     settings: FitSettings,
     checks: DataChecks,
-    form: float,
+    options: Options,
     say: Callable[[str], None],
 ) -> float | None:
     """Sum of squares over its expectation of the accepted model, fitted to held-out records alone.
@@ -573,7 +587,7 @@ def _beyond(
     known = accepted.after.fit
     model = known.problem.model
     which = "segmented" if model.chaotic else "open_loop"
-    if not accepted.after.gap(held.segmented_records, which) > WIDE_GAP:
+    if not accepted.after.gap(held.segmented_records, which) > NOISE_ERROR:
         return None
     say("held-out records alone")
     problem = replace(held, model=model, included=known.included)
@@ -583,12 +597,11 @@ def _beyond(
         other = fit_problem(problem, replace(settings, restarts=0), point=start)
         fit = other if other.log_evidence > fit.log_evidence else fit
     tight = tighten(fit, settings)
-    bar = EXCESS if accepted.best is None else REST_EXCESS
     explained = float(np.sum(accepted.after.density - accepted.before.density))
-    allowed = form_of(explained, form)
-    left = misfit(fit, tight, estimated=checks.estimated, bar=bar, allowed=allowed)
+    allowed = form_of(explained, options.form)
+    left = misfit(fit, tight, alpha=options.alpha, estimated=checks.estimated, allowed=allowed)
     reference = tight or fit
-    beyond = left.left and left.excess > bar and fit.converged
+    beyond = left.far and fit.converged
     return reference.chi2 / reference.dof if beyond else None
 
 

@@ -11,7 +11,7 @@ from feltmb.fit.linearize import predict
 from feltmb.fit.model import Model
 from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, polish
-from feltmb.gap.criteria import AS_GIVEN, COLORED, GIVEN_SIGMA, MISFIT_RATIO, STILL_SHRINKS
+from feltmb.gap.criteria import COLORED, GIVEN_SIGMA, NOISE_ERROR, STILL_SHRINKS
 from feltmb.gap.search import Search
 
 __all__ = [
@@ -65,9 +65,9 @@ def discrepancy_of(
         total = np.concatenate([v[np.isfinite(v)] for v in values])
         given = float(np.sqrt(np.mean([s.noise[c].sigma ** 2 for s in sensed])))
         sigma = float(np.sqrt(np.mean(total**2)))
-        more = more or sigma**2 > MISFIT_RATIO * given**2
+        more = more or sigma**2 > NOISE_ERROR**2 * given**2
         memory = None
-        if sigma**2 > MISFIT_RATIO * given**2:
+        if sigma**2 > NOISE_ERROR**2 * given**2:
             memory = _memory(values) * sensed[0].record.interval
         out[name] = Discrepancy(max(sigma, given), memory)
     return out if more else None
@@ -94,7 +94,7 @@ def color_of_discrepancy(
         own = [s.noise[c] for s in sensed if name in s.record.outputs]
         if not rest or any(n.correlation_time > 0.0 or n.averaged > 1 for n in own):
             continue
-        if np.nanmean(np.concatenate([v for v, _ in rest]) ** 2) > AS_GIVEN**2:
+        if np.nanmean(np.concatenate([v for v, _ in rest]) ** 2) > (1.0 + GIVEN_SIGMA) ** 2:
             return None
         # Pairs of neighboring measured samples, and their distance in time.
         pairs = np.concatenate([np.column_stack([v[1:], v[:-1], dt]) for v, dt in rest])

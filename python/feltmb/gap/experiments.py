@@ -23,7 +23,7 @@ from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted
 from feltmb.gap.advise import confused
-from feltmb.gap.criteria import BETTER_SENSOR, CLEAR_DIFFERENCE, POOR_EXPERIMENT, SEPARATES
+from feltmb.gap.criteria import BETTER_SENSOR, CONFUSED, WORTH_TELLING
 from feltmb.gap.findings import Advice
 from feltmb.gap.planning import planned
 from feltmb.gap.search import Search
@@ -72,7 +72,7 @@ def _advice(fit: Fit, a: Candidate, b: Candidate, size: float) -> Advice:
     base = fit.problem.normal(fit.point, fit.problem.linear(fit.point, (a, b)), fit.gap_sd)
     shared = _eliminated(base)
     now = _confusion(shared, a, b, size)
-    if now < CLEAR_DIFFERENCE:
+    if now < WORTH_TELLING:
         text = (
             f"the noise of these records would not confuse {a.name} with {b.name}: another form of "
             "one of them, or another cause, hides the difference"
@@ -84,7 +84,7 @@ def _advice(fit: Fit, a: Candidate, b: Candidate, size: float) -> Advice:
         if more is not None:
             trials.append(_Attempt(text, _confusion(shared + more, a, b, size)))
     chosen = min(trials, key=lambda t: t.then, default=None)
-    if chosen is None or chosen.then > SEPARATES * now:
+    if chosen is None or now - chosen.then < WORTH_TELLING:
         text = (
             "no tested variant (the same runs again, harder, softer, faster, slower, "
             f"low-noise sensors) separates {a.name} from {b.name}: measure another point or "
@@ -95,7 +95,7 @@ def _advice(fit: Fit, a: Candidate, b: Candidate, size: float) -> Advice:
         f"{chosen.text}: the probability of confusing {a.name} with {b.name} falls from "
         f"{now:.0%} to {chosen.then:.0%}"
     )
-    if chosen.then > POOR_EXPERIMENT:
+    if chosen.then > CONFUSED:
         text += "; no tested experiment is better: test one of the parts by itself"
     return Advice(
         text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=chosen.then

@@ -35,7 +35,7 @@ from feltmb.fit.model import Candidate, Model
 from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import segment_record
 from feltmb.gap.checks import with_sigma
-from feltmb.gap.criteria import BEST_PART, DETECTABLE, RESERVE
+from feltmb.gap.criteria import BEST_PART, DETECTABLE, NOT_LISTED
 from feltmb.gap.planning import _noise, planned
 
 __all__ = ["Belief", "Information", "Knowledge", "information", "informations"]
@@ -123,7 +123,7 @@ class Belief:
         own = own / total if total > 0.0 else prior
         # If nothing seems to be missing, each effect may still exist below its detectable
         # magnitude.
-        reserve = RESERVE + (1.0 - RESERVE) * (self.none / total if total > 0.0 else 0.0)
+        reserve = NOT_LISTED + (1.0 - NOT_LISTED) * (self.none / total if total > 0.0 else 0.0)
         out = (1.0 - reserve) * own / max(float(np.sum(own)), 1e-300) + reserve * prior
         return np.asarray(out / np.sum(out))
 

@@ -18,7 +18,7 @@ from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish, with_variability
 from feltmb.fit.watch import FIT, SEARCH, current
 from feltmb.gap.checks import DataChecks
-from feltmb.gap.criteria import COLOR_GAIN, REST_EXCESS
+from feltmb.gap.criteria import COLOR_GAIN
 from feltmb.gap.discrepancy import (
     color_of_discrepancy,
     converged,
@@ -94,7 +94,7 @@ def investigate(model: Model, data: JudgedData, task: Task) -> Investigation:
         data = data.colored(model, color)
         first = _search(model, data.fitted, task)
         model = first.model_fit.problem.model
-    factor = None if watch.stopping() else _rescaled(first, data)
+    factor = None if watch.stopping() else _rescaled(first, data, task.options.alpha)
     if factor is not None:
         data = data.noisier(model, factor)
         first = with_larger_noise(first, data.fitted, task.settings, progress=task.progress)
@@ -234,7 +234,9 @@ def _explained(first: Search, found: Search, checks: DataChecks, task: Task) -> 
         return None
     allowed = form_of(best.evidence - first.tight_evidence, task.options.form)
     tight = tighten(fit, settings)
-    if misfit(fit, tight, estimated=checks.estimated, bar=REST_EXCESS, allowed=allowed).left:
+    if misfit(
+        fit, tight, alpha=task.options.alpha, estimated=checks.estimated, allowed=allowed
+    ).left:
         return None
     others = tuple(c for c in first.sets if c.key != best.key)
     whole = replace(first, sets=(best, *others))
@@ -250,8 +252,8 @@ def _recolored(
     With this noise the model must explain the records. It must also be more likely than white noise
     with an unknown force or signal, and than the best set of effects.
     """
-    fit = first.model_fit
-    white = misfit(fit, first.tight_fit, estimated=False)
+    fit, alpha = first.model_fit, task.options.alpha
+    white = misfit(fit, first.tight_fit, alpha=alpha, estimated=False)
     color = color_of_discrepancy(first, segmented_records) if white.left else None
     if color is None:
         return None
@@ -259,7 +261,7 @@ def _recolored(
     colored = tuple(with_color(model, s, color) for s in segmented_records)
     again = fit_problem(Problem(model, colored, store=task.store), task.settings)
     tight = tighten(again, task.settings)
-    if misfit(again, tight, estimated=False).left:
+    if misfit(again, tight, alpha=alpha, estimated=False).left:
         return None
     plain = fit.log_evidence + (0.0 if fit.gap_sd.size else white.other)
     if first.best is not None:
@@ -268,7 +270,7 @@ def _recolored(
     return color if gain > COLOR_GAIN else None
 
 
-def _rescaled(first: Search, data: JudgedData) -> dict[str, float] | None:
+def _rescaled(first: Search, data: JudgedData, alpha: float) -> dict[str, float] | None:
     """Factors of the noise by output, if the residual is only noise then; else None.
 
     See :func:`noise_factors`. A residual that exceeds this larger noise as well is not due to the
@@ -276,7 +278,7 @@ def _rescaled(first: Search, data: JudgedData) -> dict[str, float] | None:
     """
     best = first.best
     fit, tight = (first.model_fit, first.tight_fit) if best is None else (best.fit, None)
-    if not misfit(fit, tight, estimated=data.checks.estimated).left:
+    if not misfit(fit, tight, alpha=alpha, estimated=data.checks.estimated).left:
         return None
     factor = noise_factors(first)
     if not factor:
@@ -285,7 +287,7 @@ def _rescaled(first: Search, data: JudgedData) -> dict[str, float] | None:
     noisier = tuple(with_factor(model, s, factor) for s in data.fitted)
     fit = with_other_noise(fit, noisier)
     tight = None if tight is None else with_other_noise(tight, noisier)
-    left = misfit(fit, tight, estimated=data.checks.estimated).left
+    left = misfit(fit, tight, alpha=alpha, estimated=data.checks.estimated).left
     return None if left else factor
 
 

@@ -6,7 +6,13 @@ import math
 from dataclasses import dataclass
 
 from feltmb.fit.solve import Fit
-from feltmb.gap.criteria import ALLOWED_REST, EXCESS, FORM_LEFT, MISFIT_RATIO, OTHER_EVIDENCE
+from feltmb.gap.criteria import (
+    ALLOWED_REST,
+    FORM_LEFT,
+    NOISE_ERROR,
+    squares_of_noise,
+    unknown_gain,
+)
 from feltmb.gap.smooth import smooth_discrepancy
 
 __all__ = ["Misfit", "allowance", "form_of", "misfit"]
@@ -41,6 +47,8 @@ class Misfit:
 
     left: bool
     """Whether the residual is more than noise."""
+    far: bool
+    """Whether the sum of squares alone shows this."""
     excess: float
     """Sum of squares minus its expectation, in standard deviations."""
     other: float
@@ -48,22 +56,23 @@ class Misfit:
 
 
 def misfit(
-    fit: Fit, tight: Fit | None, *, estimated: bool, bar: float = EXCESS, allowed: float = 0.0
+    fit: Fit, tight: Fit | None, *, alpha: float, estimated: bool, allowed: float = 0.0
 ) -> Misfit:
     """Test whether the residual of a fit is more than noise.
 
+    The limits follow from the rate of false alarms ``alpha``
+    (:func:`~feltmb.gap.criteria.squares_of_noise`, :func:`~feltmb.gap.criteria.unknown_gain`).
     ``allowed`` is the log evidence that errors in the form of the effects in the fit can produce
     (:func:`form_of`). The residual must exceed it.
 
     The unknown cause is represented by forces at the joint of every segment; in a fit without
     continuity defects, it is a smooth signal in every output. It must gain more than the
     :func:`allowance`. If the noise was estimated from the records, it may be wrong by a third: a
-    ratio of the sum of squares to its expectation below ``criteria.MISFIT_RATIO`` is attributed to
-    it.
+    residual below ``criteria.NOISE_ERROR`` times the noise is attributed to it.
     """
     reference = tight if tight is not None else fit
-    if estimated and reference.chi2 / reference.dof < MISFIT_RATIO:
-        return Misfit(False, 0.0, 0.0)
+    if estimated and reference.chi2 / reference.dof < NOISE_ERROR**2:
+        return Misfit(False, False, 0.0, 0.0)
     beyond = reference.chi2 - reference.dof
     excess = beyond / math.sqrt(2.0 * reference.dof)
     other = 0.0
@@ -71,6 +80,7 @@ def misfit(
         other = fit.log_evidence - tight.log_evidence
     elif not reference.gap_sd.size:
         other = smooth_discrepancy(reference)
-    far = excess > bar and 0.5 * beyond > allowed
-    unknown = other > max(OTHER_EVIDENCE, allowance(reference)) + allowed
-    return Misfit(bool(far or unknown), float(excess), float(other))
+    above = reference.chi2 > squares_of_noise(alpha, reference.dof)
+    far = bool(above and 0.5 * beyond > allowed)
+    unknown = other > max(unknown_gain(alpha), allowance(reference)) + allowed
+    return Misfit(bool(far or unknown), far, float(excess), float(other))

@@ -10,8 +10,7 @@ import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
-from feltmb.fit.solve import FitSettings
-from feltmb.gap.criteria import FORM, SURE
+from feltmb.gap.criteria import ALPHA, FORM, SURE
 
 __all__ = ["Options"]
 
@@ -21,7 +20,7 @@ __all__ = ["Options"]
 class Options:
     """Options of a diagnosis. The defaults are suitable for most cases."""
 
-    alpha: float = 0.01
+    alpha: float = ALPHA
     """Family-wise rate of false alarms."""
     credibility: float = SURE
     """Posterior probability that a named effect needs, compared with the other causes of the
@@ -44,14 +43,6 @@ class Options:
     """Refits of simulated records for the null distribution; 0: asymptotic only."""
     restarts: int = 3
     seed: int = 0
-    least_share: float = 0.03
-    """Share of the largest held-out gain in a set. An effect with less is not significant: an error
-    of a sixth in the force of a law leaves a thirtieth of its gain to an effect that compensates
-    the error."""
-    segmented_level: float = 0.01
-    """Continuity defect of the segmented metric, as a share of the spread of the states."""
-    fit: FitSettings | None = None
-    """Settings of the fits; ``restarts`` and ``seed`` replace those of these settings."""
     resume: Path | None = None
     """Folder for finished fits; an interrupted diagnosis continues from them."""
     good_enough: Mapping[str, float] = field(default_factory=dict)

@@ -14,7 +14,7 @@ from feltmb.errors import DataError
 from feltmb.fit.model import Jobs, Model
 from feltmb.fit.observe import observe_jobs
 from feltmb.gap.checks import DataChecks, check_against, with_sigma
-from feltmb.gap.criteria import ALIKE, ANY_FACTOR, NEAR_UNIT, REPORTED_SHARE, SAME_DELAY, SEEN_GAP
+from feltmb.gap.criteria import ALIKE, ANY_FACTOR, EXPLAINS_MOST, NEAR_UNIT, SAME_DELAY
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
 
 if TYPE_CHECKING:
@@ -158,9 +158,8 @@ def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:
         spread = float(np.std(x) * np.std(y))
         if count > 2 and spread > 0.0:
             correlation = float(np.mean((x - x.mean()) * (y - y.mean())) / spread)
-        if rms > SEEN_GAP * sigma:
-            factor = _factor(x, y)
-            delay = _delay(record.time, measured, model)
+        factor = _factor(x, y)
+        delay = _delay(record.time, measured, model)
     return GapBeforeRow(
         record=record.name,
         channel=name,
@@ -183,7 +182,7 @@ def _factor(x: Array, y: Array) -> float:
         return float("nan")
     factor = float(x @ y) / size
     left, whole = float(np.sum((x - factor * y) ** 2)), float(np.sum((x - y) ** 2))
-    return factor if left < (1.0 - REPORTED_SHARE) * whole else float("nan")
+    return factor if left < (1.0 - EXPLAINS_MOST) * whole else float("nan")
 
 
 def _delay(time: Array, measured: Array, model: Array) -> float:
@@ -205,7 +204,7 @@ def _delay(time: Array, measured: Array, model: Array) -> float:
     squares = np.concatenate([[0.0], np.cumsum(padded**2)])
     cost = float(x @ x) - 2.0 * product + squares[count:] - squares[:-count]
     best = int(np.argmin(cost))
-    if best in (0, 2 * most) or not cost[best] < (1.0 - REPORTED_SHARE) * cost[most]:
+    if best in (0, 2 * most) or not cost[best] < (1.0 - EXPLAINS_MOST) * cost[most]:
         return float("nan")
     a, b, c = cost[best - 1 : best + 2]
     bend = a - 2.0 * b + c

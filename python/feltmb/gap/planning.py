@@ -19,7 +19,7 @@ from feltmb.fit.segmented_records import segment_record
 from feltmb.fit.solve import FitSettings, finish
 from feltmb.gap.advise import confused_groups, confusion_at
 from feltmb.gap.checks import faults_against, with_sigma
-from feltmb.gap.criteria import DETECTABLE, REPORTED_GAIN
+from feltmb.gap.criteria import DETECTABLE, WORTH_TELLING
 from feltmb.gap.measured import open_effects
 from feltmb.gap.score import Scores, all_candidates, score_fit
 from feltmb.gap.smoke_test import try_effects
@@ -243,7 +243,7 @@ def plan(
             (names[a], names[b], float(matrix[a, b]), float(after[a, b]))
             for a in range(len(names))
             for b in range(a)
-            if matrix[a, b] > REPORTED_GAIN[0] and matrix[a, b] - after[a, b] > REPORTED_GAIN[1]
+            if matrix[a, b] - after[a, b] > WORTH_TELLING
         ]
         pairs.sort(key=lambda p: -(p[2] - p[3]))
         gained.append(

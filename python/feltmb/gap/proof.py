@@ -38,6 +38,10 @@ __all__ = [
 ]
 
 
+#: Continuity defect of the segmented gap, as a share of the spread of the states.
+SEGMENTED_LEVEL = 0.01
+
+
 @dataclass(frozen=True, eq=False)
 class Outcome:
     """Result of one model for the held-out segmented records."""
@@ -46,7 +50,6 @@ class Outcome:
     density: Array
     """Log predictive density of the segments of all segmented records, (segments,)."""
     settings: FitSettings
-    segmented_level: float
     model: Fit
     """The fit of the model to the fitted records."""
 
@@ -54,8 +57,8 @@ class Outcome:
     def segmented(self) -> tuple[Array, ...]:
         """Residual by record, (n, ny) in units of the channels, with re-estimated start states."""
         fit = self.fit
-        if fit.gap_sd.size and not np.isclose(self.segmented_level, fit.level):
-            fit = polish(fit.problem, fit.point, self.segmented_level, self.settings)
+        if fit.gap_sd.size and not np.isclose(SEGMENTED_LEVEL, fit.level):
+            fit = polish(fit.problem, fit.point, SEGMENTED_LEVEL, self.settings)
         return tuple(residuals_by_segment(fit))
 
     @cached_property
@@ -130,7 +133,6 @@ def evaluate(
     model: Fit,
     settings: FitSettings,
     *,
-    segmented_level: float,
     like: Outcome | None = None,
 ) -> Outcome:
     """Evaluate a fitted model on held-out segmented records.
@@ -146,7 +148,7 @@ def evaluate(
     way = replace(settings, chain=True)
     fit = polish(base, _converge(base, model), model.level, way)
     density = _density(base, fit, model)
-    found = Outcome(fit, density, settings, segmented_level, model)
+    found = Outcome(fit, density, settings, model)
     if not fit.gap_sd.size:
         return found
     starts = [fit.point]

@@ -20,7 +20,7 @@ from feltmb.fit.solve import (
     polish,
     relaxed,
 )
-from feltmb.gap.criteria import BEYOND_PRIORS, DOUBT, LOOSE, NEAR_BEST
+from feltmb.gap.criteria import NEAR_BEST, RIVAL
 from feltmb.gap.score import prior_of
 
 __all__ = [
@@ -39,6 +39,9 @@ __all__ = [
     "worth_of",
 ]
 
+#: Continuity defects that let parameters return to their priors, as a share of the spread of the
+#: states.
+LOOSE = 0.1
 #: Factors of the noise of tempered fits: the first for :func:`tempered`, all for :func:`annealed`.
 TEMPERED = (30.0, 10.0, 3.0)
 #: Note of a model fit that left a wrong local minimum because it was started from an effect.
@@ -205,10 +208,7 @@ def from_priors(fit: Fit, settings: FitSettings) -> Fit:
     known = [i for i in problem.free if np.isfinite(problem.model.parameters[i].sd)]
     if problem.frozen or not fit.gap_sd.size or not known:
         return fit
-    beyond_prior = float(np.sum(fit.prior_deviation**2)) > len(known) + BEYOND_PRIORS * np.sqrt(
-        2.0 * len(known)
-    )
-    if fit.converged and not beyond_prior:
+    if fit.converged and fit.within_priors:
         return fit
     theta = fit.point.theta.copy()
     theta[known] = problem.start().theta[known]
@@ -250,7 +250,7 @@ def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
     def doubtful() -> bool:
         # If the loose fit does not explain the records, the result of the tight one does not
         # matter.
-        return fit.explains and not tight.log_evidence > fit.log_evidence - DOUBT
+        return fit.explains and not tight.log_evidence > fit.log_evidence - RIVAL
 
     def other(start: Point) -> None:
         nonlocal tight

@@ -24,7 +24,7 @@ from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Candidate, Effect
 from feltmb.fit.problem import solve_scaled
 from feltmb.fit.solve import Fit
-from feltmb.gap.criteria import DEPENDENT, FITTED_SHAPE, LEAST_SURVIVING
+from feltmb.gap.criteria import FITTED_SHAPE
 
 __all__ = [
     "ScoredSet",
@@ -35,6 +35,11 @@ __all__ = [
     "score_fit",
     "screen_sets",
 ]
+
+#: Share of a signature that must remain after the projection for a test; below it is rounding.
+LEAST_SURVIVING = 1e-7
+#: Smallest eigenvalue of the correlations of signatures of a set that can be separated.
+DEPENDENT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)

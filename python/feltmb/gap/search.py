@@ -15,15 +15,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import SAME, Fit, FitSettings, finish, model_with_variability, polish
 from feltmb.fit.watch import current
-from feltmb.gap.criteria import (
-    DOUBT,
-    FAINT_SCORE,
-    NEAR_BEST,
-    NEAR_SHAPE,
-    PROMISE,
-    SHORT,
-    SMALL_GAIN,
-)
+from feltmb.gap.criteria import FAINT_SCORE, NEAR_BEST, NEAR_SHAPE, RIVAL, SMALL_SHARE
 from feltmb.gap.refine import (
     CandidateSet,
     annealed,
@@ -66,6 +58,8 @@ class Search:
     """Refitted sets, sorted by evidence, best first."""
     model_evidence: float
     failed: tuple[tuple[str, str], ...]
+    total: float
+    """Sum of the prior weights of all tested effects."""
     held: Fit | None = None
     """The model fitted within the tolerance that the best set exceeds; None if it exceeds none."""
     skipped: tuple[str, ...] = ()
@@ -325,12 +319,12 @@ class _Hunt:
     def _stuck(self) -> Fit | None:
         """A better fit of the model for a new search; a slightly better one is taken over here.
 
-        Scores at a fit without continuity defects hardly change if it gains less than ``DOUBT``.
+        Scores at a fit without continuity defects hardly change if it gains less than ``RIVAL``.
         """
         better = self._freed()
         if better is None or better.gap_sd.size:
             return better
-        if better.log_evidence > self.model_fit.log_evidence + DOUBT:
+        if better.log_evidence > self.model_fit.log_evidence + RIVAL:
             return better
         self.model_fit = better
         self.start = full_evidence(better, self.total)
@@ -347,6 +341,7 @@ class _Hunt:
             ordered,
             self.start,
             tuple(self.failed.items()),
+            self.total,
             skipped=tuple(self.skipped),
         )
 
@@ -485,8 +480,8 @@ class _Hunt:
         if base is self.near:  # a set explains the records: refit only its rivals
             return max((s.evidence for s in screen_sets(at, largest=1)), default=0.0) - NEAR_BEST
         if self.explained:
-            return max(PROMISE, self._far_below(base))
-        return PROMISE if base.included and base.plausible else -np.inf
+            return max(-RIVAL, self._far_below(base))
+        return -RIVAL if base.included and base.plausible else -np.inf
 
     def _far_below(self, base: Fit) -> float:
         """Gain over a base below which a set cannot be an alternative to the best one.
@@ -562,7 +557,7 @@ class _Hunt:
             if left and len(best.names) < self.most:
                 self._extend(best.fit, score_fit(best.fit, left, linears=linears), 3)
                 best = self._best()
-            if best.evidence <= before + max(1e-9, SMALL_GAIN * (before - self.start)):
+            if best.evidence <= before + max(1e-9, SMALL_SHARE * (before - self.start)):
                 self._vary(best)
                 if self._best().evidence <= best.evidence:
                     break
@@ -582,7 +577,7 @@ class _Hunt:
         Scores at a poor fit of the model may have missed such an effect. Each exchange is therefore
         predicted by the linear model of the best fit, relative to the effect that is removed.
         """
-        left, linears = self._left(best)
+        left, linears = self._left(best) if self.width else ((), None)
         for k, candidate in enumerate(best.fit.included):
             rest = tuple(t for t in best.fit.included if t is not candidate)
             others = np.delete(best.fit.point.magnitudes, k)
@@ -719,4 +714,4 @@ def _short(known: CandidateSet | None, best: CandidateSet, k: int) -> bool:
         return True
     size = best.fit.intervals()[k - len(best.fit.included)]
     loss = 0.5 * (size.value / size.sd) ** 2 if size.sd > 0.0 else np.inf
-    return known.evidence < best.evidence - loss - SHORT
+    return known.evidence < best.evidence - loss - 2.0 * SAME

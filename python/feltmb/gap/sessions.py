@@ -24,7 +24,7 @@ from feltmb.data import Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import digest_of, is_file, make_folder, read_json, read_toml, write_text
 from feltmb.fit.model import Effect, Model
-from feltmb.gap.criteria import LEAST_PROGRESS
+from feltmb.gap.criteria import WORTH_TELLING
 from feltmb.gap.designs import Design, design, sensors_now
 from feltmb.gap.diagnosis import diagnose
 from feltmb.gap.findings import Verdict
@@ -178,7 +178,7 @@ def session(
                     progress=progress,
                 )
                 done = _complete(report) and not _more_to_show(plan, effects)
-                if done or not plan.experiments or plan.reachable - plan.before < LEAST_PROGRESS:
+                if done or not plan.experiments or plan.reachable - plan.before < WORTH_TELLING:
                     return ended(*_at_an_end(report, plan, effects, budget - spent))
                 make_folder(here)
                 _ask(plan, here, units or {}, kinds)

@@ -10,8 +10,10 @@ normal matrix with the priors, and r the residual. Then
     log K = 1/2 s^2 v'(I + s^2 H)^-1 v - 1/2 log det(I + s^2 H),   v = L'u,   H = L'G L
 
 is the log Bayes factor of the amplitude s, where L contains the square roots of the spectrum of the
-process. The result is the maximum over a few lengths and amplitudes. In a fit with continuity
-defects, the defects have the same function (see :func:`feltmb.gap.misfit.misfit`).
+process. It is computed for a grid of lengths and amplitudes: the maximum is a test statistic, the
+mean of the Bayes factors is the evidence with all lengths and magnitudes of the amplitude equally
+probable. In a fit with continuity defects, the defects have the same function (see
+:func:`feltmb.gap.misfit.misfit`).
 """
 
 from __future__ import annotations
@@ -19,13 +21,14 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+from scipy.special import logsumexp
 
 from feltmb.data import Array
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
 from feltmb.gap.criteria import SLOW_COLOR
 
-__all__ = ["smooth_discrepancy"]
+__all__ = ["smooth_discrepancy", "smooth_evidence"]
 
 #: Lengths that are tried, as shares of the record.
 LENGTHS = (0.01, 0.03, 0.1, 0.3)
@@ -35,7 +38,6 @@ MOST, IN_ALL = 40, 900
 ROUNDING = 1e-9
 
 
-@functools.lru_cache(maxsize=8)
 def smooth_discrepancy(fit: Fit) -> float:
     """Largest log Bayes factor of an unknown smooth signal against noise.
 
@@ -51,6 +53,30 @@ def smooth_discrepancy(fit: Fit) -> float:
         twice this value exceeds x with half the probability of a chi-square variable with one
         degree of freedom. 0 also if the number of channels times segments exceeds ``IN_ALL``.
     """
+    return max(0.0, float(np.max(_log_factors(fit), initial=0.0)))
+
+
+def smooth_evidence(fit: Fit) -> float:
+    """Log evidence of an unknown smooth signal relative to noise: log of the mean Bayes factor.
+
+    Parameters
+    ----------
+    fit
+        A fit; its parameters can absorb a part of the signal.
+
+    Returns
+    -------
+    float
+        At most :func:`smooth_discrepancy`; below 0 under noise alone. -inf if no signal can be
+        tested.
+    """
+    found = _log_factors(fit)
+    return float(logsumexp(found) - np.log(found.size)) if found.size else -np.inf
+
+
+@functools.lru_cache(maxsize=8)
+def _log_factors(fit: Fit) -> Array:
+    """Log Bayes factors of all lengths and amplitudes; empty if no signal can be tested."""
     problem = fit.problem
     normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
     step = problem.newton(fit.point, normal)
@@ -75,7 +101,7 @@ def smooth_discrepancy(fit: Fit) -> float:
             crosses.append((basis.T @ rows[:, :-1]) @ root[own])
             periods.append(omega)
     if not pulls:
-        return 0.0
+        return np.zeros(0)
     u, omega = np.concatenate(pulls), np.concatenate(periods)
     gram = np.zeros((u.size, u.size))
     at = 0
@@ -86,11 +112,11 @@ def smooth_discrepancy(fit: Fit) -> float:
     cross = np.vstack(crosses)
     gram -= cross @ cross.T
     span = max(float(s.record.time[-1] - s.record.time[0]) for s in problem.segmented_records)
-    return max(_best(u, gram, whole, omega, share * span) for share in LENGTHS)
+    return np.concatenate([_of_length(u, gram, whole, omega, share * span) for share in LENGTHS])
 
 
-def _best(u: Array, gram: Array, whole: Array, omega: Array, length: float) -> float:
-    """Largest log Bayes factor over amplitudes for one length [s].
+def _of_length(u: Array, gram: Array, whole: Array, omega: Array, length: float) -> Array:
+    """Log Bayes factors of all amplitudes for one length [s]; empty: the fit absorbs all signals.
 
     ``whole``: squares of the columns before the fitted quantities were projected out. If the fit
     can absorb a signal completely, the remainder is rounding.
@@ -99,13 +125,12 @@ def _best(u: Array, gram: Array, whole: Array, omega: Array, length: float) -> f
     values, vectors = np.linalg.eigh(spread[:, None] * gram * spread)
     kept = values > ROUNDING * float(np.max(spread**2 * whole))
     if not kept.any():
-        return 0.0
+        return np.zeros(0)
     values, along = values[kept], ((vectors.T @ (spread * u)) ** 2)[kept]
-    best = 0.0
-    for s2 in np.logspace(-6.0, 6.0, 61) / float(values[-1]):
-        log_k = 0.5 * float(np.sum(s2 * along / (1.0 + s2 * values) - np.log1p(s2 * values)))
-        best = max(best, log_k)
-    return best
+    s2 = (np.logspace(-6.0, 6.0, 61) / float(values[-1]))[:, None]
+    return np.asarray(
+        0.5 * np.sum(s2 * along / (1.0 + s2 * values) - np.log1p(s2 * values), axis=1)
+    )
 
 
 def _cosines(segmented: SegmentedRecord, most: int) -> tuple[Array, Array]:

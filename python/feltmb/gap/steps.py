@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from feltmb.fit.solve import Interval
-from feltmb.gap.criteria import FAR_FROM_PRIOR
+from feltmb.gap.criteria import MOVED
 from feltmb.gap.findings import (
     EXPLAINED,
     Advice,
@@ -52,9 +52,7 @@ def next_steps(
     texts += [
         f"Measure it separately: {row.text[0].lower()}{row.text[1:]}."
         for row in calibrated
-        if row.sure
-        and row.prior_deviations is not None
-        and abs(row.prior_deviations) > FAR_FROM_PRIOR
+        if row.sure and row.prior_deviations is not None and abs(row.prior_deviations) > MOVED
     ][:3]
     texts += [f"{r.effect}: {r.remedy}" for r in named if r.remedy]
     # A direct test decides between effects that no record can separate.

@@ -15,7 +15,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, Interval, chained, estimate_states, polish
-from feltmb.gap.criteria import FAR_FROM_PRIOR, MOVED, TOLERATED
+from feltmb.gap.criteria import MOVED, TOLERATED
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated, GivenValue
 from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
@@ -46,7 +46,6 @@ def tabulated_outcome(
     model: Model,
     segmented_records: Sequence[SegmentedRecord],
     settings: FitSettings,
-    segmented_level: float,
 ) -> Outcome:
     """The model with its tabulated values on records, before any fit.
 
@@ -54,7 +53,7 @@ def tabulated_outcome(
     every model that is compared. Effects are not included.
     """
     theta = np.array([p.value for p in model.parameters], dtype=np.float64)
-    return outcome_at(model, segmented_records, theta, settings, segmented_level)
+    return outcome_at(model, segmented_records, theta, settings)
 
 
 def outcome_at(
@@ -62,7 +61,6 @@ def outcome_at(
     segmented_records: Sequence[SegmentedRecord],
     theta: Array,
     settings: FitSettings,
-    segmented_level: float,
 ) -> Outcome:
     """The model with given parameters on records; start states and nuisances are estimated."""
     problem = Problem(model, tuple(segmented_records), frozen=True)
@@ -77,7 +75,7 @@ def outcome_at(
         else:
             point = estimate_states(problem, point, tightest)
     fit = polish(problem, point, tightest, replace(quick, chain=True))
-    return Outcome(fit, np.zeros(0), settings.coarser(0.3), segmented_level, fit)
+    return Outcome(fit, np.zeros(0), settings.coarser(0.3), fit)
 
 
 def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:
@@ -218,7 +216,7 @@ def _alone(p: Parameter, interval: Interval) -> tuple[float, float]:
         return math.nan, math.nan
     moved = interval.value - interval.prior
     alone = float(np.clip(interval.prior + moved / seen, p.lower, p.upper))
-    strained = abs(moved) > FAR_FROM_PRIOR * interval.prior_sd * math.sqrt(seen)
+    strained = abs(moved) > MOVED * interval.prior_sd * math.sqrt(seen)
     if not strained or interval.low <= alone <= interval.high:
         return math.nan, math.nan
     return alone, interval.sd / math.sqrt(seen)

@@ -123,7 +123,9 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
     return replace(found, held=replace(fit, levels=before.levels, notes=(*before.notes, HELD)))
 
 
-def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search | None:
+def released(
+    found: Search, settings: FitSettings, *, alpha: float, estimated: bool
+) -> Search | None:
     """The search with the model fitted without the tolerances that the records contradict.
 
     A wrong prior must not bias the reported value: with a tolerance of 20 % and records that
@@ -141,7 +143,7 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
         return None
     fit = without_tolerances(found.model_fit, freed, taken_over(start), settings)
     tight = tighten(fit, settings)
-    if misfit(fit, tight, estimated=estimated).left:
+    if misfit(fit, tight, alpha=alpha, estimated=estimated).left:
         return None
     own = level = full_evidence(fit, 1.0)
     known = found.model_fit.problem.model.parameters

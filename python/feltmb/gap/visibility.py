@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import norm
 
 from feltmb.fit.model import VARIABILITY
-from feltmb.gap.criteria import SHOWS, WORTH_TELLING
+from feltmb.gap.criteria import CONFUSED, WORTH_TELLING
 from feltmb.gap.information import Knowledge
 from feltmb.gap.measured import no_test_of
 from feltmb.units import readable_unit, unit_suffix
@@ -121,7 +121,7 @@ def reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, ..
     names = [t.name for t in before.candidates]
     was, then = before.confusion(), after.confusion()
     out = []
-    shown = [{n for n, c in zip(names, x[:, -1], strict=True) if c < SHOWS} for x in (was, then)]
+    shown = [{n for n, c in zip(names, x[:, -1], strict=True) if c < CONFUSED} for x in (was, then)]
     if shown[1] - shown[0]:
         count = len(set(names))
         out.append(
@@ -244,11 +244,11 @@ def inseparable(knowledge: Knowledge) -> tuple[tuple[str, ...], ...]:
 
     names = list(dict.fromkeys(t.name for t in knowledge.candidates))
     chance = knowledge.confusion()
-    shown = chance[:, -1] < SHOWS
+    shown = chance[:, -1] < CONFUSED
     alike = np.zeros((len(names), len(names)), dtype=bool)
     for i, a in enumerate(knowledge.candidates):
         for j, b in enumerate(knowledge.candidates):
-            if a.name != b.name and shown[i] and shown[j] and chance[i, j] > SHOWS:
+            if a.name != b.name and shown[i] and shown[j] and chance[i, j] > CONFUSED:
                 alike[names.index(a.name), names.index(b.name)] = True
     _, label = connected_components(alike, directed=False)
     groups = [tuple(n for n, k in zip(names, label, strict=True) if k == c) for c in set(label)]
@@ -277,7 +277,7 @@ def _decisive(knowledge: Knowledge, name: str) -> DecisiveTest | None:
     parameters = {p.name: p for p in knowledge.model.parameters}
     effect = effects[name]
     size = knowledge.belief.magnitudes.get(name, effect.scale)
-    known_to = size / (2.0 * float(norm.isf(SHOWS)))
+    known_to = size / (2.0 * float(norm.isf(CONFUSED)))
     same = parameters.get(effect.tolerance_parameter)
     measured, unit = name, effect.unit
     if same is not None:

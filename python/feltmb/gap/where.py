@@ -12,18 +12,18 @@ from feltmb.fit.linearize import predict
 from feltmb.fit.model import Jobs
 from feltmb.fit.observe import observe_jobs
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.solve import Fit
-from feltmb.gap.criteria import CELL_LEVEL, ONSET_EXCESS, ONSET_SHARE, PLACE_LEVEL
+from feltmb.fit.solve import FAR, Fit
+from feltmb.gap.criteria import ONSET_SHARE
 from feltmb.gap.findings import EventRow, LedgerCell
 
 __all__ = ["event_ledger", "first_act", "ledger", "onset_of", "split_gap"]
 
 
-def ledger(fit: Fit, level: float = CELL_LEVEL) -> tuple[tuple[LedgerCell, ...], dict[str, float]]:
+def ledger(fit: Fit, alpha: float) -> tuple[tuple[LedgerCell, ...], dict[str, float]]:
     """Residual by channel and segment compared with noise, and the onset by record [s].
 
     Each cell is tested with the chi-square of the whitened residual and re-estimated states, with
-    Benjamini-Yekutieli control of the false discovery rate at ``level``. The degrees of freedom of
+    Benjamini-Yekutieli control of the false discovery rate at ``alpha``. The degrees of freedom of
     the states are subtracted according to their leverage.
     """
     problem = fit.problem
@@ -48,7 +48,7 @@ def ledger(fit: Fit, level: float = CELL_LEVEL) -> tuple[tuple[LedgerCell, ...],
                 rms = float(np.sqrt(np.mean(values**2))) * segmented.noise[c].sigma
                 rows.append((segmented, w, channel, c, n, rms, chi2, dof, p, _lag1(values)))
     ps = np.array([r[8] for r in rows])
-    flags = _shows(ps, level)
+    flags = _shows(ps, alpha)
     cells = []
     onset: dict[str, float] = {}
     for (segmented, w, channel, c, n, rms, chi2, dof, p, lag), flag in zip(
@@ -85,7 +85,7 @@ def onset_of(
     values = chain.rows[w][:, -1].reshape(-1, ny)[:, c]  # type: ignore[attr-defined]
     excess = np.cumsum(values**2 - 1.0)
     spread = np.sqrt(2.0 * np.arange(1, values.size + 1))
-    high = np.flatnonzero(excess > ONSET_EXCESS * spread)
+    high = np.flatnonzero(excess > FAR * spread)
     first = int(segmented.segments[w, 0])
     if high.size == 0:
         return float(segmented.record.time[first])
@@ -138,13 +138,13 @@ def _lag1(values: Array, bins: int = 12) -> float:
     return float(means[1:] @ means[:-1] / power) if power > 0.0 else 0.0
 
 
-def _shows(p: Array, level: float) -> Array:
+def _shows(p: Array, alpha: float) -> Array:
     """Significant p values according to Benjamini-Yekutieli."""
     from scipy import stats
 
     if p.size == 0:
         return np.zeros(0, dtype=bool)
-    return np.asarray(stats.false_discovery_control(p, method="by") <= level)
+    return np.asarray(stats.false_discovery_control(p, method="by") <= alpha)
 
 
 def _simulated(fit: Fit) -> list[Array]:
@@ -207,7 +207,7 @@ def _explained(e: Array, columns: list[Array]) -> float:
     return float(e @ e - left @ left)
 
 
-def event_ledger(fit: Fit, level: float = PLACE_LEVEL) -> tuple[EventRow, ...]:
+def event_ledger(fit: Fit, alpha: float) -> tuple[EventRow, ...]:
     """Compare the events of the model; without events, the steepest changes of each channel."""
     problem = fit.problem
     rows = []
@@ -232,7 +232,7 @@ def event_ledger(fit: Fit, level: float = PLACE_LEVEL) -> tuple[EventRow, ...]:
     if not rows:
         return ()
     ps = 2.0 * 2.0 * stats.norm.sf(np.array([r[-1] for r in rows]))
-    flags = _shows(np.minimum(ps, 1.0), level)
+    flags = _shows(np.minimum(ps, 1.0), alpha)
     return tuple(
         EventRow(
             record=r[0],

@@ -17,7 +17,7 @@ from feltmb.fit.segmented_records import segment_record
 from feltmb.fit.solve import FitSettings, fit_problem, polish
 from feltmb.gap.calibrate import calibrate, largest_statistic
 from feltmb.gap.checks import check_records
-from feltmb.gap.criteria import REFUTED
+from feltmb.gap.criteria import refuted
 from feltmb.gap.judged_data import prepare
 from feltmb.gap.refine import CandidateSet, quicker, refit
 from feltmb.gap.score import all_candidates, family_threshold, score_fit
@@ -146,15 +146,16 @@ def test_a_refitted_candidate_counts_by_the_decrease_that_its_fit_reaches(limit)
     bare = replace(found, sets=())
     _, maxima = family_threshold(found.scores, 0.01)
     promised = float(np.max(found.scores.singles()))
-    assert promised > np.quantile(maxima, 1.0 - REFUTED)
+    refuting = float(np.quantile(maxima, 1.0 - refuted(0.01)))
+    assert promised > refuting
     # Refitted by the search, or now.
     for known, confirm in ((found, False), (bare, True)):
-        seen = largest_statistic(known, found.scores, maxima, settings, confirm=confirm)
+        seen = largest_statistic(known, found.scores, refuting, settings, confirm=confirm)
         if np.isinf(limit):
             assert seen == pytest.approx(promised, rel=1e-3)
         else:
             assert 0.0 <= seen < 0.3 * promised
-    assert largest_statistic(bare, found.scores, maxima, settings, confirm=False) == promised
+    assert largest_statistic(bare, found.scores, refuting, settings, confirm=False) == promised
 
 
 def test_a_refitted_candidate_counts_by_its_decrease_with_the_same_continuity_defects():
@@ -166,17 +167,18 @@ def test_a_refitted_candidate_counts_by_its_decrease_with_the_same_continuity_de
     candidates = all_candidates([models.DRY])
     scores = score_fit(fit, candidates)
     _, maxima = family_threshold(scores, 0.01)
+    limit = float(np.quantile(maxima, 1.0 - refuted(0.01)))
     promised = float(scores.singles()[0])
     settings = FitSettings()
     best = refit(fit, candidates, scores.one_step() * models.DRY.scale, quicker(settings))
-    bare = Search(fit, scores, None, None, (), 0.0, ())
-    assert largest_statistic(bare, scores, maxima, settings, confirm=False) == promised
+    bare = Search(fit, scores, None, None, (), 0.0, (), 1.0)
+    assert largest_statistic(bare, scores, limit, settings, confirm=False) == promised
     for level, expected in ((fit.level, 3.0), (0.5 * fit.level, promised)):
         reached = replace(best, cost=fit.cost - 3.0, level=level)
         known = replace(bare, sets=(CandidateSet(reached, 0.0),))
-        seen = largest_statistic(known, scores, maxima, settings, confirm=False)
+        seen = largest_statistic(known, scores, limit, settings, confirm=False)
         assert seen == pytest.approx(expected)
     # Refitted now: with the defects of the model, whatever is best for the effect.
     same = polish(best.problem, replace(best.point, memo={}), fit.level, quicker(settings))
-    seen = largest_statistic(bare, scores, maxima, settings, confirm=True)
+    seen = largest_statistic(bare, scores, limit, settings, confirm=True)
     assert seen == pytest.approx(min(promised, fit.cost - same.cost), abs=0.1)

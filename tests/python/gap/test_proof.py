@@ -17,13 +17,15 @@ from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Candidate, Effect, State, proof
 from feltmb.gap.acceptance import least_gain
-from feltmb.gap.criteria import CONTRADICTED, LEAST_GAIN
+from feltmb.gap.criteria import ALPHA, SURE, contradicted, least_odds
 from feltmb.gap.proof import HeldOut, compare, evaluate, expected_gain
 from feltmb.gap.refine import refit
 
 _spec = importlib.util.spec_from_file_location("gap_models", Path(__file__).parent / "models.py")
 models = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(models)
+
+LEVELS = {"alpha": ALPHA, "odds": least_odds(SURE)}
 
 
 def gaussian(value, mean, cover):
@@ -101,7 +103,7 @@ def density(fit, *segmented_records):
         state_scale=fit.problem.scale(fit.point),
         sensed=segmented_records,
     )
-    return evaluate(held, fit, FitSettings(), segmented_level=fit.level).density
+    return evaluate(held, fit, FitSettings()).density
 
 
 def test_what_a_segment_is_worth_does_not_depend_on_what_follows(fitted):
@@ -121,7 +123,7 @@ def test_held_out_start_states_have_those_of_the_other_model_as_a_second_start(
     """A true effect lost 60 units of log density: its tight segments were in a local minimum."""
     fit, segmented = fitted
     held = HeldOut((segmented,), fit.problem.scale(fit.point), (segmented,))
-    other = evaluate(held, fit, FitSettings(), segmented_level=fit.level)
+    other = evaluate(held, fit, FitSettings())
     places = tuple(replace(p, starts=p.starts + 0.3) for p in other.fit.point.places)
     other = replace(other, fit=replace(other.fit, point=replace(other.fit.point, places=places)))
 
@@ -134,11 +136,11 @@ def test_held_out_start_states_have_those_of_the_other_model_as_a_second_start(
 
     monkeypatch.setattr(proof, "polish", where_it_is)
     monkeypatch.setattr(proof, "_density", density)
-    found = evaluate(held, fit, FitSettings(), segmented_level=fit.level, like=other)
+    found = evaluate(held, fit, FitSettings(), like=other)
     assert found.density == pytest.approx([-50.0])
     assert found.fit.explains  # so that no larger defects are tried
     assert found.fit.level == fit.level
-    alone = evaluate(held, fit, FitSettings(), segmented_level=fit.level)
+    alone = evaluate(held, fit, FitSettings())
     assert alone.density == pytest.approx([-50.0 if better == "own" else -110.0])
     assert proof.second_start(alone, other).density == pytest.approx([-50.0])
 
@@ -200,7 +202,7 @@ def _pair(size: float, seed: int = 0):
     def outcomes(record):
         segmented = (segment_record(LINE, record, noise, 10.0),)
         held = HeldOut(segmented_records=segmented, state_scale=np.zeros(0), sensed=segmented)
-        both = [evaluate(held, f, FitSettings(), segmented_level=0.0) for f in (bare, square)]
+        both = [evaluate(held, f, FitSettings()) for f in (bare, square)]
         return held, both
 
     return bare, square, outcomes
@@ -237,13 +239,13 @@ def test_gains_of_a_true_effect_are_as_expected():
     z = (gain - mean) / sd
     assert abs(z.mean()) < 0.25
     assert z.std() == pytest.approx(1.0, abs=0.25)
-    assert np.mean([g < least_gain(e, s) for g, e, s in rows]) <= 0.02
+    assert np.mean([g < least_gain(e, s, **LEVELS) for g, e, s in rows]) <= 0.02
 
 
 def test_never_more_is_required_than_odds_of_ten():
-    assert least_gain(1e6, 1.0) == LEAST_GAIN
-    assert least_gain(0.0, 0.0) == 0.0
-    assert least_gain(2.0, 2.0) == pytest.approx(2.0 - 2.0 * CONTRADICTED)
+    assert least_gain(1e6, 1.0, **LEVELS) == least_odds(SURE)
+    assert least_gain(0.0, 0.0, **LEVELS) == 0.0
+    assert least_gain(2.0, 2.0, **LEVELS) == pytest.approx(2.0 - 2.0 * contradicted(ALPHA))
 
 
 @pytest.mark.parametrize(("mean", "certain"), [(20.0, 3.5), (250.0, 3.8), (3.0, 8.0), (5.0, 2.6)])
@@ -256,7 +258,9 @@ def test_an_uncertain_magnitude_does_not_excuse_a_large_loss(mean, certain):
     without = -((seen / measured) ** 2) - np.log(measured**2)
     quantile = np.quantile(0.5 * (with_it - without), 0.01)
     sd = np.sqrt(2.0 * mean + 4.0 * mean**2 / certain**2)
-    assert least_gain(mean, sd) == pytest.approx(min(LEAST_GAIN, quantile), abs=0.15)
+    assert least_gain(mean, sd, **LEVELS) == pytest.approx(
+        min(least_odds(SURE), quantile), abs=0.15
+    )
 
 
 def test_a_magnitude_that_the_fit_does_not_show_has_an_expected_gain():
@@ -272,7 +276,7 @@ def test_a_magnitude_that_the_fit_does_not_show_has_an_expected_gain():
     assert np.isinf(both.covariance[-1, -1])
     segmented = (segment_record(LINE, _line(0.3, 1), noise, 10.0),)
     held = HeldOut(segmented_records=segmented, state_scale=np.zeros(0), sensed=segmented)
-    outcomes = [evaluate(held, f, FitSettings(), segmented_level=0.0) for f in (bare, both)]
+    outcomes = [evaluate(held, f, FitSettings()) for f in (bare, both)]
     mean, sd = expected_gain(held, *outcomes, FitSettings(), 1.0)
     assert mean > 5.0
     assert np.sqrt(2.0 * mean) < sd < 2.0 * mean

@@ -17,7 +17,7 @@ from feltmb.fit.segmented_records import segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Candidate, Effect, LinearModel, Parameter, Record, Sensor
 from feltmb.gap.acceptance import refutes
-from feltmb.gap.criteria import LEAST_GAIN, RIVAL, TOLERATED
+from feltmb.gap.criteria import ALPHA, RIVAL, SURE, TOLERATED, least_odds
 from feltmb.gap.proof import HeldOut, evaluate
 from feltmb.gap.refine import CandidateSet, full_evidence, refit
 from feltmb.gap.score import score_fit
@@ -86,6 +86,7 @@ def searched(fit, candidates=(), sets=()):
         sets=tuple(sets),
         model_evidence=full_evidence(fit, 1.0),
         failed=(),
+        total=1.0,
     )
 
 
@@ -179,7 +180,7 @@ def test_a_refuted_tolerance_does_not_bias_what_is_reported():
     mean = 8.0 * NARROW
     fit = fitted([mean, NARROW], NARROW)
     lookalike, other = more_of("p0", "p0"), more_of("p1")
-    found = released(searched(fit, [lookalike, other]), SETTINGS, estimated=False)
+    found = released(searched(fit, [lookalike, other]), SETTINGS, alpha=ALPHA, estimated=False)
     assert fit.point.theta[0] == pytest.approx(0.5 * mean)
     assert found.model_fit.point.theta == pytest.approx([mean, 0.5 * NARROW])
     assert found.model_fit.intervals()[0].sd == pytest.approx(NARROW)
@@ -198,24 +199,24 @@ def test_a_refuted_tolerance_does_not_bias_what_is_reported():
 
 def test_tolerances_within_their_limits_are_kept():
     fit = fitted([2.0 * NARROW, 0.0], NARROW)
-    assert released(searched(fit), SETTINGS, estimated=False) is None
+    assert released(searched(fit), SETTINGS, alpha=ALPHA, estimated=False) is None
 
 
 def test_nothing_is_released_where_the_records_are_not_explained():
     loud = fitted([8.0 * NARROW, 0.0], NARROW, rest=1.6 * QUIET)
     assert beyond_prior(loud)
-    assert released(searched(loud), SETTINGS, estimated=False) is None
+    assert released(searched(loud), SETTINGS, alpha=ALPHA, estimated=False) is None
     # Noise as it should be in sum, but a slow signal: the model explains it, something is left.
     slow = 0.65 * np.sin(2.0 * np.pi * np.arange(N) / N)
     rest = math.sqrt(1.0 - 0.5 * (0.65 / SIGMA) ** 2) * QUIET + slow
     signal = fitted([8.0 * NARROW, 0.0], NARROW, rest=rest)
     assert signal.explains
-    assert released(searched(signal), SETTINGS, estimated=False) is None
+    assert released(searched(signal), SETTINGS, alpha=ALPHA, estimated=False) is None
 
 
 def level_of(fit, means):
     """Evidence of the released fit, its departure counted as the magnitude of an effect."""
-    free = released(searched(fit), SETTINGS, estimated=False)
+    free = released(searched(fit), SETTINGS, alpha=ALPHA, estimated=False)
     z = max(1.0, abs(means[0]) / NARROW)
     return free.model_evidence - 0.5 - math.log(z) - math.log(len(means)), free.model_evidence
 
@@ -233,7 +234,7 @@ def test_other_sets_that_explain_the_records_keep_the_tolerance(tolerance, dista
 
     def found(evidence):
         near = replace(searched(fit, sets=[CandidateSet(other, evidence)]), model_evidence=1e9)
-        return released(near, SETTINGS, estimated=False)
+        return released(near, SETTINGS, alpha=ALPHA, estimated=False)
 
     assert found(level - distance + 0.01) is None
     kept = found(level - distance - 0.01)
@@ -253,7 +254,7 @@ def test_the_best_set_that_is_more_of_a_parameter_is_the_same_explanation():
 
     def found(distance):
         sets = [CandidateSet(best, evidence), CandidateSet(beside, evidence - distance)]
-        return released(searched(fit, sets=sets), SETTINGS, estimated=False)
+        return released(searched(fit, sets=sets), SETTINGS, alpha=ALPHA, estimated=False)
 
     assert found(RIVAL - 0.01) is None
     kept = found(RIVAL + 0.01)
@@ -288,18 +289,18 @@ def test_held_out_records_refute_at_ten_to_one():
         record = measured([mean], rest, name="held")
         segmented = segment_record(fit.problem.model, record, {"y": Noise(SIGMA)}, None)
         held = HeldOut((segmented,), np.zeros(0), (segmented,))
-        return held, evaluate(held, fit, SETTINGS, segmented_level=1.0)
+        return held, evaluate(held, fit, SETTINGS)
 
     def refuted(mean):
         held, old = outcome(tied, mean)
         _, new = outcome(free, mean)
         found = float(np.sum(new.density - old.density))
         assert found == pytest.approx(gain(mean), rel=1e-6, abs=1e-6)
-        return refutes(SimpleNamespace(after=old), SimpleNamespace(before=new), held)
+        return refutes(SimpleNamespace(after=old), SimpleNamespace(before=new), held, SURE)
 
     from scipy.optimize import brentq
 
-    edge = brentq(lambda m: gain(m) + LEAST_GAIN, 4.0 * NARROW, 8.0 * NARROW)
+    edge = brentq(lambda m: gain(m) + least_odds(SURE), 4.0 * NARROW, 8.0 * NARROW)
     assert refuted(edge - 0.01 * NARROW)  # where the tolerance held, and the free fit did not
     assert not refuted(edge + 0.01 * NARROW)
     assert not refuted(8.0 * NARROW)

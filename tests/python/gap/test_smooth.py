@@ -14,7 +14,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import Fit, fit_problem
 from feltmb.gap import smooth
-from feltmb.gap.criteria import FORM, FORM_LEFT, OTHER_EVIDENCE
+from feltmb.gap.criteria import ALPHA, FORM, FORM_LEFT, unknown_gain
 from feltmb.gap.misfit import allowance, form_of, misfit
 
 TIME = np.linspace(0.0, 1.0, 201)
@@ -93,23 +93,23 @@ def test_noise_alone_is_no_smooth_rest() -> None:
     found = np.array([smooth.smooth_discrepancy(fitted(s)) for s in range(60)])
     # Half a chi-square of one degree of freedom, the largest of four lengths that see alike.
     assert np.mean(found > 1.92) < 0.12
-    assert found.max() < OTHER_EVIDENCE
+    assert found.max() < unknown_gain(ALPHA)
 
 
 def test_a_smooth_gap_is_seen_that_the_sum_of_squares_cannot_see() -> None:
     fit = fitted(3, extra=0.45)
-    gap = misfit(fit, None, estimated=False)
-    least = max(OTHER_EVIDENCE, allowance(fit))
+    gap = misfit(fit, None, alpha=ALPHA, estimated=False)
+    least = max(unknown_gain(ALPHA), allowance(fit))
     assert gap.excess < 4.0
     assert gap.other > least
     assert gap.left
     calm = fitted(3)
-    assert not misfit(calm, None, estimated=False).left
+    assert not misfit(calm, None, alpha=ALPHA, estimated=False).left
     # Beside what named effects explain it may be their form: 0.3 % of the motion at 3 %.
     enough = (gap.other - least) / (FORM_LEFT * FORM) ** 2
     for share, left in ((1.01, False), (0.99, True)):
         allowed = form_of(share * enough, FORM)
-        assert misfit(fit, None, estimated=False, allowed=allowed).left is left
+        assert misfit(fit, None, alpha=ALPHA, estimated=False, allowed=allowed).left is left
     assert form_of(enough, 0.0) == 0.0
 
 
@@ -120,8 +120,8 @@ def test_a_residual_far_below_the_noise_is_no_gap_however_long_the_record(
     long = np.linspace(0.0, 1.0, 4001)
     monkeypatch.setitem(globals(), "TIME", long)
     seen = [fitted(3, extra=np.sqrt(2.0) * share) for share in (0.08, 0.14)]
-    small, large = (misfit(f, None, estimated=False) for f in seen)
-    assert OTHER_EVIDENCE < small.other < allowance(seen[0])
+    small, large = (misfit(f, None, alpha=ALPHA, estimated=False) for f in seen)
+    assert unknown_gain(ALPHA) < small.other < allowance(seen[0])
     assert allowance(seen[0]) == pytest.approx(0.005 * 8000)
     assert not small.left
     assert large.left
@@ -156,8 +156,8 @@ def test_nothing_free_is_no_fault() -> None:
         segment_record(fixed, s.record, {"y": Noise(SIGMA)}, None)
         for s in fit.problem.segmented_records
     )
-    assert (
-        smooth.smooth_discrepancy(fit_problem(Problem(fixed, segmented_records))) > OTHER_EVIDENCE
+    assert smooth.smooth_discrepancy(fit_problem(Problem(fixed, segmented_records))) > unknown_gain(
+        ALPHA
     )
 
 
