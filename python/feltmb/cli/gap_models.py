@@ -41,6 +41,7 @@ class Adapter:
             modes=self.model.input_modes,
             units=self.model.units,
             names=self.model.input_names,
+            any_inputs=self.model.any_inputs,
         )
 
     def read(self, data: Sequence[Path], options: ReadOptions | None = None) -> tuple[Record, ...]:

@@ -159,8 +159,9 @@ def _remains(report: Report) -> None:
     console().print(table)
     far = report.how_far
     if report.model.included:
+        what = "What is named" if report.named or report.one_of else "The closest tested set"
         say(
-            f"What is named closes {far.closed_text} of the calibrated gap "
+            f"{what} closes {far.closed_text} of the calibrated gap "
             f"({far.low:.0%} to {far.high:.0%})."
         )
     named = bool(report.model.included)

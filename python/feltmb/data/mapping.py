@@ -36,6 +36,8 @@ class Signals:
     units: Mapping[str, str] = field(default_factory=dict)
     names: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Other names."""
+    any_inputs: bool = False
+    """Whether every column that is no output is an input of its name."""
 
     def is_input(self, name: str) -> bool:
         """Whether a signal is an input of the model."""
@@ -120,6 +122,12 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
         faults.append(f"none of the outputs {', '.join(signals.outputs)}; there are {columns}")
     mode: InputMode = next(iter([*fitting, *signals.modes]), "force")
     driven = (*signals.inputs, *signals.modes.get(mode, ()))
+    if signals.any_inputs:
+        aside = {clock_column(columns, options.columns.get("time", "")), frame_column(columns)}
+        aside |= {run_column(columns, options.run), *columns.likelihood.values()}
+        aside |= {columns.find(place[n]) for n in (*driven, *seen) if place[n]}
+        place |= {c: c for c in columns.values if c not in aside}
+        driven = (*driven, *(c for c in columns.values if c not in aside))
     for name in (*driven, *seen):
         if place[name] and not columns.find(place[name]):
             faults.append(

@@ -130,6 +130,7 @@ class Including(Model):
         self.variability_has_input_noise = model.variability_has_input_noise
         self.input_modes = model.input_modes
         self.input_names = model.input_names
+        self.any_inputs = model.any_inputs
         self.inputs = tuple(getattr(model, "inputs", ()))
 
     def _with(self, base: Model) -> Including:

@@ -28,6 +28,7 @@ class FunctionModel(Model):
     """
 
     least_samples = 2
+    any_inputs = True
 
     def __init__(
         self,

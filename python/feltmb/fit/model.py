@@ -503,6 +503,8 @@ class Model(ABC):
     files without a sheet."""
     input_names: Mapping[str, Sequence[str]] = MappingProxyType({})
     """Other names of inputs in measured files, for example the names in a run of the model."""
+    any_inputs: bool = False
+    """Whether every column of a measured file that is no output is an input of this name."""
     least_samples: int = 8
     """Smallest number of samples of a record; fewer than the default only if an output is a single
     number."""

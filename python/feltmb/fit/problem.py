@@ -334,6 +334,12 @@ class Problem:
 
         ``damping``: value that is added to the diagonal of the normal equations.
         """
+        return self.newton_within(point, normal, damping)[0]
+
+    def newton_within(
+        self, point: Point, normal: Normal, damping: Array | float = 0.0
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """The step of :meth:`newton`, and the globals that no limit stops."""
         count = len(self.free) + len(self.included)
         low = np.full(normal.right.size, -np.inf)
         high = np.full(normal.right.size, np.inf)
@@ -353,7 +359,7 @@ class Problem:
                 break
             delta[beyond] = np.clip(delta[beyond], low[beyond], high[beyond])
             held |= beyond
-        return delta
+        return delta, ~held
 
     def step(
         self,

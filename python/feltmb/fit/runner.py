@@ -201,13 +201,8 @@ class Runner:
         for run, found in zip(runs, self._make(runs), strict=True):
             if isinstance(found, str):
                 raise InvalidParameter(f"model {self._name}: its function raises {found} ({run})")
-            bad = ~np.isfinite(found)
-            if bad.any():
-                j, i = np.argwhere(bad)[0]
-                raise InvalidParameter(
-                    f"model {self._name}: its output {self._outputs[i]} is {found[j, i]} at "
-                    f"t = {run.time[j]:g} s, sample {j} ({run})"
-                )
+            if fault := self._undefined(run, found):
+                raise InvalidParameter(f"model {self._name}: its function {fault} ({run})")
             self._kept.keep(run.key, found)
 
     def values(self, runs: Sequence[Run]) -> list[Array]:
@@ -217,19 +212,28 @@ class Runner:
         found = {k: values for k, values in known.items() if values is not None}
         new = {k: run for k, run in zip(keys, runs, strict=True) if k not in found}
         for (key, run), got in zip(new.items(), self._make(list(new.values())), strict=True):
+            fault = f"raises {got}" if isinstance(got, str) else self._undefined(run, got)
+            if fault and not self._failed:
+                self._failed = True
+                warnings.warn(
+                    f"model {self._name}: its function {fault} ({run}); this trial, and others "
+                    "like it, count as failed",
+                    RuntimeWarning,
+                    stacklevel=2,
+                )
             if isinstance(got, str):
-                if not self._failed:
-                    self._failed = True
-                    warnings.warn(
-                        f"model {self._name}: its function raises {got} ({run}); this trial, and "
-                        "others like it, count as failed",
-                        RuntimeWarning,
-                        stacklevel=2,
-                    )
                 got = np.full((len(run.time), len(self._outputs)), np.nan)
             found[key] = got
             self._kept.keep(key, got)
         return [found[k] for k in keys]
+
+    def _undefined(self, run: Run, found: Array) -> str:
+        """The first value that is not finite, as text; empty: all are."""
+        bad = np.argwhere(~np.isfinite(found))
+        if not bad.size:
+            return ""
+        j, i = bad[0]
+        return f"returns {found[j, i]} for {self._outputs[i]} at t = {run.time[j]:g} s, sample {j}"
 
     def _count(self) -> None:
         self.made += 1

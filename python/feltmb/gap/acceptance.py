@@ -251,6 +251,8 @@ class _Attempt:
             return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
         small = most > self.odds and paired.gain < SMALL_SHARE * most
         if small and not self._completes(c, name):
+            if paired.gain <= 0.0:
+                return f"{gain}: the held-out records are not predicted better with it"
             return (
                 f"{gain} compared with {most:.0f}: an error in the form of the larger effect would "
                 "gain as much"

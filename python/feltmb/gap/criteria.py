@@ -144,8 +144,9 @@ ALIKE = _number(
 )  # fmt: skip
 
 NEAR_UNIT = _number(
-    "NEAR_UNIT", 0.1, "1",
-    "largest relative difference between a factor and the factor of a known unit",
+    "NEAR_UNIT", 0.15, "share of the logarithm",
+    "largest difference between a factor and that of a known unit, relative to the latter: what "
+    "the model lacks changes the factor too",
     _JUDGED, "gap/test_overlay.py",
 )  # fmt: skip
 SAME_DELAY = _number(

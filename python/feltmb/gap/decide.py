@@ -290,7 +290,11 @@ def _name(facts: Facts) -> Decision:
     # If more than noise is left, an effect that explains less than remains may only resemble the
     # cause.
     if _widens(far) or (fitted and not facts.enough_left and _explained(far) < EXPLAINS_MOST):
-        why = f"closes {far.closed_text} of the held-out gap{_band(far)}"
+        why = (
+            f"the held-out gap grows{_band(far)}"
+            if _widens(far)
+            else "more than noise is left, and it explains less of the squared gap than remains"
+        )
         return _unsure(facts, sure or tuple(unsure), why)
     # A score that remains beside unsure effects is theirs.
     scored = facts.leftover > 1.0 and not (unsure or possible)
@@ -445,7 +449,7 @@ def _signs(facts: Facts) -> str:
     text = f"sum of squares {_ratio(first):.3g} of its expectation"
     other = facts.misfit.other
     if other > unknown_gain(facts.options.alpha) and not first.bare.gap_sd.size:
-        text += f", but what is left is smoother than noise, by {other:.0f} units of log evidence"
+        text += f", an unknown smooth signal gains {other:.0f} units of log evidence over noise"
     if facts.p > refuted(facts.options.alpha):
         return text
     return f"{text}, largest score family-wise p = {facts.p:.1g}"
@@ -473,7 +477,8 @@ def _place(facts: Facts) -> str:
     strong = [c for c in facts.where.components if c.significant]
     if not strong:
         return ""
-    return f" An unknown force at {strong[0].component} would explain most of it."
+    first = strong[0]
+    return f" An unknown force at {first.component} would explain {first.explained:.0%} of it."
 
 
 def _list(names: Iterable[str]) -> str:

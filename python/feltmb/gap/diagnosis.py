@@ -458,6 +458,8 @@ class _Diagnosis:
             decision.closest,
             where.components,
             best_fit.intervals(),
+            self.model,
+            self.task.effects,
         )
         starts = found_starts(accepted.after.tight) | fitted_starts(best_fit, rest, settings)
         before_starts = found_starts(accepted.before.tight) | fitted_starts(

@@ -375,7 +375,7 @@ class Which:
     @property
     def form_note(self) -> str:
         """Sentence about the error of form in the intervals; empty if they have none."""
-        if self.form == 0.0 or not any(r.kind in LAWS for r in self.effects):
+        if self.form == 0.0 or not any(r.refitted and r.kind in LAWS for r in self.effects):
             return ""
         return (
             "No law of force is exact: the 95 % interval of its magnitude is at least "

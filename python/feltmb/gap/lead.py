@@ -132,8 +132,9 @@ class _Stage:
 
     def best(self, count: int) -> list[CandidateSet]:
         """The best sets whose evidence is near the largest one."""
-        ranked = sorted(self.found.values(), key=lambda c: -c.evidence)
-        return [c for c in ranked[:count] if c.evidence > ranked[0].evidence - NEAR_BEST]
+        ranked = sorted(self.found.values(), key=lambda c: -np.nan_to_num(c.evidence, nan=-np.inf))
+        near = (c for c in ranked[1:count] if c.evidence > ranked[0].evidence - NEAR_BEST)
+        return [ranked[0], *near]
 
     def widen(self, most: int) -> None:
         """Add effects to the best set until it explains the records, or until no effect helps."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -213,29 +214,43 @@ def _delay(time: Array, measured: Array, model: Array) -> float:
 
 
 #: Factors caused by wrong units, and their description.
-_UNITS = (
-    (1e3, "mm labeled as m"),
-    (1e-3, "m labeled as mm"),
-    (10.0, "mm labeled as cm"),
-    (0.1, "cm labeled as mm"),
-    (25.4, "mm labeled as inches"),
-    (1.0 / 25.4, "inches labeled as mm"),
-    (9.80665, "N labeled as kgf"),
-    (1.0 / 9.80665, "kgf labeled as N"),
-    (-1.0, "the other direction"),
+_UNITS: tuple[tuple[float, str, str], ...] = (
+    (1e3, "m{unit} labeled as {unit}", ""),
+    (1e-3, "{unit} labeled as m{unit}", ""),
+    (10.0, "mm labeled as cm", "m"),
+    (0.1, "cm labeled as mm", "m"),
+    (25.4, "mm labeled as inches", "m"),
+    (1.0 / 25.4, "inches labeled as mm", "m"),
+    (9.80665, "N labeled as kgf", "N"),
+    (1.0 / 9.80665, "kgf labeled as N", "N"),
+    (180.0 / math.pi, "degrees labeled as rad", "rad"),
+    (math.pi / 180.0, "rad labeled as degrees", "rad"),
+    (-1.0, "the other direction", ""),
 )
 
 
 def _unit_of(row: GapBeforeRow) -> str:
-    """Description of the wrong unit that would produce a factor; empty: none."""
-    return next((text for f, text in _UNITS if abs(row.factor / f - 1.0) < NEAR_UNIT), "")
+    """Description of the wrong unit that would produce a factor; empty: none.
+
+    The factor may differ from that of the unit by what the model lacks: by ``NEAR_UNIT`` of the
+    distance between the factor of the unit and 1, in logarithms, or of that between 10 and 1.
+    """
+    near = []
+    for unit, text, of in _UNITS:
+        ratio = row.factor / unit
+        if (of and of != row.unit) or not ratio > 0.0:
+            continue
+        off = abs(math.log(ratio)) / max(abs(math.log(abs(unit))), math.log(10.0))
+        if off < NEAR_UNIT:
+            near.append((off, text.format(unit=row.unit)))
+    return min(near)[1] if near else ""
 
 
 def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]) -> str:
     """Description of wrong units in one sentence; empty if there are none.
 
-    Reported only if every parameter has a finite tolerance below a factor, and all records of a
-    channel agree.
+    Reported only if every parameter has a finite tolerance below a factor. All records of a channel
+    have the wrong unit, or some have it and the others agree with the model.
 
     Parameters
     ----------
@@ -244,7 +259,7 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
     """
     if any(p.sd == np.inf or p.sd > ANY_FACTOR * abs(p.value) > 0.0 for p in model.parameters):
         return ""
-    found: dict[tuple[str, float], list[str]] = {}
+    found: dict[tuple[str, float, tuple[str, ...]], list[str]] = {}
     for i, name in enumerate(model.outputs):
         rows = [
             _row(r, name, r.outputs[name] - rest[:, i], noise[name])
@@ -252,15 +267,17 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
             if name in r.outputs
         ]
         rows = [r for r in rows if r.samples > 2 and r.correlation == r.correlation]
-        texts = {_unit_of(r) for r in rows}
-        if len(texts) == 1 and "" not in texts and min(abs(r.correlation) for r in rows) > ALIKE:
-            factor = float(np.median([r.factor for r in rows]))
-            found.setdefault((texts.pop(), round(factor, 0 if factor > 2.0 else 3)), []).append(
-                name
-            )
+        wrong = [r for r in rows if _unit_of(r)]
+        texts = {_unit_of(r) for r in wrong}
+        if len(texts) == 1 and min(abs(r.correlation) for r in rows) > ALIKE:
+            factor = float(np.median([r.factor for r in wrong]))
+            some = () if len(wrong) == len(rows) else tuple(r.record for r in wrong)
+            key = (texts.pop(), round(factor, 0 if factor > 2.0 else 3), some)
+            found.setdefault(key, []).append(name)
     sentences = [
-        f"{', '.join(names)}: {factor:.3g} times the model in all records ({text}?)"
-        for (text, factor), names in found.items()
+        f"{', '.join(names)}: {factor:.3g} times the model in "
+        f"{'record ' + ', '.join(some) if some else 'all records'} ({text}?)"
+        for (text, factor, some), names in found.items()
     ]
     return "; ".join(sentences)
 

@@ -79,10 +79,14 @@ def _log_factors(fit: Fit) -> Array:
     """Log Bayes factors of all lengths and amplitudes; empty if no signal can be tested."""
     problem = fit.problem
     normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
-    step = problem.newton(fit.point, normal)
-    size = np.sqrt(np.maximum(np.diag(normal.matrix), 1e-300))
-    values, vectors = np.linalg.eigh(normal.matrix / np.outer(size, size))
-    root = (vectors / np.sqrt(np.maximum(values, 1e-11 * values[-1:]))) / size[:, None]
+    # What a limit stops cannot absorb a signal. The same quantities must be free in the residual
+    # and in G: a residual that they could still reduce would look like a signal without bound.
+    step, free = problem.newton_within(fit.point, normal)
+    matrix = normal.matrix[np.ix_(free, free)]
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    root = np.zeros((free.size, size.size))
+    root[free] = (vectors / np.sqrt(np.maximum(values, 1e-11 * values[-1:]))) / size[:, None]
     cells = sum(s.count for s in problem.segmented_records) * len(problem.model.outputs)
     most = min(MOST, IN_ALL // max(cells, 1))
     pulls, grams, crosses, periods = [], [], [], []

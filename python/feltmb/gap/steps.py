@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from feltmb.fit.model import Effect, Model
 from feltmb.fit.solve import Interval
 from feltmb.gap.criteria import MOVED
 from feltmb.gap.findings import (
@@ -29,6 +30,8 @@ def next_steps(
     closest: Closest | None,
     components: Sequence[ComponentRow],
     intervals: Sequence[Interval],
+    model: Model,
+    tested: Sequence[Effect],
 ) -> tuple[Advice, ...]:
     """Steps in the order of their expected benefit."""
     texts = [
@@ -59,15 +62,27 @@ def next_steps(
     texts += [f"If it is {r.effect}: {r.remedy}" for r in one_of if r.remedy]
     if verdict in (Verdict.UNKNOWN, Verdict.NAMED_UNKNOWN_REST):
         strong = [c for c in components if c.significant]
-        if strong:
+        places = {r.component for r in (*named, *one_of)}
+        if strong and strong[0].component not in places:
             texts.append(
                 f"Look at {strong[0].component}, or add an effect that acts there: an unknown force"
-                f" there would explain {strong[0].explained:.0%} of the gap."
+                f" there would explain {strong[0].explained:.0%} of the gap of the model."
             )
         if closest is not None:
             texts.append(
                 f"Give more held-out records that excite {' and '.join(closest.effects)}: it is "
                 "closest."
+            )
+        if not any(e.kind in ("sensor", "input") for e in tested):
+            texts.append(
+                "No error of a sensor or an input was tested: add for_sensor and for_input of "
+                "feltmb.gap.library."
+            )
+        fixed = [p.name for p in model.parameters if p.sd == 0.0]
+        if fixed:
+            texts.append(
+                f"{', '.join(fixed[:6])}{' and others' if len(fixed) > 6 else ''}: fixed (sd = 0), "
+                "so a wrong value cannot be found. Give a standard deviation."
             )
         texts.append(
             "If the residual is small enough for you, set good_enough (--good-enough), which "

@@ -129,3 +129,28 @@ def test_bad_input_gives_one_message(arguments, said, capsys):
     error = capsys.readouterr().err
     assert said in error
     assert "Traceback" not in error
+
+
+def test_columns_are_inputs_of_a_model_that_names_none(tmp_path, capsys):
+    """A LinearModel reads columns of the record by their names; a sheet was necessary for them."""
+    (tmp_path / "spring.py").write_text(
+        "from feltmb.gap import LinearModel, Parameter\n"
+        'model = LinearModel(name="spring", output="F", columns={"k": lambda r: r.inputs["x"]},\n'
+        '    parameters=[Parameter(name="k", value=100.0, sd=10.0, unit="N/m")])\n'
+        "effects = ()\n"
+    )
+    files = []
+    for i in range(3):
+        x = 0.02 * np.sin((20.0 + 9.0 * i) * np.arange(300) * 2e-3)
+        force = 104.0 * x + 1e-2 * np.random.default_rng(i).standard_normal(300)
+        path = tmp_path / f"r{i}.csv"
+        rows = zip(2.0 * np.arange(300), 1e3 * x, 0.0 * x, force, strict=True)
+        lines = ["time [ms],x [mm],unused [1],F [N]", *(",".join(map(str, r)) for r in rows)]
+        path.write_text("\n".join(lines) + "\n")
+        files.append(path)
+    assert run("gap", "check", tmp_path / "spring.py", *files) == 0
+    assert run("new", "--record", files[0], "--model", tmp_path / "spring.py") == 0
+    assert '[inputs."x"]' in files[0].with_suffix(".toml").read_text()
+    capsys.readouterr()
+    assert run("gap", "diagnose", tmp_path / "spring.py", *files, "--hold-out", files[2]) == 0
+    assert "Parameter k is 3.99" in capsys.readouterr().out

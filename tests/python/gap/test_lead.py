@@ -1,6 +1,7 @@
 """Sets of effects led along the records, where the model is far off at its tabulated numbers."""
 
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from feltmb.gap import Parameter, Record, Sensor, SimulatorModel, library
 from feltmb.gap.checks import check_records
 from feltmb.gap.investigate import _alone
 from feltmb.gap.judged_data import prepare
-from feltmb.gap.lead import lead
+from feltmb.gap.lead import _Stage, lead
 from feltmb.gap.refine import worth_of
 from feltmb.gap.search import search
 
@@ -148,3 +149,14 @@ def test_a_set_that_explains_only_from_the_last_stage_on_leads_the_model_alone(m
     assert [t.name for t in led[0].included] == ["nonlinearity of sensor y"]
     assert len(starts) == 1
     assert sum(not f.included for f in led) == 1
+
+
+def test_the_best_set_is_one_whatever_its_evidence():
+    """A record in a wrong unit left an evidence that is no number, and the search ended."""
+    stage = object.__new__(_Stage)
+    for values in ((np.nan,), (-np.inf, np.nan), (-np.inf, -np.inf)):
+        stage.found = {(str(i),): SimpleNamespace(evidence=v) for i, v in enumerate(values)}
+        (best,) = stage.best(1)
+        assert best in stage.found.values()
+    stage.found = {("a",): SimpleNamespace(evidence=np.nan), ("b",): SimpleNamespace(evidence=1.0)}
+    assert [c.evidence for c in stage.best(2)] == [1.0]

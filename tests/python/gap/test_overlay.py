@@ -1,5 +1,6 @@
 """The gap before anything is fitted, and channels that are absolute or from rest."""
 
+import dataclasses
 import json
 import sys
 from dataclasses import replace
@@ -209,6 +210,38 @@ def test_a_wrong_unit_ends_a_diagnosis_before_any_fit():
         with pytest.raises(DataError, match=rf"DATA PROBLEM: the unit of y: .*{says}.*--unit"):
             gap.diagnose(straight(factor)[0], [], straight(factor)[1], progress=told.append)
     assert {p.stage for p in told} == {"checks of the data"}
+
+
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [(1.13e3, "mm labeled as m"), (-1.12, "the other direction"), (28.6, "mm labeled as inches")],
+)
+def test_a_wrong_unit_is_found_beside_a_gap(factor, told):
+    """A spring that the model lacks made the force 1.13 times as large, in the wrong unit."""
+    model, records = straight(factor)
+    with pytest.raises(DataError, match=f"in all records .{told}"):
+        gap.diagnose(model, [], records)
+
+
+def test_a_wrong_unit_of_one_record_is_found():
+    model, (right, _) = straight(1.0)
+    _, (wrong, held_out) = straight(1e3)
+    records = [right, dataclasses.replace(wrong, name="w"), straight(1.0)[1][1]]
+    with pytest.raises(DataError, match=r"1e\+03 times the model in record w \(mm labeled as m"):
+        gap.diagnose(model, [], records)
+    assert held_out.role == "held_out"
+
+
+def test_no_length_is_labeled_as_a_force():
+    model, records = straight(9.81)
+    with pytest.raises(DataError, match="mm labeled as cm"):
+        gap.diagnose(model, [], records)
+    newtons = [
+        dataclasses.replace(r, sensors={"y": Sensor(name="y", unit="N", sigma=1e-3)})
+        for r in records
+    ]
+    with pytest.raises(DataError, match="N labeled as kgf"):
+        gap.diagnose(model, [], newtons)
 
 
 def test_a_factor_that_a_parameter_may_be_is_no_wrong_unit():

@@ -104,7 +104,7 @@ def test_the_statement_tells_what_held_out_records_say(monkeypatch):
     worse = decide(replace(facts, how_far=replace(grown, before=1.3, after=1.8)))
     assert worse.named == ()
     assert worse.verdict == Verdict.UNKNOWN
-    assert "closes -30% of the held-out gap, 95% from -50% to -10%" in worse.statement
+    assert "the held-out gap grows, 95% from -50% to -10%" in worse.statement
 
     # If more than noise is left, the effect must explain more than remains.
     most = replace(far, before=3.0, after=2.0, closed=0.5, low=0.4, high=0.6)
@@ -115,7 +115,7 @@ def test_the_statement_tells_what_held_out_records_say(monkeypatch):
     assert said.named == ("power 3",)
     said = decide(replace(facts, unexplained=True, how_far=part))
     assert said.verdict == Verdict.UNKNOWN
-    assert "closes 20% of the held-out gap" in said.statement
+    assert "it explains less of the squared gap than remains" in said.statement
 
 
 def sized(report, name):

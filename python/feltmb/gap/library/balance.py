@@ -113,7 +113,7 @@ def for_force_balance(
         ),
         effect(
             "cubic stiffness",
-            "A hardening spring acts that the model lacks.",
+            "A spring that the model lacks hardens (magnitude above 0) or softens (below 0).",
             lambda q, v, s: q**3,
             part / travel**3,
             f"{unit}/m^3",
