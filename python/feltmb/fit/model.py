@@ -169,8 +169,6 @@ class Effect:
     upper: float = math.inf
     """Upper limit of the magnitude [unit]; ``lower`` and ``upper`` apply in addition to
     ``sign``."""
-    confounders: tuple[str, ...] = ()
-    """Names of effects that are known to have similar signatures."""
     weight: float = 1.0
     """Prior weight relative to the other effects."""
     hidden: tuple[State, ...] = ()
