@@ -61,7 +61,6 @@ class Problem:
     """Whether parameters and magnitudes are fixed (for held-out records)."""
     held: tuple[int, ...] = ()
     """Indices of magnitudes that are fixed."""
-    input_knots: int = 6
     store: Store | None = None
     """Store for finished optimizations; None: they are not stored."""
 
@@ -207,7 +206,6 @@ class Problem:
             tuple((id(t.effect), repr(t.shape)) for t in (*self.included, *candidates)),
             len(candidates),
             self.frozen,
-            self.input_knots,
         )
         if key in point.memo:
             return point.memo[key][1]
@@ -237,7 +235,6 @@ class Problem:
                 point.magnitudes,
                 place,
                 candidates,
-                self.input_knots,
                 near,
             )
 
