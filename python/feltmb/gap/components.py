@@ -61,9 +61,7 @@ class _Tested:
         return float(stats.chi2.sf(2.0 * self.gain, 1) / 2.0) if self.gain > 0.0 else 0.5
 
 
-def component_table(
-    fit: Fit, tight: Fit | None = None, level: float = PLACE_LEVEL
-) -> tuple[ComponentRow, ...]:
+def component_table(fit: Fit, tight: Fit | None = None) -> tuple[ComponentRow, ...]:
     """Test every port of the model for an unknown force; the strongest row is first.
 
     Parameters
@@ -87,12 +85,12 @@ def component_table(
     out = []
     for rank, j in enumerate(order):
         port, row = ports[j], best[j]
-        significant = row.p < level / len(ports)
+        significant = row.p < PLACE_LEVEL / len(ports)
         trace: Mapping[str, Mapping[str, list[float]]] = {}
         signature = ""
         if rank < TRACES and significant:
             loose = tables[0][j]
-            clear = loose.p < level / len(ports)
+            clear = loose.p < PLACE_LEVEL / len(ports)
             shown = loose if clear else row
             trace, signature = _recover(shown.fit, port, shown.parts, shown.variance, prior)
             # In a fit that cannot follow the records, the force has the form of the errors of the

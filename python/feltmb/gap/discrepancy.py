@@ -25,6 +25,9 @@ __all__ = [
     "with_noise",
 ]
 
+#: Largest lag of the autocorrelation of a residual, in samples.
+MOST_LAGS = 200
+
 
 @dataclass(frozen=True)
 class Discrepancy:
@@ -202,9 +205,9 @@ def _residuals(fit: Fit) -> list[Array]:
     return out
 
 
-def _memory(parts: list[Array], most: int = 200) -> float:
+def _memory(parts: list[Array]) -> float:
     """Correlation time in samples: where the autocorrelation falls below 1/e; 0 if white."""
-    length = min(most, min(p.size for p in parts) // 4)
+    length = min(MOST_LAGS, min(p.size for p in parts) // 4)
     sums = np.zeros(length + 1)
     for p in parts:
         clean = np.nan_to_num(p)

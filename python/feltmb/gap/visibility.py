@@ -26,6 +26,9 @@ __all__ = [
     "visible",
 ]
 
+#: Largest numbers of reasons for an experiment, and of helpful parts of a plan.
+REASONS, HELPFUL_PARTS = 3, 8
+
 
 @dataclass(frozen=True, kw_only=True)
 class Visible:
@@ -115,7 +118,7 @@ def _amount(value: float, unit: str) -> str:
     return f"{factor * value:.3g}{unit_suffix(shown)}"
 
 
-def reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, ...]:
+def reasons(before: Knowledge, after: Knowledge) -> tuple[str, ...]:
     """Reasons: number of detectable effects, and separated pairs weighted by probability."""
     weights = before.belief.over(before.candidates)
     names = [t.name for t in before.candidates]
@@ -135,7 +138,7 @@ def reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, ..
     reported: set[str] = set()
     for flat in np.argsort(-worth, axis=None, kind="stable"):
         a, b = (int(i) for i in np.unravel_index(int(flat), worth.shape))
-        if worth[a, b] <= 0.0 or len(out) >= most:
+        if worth[a, b] <= 0.0 or len(out) >= REASONS:
             break
         if fall[a, b] < WORTH_TELLING or names[a] in reported:
             continue
@@ -204,7 +207,7 @@ def visible(before: Knowledge, after: Knowledge, everything: Knowledge) -> tuple
     return tuple(sorted(rows.values(), key=lambda r: (-r.belief, -r.right, r.effect)))
 
 
-def helpful_parts(knowledge: Knowledge, most: int = 8) -> tuple[HelpfulPart, ...]:
+def helpful_parts(knowledge: Knowledge) -> tuple[HelpfulPart, ...]:
     """Parameters whose tolerances limit the detection of effects, the most useful ones first."""
     weights = knowledge.belief.over(knowledge.candidates)
     right, smallest = knowledge.beliefs(), knowledge.smallest()
@@ -235,7 +238,7 @@ def helpful_parts(knowledge: Knowledge, most: int = 8) -> tuple[HelpfulPart, ...
             ),
         )
     order = sorted(found.values(), key=lambda x: (-x[0], x[1].effect))
-    return tuple(h for _, h in order[:most])
+    return tuple(h for _, h in order[:HELPFUL_PARTS])
 
 
 def inseparable(knowledge: Knowledge) -> tuple[tuple[str, ...], ...]:

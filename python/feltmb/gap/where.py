@@ -19,12 +19,12 @@ from feltmb.gap.findings import EventRow, LedgerCell
 __all__ = ["event_ledger", "first_act", "ledger", "onset_of", "split_gap"]
 
 
-def ledger(fit: Fit, level: float = CELL_LEVEL) -> tuple[tuple[LedgerCell, ...], dict[str, float]]:
+def ledger(fit: Fit) -> tuple[tuple[LedgerCell, ...], dict[str, float]]:
     """Residual by channel and segment compared with noise, and the onset by record [s].
 
     Each cell is tested with the chi-square of the whitened residual and re-estimated states, with
-    Benjamini-Yekutieli control of the false discovery rate at ``level``. The degrees of freedom of
-    the states are subtracted according to their leverage.
+    Benjamini-Yekutieli control of the false discovery rate at ``CELL_LEVEL``. The degrees of
+    freedom of the states are subtracted according to their leverage.
     """
     problem = fit.problem
     normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
@@ -48,7 +48,7 @@ def ledger(fit: Fit, level: float = CELL_LEVEL) -> tuple[tuple[LedgerCell, ...],
                 rms = float(np.sqrt(np.mean(values**2))) * segmented.noise[c].sigma
                 rows.append((segmented, w, channel, c, n, rms, chi2, dof, p, _lag1(values)))
     ps = np.array([r[8] for r in rows])
-    flags = _shows(ps, level)
+    flags = _shows(ps, CELL_LEVEL)
     cells = []
     onset: dict[str, float] = {}
     for (segmented, w, channel, c, n, rms, chi2, dof, p, lag), flag in zip(
@@ -207,7 +207,7 @@ def _explained(e: Array, columns: list[Array]) -> float:
     return float(e @ e - left @ left)
 
 
-def event_ledger(fit: Fit, level: float = PLACE_LEVEL) -> tuple[EventRow, ...]:
+def event_ledger(fit: Fit) -> tuple[EventRow, ...]:
     """Compare the events of the model; without events, the steepest changes of each channel."""
     problem = fit.problem
     rows = []
@@ -232,7 +232,7 @@ def event_ledger(fit: Fit, level: float = PLACE_LEVEL) -> tuple[EventRow, ...]:
     if not rows:
         return ()
     ps = 2.0 * 2.0 * stats.norm.sf(np.array([r[-1] for r in rows]))
-    flags = _shows(np.minimum(ps, 1.0), level)
+    flags = _shows(np.minimum(ps, 1.0), PLACE_LEVEL)
     return tuple(
         EventRow(
             record=r[0],
