@@ -78,6 +78,13 @@ class SegmentedRecord:
             weight=self.weight * seen,
         )
 
+    def joined(self, values: Array) -> Array:
+        """Values by segment, (W, L, ny), in the order of the samples of the record, (n, ny)."""
+        out = np.full((self.record.samples, values.shape[2]), np.nan)
+        for (first, last), own in zip(self.segments, values, strict=True):
+            out[first : last + 1] = own[: last - first + 1]  # the next segment has its first sample
+        return out
+
     def whiten(self, columns: Array) -> Array:
         """Whiten arrays (W, L, ny) or (W, L, ny, c) to uncorrelated unit noise; 0 if missing."""
         own: tuple[None, ...] = (None,) * (columns.ndim - 3)

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.linearize import predict
 from feltmb.fit.model import Model
 from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
-from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.fit.solve import FitSettings, polish
 from feltmb.gap.criteria import AS_GIVEN, COLORED, GIVEN_SIGMA, MISFIT_RATIO, STILL_SHRINKS
+from feltmb.gap.proof import residuals_by_segment
 from feltmb.gap.search import Search
 
 __all__ = [
@@ -60,7 +60,7 @@ def discrepancy_of(
             tight = best
     out = {}
     more = False
-    parts = _residuals(tight)
+    parts = residuals_by_segment(tight)
     for c, name in enumerate(best.problem.model.outputs):
         values = [p[:, c] for p in parts if np.isfinite(p[:, c]).any()]
         if not values:
@@ -86,7 +86,7 @@ def color_of_discrepancy(
     assumed.
     """
     fit = search.tight_fit or search.model_fit
-    parts = _residuals(fit)
+    parts = residuals_by_segment(fit)
     out = {}
     for c, name in enumerate(fit.problem.model.outputs):
         rest = [
@@ -188,21 +188,6 @@ def with_noise(
         for name, own in rest.items()
     }
     return _renoised(model, segmented, new)
-
-
-def _residuals(fit: Fit) -> list[Array]:
-    problem = fit.problem
-    out = []
-    for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
-        outputs, _, _ = predict(
-            problem.model, segmented, fit.point.theta, problem.included, fit.point.magnitudes, place
-        )
-        joined = np.full((segmented.record.samples, len(problem.model.outputs)), np.nan)
-        for w, (first, last) in enumerate(segmented.segments):
-            stop = last + 1 if w == segmented.count - 1 else last
-            joined[first:stop] = (segmented.measured - outputs)[w, : stop - first]
-        out.append(joined)
-    return out
 
 
 def _memory(parts: list[Array]) -> float:
