@@ -24,7 +24,13 @@ from feltmb.fit.model import (
 )
 from feltmb.fit.shift import shifted
 
-__all__ = ["machine_candidates", "observe_all", "observe_jobs", "observed_sensitivities"]
+__all__ = [
+    "machine_candidates",
+    "observe_all",
+    "observe_jobs",
+    "observe_whole",
+    "observed_sensitivities",
+]
 
 
 #: Slice of all segments.
@@ -39,6 +45,21 @@ def machine_candidates(included: tuple[Candidate, ...]) -> tuple[Candidate, ...]
 def observe_jobs(model: Model, record: Record, jobs: Jobs) -> Simulated:
     """Simulate jobs and convert the outputs to sensor readings; see :func:`observe_all`."""
     return observe_all(model, [(record, jobs)])[0]
+
+
+def observe_whole(
+    model: Model,
+    record: Record,
+    theta: Array,
+    start: Array,
+    included: tuple[Candidate, ...] = (),
+    magnitudes: Array | None = None,
+) -> Array:
+    """Sensor readings, (n, ny), of one simulation of a whole record from a start state, (nx,)."""
+    whole = np.array([[0, record.samples - 1]])
+    sizes = np.zeros(len(included)) if magnitudes is None else magnitudes
+    jobs = Jobs.at_point(theta, whole, start[None, :], included, sizes)
+    return np.asarray(observe_jobs(model, record, jobs).outputs[0])
 
 
 def observe_all(model: Model, batches: Sequence[Batch]) -> list[Simulated]:

@@ -14,9 +14,9 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter, no_such
-from feltmb.fit import Candidate, Jobs, Model
+from feltmb.fit import Candidate, Model
 from feltmb.fit.model import LAWS
-from feltmb.fit.observe import observe_jobs
+from feltmb.fit.observe import observe_whole
 from feltmb.units import unit_suffix
 
 __all__ = [
@@ -563,11 +563,9 @@ class ModelWithEffects:
             raise InvalidParameter(
                 f"start has shape {start.shape}, expected the {len(states)} states of the model"
             )
-        whole = np.array([[0, record.samples - 1]])
-        jobs = Jobs.at_point(
-            self.theta, whole, np.asarray(start)[None, :], self.included, self.magnitudes
+        outputs = observe_whole(
+            self.original, record, self.theta, start, self.included, self.magnitudes
         )
-        outputs = observe_jobs(self.original, record, jobs).outputs[0]
         return {name: outputs[:, i] for i, name in enumerate(self.original.outputs)}
 
     @checked

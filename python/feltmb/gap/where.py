@@ -8,8 +8,7 @@ import numpy as np
 from scipy import stats
 
 from feltmb.data import Array
-from feltmb.fit.model import Jobs
-from feltmb.fit.observe import observe_jobs
+from feltmb.fit.observe import observe_whole
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
 from feltmb.gap.criteria import CELL_LEVEL, ONSET_EXCESS, ONSET_SHARE, PLACE_LEVEL
@@ -107,15 +106,15 @@ def first_act(fit: Fit) -> dict[str, float]:
     found = {}
     for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
         record = segmented.record
-        whole = np.array([[0, record.samples - 1]])
         runs = [
-            observe_jobs(
+            observe_whole(
                 problem.model,
                 record,
-                Jobs.at_point(
-                    fit.point.theta, whole, place.starts[:1], problem.included, magnitudes
-                ),
-            ).outputs[0]
+                fit.point.theta,
+                place.starts[0],
+                problem.included,
+                magnitudes,
+            )
             for magnitudes in (fit.point.magnitudes, np.zeros_like(fit.point.magnitudes))
         ]
         sigma = np.array([n.sigma for n in segmented.noise])
