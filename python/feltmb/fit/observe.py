@@ -22,6 +22,7 @@ from feltmb.fit.model import (
     SensitivityRequest,
     Simulated,
 )
+from feltmb.fit.noise_of_function import difference_offsets
 from feltmb.fit.shift import shifted
 
 __all__ = [
@@ -299,13 +300,9 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
         return out
 
     def offsets(candidate: Candidate, at: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Two changes of a magnitude, and their weights in the derivative."""
-        step = candidate.effect.step * candidate.effect.scale
-        low, high = candidate.effect.bounds
-        if at + step <= high and at - step >= low:
-            return (step, -step), (0.5 / step, -0.5 / step)
-        side = step if at + 2.0 * step <= high else -step
-        return (side, 2.0 * side), (2.0 / side, -0.5 / side)
+        """Two changes of a magnitude, each with its weight in the derivative."""
+        effect = candidate.effect
+        return difference_offsets(at, effect.step * effect.scale, *effect.bounds)
 
     def batch(candidate: Candidate, size: float, active: int | None) -> Batch:
         """Jobs of all segments with one input effect at another magnitude."""
@@ -325,7 +322,7 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
         [
             batch(candidate, at + o, active)
             for candidate, at, active in asked
-            for o in offsets(candidate, at)[0]
+            for o, _ in offsets(candidate, at)
         ],
     )
     simulated = {
@@ -335,7 +332,7 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
 
     def outer(candidate: Candidate, at: float, active: int | None) -> tuple[Array, Array]:
         y, x = np.zeros_like(shown), np.zeros_like(s.ends)
-        for i, (offset, weight) in enumerate(zip(*offsets(candidate, at), strict=True)):
+        for i, (offset, weight) in enumerate(offsets(candidate, at)):
             if candidate.effect.observe is None:
                 run = simulated[id(candidate), active][i]
                 y += weight * (run.outputs[:, : shown.shape[1]] - shown)
