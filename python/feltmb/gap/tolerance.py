@@ -11,7 +11,7 @@ import numpy as np
 from feltmb.fit.model import VARIABILITY, Effect, Model, Parameter
 from feltmb.fit.problem import Point
 from feltmb.fit.resolution import BETWEEN
-from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.fit.solve import Fit, FitSettings, Interval, polish
 from feltmb.gap.criteria import RIVAL, TOLERATED
 from feltmb.gap.misfit import misfit
 from feltmb.gap.refine import CandidateSet, full_evidence, quicker, taken_over, tighten
@@ -24,6 +24,7 @@ __all__ = [
     "beyond_tolerance",
     "by_few_numbers",
     "more_of_tolerances",
+    "of_the_machine",
     "prior_deviations_told",
     "refuted_tolerances",
     "released",
@@ -55,17 +56,24 @@ def beyond_tolerance(deviation: float, contraction: float) -> bool:
     return abs(deviation) > max(1.0, TOLERATED * math.sqrt(max(contraction, 0.0)))
 
 
-def beyond_prior(fit: Fit) -> dict[str, float]:
-    """Parameters that exceed their tolerance, and their change in prior standard deviations.
+def of_the_machine(fit: Fit) -> list[tuple[int, int, Parameter, Interval]]:
+    """Free parameters that are properties of the machine: position among the free ones, index.
 
-    Parameters of run-to-run variability and of inputs between samples do not belong to the machine
-    and are omitted.
+    Parameters of run-to-run variability and of inputs between samples are not.
     """
+    parameters = fit.problem.model.parameters
+    return [
+        (k, i, parameters[i], interval)
+        for k, (i, interval) in enumerate(zip(fit.problem.free, fit.intervals(), strict=False))
+        if parameters[i].component != VARIABILITY and not parameters[i].name.startswith(BETWEEN)
+    ]
+
+
+def beyond_prior(fit: Fit) -> dict[str, float]:
+    """Parameters of the machine beyond their tolerance: change in prior standard deviations."""
     out = {}
-    free = fit.problem.free
-    for i, found in zip(free, fit.intervals()[: len(free)], strict=True):
-        p = fit.problem.model.parameters[i]
-        if not 0.0 < p.sd < math.inf or p.component == VARIABILITY or p.name.startswith(BETWEEN):
+    for _, _, p, found in of_the_machine(fit):
+        if not 0.0 < p.sd < math.inf:
             continue
         far = (found.value - p.value) / p.sd
         if beyond_tolerance(far, found.contraction):
