@@ -63,6 +63,8 @@ class Problem:
     """Indices of magnitudes that are fixed."""
     store: Store | None = None
     """Store for finished optimizations; None: they are not stored."""
+    refuted: tuple[str, ...] = ()
+    """Parameters without a prior, because the records refute it."""
 
     @property
     def free(self) -> list[int]:

@@ -34,8 +34,6 @@ __all__ = [
 
 #: Note of a model whose parameters were limited to their tolerance.
 HELD = "parameters held within their tolerance"
-#: Note of a model with parameters whose tolerance the records contradict.
-RELEASED = "the records refute the {}: the fit does not use it"
 
 
 def beyond_tolerance(deviation: float, contraction: float) -> bool:
@@ -215,21 +213,27 @@ def without_tolerances(
     model = model.with_parameters(
         {p.name: replace(p, sd=math.inf, scale=p.size) for p in model.parameters if p.name in names}
     )
-    problem = replace(fit.problem, model=model)
+    refuted = (*fit.problem.refuted, *(n for n in names if n not in fit.problem.refuted))
+    problem = replace(fit.problem, model=model, refuted=refuted)
     new = polish(problem, replace(start, memo={}), fit.level, settings)
-    tested = {p.name for p in fit.problem.model.parameters if p.before is not None}
-    refuted = [
+    return replace(new, levels=fit.levels, notes=(*fit.notes, *_refutation(model, names)))
+
+
+def refuted_tolerances(fit: Fit) -> list[str]:
+    """Text about tolerances and tests that a fit does not use; empty: it uses all of them."""
+    return _refutation(fit.problem.model, fit.problem.refuted)
+
+
+def _refutation(model: Model, names: Collection[str]) -> list[str]:
+    tested = {p.name for p in model.parameters if p.before is not None}
+    parts = [
         f"{what} of {', '.join(sorted(some))}"
         for what, some in (("tolerance", {*names} - tested), ("test", {*names} & tested))
         if some
     ]
-    note = RELEASED.format(" and the ".join(refuted))
-    return replace(new, levels=fit.levels, notes=(*fit.notes, note))
-
-
-def refuted_tolerances(fit: Fit) -> list[str]:
-    """Notes of a fit about tolerances that were not used."""
-    return [n for n in fit.notes if n.startswith(RELEASED.partition("{")[0])]
+    if not parts:
+        return []
+    return [f"the records refute the {' and the '.join(parts)}: the fit does not use it"]
 
 
 def more_of_tolerances(best: CandidateSet | None, far: Collection[str]) -> bool:
