@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm
 
 from feltmb.fit.model import VARIABILITY
+from feltmb.gap.advise import linked_groups
 from feltmb.gap.criteria import SHOWS, WORTH_TELLING
 from feltmb.gap.information import Knowledge
 from feltmb.gap.measured import no_test_of
@@ -131,9 +133,8 @@ def reasons(before: Knowledge, after: Knowledge) -> tuple[str, ...]:
             f"detects {len(shown[1])} of {count} effects at their expected magnitude "
             f"({len(shown[0])} before)"
         )
-    same = np.array([[a == b for b in names] for a in names])
     # Only a detectable effect can be confused with another one.
-    fall = np.where(same, 0.0, was[:, :-1] - then[:, :-1])
+    fall = np.where(_same(names), 0.0, was[:, :-1] - then[:, :-1])
     worth = fall * np.minimum(weights[:, None], weights[None, :])
     reported: set[str] = set()
     for flat in np.argsort(-worth, axis=None, kind="stable"):
@@ -243,19 +244,16 @@ def helpful_parts(knowledge: Knowledge) -> tuple[HelpfulPart, ...]:
 
 def inseparable(knowledge: Knowledge) -> tuple[tuple[str, ...], ...]:
     """Groups of detectable effects that no allowed experiment separates."""
-    from scipy.sparse.csgraph import connected_components
-
-    names = list(dict.fromkeys(t.name for t in knowledge.candidates))
+    names = [t.name for t in knowledge.candidates]
     chance = knowledge.confusion()
     shown = chance[:, -1] < SHOWS
-    alike = np.zeros((len(names), len(names)), dtype=bool)
-    for i, a in enumerate(knowledge.candidates):
-        for j, b in enumerate(knowledge.candidates):
-            if a.name != b.name and shown[i] and shown[j] and chance[i, j] > SHOWS:
-                alike[names.index(a.name), names.index(b.name)] = True
-    _, label = connected_components(alike, directed=False)
-    groups = [tuple(n for n, k in zip(names, label, strict=True) if k == c) for c in set(label)]
-    return tuple(sorted(g for g in groups if len(g) > 1))
+    linked = _same(names) | ((chance[:, :-1] > SHOWS) & np.outer(shown, shown))
+    return tuple(sorted(linked_groups(names, linked)))
+
+
+def _same(names: Sequence[str]) -> NDArray[np.bool_]:
+    """Whether two candidates are shapes of one effect, (k, k)."""
+    return np.array([[a == b for b in names] for a in names], dtype=bool)
 
 
 def decisive_tests(
