@@ -73,7 +73,6 @@ def effect_of(
         remedy=entry.remedy,
         lower=entry.lower,
         upper=entry.upper,
-        confounders=entry.confounders,
         hidden=tuple(hidden) if states else (),
         step=entry.step,
         observe=observe,

@@ -132,7 +132,6 @@ class _Table(Schema):
     shape: _ShapeTable | None = None
     hidden: list[_HiddenTable] = []
     remedy: str = ""
-    confounders: list[str] = []
     source: str = ""
     note: str = ""
     part: str = ""
@@ -219,7 +218,6 @@ class Entry:
     hidden: tuple[tuple[str, str, float], ...] = ()
     """Names, units and scales of the hidden states of the effect."""
     remedy: str = ""
-    confounders: tuple[str, ...] = ()
     source: str = ""
     part: str = ""
     """Name in a report: the subject of "... is 10 % lighter than tabulated"."""
@@ -587,7 +585,6 @@ def _entry(
         shape_unit=_put(table.shape.unit, words) if table.shape else "",
         hidden=tuple((_put(h.state, words), h.unit, h.scale) for h in table.hidden),
         remedy=_put(table.remedy, words),
-        confounders=tuple(_put(c, words) for c in table.confounders),
         source=table.source,
         part=_put(table.part, words),
         words=(table.words[0], table.words[1]),

@@ -42,5 +42,5 @@ def _explained(error: Exception) -> str:
     if "truth value of an array" in text or "only length-1 arrays" in text:
         return text + " (it is called with whole arrays: use np.where, np.maximum, np.sin)"
     if isinstance(error, (ValueError, ArithmeticError)):
-        return text + " (where there is no answer let it return NaN: a fit tries values far off)"
+        return text + " (return NaN for undefined values; fits evaluate extreme parameters)"
     return text

@@ -16,6 +16,8 @@ __all__ = ["Linear", "Place", "linearize", "predict"]
 
 #: Values above this limit count as diverged; their squares would overflow.
 RUNAWAY = 1e100
+#: Number of knots of the noise of the inputs within a segment.
+INPUT_KNOTS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +148,6 @@ def linearize(
     magnitudes: Array,
     place: Place,
     candidates: tuple[Candidate, ...] = (),
-    input_knots: int = 6,
     known: Linear | InputColumns | None = None,
 ) -> Linear:
     """Residual and derivatives by states, free parameters, magnitudes, candidates and nuisances.
@@ -179,7 +180,7 @@ def linearize(
         by_input, ends_by_input = np.zeros((*s.outputs.shape, 0)), known.ends_by_input
     else:
         by_input, ends_by_input = _input_noise(
-            model, segmented, theta, included, magnitudes, place, s, input_knots
+            model, segmented, theta, included, magnitudes, place, s
         )
         by_input, ends_by_input = _with_process_noise(
             model, [*free, *also], s, by_input, ends_by_input
@@ -245,7 +246,6 @@ def _input_noise(
     magnitudes: Array,
     place: Place,
     base: Sensitivity,
-    knots: int,
 ) -> tuple[Array, Array]:
     """Derivatives of outputs and end states by standard normal variables for the input noise.
 
@@ -266,9 +266,9 @@ def _input_noise(
     phase = np.zeros(n)
     stretch = np.zeros(n)
     for first, last in segmented.segments:
-        phase[first:last] = np.arange(last - first) / (last - first) * (knots - 1)
-        stretch[first:last] = (record.time[last] - record.time[first]) / (knots - 1)
-    phase[-1], stretch[-1] = knots - 1, stretch[-2]
+        phase[first:last] = np.arange(last - first) / (last - first) * (INPUT_KNOTS - 1)
+        stretch[first:last] = (record.time[last] - record.time[first]) / (INPUT_KNOTS - 1)
+    phase[-1], stretch[-1] = INPUT_KNOTS - 1, stretch[-2]
     jobs = Jobs.at_point(
         theta, segmented.segments, place.starts, included, magnitudes, place.memory
     )
@@ -277,9 +277,9 @@ def _input_noise(
         tau = record.input_correlation_time.get(name, 0.0)
         share = (record.interval + 2.0 * tau) / stretch
         sd = record.input_sigma[name] * np.sqrt(np.minimum(share, 1.0))
-        for k in range(knots):
+        for k in range(INPUT_KNOTS):
             hat = np.maximum(0.0, 1.0 - np.abs(phase - k)) * sd
-            if k == knots - 1:  # the sample that a segment shares with the next one
+            if k == INPUT_KNOTS - 1:  # the sample that a segment shares with the next one
                 hat[segmented.segments[:, 1]] = sd[segmented.segments[:, 1]]
             if k == 0:
                 hat[segmented.segments[1:, 0]] = 0.5 * sd[segmented.segments[1:, 0]]

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from feltmb.arguments import checked
 from feltmb.data import Array, InputMode, Record
 from feltmb.errors import InvalidParameter
+from feltmb.fit.noise_of_function import difference_offsets
 
 __all__ = [
     "LAWS",
@@ -169,8 +170,6 @@ class Effect:
     upper: float = math.inf
     """Upper limit of the magnitude [unit]; ``lower`` and ``upper`` apply in addition to
     ``sign``."""
-    confounders: tuple[str, ...] = ()
-    """Names of effects that are known to have similar signatures."""
     weight: float = 1.0
     """Prior weight relative to the other effects."""
     hidden: tuple[State, ...] = ()
@@ -779,16 +778,8 @@ def difference_sensitivities(model: Model, request: SensitivityRequest) -> Sensi
     columns: list[list[tuple[int, float]]] = []
 
     def add(kind: str, index: int, step: float, low: float, high: float, value: float) -> None:
-        if value + step <= high and value - step >= low:
-            offsets = [(step, 0.5 / step), (-step, -0.5 / step)]
-        else:
-            side = step if value + 2.0 * step <= high else -step
-            offsets = [(side, 2.0 / side), (2.0 * side, -0.5 / side), (0.0, -1.5 / side)]
         entry = []
-        for offset, weight in offsets:
-            if offset == 0.0:
-                entry.append((0, weight))
-                continue
+        for offset, weight in difference_offsets(value, step, low, high):
             t, s, x = theta.copy(), magnitudes.copy(), np.zeros(nx)
             {"theta": t, "magnitudes": s, "start": x}[kind][index] += offset
             rows_theta.append(t)
@@ -870,18 +861,12 @@ def _candidates(
     some, magnitudes, starts = request.candidates, request.sizes, request.starts
     rows, weights = [], []
     for c, candidate in enumerate(some):
-        low, high = candidate.effect.bounds
         step = candidate.effect.step * candidate.effect.scale
-        if high >= step and low <= -step:
-            values, weight = (step, -step), (0.5 / step, -0.5 / step)
-        else:
-            side = step if high >= 2.0 * step else -step
-            values, weight = (side, 2.0 * side), (2.0 / side, -0.5 / side)
-        for value in values:
+        for value, weight in difference_offsets(0.0, step, *candidate.effect.bounds):
             row = np.zeros(len(some))
             row[c] = value
             rows.append(np.concatenate([magnitudes, row]))
-        weights.append(weight)
+            weights.append(weight)
     count, nx, ny = len(request.segments), starts.shape[1], outputs.shape[2]
     versions = len(rows)
     if hidden:
@@ -901,7 +886,7 @@ def _candidates(
         x = run.ends.reshape(versions, count, nx)
         base_y, base_x = outputs, ends
     with np.errstate(invalid="ignore", over="ignore"):
-        by_job = np.array(weights).reshape(versions)
+        by_job = np.array(weights)
         dy = (y - base_y) * by_job[:, None, None, None]
         dx = (x - base_x) * by_job[:, None, None]
     return (

@@ -9,7 +9,7 @@ import numpy as np
 
 from feltmb.data import Array
 
-__all__ = ["Step", "choose_step", "noise_of_function"]
+__all__ = ["Step", "choose_step", "difference_offsets", "noise_of_function"]
 
 #: Smallest noise relative to the spread of the outputs: rounding.
 ROUNDING = 1e-15
@@ -17,6 +17,20 @@ ROUNDING = 1e-15
 GOOD = 0.02
 #: Smallest and largest step relative to the scale of the parameter.
 SMALLEST, LARGEST = 1e-5, 0.3
+
+
+def difference_offsets(
+    at: float, step: float, low: float, high: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Two changes of a number, and their weights in a derivative of second order.
+
+    The weights apply to differences from the value without a change. If a limit excludes one side,
+    both changes are on the other one.
+    """
+    if at + step <= high and at - step >= low:
+        return (step, 0.5 / step), (-step, -0.5 / step)
+    side = step if at + 2.0 * step <= high else -step
+    return (side, 2.0 / side), (2.0 * side, -0.5 / side)
 
 
 @dataclass(frozen=True)
@@ -33,10 +47,7 @@ class Step:
         if not self.central:
             side = h if at + h <= high else -h
             return ((side, 1.0 / side),)
-        if at + h <= high and at - h >= low:
-            return (h, 0.5 / h), (-h, -0.5 / h)
-        side = h if at + 2.0 * h <= high else -h
-        return (side, 2.0 / side), (2.0 * side, -0.5 / side)
+        return difference_offsets(at, h, low, high)
 
 
 def noise_of_function(values: Array) -> float:

@@ -22,9 +22,16 @@ from feltmb.fit.model import (
     SensitivityRequest,
     Simulated,
 )
+from feltmb.fit.noise_of_function import difference_offsets
 from feltmb.fit.shift import shifted
 
-__all__ = ["machine_candidates", "observe_all", "observe_jobs", "observed_sensitivities"]
+__all__ = [
+    "machine_candidates",
+    "observe_all",
+    "observe_jobs",
+    "observe_whole",
+    "observed_sensitivities",
+]
 
 
 #: Slice of all segments.
@@ -39,6 +46,21 @@ def machine_candidates(included: tuple[Candidate, ...]) -> tuple[Candidate, ...]
 def observe_jobs(model: Model, record: Record, jobs: Jobs) -> Simulated:
     """Simulate jobs and convert the outputs to sensor readings; see :func:`observe_all`."""
     return observe_all(model, [(record, jobs)])[0]
+
+
+def observe_whole(
+    model: Model,
+    record: Record,
+    theta: Array,
+    start: Array,
+    included: tuple[Candidate, ...] = (),
+    magnitudes: Array | None = None,
+) -> Array:
+    """Sensor readings, (n, ny), of one simulation of a whole record from a start state, (nx,)."""
+    whole = np.array([[0, record.samples - 1]])
+    sizes = np.zeros(len(included)) if magnitudes is None else magnitudes
+    jobs = Jobs.at_point(theta, whole, start[None, :], included, sizes)
+    return np.asarray(observe_jobs(model, record, jobs).outputs[0])
 
 
 def observe_all(model: Model, batches: Sequence[Batch]) -> list[Simulated]:
@@ -278,13 +300,9 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
         return out
 
     def offsets(candidate: Candidate, at: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Two changes of a magnitude, and their weights in the derivative."""
-        step = candidate.effect.step * candidate.effect.scale
-        low, high = candidate.effect.bounds
-        if at + step <= high and at - step >= low:
-            return (step, -step), (0.5 / step, -0.5 / step)
-        side = step if at + 2.0 * step <= high else -step
-        return (side, 2.0 * side), (2.0 / side, -0.5 / side)
+        """Two changes of a magnitude, each with its weight in the derivative."""
+        effect = candidate.effect
+        return difference_offsets(at, effect.step * effect.scale, *effect.bounds)
 
     def batch(candidate: Candidate, size: float, active: int | None) -> Batch:
         """Jobs of all segments with one input effect at another magnitude."""
@@ -304,7 +322,7 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
         [
             batch(candidate, at + o, active)
             for candidate, at, active in asked
-            for o in offsets(candidate, at)[0]
+            for o, _ in offsets(candidate, at)
         ],
     )
     simulated = {
@@ -314,7 +332,7 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
 
     def outer(candidate: Candidate, at: float, active: int | None) -> tuple[Array, Array]:
         y, x = np.zeros_like(shown), np.zeros_like(s.ends)
-        for i, (offset, weight) in enumerate(zip(*offsets(candidate, at), strict=True)):
+        for i, (offset, weight) in enumerate(offsets(candidate, at)):
             if candidate.effect.observe is None:
                 run = simulated[id(candidate), active][i]
                 y += weight * (run.outputs[:, : shown.shape[1]] - shown)

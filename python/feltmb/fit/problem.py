@@ -61,9 +61,10 @@ class Problem:
     """Whether parameters and magnitudes are fixed (for held-out records)."""
     held: tuple[int, ...] = ()
     """Indices of magnitudes that are fixed."""
-    input_knots: int = 6
     store: Store | None = None
     """Store for finished optimizations; None: they are not stored."""
+    refuted: tuple[str, ...] = ()
+    """Parameters without a prior, because the records refute it."""
 
     @property
     def free(self) -> list[int]:
@@ -181,16 +182,20 @@ class Problem:
                     part[0] += np.sum(
                         ((place.starts[0] - mean)[known] / np.maximum(sd[known], 1e-12)) ** 2
                     )
-            for (_, _, sd_n), value in zip(segmented.nuisances, place.nuisances, strict=True):
-                total += (value / sd_n) ** 2
             part = np.where(np.isfinite(part), part, np.inf)
             parts.append(part)
             total += float(np.sum(part))
-        if not self.frozen:
-            for i in self.free:
-                p = self.model.parameters[i]
-                total += float(((point.theta[i] - p.value) / p.sd) ** 2)
-        return total, parts
+        return self.prior_cost(point, total), parts
+
+    def prior_cost(self, point: Point, total: float = 0.0) -> float:
+        """``total`` and the part of the sum of squares that does not belong to a segment."""
+        for segmented, place in zip(self.segmented_records, point.places, strict=True):
+            for (_, _, sd), value in zip(segmented.nuisances, place.nuisances, strict=True):
+                total += float((value / sd) ** 2)
+        for i in self.free:
+            p = self.model.parameters[i]
+            total += float(((point.theta[i] - p.value) / p.sd) ** 2)
+        return total
 
     def linear(
         self,
@@ -207,7 +212,6 @@ class Problem:
             tuple((id(t.effect), repr(t.shape)) for t in (*self.included, *candidates)),
             len(candidates),
             self.frozen,
-            self.input_knots,
         )
         if key in point.memo:
             return point.memo[key][1]
@@ -237,7 +241,6 @@ class Problem:
                 point.magnitudes,
                 place,
                 candidates,
-                self.input_knots,
                 near,
             )
 

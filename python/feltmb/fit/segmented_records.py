@@ -78,6 +78,13 @@ class SegmentedRecord:
             weight=self.weight * seen,
         )
 
+    def joined(self, values: Array) -> Array:
+        """Values by segment, (W, L, ny), in the order of the samples of the record, (n, ny)."""
+        out = np.full((self.record.samples, values.shape[2]), np.nan)
+        for (first, last), own in zip(self.segments, values, strict=True):
+            out[first : last + 1] = own[: last - first + 1]  # the next segment has its first sample
+        return out
+
     def whiten(self, columns: Array) -> Array:
         """Whiten arrays (W, L, ny) or (W, L, ny, c) to uncorrelated unit noise; 0 if missing."""
         own: tuple[None, ...] = (None,) * (columns.ndim - 3)
@@ -111,16 +118,11 @@ class SegmentedRecord:
 #: Smallest length of a segment in time constants of a slow sensor: the influence of the previous
 #: segment then decays to exp(-6).
 TIME_CONSTANTS = 6.0
+#: Largest number of segments of a record, and the number that a short record has at least.
+MOST_SEGMENTS, LEAST_SEGMENTS = 200, 12
 
 
-def choose_segments(
-    record: Record,
-    length: float | None,
-    *,
-    most: int = 200,
-    least: int = 12,
-    shortest: float = 0.0,
-) -> Integers:
+def choose_segments(record: Record, length: float | None, *, shortest: float = 0.0) -> Integers:
     """Segments of about ``length`` [s] with boundaries at which the outputs change slowly.
 
     None: a length that suits the number of samples, at least ``shortest`` [s].
@@ -133,8 +135,8 @@ def choose_segments(
     if length is None:
         # Segments are simulated as one batch: the longest one determines the time, not their
         # number.
-        size = int(np.clip(n / 40, 16, max(16, min(n // least, 200))))
-        size = max(size, n // most, math.ceil(shortest / record.interval))
+        size = int(np.clip(n / 40, 16, max(16, min(n // LEAST_SEGMENTS, 200))))
+        size = max(size, n // MOST_SEGMENTS, math.ceil(shortest / record.interval))
     else:
         if not (math.isfinite(length) and length > 0.0):
             raise InvalidParameter(f"segment = {length!r} s, expected a finite number > 0")

@@ -433,20 +433,7 @@ def relaxed(problem: Problem, point: Point, normal: Normal) -> float:
     """Sum of squares after a step of the states alone, to first order."""
     # The chains contain the gain by the states; this is the remaining residual.
     left = sum(float(np.sum(c.grams[:, -1, -1])) for c in normal.chains)
-    return left + _priors(problem, point)
-
-
-def _priors(problem: Problem, point: Point) -> float:
-    """Part of the cost that does not belong to a segment."""
-    total = 0.0
-    if not problem.frozen:
-        for i in problem.free:
-            p = problem.model.parameters[i]
-            total += float(((point.theta[i] - p.value) / p.sd) ** 2)
-    for segmented, place in zip(problem.segmented_records, point.places, strict=True):
-        for (_, _, sd), value in zip(segmented.nuisances, place.nuisances, strict=True):
-            total += (value / sd) ** 2
-    return total
+    return left + problem.prior_cost(point)
 
 
 def _evidence(problem: Problem, normal: Normal, cost: float, gap_sd: Array) -> float:

@@ -120,9 +120,9 @@ class Watch:
         """Whether fits and searches must end; a proof is still done."""
         return self.stage in (FIT, SEARCH) and self.over()
 
-    def enter(self, stage: str, detail: str = "") -> None:
+    def enter(self, stage: str) -> None:
         """Start a stage."""
-        self.stage, self.detail = stage, detail
+        self.stage, self.detail = stage, ""
         self._show(now=True)
 
     def say(self, detail: str, done: int = 0, total: int = 0) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 from scipy.sparse import csgraph
 
@@ -13,7 +14,7 @@ from feltmb.gap.criteria import CONFUSED, DETECTABLE
 from feltmb.gap.score import Scores
 from feltmb.gap.search import Search
 
-__all__ = ["confused", "confused_groups", "confusion", "confusion_at"]
+__all__ = ["confused", "confused_groups", "confusion", "confusion_at", "linked_groups"]
 
 
 def confused(gram: Array, magnitudes: Array) -> Array:
@@ -68,8 +69,15 @@ def confused_groups(names: Sequence[str], chance: Array) -> tuple[tuple[str, ...
     chance
         Probability of mistaking one candidate for another, see :func:`confusion`.
     """
-    count, label = csgraph.connected_components(chance > CONFUSED, directed=False)
+    groups = linked_groups(names, chance > CONFUSED)
+    return tuple(sorted({tuple(sorted(group)) for group in groups}))
+
+
+def linked_groups(names: Sequence[str], linked: NDArray[np.bool_]) -> list[tuple[str, ...]]:
+    """Groups of two or more names of candidates that are linked, directly or through others."""
+    count, label = csgraph.connected_components(linked, directed=False)
     groups = [
-        {n for n, own in zip(names, label, strict=True) if n and own == k} for k in range(count)
+        tuple(dict.fromkeys(n for n, own in zip(names, label, strict=True) if n and own == k))
+        for k in range(count)
     ]
-    return tuple(sorted({tuple(sorted(group)) for group in groups if len(group) > 1}))
+    return [group for group in groups if len(group) > 1]

@@ -375,10 +375,10 @@ def _closed(
     old: list[Array] = []
     new: list[Array] = []
     for outcome, out in ((before, old), (after, new)):
-        for c in range(len(before.fit.problem.model.outputs)):
+        for c, name in enumerate(before.fit.problem.model.outputs):
+            own = [s for s in segmented_records if name in s.record.outputs]
             parts = _per_channel(outcome, segmented_records, which, c)
-            sigma = segmented_records[0].noise[c].sigma
-            out.extend(p / sigma for p in parts)
+            out.extend(p / s.noise[c].sigma for p, s in zip(parts, own, strict=True))
     a, b = _rms(old), _rms(new)
     if not (np.isfinite(a) and np.isfinite(b)):
         return 0.0, 0.0, 0.0

@@ -251,7 +251,7 @@ def without_copies(
             kept[i] = record
         else:
             what = "given twice" if same == record.name else f"holds the same numbers as {same}"
-            notes.append(f"{record.name}: {what}; a copy is no second measurement: it is left out")
+            notes.append(f"{record.name}: {what}; the copy is not used")
     return tuple(kept[i] for i in sorted(kept)), tuple(notes)
 
 

@@ -174,7 +174,7 @@ class _Option:
     cost: float
     information: Information
     carrying: tuple[Information, ...] = ()
-    """With each sensor on offer in addition; the last: with all of them."""
+    """With each available sensor in addition; the last: with all of them."""
     input: str = ""
     family: str = ""
     knobs: tuple[float, ...] = ()
@@ -208,7 +208,7 @@ def design(
     records
         Records that were measured before; empty: none.
     limits
-        Limits of the inputs, possible tests of parts, and further sensors that could be had.
+        Limits of the inputs, possible tests of parts, and available further sensors.
     sensors
         Sensors of the outputs that are measured in any case. Default: those of ``limits``, else of
         the records, else all outputs, each with a noise of a thousandth of its spread.
@@ -546,7 +546,7 @@ class _Work:
         )
 
     def equipped(self, sensor: FurtherSensor, options: Sequence[_Option]) -> list[_Option]:
-        """The options with a sensor that was on offer, worked out again."""
+        """The options with one of the available sensors, computed again."""
         self.sensors = self.sensors.having(sensor)
         self._known.clear()
         out = []

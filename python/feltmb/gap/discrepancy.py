@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.linearize import predict
 from feltmb.fit.model import Model
 from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
-from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.fit.solve import FitSettings, polish
 from feltmb.gap.criteria import COLORED, GIVEN_SIGMA, NOISE_ERROR, STILL_SHRINKS
+from feltmb.gap.proof import residuals_by_segment
 from feltmb.gap.search import Search
 
 __all__ = [
@@ -24,6 +24,9 @@ __all__ = [
     "with_factor",
     "with_noise",
 ]
+
+#: Largest lag of the autocorrelation of a residual, in samples.
+MOST_LAGS = 200
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ def discrepancy_of(
             tight = best
     out = {}
     more = False
-    parts = _residuals(tight)
+    parts = residuals_by_segment(tight)
     for c, name in enumerate(best.problem.model.outputs):
         values = [p[:, c] for p in parts if np.isfinite(p[:, c]).any()]
         if not values:
@@ -83,7 +86,7 @@ def color_of_discrepancy(
     assumed.
     """
     fit = search.tight_fit or search.model_fit
-    parts = _residuals(fit)
+    parts = residuals_by_segment(fit)
     out = {}
     for c, name in enumerate(fit.problem.model.outputs):
         rest = [
@@ -187,24 +190,9 @@ def with_noise(
     return _renoised(model, segmented, new)
 
 
-def _residuals(fit: Fit) -> list[Array]:
-    problem = fit.problem
-    out = []
-    for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
-        outputs, _, _ = predict(
-            problem.model, segmented, fit.point.theta, problem.included, fit.point.magnitudes, place
-        )
-        joined = np.full((segmented.record.samples, len(problem.model.outputs)), np.nan)
-        for w, (first, last) in enumerate(segmented.segments):
-            stop = last + 1 if w == segmented.count - 1 else last
-            joined[first:stop] = (segmented.measured - outputs)[w, : stop - first]
-        out.append(joined)
-    return out
-
-
-def _memory(parts: list[Array], most: int = 200) -> float:
+def _memory(parts: list[Array]) -> float:
     """Correlation time in samples: where the autocorrelation falls below 1/e; 0 if white."""
-    length = min(most, min(p.size for p in parts) // 4)
+    length = min(MOST_LAGS, min(p.size for p in parts) // 4)
     sums = np.zeros(length + 1)
     for p in parts:
         clean = np.nan_to_num(p)

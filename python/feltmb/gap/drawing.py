@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 __all__ = ["bars", "force_traces", "ledger_map", "profile_curve", "waterfall"]
 
 WIDTH = 9.0  # inches
-#: Largest number of letters of a name, and of records whose force is drawn.
-LONGEST_NAME, MOST_RECORDS = 38, 3
+#: Largest number of letters of a name, of records whose force is drawn, and of drawn effects.
+LONGEST_NAME, MOST_RECORDS, BARS = 38, 3, 10
 
 
 def _svg(figure: Figure, name: str, tips: Mapping[str, str] | None = None) -> str:
@@ -105,11 +105,9 @@ def ledger_map(
     return _svg(figure, name, tips)
 
 
-def bars(
-    effects: Sequence[Ranked], one_of: Sequence[str], refused: Sequence[str], most: int = 10
-) -> str:
+def bars(effects: Sequence[Ranked], one_of: Sequence[str], refused: Sequence[str]) -> str:
     """Probability and magnitude of each effect."""
-    shown = list(effects[:most])
+    shown = list(effects[:BARS])
     if not shown:
         return ""
     figure = new_figure(WIDTH, 0.27 * len(shown) + 0.5)

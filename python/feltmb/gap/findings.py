@@ -14,9 +14,9 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter, no_such
-from feltmb.fit import Candidate, Jobs, Model
+from feltmb.fit import Candidate, Model
 from feltmb.fit.model import LAWS
-from feltmb.fit.observe import observe_jobs
+from feltmb.fit.observe import observe_whole
 from feltmb.units import unit_suffix
 
 __all__ = [
@@ -272,7 +272,7 @@ class ComponentRow:
     explained: float
     """Share of the gap that a force at this port could explain [1]."""
     trace: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
-    """Record -> {"time", "force", "sd", "position", "speed"} for the strongest places."""
+    """Record -> {"time", "force", "sd"} for the strongest places."""
     signature: str = ""
     """Likely form of the force (sign of speed, loop, ...)."""
 
@@ -446,7 +446,7 @@ class GapRow:
     """Gap on held-out data in one metric."""
 
     metric: str
-    """"segmented", "open loop", "with speed" or "events"."""
+    """"segmented", "open loop" or "speed" (of the residual in the metric of :class:`HowFar`)."""
     channel: str
     unit: str
     before: float
@@ -484,13 +484,13 @@ class HowFar:
     metric: str
     """Metric of the waterfall and of ``closed``: "open loop" or "segmented"."""
     closed: float
-    """Closed share of the segmented held-out gap, all channels together [1]."""
+    """Closed share of the held-out gap in ``metric``, all channels together [1]."""
     low: float
     high: float
     records: tuple[str, ...]
     """Names of the held-out records."""
     per_record: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Record -> (before, after): segmented gaps, whitened [1]."""
+    """Record -> (before, after): gaps in ``metric`` [``waterfall_unit``]."""
 
     @property
     def closed_text(self) -> str:
@@ -563,11 +563,9 @@ class ModelWithEffects:
             raise InvalidParameter(
                 f"start has shape {start.shape}, expected the {len(states)} states of the model"
             )
-        whole = np.array([[0, record.samples - 1]])
-        jobs = Jobs.at_point(
-            self.theta, whole, np.asarray(start)[None, :], self.included, self.magnitudes
+        outputs = observe_whole(
+            self.original, record, self.theta, start, self.included, self.magnitudes
         )
-        outputs = observe_jobs(self.original, record, jobs).outputs[0]
         return {name: outputs[:, i] for i, name in enumerate(self.original.outputs)}
 
     @checked

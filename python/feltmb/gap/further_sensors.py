@@ -1,4 +1,4 @@
-"""Sensors of the experiments to come: those at hand, and those that could be had."""
+"""Sensors of future experiments: the present ones, and further ones that are available."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Sensors:
     now: Mapping[str, Sensor]
     """By output."""
     offers: tuple[FurtherSensor, ...] = ()
-    """Sensors that could be had, each with its noise."""
+    """Further sensors that are available, each with its noise."""
 
     @property
     def all(self) -> dict[str, Sensor]:
-        """With everything on offer, of each output the least noisy."""
+        """The least noisy sensor of each output, with all available sensors."""
         out = self
         for offer in self.offers:
             sigma = out.now[offer.output].sigma if offer.output in out.now else None
@@ -100,13 +100,13 @@ class Sensors:
 def offered(
     further: Sequence[FurtherSensor], now: Mapping[str, Sensor], model: Model
 ) -> tuple[FurtherSensor, ...]:
-    """Sensors on offer, with the noise of each.
+    """Available further sensors, each with its noise.
 
     Raises
     ------
     InvalidParameter
-        No noise is told of a sensor and none follows from the others, or a sensor is no better than
-        the one that is there.
+        The noise of a sensor is not given and does not follow from the others, or a sensor is not
+        better than the present one.
     """
     faults, out = [], []
     for offer in further:
@@ -116,7 +116,7 @@ def offered(
             present = now[offer.output].sigma
             if present is None:
                 faults.append(
-                    f"{offer.output}: is measured already, by a sensor of unknown noise; expected "
+                    f"{offer.output}: is already measured by a sensor with unknown noise; expected "
                     f"its sigma in [sensors.{offer.output}]"
                 )
                 continue
@@ -136,8 +136,8 @@ def offered(
             ]
             if not alike:
                 faults.append(
-                    f"{offer.output}: no noise is told; expected sigma, because no sensor with "
-                    f"known noise measures in {unit if unit != '1' else 'its unit'}"
+                    f"{offer.output}: its noise is not given; expected sigma, because no sensor "
+                    f"with known noise measures in {unit if unit != '1' else 'its unit'}"
                 )
                 continue
             sigma = max(alike)

@@ -46,6 +46,8 @@ MAGNITUDES = (0.5, 1.0, 2.0)
 #: metric. With exact continuity, a linearization of a chaotic machine would predict that a friction
 #: of 1e-7 N is detectable. The linearization is not valid that far.
 LOOSE = 0.01
+#: Largest number of parameters that are told to look like a candidate.
+IMITATORS = 3
 
 
 @checked
@@ -453,12 +455,12 @@ class Knowledge:
         with np.errstate(divide="ignore"):
             return np.asarray(np.where(strength > 0.0, DETECTABLE * scale / strength, np.inf))
 
-    def imitators(self, candidate: int, most: int = 3) -> list[str]:
+    def imitators(self, candidate: int) -> list[str]:
         """Parameters whose change looks like a candidate, the largest share first."""
         pp, pe, _ = self._split
         change = solve_scaled(pp, pe[:, candidate])
         share = np.abs(change) * np.sqrt(np.maximum(np.diag(pp), 0.0))
-        order = np.argsort(-share, kind="stable")[:most]
+        order = np.argsort(-share, kind="stable")[:IMITATORS]
         return [
             self.model.parameters[i].name
             for i in order

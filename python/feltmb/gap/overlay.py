@@ -12,8 +12,8 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import DataError
-from feltmb.fit.model import Jobs, Model
-from feltmb.fit.observe import observe_jobs
+from feltmb.fit.model import Model
+from feltmb.fit.observe import observe_whole
 from feltmb.gap.checks import DataChecks, check_against, with_sigma
 from feltmb.gap.criteria import ALIKE, ANY_FACTOR, EXPLAINS_MOST, NEAR_UNIT, SAME_DELAY
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
@@ -131,11 +131,9 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
 
 def _simulate(model: Model, record: Record) -> dict[str, Array]:
     """Outputs over the whole record, from the expected start state of the model."""
-    whole = np.array([[0, record.samples - 1]])
     theta = np.array([p.value for p in model.parameters])
-    starts = model.guess(record, whole)
-    jobs = Jobs.at_point(theta, whole, starts, (), np.zeros(0))
-    values = observe_jobs(model, record, jobs).outputs[0]
+    start = model.guess(record, np.array([[0, record.samples - 1]]))[0]
+    values = observe_whole(model, record, theta, start)
     if not values.shape[0] >= record.samples:
         raise DataError(
             f"record {record.name}: the model {model.name} gives {values.shape[0]} samples, "

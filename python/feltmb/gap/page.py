@@ -16,6 +16,9 @@ from feltmb.gap.findings import EXPLAINED, Findings, Verdict
 
 __all__ = ["page", "together"]
 
+#: Least correlation of two numbers that are told to be hardly separate, and most pairs of them.
+TOGETHER, PAIRS = 0.8, 12
+
 MARK = {
     Verdict.NO_GAP: "good",
     Verdict.CALIBRATED: "named",
@@ -40,7 +43,7 @@ def percent(value: float) -> str:
     return f"{value:.0%}" if math.isfinite(value) else "-"
 
 
-def together(fit: Fit, least: float = 0.8, most: int = 12) -> list[tuple[str, str, float]]:
+def together(fit: Fit) -> list[tuple[str, str, float]]:
     """Pairs of fitted numbers that the records hardly separate: names and correlation [1]."""
     names = [i.name for i in fit.intervals()]
     covariance = fit.covariance
@@ -52,9 +55,9 @@ def together(fit: Fit, least: float = 0.8, most: int = 12) -> list[tuple[str, st
         (names[i], names[j], float(rho[i, j]))
         for i in range(len(names))
         for j in range(i)
-        if abs(rho[i, j]) >= least
+        if abs(rho[i, j]) >= TOGETHER
     ]
-    return sorted(pairs, key=lambda p: (-abs(p[2]), p[:2]))[:most]
+    return sorted(pairs, key=lambda p: (-abs(p[2]), p[:2]))[:PAIRS]
 
 
 def page(report: Findings, viewers: str = "") -> str:

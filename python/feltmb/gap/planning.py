@@ -11,9 +11,9 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.calling import calling
-from feltmb.fit.model import Effect, Jobs, Model
+from feltmb.fit.model import Effect, Model
 from feltmb.fit.noise import Noise, noise_of
-from feltmb.fit.observe import observe_jobs
+from feltmb.fit.observe import observe_whole
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import segment_record
 from feltmb.fit.solve import FitSettings, finish
@@ -95,19 +95,13 @@ def planned(
 
     ``theta``: parameters; None: their prior values.
     """
-    states = model.states()
     prior = {} if record.start is None else record.start.mean
-    start = np.array([[prior.get(s.name, s.start) for s in states]])
+    start = np.array([prior.get(s.name, s.start) for s in model.states()])
     if theta is None:
         theta = np.array([p.value for p in model.parameters])
-    jobs = Jobs(
-        theta=theta[None],
-        segments=np.array([[0, record.samples - 1]]),
-        starts=start.reshape(1, len(states)),
-    )
     names = [n for n in model.outputs if n in sensors]
     bare = replace(record, outputs={n: np.zeros(record.samples) for n in names}, sensors=sensors)
-    outputs = observe_jobs(model, bare, jobs).outputs[0]
+    outputs = observe_whole(model, bare, theta, start)
     columns = {n: outputs[:, model.outputs.index(n)] for n in names}
     for name, column in columns.items():
         if not np.all(np.isfinite(column)):

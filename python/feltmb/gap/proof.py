@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -33,6 +33,7 @@ __all__ = [
     "expected_gain",
     "explained_share",
     "one_run",
+    "outputs_by_segment",
     "residuals_by_segment",
     "second_start",
 ]
@@ -229,19 +230,11 @@ def explained_share(before: float, after: float) -> float:
 
 def _predicted(held: HeldOut, outcome: Outcome) -> tuple[SegmentedRecord, ...]:
     """The held-out records with the outputs that a model predicts."""
-    fit = outcome.fit
-    out = []
-    for segmented, place in zip(held.segmented_records, fit.point.places, strict=True):
-        outputs, _, _ = predict(
-            fit.problem.model,
-            segmented,
-            fit.point.theta,
-            fit.problem.included,
-            fit.point.magnitudes,
-            place,
-        )
-        out.append(replace(segmented, measured=np.where(segmented.valid, outputs, np.nan)))
-    return tuple(out)
+    problem = replace(outcome.fit.problem, segmented_records=held.segmented_records)
+    return tuple(
+        replace(segmented, measured=np.where(segmented.valid, outputs, np.nan))
+        for segmented, outputs in _by_segment(replace(outcome.fit, problem=problem))
+    )
 
 
 def _density(base: Problem, fit: Fit, model: Fit) -> Array:
@@ -321,20 +314,24 @@ def _converge(problem: Problem, model: Fit) -> Point:
     return estimate_states(problem, point, model.level)
 
 
+def _by_segment(fit: Fit) -> Iterator[tuple[SegmentedRecord, Array]]:
+    """Records with their outputs, (W, L, ny), where each segment starts from its own state."""
+    model, point, included = fit.problem.model, fit.point, fit.problem.included
+    for segmented, place in zip(fit.problem.segmented_records, point.places, strict=True):
+        yield (
+            segmented,
+            predict(model, segmented, point.theta, included, point.magnitudes, place)[0],
+        )
+
+
+def outputs_by_segment(fit: Fit) -> list[Array]:
+    """Outputs by record, (n, ny), where each segment starts from its own state."""
+    return [segmented.joined(outputs) for segmented, outputs in _by_segment(fit)]
+
+
 def residuals_by_segment(fit: Fit) -> list[Array]:
     """Residual by record, (n, ny), where each segment starts from its own state."""
-    out = []
-    problem = fit.problem
-    for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
-        outputs, _, _ = predict(
-            problem.model, segmented, fit.point.theta, problem.included, fit.point.magnitudes, place
-        )
-        residual = np.full((segmented.record.samples, len(problem.model.outputs)), np.nan)
-        for w, (first, last) in enumerate(segmented.segments):
-            stop = last + 1 if w == segmented.count - 1 else last
-            residual[first:stop] = (segmented.measured - outputs)[w, : stop - first]
-        out.append(residual)
-    return out
+    return [s.joined(s.measured - outputs) for s, outputs in _by_segment(fit)]
 
 
 def one_run(fit: Fit) -> list[Array]:

@@ -1,4 +1,4 @@
-"""Tables of a TOML file that name things of a model, with all of its faults at once."""
+"""Reads tables of a TOML file about a model, and reports all faults of the file at once."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ T = TypeVar("T")
 class TableReader:
     """Collects the faults of a file: names, then keys and kinds, then numbers.
 
-    A fault of one entry hides none of another. Of an entry whose name the model does not have the
-    name is told alone, because the unit of its numbers is not known.
+    A fault of one entry does not hide those of another. If the model does not have the name of an
+    entry, only the name is reported, because the unit of its numbers is unknown.
     """
 
     def __init__(self, path: str | Path, schema: type[BaseModel]):

@@ -10,16 +10,15 @@ import numpy as np
 from scipy import stats
 
 from feltmb.data import Array
-from feltmb.fit.model import VARIABILITY, Model, Parameter
+from feltmb.fit.model import Model, Parameter
 from feltmb.fit.problem import Problem
-from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, Interval, chained, estimate_states, polish
 from feltmb.gap.criteria import MOVED, TOLERATED
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated, GivenValue
 from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
-from feltmb.gap.tolerance import beyond_tolerance
+from feltmb.gap.tolerance import beyond_tolerance, of_the_machine
 from feltmb.units import readable_unit, unit_suffix
 
 __all__ = [
@@ -138,16 +137,6 @@ def moved_together(fit: Fit, alpha: float) -> bool:
     along = (vectors.T @ interval[known])[kept]
     statistic = float(np.sum(along**2 / values[kept]))
     return bool(stats.chi2.sf(statistic, int(kept.sum())) < alpha)
-
-
-def of_the_machine(fit: Fit) -> list[tuple[int, int, Parameter, Interval]]:
-    """Free parameters that are properties of the machine: position among the free ones, index."""
-    parameters = fit.problem.model.parameters
-    return [
-        (k, i, parameters[i], interval)
-        for k, (i, interval) in enumerate(zip(fit.problem.free, fit.intervals(), strict=False))
-        if parameters[i].component != VARIABILITY and not parameters[i].name.startswith(BETWEEN)
-    ]
 
 
 def calibrated_rows(

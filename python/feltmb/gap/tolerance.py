@@ -11,7 +11,7 @@ import numpy as np
 from feltmb.fit.model import VARIABILITY, Effect, Model, Parameter
 from feltmb.fit.problem import Point
 from feltmb.fit.resolution import BETWEEN
-from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.fit.solve import Fit, FitSettings, Interval, polish
 from feltmb.gap.criteria import RIVAL, TOLERATED
 from feltmb.gap.misfit import misfit
 from feltmb.gap.refine import CandidateSet, full_evidence, quicker, taken_over, tighten
@@ -24,6 +24,7 @@ __all__ = [
     "beyond_tolerance",
     "by_few_numbers",
     "more_of_tolerances",
+    "of_the_machine",
     "prior_deviations_told",
     "refuted_tolerances",
     "released",
@@ -33,8 +34,6 @@ __all__ = [
 
 #: Note of a model whose parameters were limited to their tolerance.
 HELD = "parameters held within their tolerance"
-#: Note of a model with parameters whose tolerance the records contradict.
-RELEASED = "the records refute the {}: the fit does not use it"
 
 
 def beyond_tolerance(deviation: float, contraction: float) -> bool:
@@ -55,17 +54,24 @@ def beyond_tolerance(deviation: float, contraction: float) -> bool:
     return abs(deviation) > max(1.0, TOLERATED * math.sqrt(max(contraction, 0.0)))
 
 
-def beyond_prior(fit: Fit) -> dict[str, float]:
-    """Parameters that exceed their tolerance, and their change in prior standard deviations.
+def of_the_machine(fit: Fit) -> list[tuple[int, int, Parameter, Interval]]:
+    """Free parameters that are properties of the machine: position among the free ones, index.
 
-    Parameters of run-to-run variability and of inputs between samples do not belong to the machine
-    and are omitted.
+    Parameters of run-to-run variability and of inputs between samples are not.
     """
+    parameters = fit.problem.model.parameters
+    return [
+        (k, i, parameters[i], interval)
+        for k, (i, interval) in enumerate(zip(fit.problem.free, fit.intervals(), strict=False))
+        if parameters[i].component != VARIABILITY and not parameters[i].name.startswith(BETWEEN)
+    ]
+
+
+def beyond_prior(fit: Fit) -> dict[str, float]:
+    """Parameters of the machine beyond their tolerance: change in prior standard deviations."""
     out = {}
-    free = fit.problem.free
-    for i, found in zip(free, fit.intervals()[: len(free)], strict=True):
-        p = fit.problem.model.parameters[i]
-        if not 0.0 < p.sd < math.inf or p.component == VARIABILITY or p.name.startswith(BETWEEN):
+    for _, _, p, found in of_the_machine(fit):
+        if not 0.0 < p.sd < math.inf:
             continue
         far = (found.value - p.value) / p.sd
         if beyond_tolerance(far, found.contraction):
@@ -209,21 +215,27 @@ def without_tolerances(
     model = model.with_parameters(
         {p.name: replace(p, sd=math.inf, scale=p.size) for p in model.parameters if p.name in names}
     )
-    problem = replace(fit.problem, model=model)
+    refuted = (*fit.problem.refuted, *(n for n in names if n not in fit.problem.refuted))
+    problem = replace(fit.problem, model=model, refuted=refuted)
     new = polish(problem, replace(start, memo={}), fit.level, settings)
-    tested = {p.name for p in fit.problem.model.parameters if p.before is not None}
-    refuted = [
+    return replace(new, levels=fit.levels, notes=(*fit.notes, *_refutation(model, names)))
+
+
+def refuted_tolerances(fit: Fit) -> list[str]:
+    """Text about tolerances and tests that a fit does not use; empty: it uses all of them."""
+    return _refutation(fit.problem.model, fit.problem.refuted)
+
+
+def _refutation(model: Model, names: Collection[str]) -> list[str]:
+    tested = {p.name for p in model.parameters if p.before is not None}
+    parts = [
         f"{what} of {', '.join(sorted(some))}"
         for what, some in (("tolerance", {*names} - tested), ("test", {*names} & tested))
         if some
     ]
-    note = RELEASED.format(" and the ".join(refuted))
-    return replace(new, levels=fit.levels, notes=(*fit.notes, note))
-
-
-def refuted_tolerances(fit: Fit) -> list[str]:
-    """Notes of a fit about tolerances that were not used."""
-    return [n for n in fit.notes if n.startswith(RELEASED.partition("{")[0])]
+    if not parts:
+        return []
+    return [f"the records refute the {' and the '.join(parts)}: the fit does not use it"]
 
 
 def more_of_tolerances(best: CandidateSet | None, far: Collection[str]) -> bool:

@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm
 
 from feltmb.fit.model import VARIABILITY
+from feltmb.gap.advise import linked_groups
 from feltmb.gap.criteria import CONFUSED, WORTH_TELLING
 from feltmb.gap.information import Knowledge
 from feltmb.gap.measured import no_test_of
@@ -25,6 +27,9 @@ __all__ = [
     "reasons",
     "visible",
 ]
+
+#: Largest numbers of reasons for an experiment, and of helpful parts of a plan.
+REASONS, HELPFUL_PARTS = 3, 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +120,7 @@ def _amount(value: float, unit: str) -> str:
     return f"{factor * value:.3g}{unit_suffix(shown)}"
 
 
-def reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, ...]:
+def reasons(before: Knowledge, after: Knowledge) -> tuple[str, ...]:
     """Reasons: number of detectable effects, and separated pairs weighted by probability."""
     weights = before.belief.over(before.candidates)
     names = [t.name for t in before.candidates]
@@ -128,14 +133,13 @@ def reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, ..
             f"detects {len(shown[1])} of {count} effects at their expected magnitude "
             f"({len(shown[0])} before)"
         )
-    same = np.array([[a == b for b in names] for a in names])
     # Only a detectable effect can be confused with another one.
-    fall = np.where(same, 0.0, was[:, :-1] - then[:, :-1])
+    fall = np.where(_same(names), 0.0, was[:, :-1] - then[:, :-1])
     worth = fall * np.minimum(weights[:, None], weights[None, :])
     reported: set[str] = set()
     for flat in np.argsort(-worth, axis=None, kind="stable"):
         a, b = (int(i) for i in np.unravel_index(int(flat), worth.shape))
-        if worth[a, b] <= 0.0 or len(out) >= most:
+        if worth[a, b] <= 0.0 or len(out) >= REASONS:
             break
         if fall[a, b] < WORTH_TELLING or names[a] in reported:
             continue
@@ -204,7 +208,7 @@ def visible(before: Knowledge, after: Knowledge, everything: Knowledge) -> tuple
     return tuple(sorted(rows.values(), key=lambda r: (-r.belief, -r.right, r.effect)))
 
 
-def helpful_parts(knowledge: Knowledge, most: int = 8) -> tuple[HelpfulPart, ...]:
+def helpful_parts(knowledge: Knowledge) -> tuple[HelpfulPart, ...]:
     """Parameters whose tolerances limit the detection of effects, the most useful ones first."""
     weights = knowledge.belief.over(knowledge.candidates)
     right, smallest = knowledge.beliefs(), knowledge.smallest()
@@ -235,24 +239,21 @@ def helpful_parts(knowledge: Knowledge, most: int = 8) -> tuple[HelpfulPart, ...
             ),
         )
     order = sorted(found.values(), key=lambda x: (-x[0], x[1].effect))
-    return tuple(h for _, h in order[:most])
+    return tuple(h for _, h in order[:HELPFUL_PARTS])
 
 
 def inseparable(knowledge: Knowledge) -> tuple[tuple[str, ...], ...]:
     """Groups of detectable effects that no allowed experiment separates."""
-    from scipy.sparse.csgraph import connected_components
-
-    names = list(dict.fromkeys(t.name for t in knowledge.candidates))
+    names = [t.name for t in knowledge.candidates]
     chance = knowledge.confusion()
     shown = chance[:, -1] < CONFUSED
-    alike = np.zeros((len(names), len(names)), dtype=bool)
-    for i, a in enumerate(knowledge.candidates):
-        for j, b in enumerate(knowledge.candidates):
-            if a.name != b.name and shown[i] and shown[j] and chance[i, j] > CONFUSED:
-                alike[names.index(a.name), names.index(b.name)] = True
-    _, label = connected_components(alike, directed=False)
-    groups = [tuple(n for n, k in zip(names, label, strict=True) if k == c) for c in set(label)]
-    return tuple(sorted(g for g in groups if len(g) > 1))
+    linked = _same(names) | ((chance[:, :-1] > CONFUSED) & np.outer(shown, shown))
+    return tuple(sorted(linked_groups(names, linked)))
+
+
+def _same(names: Sequence[str]) -> NDArray[np.bool_]:
+    """Whether two candidates are shapes of one effect, (k, k)."""
+    return np.array([[a == b for b in names] for a in names], dtype=bool)
 
 
 def decisive_tests(

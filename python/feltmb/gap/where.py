@@ -8,13 +8,12 @@ import numpy as np
 from scipy import stats
 
 from feltmb.data import Array
-from feltmb.fit.linearize import predict
-from feltmb.fit.model import Jobs
-from feltmb.fit.observe import observe_jobs
+from feltmb.fit.observe import observe_whole
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import FAR, Fit
 from feltmb.gap.criteria import ONSET_SHARE
 from feltmb.gap.findings import EventRow, LedgerCell
+from feltmb.gap.proof import outputs_by_segment
 
 __all__ = ["event_ledger", "first_act", "ledger", "onset_of", "split_gap"]
 
@@ -107,15 +106,15 @@ def first_act(fit: Fit) -> dict[str, float]:
     found = {}
     for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
         record = segmented.record
-        whole = np.array([[0, record.samples - 1]])
         runs = [
-            observe_jobs(
+            observe_whole(
                 problem.model,
                 record,
-                Jobs.at_point(
-                    fit.point.theta, whole, place.starts[:1], problem.included, magnitudes
-                ),
-            ).outputs[0]
+                fit.point.theta,
+                place.starts[0],
+                problem.included,
+                magnitudes,
+            )
             for magnitudes in (fit.point.magnitudes, np.zeros_like(fit.point.magnitudes))
         ]
         sigma = np.array([n.sigma for n in segmented.noise])
@@ -147,21 +146,6 @@ def _shows(p: Array, alpha: float) -> Array:
     return np.asarray(stats.false_discovery_control(p, method="by") <= alpha)
 
 
-def _simulated(fit: Fit) -> list[Array]:
-    """Simulated outputs of every record (n, ny); the segments are joined."""
-    problem = fit.problem
-    out = []
-    for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
-        outputs, _, _ = predict(
-            problem.model, segmented, fit.point.theta, problem.included, fit.point.magnitudes, place
-        )
-        joined = np.full((segmented.record.samples, len(problem.model.outputs)), np.nan)
-        for w, (first, last) in enumerate(segmented.segments):
-            joined[first : last + 1] = outputs[w, : last - first + 1]
-        out.append(joined)
-    return out
-
-
 def split_gap(fit: Fit) -> Mapping[str, Mapping[str, float]]:
     """Shares of the squared gap by channel that a time shift or a factor would explain.
 
@@ -169,7 +153,7 @@ def split_gap(fit: Fit) -> Mapping[str, Mapping[str, float]]:
     """
     problem = fit.problem
     sums = {name: np.zeros(4) for name in problem.model.outputs}
-    for segmented, joined in zip(problem.segmented_records, _simulated(fit), strict=True):
+    for segmented, joined in zip(problem.segmented_records, outputs_by_segment(fit), strict=True):
         measured = segmented.record.output_array(problem.model.outputs)
         for c, name in enumerate(problem.model.outputs):
             y = joined[:, c]
@@ -211,7 +195,7 @@ def event_ledger(fit: Fit, alpha: float) -> tuple[EventRow, ...]:
     """Compare the events of the model; without events, the steepest changes of each channel."""
     problem = fit.problem
     rows = []
-    for segmented, joined in zip(problem.segmented_records, _simulated(fit), strict=True):
+    for segmented, joined in zip(problem.segmented_records, outputs_by_segment(fit), strict=True):
         record = segmented.record
         names = problem.model.outputs
         measured = record.output_array(names)

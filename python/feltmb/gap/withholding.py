@@ -23,8 +23,8 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import Store, digest_of, make_folder, package_digest
-from feltmb.fit.model import Candidate, Effect, Jobs, Model, Parameter
-from feltmb.fit.observe import observe_jobs
+from feltmb.fit.model import Candidate, Effect, Model, Parameter
+from feltmb.fit.observe import observe_whole
 from feltmb.fit.problem import Problem
 from feltmb.fit.shift import shifted
 from feltmb.fit.solve import FitSettings, fit_problem
@@ -416,10 +416,8 @@ def _outputs_of(
     included = () if candidate is None else (candidate,)
     magnitudes = np.array([magnitude] if included else [])
     hidden = [s.start for s in model.states(included)[start.size :]]
-    whole = np.array([[0, record.samples - 1]])
-    states = np.concatenate([start, hidden])[None, :]
-    jobs = Jobs.at_point(theta, whole, states, included, magnitudes)
-    outputs = observe_jobs(model, record, jobs).outputs[0]
+    states = np.concatenate([start, hidden])
+    outputs = observe_whole(model, record, theta, states, included, magnitudes)
     return {name: outputs[:, i] for i, name in enumerate(model.outputs)}
 
 

@@ -199,11 +199,15 @@ def test_one_linearization_gives_each_way_to_measure():
     [
         (FurtherSensor(output="x"), SENSORS, "further sensor x: no output of lever"),
         (FurtherSensor(output="y", sigma=0.5), SENSORS, "expected less than that of its present"),
-        (FurtherSensor(output="z"), {"y": Sensor(name="y")}, "z: no noise is told; expected sigma"),
+        (
+            FurtherSensor(output="z"),
+            {"y": Sensor(name="y")},
+            "z: its noise is not given; expected sigma",
+        ),
         (
             FurtherSensor(output="y"),
             {"y": Sensor(name="y")},
-            "y: is measured already, by a sensor of unk",
+            "y: is already measured by a sensor with unk",
         ),
     ],
 )
@@ -325,7 +329,7 @@ def test_a_session_gets_a_sensor_and_measures_with_it(tmp_path):
     assert [s.kind for s in found.steps[:2]] == ["sensor", "stroke"]
     assert lever.asked[:2] == ["request.toml", "request.csv"]
     assert found.steps[-1].named == ("square",)
-    # Nothing is asked again, and a sensor that is there is not on offer.
+    # Nothing is asked again, and a present sensor is not offered.
     again = session(
         MODEL, [SQUARE, lookalike], pytest.fail, lambda p: [read_record(p)], tmp_path, **given
     )

@@ -3,6 +3,7 @@
 import importlib.util
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Candidate, Effect, State, proof
 from feltmb.gap.acceptance import least_gain
+from feltmb.gap.assemble import how_far_rows
 from feltmb.gap.criteria import ALPHA, SURE, contradicted, least_odds
 from feltmb.gap.proof import HeldOut, compare, evaluate, expected_gain
 from feltmb.gap.refine import refit
@@ -224,6 +226,22 @@ def test_the_expected_gain_is_that_of_two_gaussians():
     assert found > 5.0
     half, _ = expected_gain(held, before, after, FitSettings(), 2.0)
     assert half == pytest.approx(0.5 * found)
+
+
+@pytest.mark.parametrize("sigmas", [(0.1, 0.4), (0.4, 0.1)])
+def test_the_closed_share_is_that_of_the_gaps_if_the_noise_of_a_channel_differs(sigmas):
+    """Every record was divided by the noise of the first one."""
+    bare, square, _ = _pair(1.0)
+    segmented = tuple(
+        segment_record(LINE, _line(1.0, seed), {"y": Noise(sigma)}, 10.0)
+        for seed, sigma in enumerate(sigmas, start=1)
+    )
+    held = HeldOut(segmented_records=segmented, state_scale=np.zeros(0), sensed=segmented)
+    before, after = (evaluate(held, f, FitSettings()) for f in (bare, square))
+    accepted = SimpleNamespace(before=before, after=after)
+    found = how_far_rows(accepted, before, segmented, {}, "open_loop", 0)
+    assert found.closed == pytest.approx((found.before - found.after) / (found.before - 1.0))
+    assert found.low < found.closed < found.high
 
 
 def test_gains_of_a_true_effect_are_as_expected():

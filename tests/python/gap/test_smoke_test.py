@@ -104,7 +104,7 @@ def test_a_model_that_gives_no_numbers_is_told():
 def test_what_fails_for_some_parameters_should_be_nan():
     text = message(model(lambda t, x, u, p: (x.v, math.sqrt(-1.0))), [])
     assert "raises ValueError" in text
-    assert "let it return NaN" in text
+    assert "return NaN for undefined values" in text
 
 
 def test_what_a_callable_may_not_do_is_told():
