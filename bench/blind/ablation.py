@@ -48,7 +48,6 @@ NEUTRAL: dict[str, tuple[float, ...]] = {
     "COLOR_GAIN": (math.inf,),
     "DEEP_GAP": (0.0,),
     "EXPLAINS_MOST": (0.0,),
-    "HINT": (1.0,),
     "LEAST_CLOSED": (0.0, 2.0),
     "NEAR_SHAPE": (0.0, 1.0),
     "NO_GAP_RATIO": (1.0,),
@@ -58,7 +57,6 @@ NEUTRAL: dict[str, tuple[float, ...]] = {
     "SMALL_SHARE": (0.0,),
     "STILL_SHRINKS": (math.inf,),
     "WALD": (0.0,),
-    "WORTH_SHAPE": (0.0,),
     "form": (0.0,),
 }
 #: Key of the results with all thresholds.

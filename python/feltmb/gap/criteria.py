@@ -187,11 +187,6 @@ FORM_LEFT = _number(
     "compensate the rest",
     _JUDGED, "gap/test_smooth.py",
 )  # fmt: skip
-HINT = _number(
-    "HINT", 5.0, "alpha",
-    "family-wise p, in multiples of alpha, up to which the verdict is TOO WEAK and not NO GAP",
-    _JUDGED, "gap/test_rules.py",
-)  # fmt: skip
 NO_GAP_RATIO = _number(
     "NO_GAP_RATIO", 1.1, "noise",
     "gap below which the closed share is meaningless, and factor by which a gap must grow to "
@@ -328,10 +323,6 @@ FITTED_SHAPE = _number(
     "cost of a fitted shape parameter, which is known to a twentieth of its range",
     _STATISTICS, "gap/test_shape.py",
 )  # fmt: skip
-WORTH_SHAPE = _number(
-    "WORTH_SHAPE", 2.0, "log evidence",
-    "gain above its cost that another shape must predict", _JUDGED, "gap/test_shape.py",
-)  # fmt: skip
 
 # ---------------------------------------------------------------- which effects are accepted
 
@@ -339,7 +330,7 @@ PAIRED_P = _number(
     "PAIRED_P", 0.4, "1",
     "largest p of the gain over held-out segments if the noise model is valid; the gain "
     "itself decides",
-    _JUDGED, "gap/test_proof.py",
+    _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
 PAIRED_P_INFLATED = _number(
     "PAIRED_P_INFLATED", 0.05, "1",

@@ -11,7 +11,6 @@ from feltmb.gap.acceptance import Accepted, Posterior
 from feltmb.gap.checks import DataChecks
 from feltmb.gap.criteria import (
     EXPLAINS_MOST,
-    HINT,
     LARGE_MOVE,
     NO_GAP_RATIO,
     least_odds,
@@ -101,23 +100,19 @@ def decide(facts: Facts) -> Decision:
     if gap and (_refuted(facts) or facts.unexplained):
         # Here, "nothing" stands for the unexplained residual without an effect. That is an unknown
         # cause.
-        none = facts.belief.none
-        belief = replace(facts.belief, none=0.0, other=facts.belief.other + none)
-        facts = replace(facts, belief=belief)
+        facts = replace(facts, belief=facts.belief.with_a_gap())
     if not gap and facts.beyond is not None:
         # The held-out records contradict what the fitted records say about a gap.
         with_set = f" with {_list(best.names)}" if best is not None else ""
-        belief = replace(facts.belief, none=0.0, other=facts.belief.none + facts.belief.other)
         return _silent(
-            replace(facts, belief=belief),
+            replace(facts, belief=facts.belief.with_a_gap()),
             Verdict.UNKNOWN,
             "The records of the fit show no gap, but the held-out ones do: fitted to them alone "
             f"the model{with_set} leaves {facts.beyond:.3g} times the sum of squares of noise. "
             + FIT_OTHERS,
         )
     if not gap:
-        weak = hint or (p < HINT * facts.options.alpha and search.best is not None)
-        if weak and not facts.enough:
+        if hint and not facts.enough:
             reason = _refusals(accepted) or f"family-wise p = {p:.2g}"
             moved = _moved(facts)
             return _silent(

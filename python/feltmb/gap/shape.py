@@ -14,7 +14,7 @@ import numpy as np
 
 from feltmb.fit.model import Candidate, Effect
 from feltmb.fit.solve import Fit
-from feltmb.gap.criteria import FITTED_SHAPE, WORTH_SHAPE
+from feltmb.gap.criteria import FITTED_SHAPE
 from feltmb.gap.score import score_fit
 
 __all__ = ["between", "movable", "moved_shape", "off_grid", "shape_number"]
@@ -61,7 +61,7 @@ def off_grid(fit: Fit) -> bool:
     scores = score_fit(fit, tuple(included))
     gram = np.where(scores.testable, np.diag(scores.gram), np.inf)
     # A mixture may need a negative share of one shape; signs are therefore ignored.
-    return bool(np.max(scores.b**2 / gram) > 2.0 * (FITTED_SHAPE + WORTH_SHAPE))
+    return bool(np.max(scores.b**2 / gram) > 2.0 * FITTED_SHAPE)
 
 
 def _adds(effect: Effect) -> bool:

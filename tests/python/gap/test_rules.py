@@ -452,16 +452,37 @@ def test_an_effect_that_increases_a_tolerance_must_be_confirmed(monkeypatch, par
     assert bool(why) is refused
 
 
-def test_probabilities_leave_room_for_what_the_library_lacks():
-    report = diagnose(
-        LINE, [power(3), power(5)], records(lambda u: u + 0.3 * u**3), options=Options(bootstrap=0)
-    )
+@pytest.mark.parametrize(
+    ("law", "verdict"),
+    [(lambda u: u + 0.3 * u**3, Verdict.NAMED), (lambda u: u + 0.02 * np.cos(9.0 * u), "UNKNOWN")],
+    ids=["in the library", "not in it"],
+)
+def test_an_unknown_smooth_signal_competes_with_the_library(law, verdict):
+    options = Options(bootstrap=0)
+    report = diagnose(LINE, [power(3), power(5)], records(law), options=options)
     which = report.which
-    assert report.verdict == Verdict.NAMED
+    assert report.verdict == verdict
     assert np.isclose(which.none + which.other + sum(s.posterior for s in which.sets), 1.0)
-    assert which["power 3"].posterior > 0.99
-    assert 0.0 < which.other < 0.01
-    assert np.isclose(report.confidence, sum(s.posterior for s in which.sets))
+    if verdict == Verdict.NAMED:
+        assert which["power 3"].posterior > 0.99
+        assert np.isclose(report.confidence, sum(s.posterior for s in which.sets))
+    else:
+        assert which.other > 0.8
+        assert report.confidence == which.other
+
+
+def test_held_out_records_count_in_the_probabilities():
+    """An effect that is in the fitted records alone: nothing of it is believed in the end."""
+    fitted, held_out = records(lambda u: u + 0.03 * u**3), records(lambda u: u)
+    mixed = [f if f.role == "fit" else h for f, h in zip(fitted, held_out, strict=True)]
+    report = diagnose(LINE, [power(3)], mixed, options=Options(bootstrap=0))
+    assert report.named == ()
+    assert report.which.sets[0].evidence > 20.0
+    assert report.which["power 3"].posterior < 0.1
+    assert (
+        diagnose(LINE, [power(3)], fitted, options=Options(bootstrap=0)).which["power 3"].posterior
+        > 0.99
+    )
 
 
 def test_a_quiet_model_needs_no_refits():
