@@ -128,8 +128,6 @@ class Fit:
     dof: float
     log_evidence: float
     """Laplace approximation, up to a constant that is equal for all fits to the same records."""
-    levels: tuple[tuple[float, float], ...]
-    """Log marginal likelihood for each level of the continuity defects."""
     converged: bool
     notes: tuple[str, ...]
     linears: tuple[Linear, ...] = field(repr=False)
@@ -458,8 +456,6 @@ def _finish(
     cost: float,
     linears: list[Linear],
     converged: bool,
-    notes: tuple[str, ...],
-    levels: tuple[tuple[float, float], ...],
 ) -> Fit:
     normal = problem.normal(point, linears, gap_sd)
     chi2, dof = 0.0, 0.0
@@ -486,9 +482,8 @@ def _finish(
         chi2=chi2,
         dof=max(dof, 1.0),
         log_evidence=_evidence(problem, normal, cost, gap_sd),
-        levels=levels,
         converged=converged,
-        notes=notes,
+        notes=(),
         linears=tuple(linears),
         normal=normal,
     )
@@ -498,7 +493,7 @@ def finish(problem: Problem, point: Point, level: float, gap_sd: Array) -> Fit:
     """Make a fit of a point without a search."""
     linears = problem.linear(point)
     cost, _ = problem.cost_at(point, gap_sd, linears)
-    return _finish(problem, point, level, gap_sd, cost, linears, True, (), ())
+    return _finish(problem, point, level, gap_sd, cost, linears, True)
 
 
 def polish(problem: Problem, point: Point, level: float, settings: FitSettings) -> Fit:
@@ -521,7 +516,7 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
             if not other[1] < cost - 0.5:
                 break
             found, cost, linears, converged = other
-    return _finish(problem, found, level, gap_sd, cost, linears, converged, (), ())
+    return _finish(problem, found, level, gap_sd, cost, linears, converged)
 
 
 def chained(problem: Problem, point: Point) -> Point:
@@ -565,7 +560,7 @@ def at_level(
     """Fit at one level; segments in a local minimum are corrected before the next level."""
     gap_sd = level * (problem.scale(point) if scale is None else scale)
     found, cost, linears, converged = _optimize(problem, point, gap_sd, settings, iterations)
-    fit = _finish(problem, found, level, gap_sd, cost, linears, converged, (), ())
+    fit = _finish(problem, found, level, gap_sd, cost, linears, converged)
     fixed = fit if scale is None else replace(fit, problem=replace(problem, state_scale=scale))
     tried = _rescue(fixed, settings)
     return tried if tried.cost < cost else fit
@@ -663,7 +658,6 @@ def _descend(
     best: tuple[float, float, Point] | None = None
     scale: Array | None = None
     loose, loosest = point, 0.0
-    table: list[tuple[float, float]] = []
     poor = 0
     # An unfinished level leads to a wrong local minimum of the next level.
     way = settings.coarser(0.3)
@@ -686,7 +680,6 @@ def _descend(
         if i == 0:
             loose, loosest = point, cost
         value = _evidence(problem, problem.normal(point, linears, gap_sd), cost, gap_sd)
-        table.append((level, value))
         if best is None or value > best[0]:
             best, poor = (value, level, point), 0
         else:
@@ -696,7 +689,7 @@ def _descend(
     assert best is not None
     fixed = replace(problem, state_scale=scale)
     fit = polish(fixed, best[2], best[1], settings)
-    return replace(fit, levels=tuple(table)), loose, loosest
+    return fit, loose, loosest
 
 
 def _stuck(fit: Fit) -> list[Array]:
@@ -736,7 +729,7 @@ def _rescue(fit: Fit, settings: FitSettings) -> Fit:
             fit.problem, replace(fit.point, places=tuple(places), memo={}), fit.level, settings
         )
         if again.cost < fit.cost - 1.0:
-            fit = replace(again, levels=fit.levels, notes=(*fit.notes, "segments restarted"))
+            fit = replace(again, notes=(*fit.notes, "segments restarted"))
     return fit
 
 
@@ -756,7 +749,7 @@ def with_variability(fit: Fit, settings: FitSettings, *, near: Fit | None = None
         return fit
     problem = replace(fit.problem, model=model)
     again = polish(problem, replace(fit.point, memo={}), fit.level, settings)
-    return replace(again, levels=fit.levels, notes=fit.notes)
+    return replace(again, notes=fit.notes)
 
 
 def estimate_states(problem: Problem, point: Point, level: float) -> Point:

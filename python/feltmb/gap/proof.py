@@ -126,7 +126,6 @@ class Paired:
     """Gain of the sum of log predictive densities, divided by the inflation."""
     p: float
     """One-sided p of the hypothesis of no gain, by block bootstrap over segments."""
-    by_record: dict[str, float]
 
 
 def evaluate(
@@ -366,10 +365,6 @@ def compare(
     gain = after.density - before.density
     gain = np.where(np.isfinite(gain), gain, 0.0) / inflation
     edges = np.cumsum([0, *(s.count for s in segmented_records)])
-    by_record = {
-        s.record.name: float(np.sum(gain[a:b]))
-        for s, a, b in zip(segmented_records, edges[:-1], edges[1:], strict=True)
-    }
     generator = np.random.default_rng(seed)
     draws = 2000
     sums = np.zeros(draws)
@@ -380,4 +375,4 @@ def compare(
         index = (starts[..., None] + np.arange(block)) % n
         sums += np.sum(gain[a:b][index.reshape(draws, -1)[:, :n]], axis=1)
     p = float((1 + np.sum(sums <= 0.0)) / (draws + 1))
-    return Paired(gain=float(np.sum(gain)), p=p, by_record=by_record)
+    return Paired(gain=float(np.sum(gain)), p=p)

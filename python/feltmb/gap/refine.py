@@ -328,4 +328,4 @@ def freed(model: Fit, fits: Sequence[Fit], settings: FitSettings) -> Fit | None:
             best = fit
     if best is model:
         return None
-    return replace(best, levels=model.levels, notes=(*model.notes, REFITTED))
+    return replace(best, notes=(*model.notes, REFITTED))

@@ -55,8 +55,6 @@ class Scores:
     """Contributions of the segments of all segmented records to b, (segments, k)."""
     segment_grams: Array
     """Contributions to the diagonal of G, (segments, k)."""
-    segment_of: tuple[tuple[int, int], ...]
-    """(segmented record, segment) of each row."""
     inflation: float
     """Ratio of the residual sum of squares to its degrees of freedom, at least 1."""
 
@@ -189,11 +187,11 @@ def score_fit(
     gram = normal.matrix[np.ix_(e, e)] - h_se.T @ absorb
     b = right[e] - h_se.T @ delta
     raw = np.diag(normal.matrix)[e] * scale**2
-    scores, grams, where = [], [], []
+    scores, grams = [], []
     place = {int(c): i for i, c in enumerate(s)}
     tested = {int(c): i for i, c in enumerate(e)}
     chi2 = 0.0
-    for segmented, (chain, own) in enumerate(zip(normal.chains, normal.columns, strict=True)):
+    for chain, own in zip(normal.chains, normal.columns, strict=True):
         width = own.size + 1
         mix = np.zeros((width, k + 1))
         for column, g in enumerate(own):
@@ -205,20 +203,18 @@ def score_fit(
             if without is not None and g == e[0]:
                 mix[column, k] = moved
         mix[-1, k] = 1.0
-        for w, segment in enumerate(chain.grams):
+        for segment in chain.grams:
             part = segment @ mix
             scores.append(mix[:, :k].T @ part[:, k] * scale)
             grams.append(np.einsum("ij,ij->j", mix[:, :k], part[:, :k]) * scale**2)
-            where.append((segmented, w))
             chi2 += float(mix[:, k] @ part[:, k])
     return Scores(
         candidates=candidates,
         b=b * scale,
         gram=0.5 * (gram + gram.T) * np.outer(scale, scale),
         raw=raw,
-        segment_scores=np.array(scores).reshape(len(where), k),
-        segment_grams=np.array(grams).reshape(len(where), k),
-        segment_of=tuple(where),
+        segment_scores=np.array(scores).reshape(len(scores), k),
+        segment_grams=np.array(grams).reshape(len(grams), k),
         inflation=max(1.0, chi2 / fit.dof),
     )
 

@@ -114,7 +114,7 @@ def search(
         if better is not None and reseeds and better.log_evidence > model.log_evidence + 1.0:
             # Tightening had left the local minimum that has the tightest defects.
             notes = (*model.notes, CLOSED)
-            better = replace(better, levels=model.levels, notes=notes)
+            better = replace(better, notes=notes)
         else:
             better = hunt.run(may_restart=reseeds > 0)
         if better is None:
@@ -197,7 +197,7 @@ def _again(
     def again(fit: Fit, way: FitSettings) -> Fit:
         problem = other(fit.problem)
         new = polish(problem, replace(fit.point, memo={}), fit.level, way)
-        return replace(new, levels=fit.levels, notes=fit.notes)
+        return replace(new, notes=fit.notes)
 
     best, way, quick = found.best, settings, quicker(settings)
     ready: dict[tuple[str, ...], Fit] = {}

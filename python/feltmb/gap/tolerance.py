@@ -126,7 +126,7 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
     fit = polish(problem, replace(before.point, theta=theta, memo={}), before.level, quick)
     if not np.isfinite(fit.cost):
         return found
-    return replace(found, held=replace(fit, levels=before.levels, notes=(*before.notes, HELD)))
+    return replace(found, held=replace(fit, notes=(*before.notes, HELD)))
 
 
 def released(
@@ -218,7 +218,7 @@ def without_tolerances(
     refuted = (*fit.problem.refuted, *(n for n in names if n not in fit.problem.refuted))
     problem = replace(fit.problem, model=model, refuted=refuted)
     new = polish(problem, replace(start, memo={}), fit.level, settings)
-    return replace(new, levels=fit.levels, notes=(*fit.notes, *_refutation(model, names)))
+    return replace(new, notes=(*fit.notes, *_refutation(model, names)))
 
 
 def refuted_tolerances(fit: Fit) -> list[str]:

@@ -407,7 +407,7 @@ def test_what_held_out_records_refuse(gain, p, expected, level, refused):
     attempt = object.__new__(_Attempt)
     attempt.inflation, attempt.options = 1.0, Options()
     attempt.expected = lambda old, new: (expected, float(np.sqrt(2.0 * expected)))
-    paired = Paired(gain=gain, p=p, by_record={})
+    paired = Paired(gain=gain, p=p)
     assert attempt._refused(paired, None, after) is refused
 
 
@@ -438,7 +438,7 @@ def _fault_of(monkeypatch, paired, *, expected, level=0.01, parameter=""):
     ],
 )
 def test_the_reason_of_a_refusal(monkeypatch, gain, level, told):
-    paired = Paired(gain=gain, p=0.5, by_record={})
+    paired = Paired(gain=gain, p=0.5)
     why = _fault_of(monkeypatch, paired, expected=(40.0, 9.0), level=level)
     assert why.startswith(f"held-out gain {gain:.1f} units of log evidence")
     assert told in why
@@ -447,7 +447,7 @@ def test_the_reason_of_a_refusal(monkeypatch, gain, level, told):
 @pytest.mark.parametrize(("parameter", "refused"), [("", False), ("friction", True)])
 def test_an_effect_that_increases_a_tolerance_must_be_confirmed(monkeypatch, parameter, refused):
     """A gain of 0.5 where 0.6 is expected: the records can neither confirm nor contradict it."""
-    paired = Paired(gain=0.5, p=0.2, by_record={})
+    paired = Paired(gain=0.5, p=0.2)
     why = _fault_of(monkeypatch, paired, expected=(0.6, 1.2), parameter=parameter)
     assert bool(why) is refused
 
