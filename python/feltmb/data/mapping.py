@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from feltmb.data.records import InputMode
 from feltmb.data.series import Columns, plain_name
 from feltmb.data.sheet import InputSpec, OutputSpec, ReadOptions, Sheet
@@ -126,8 +128,11 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
         aside = {clock_column(columns, options.columns.get("time", "")), frame_column(columns)}
         aside |= {run_column(columns, options.run), *columns.likelihood.values()}
         aside |= {columns.find(place[n]) for n in (*driven, *seen) if place[n]}
-        place |= {c: c for c in columns.values if c not in aside}
-        driven = (*driven, *(c for c in columns.values if c not in aside))
+        channel_of = {columns.find(c) or c: name for name, c in options.columns.items()}
+        others = {channel_of.get(c, c): c for c in columns.values if c not in aside}
+        others = {n: c for n, c in others.items() if _complete(columns, c)}
+        place |= others
+        driven = (*driven, *others)
     for name in (*driven, *seen):
         if place[name] and not columns.find(place[name]):
             faults.append(
@@ -150,6 +155,13 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
         inputs={n: InputSpec(column=_other(place[n], n)) for n in driven},
         outputs={n: OutputSpec(column=_other(place[n], n)) for n in seen},
     )
+
+
+def _complete(columns: Columns, column: str) -> bool:
+    """Whether a column has a value at each time, in a known unit or none."""
+    unit = columns.units.get(column, "")
+    known = not unit or spelled_unit(unit) is not None
+    return known and bool(np.all(np.isfinite(columns.values[column])))
 
 
 def _other(column: str, name: str) -> str:

@@ -42,5 +42,8 @@ def _explained(error: Exception) -> str:
     if "truth value of an array" in text or "only length-1 arrays" in text:
         return text + " (it is called with whole arrays: use np.where, np.maximum, np.sin)"
     if isinstance(error, (ValueError, ArithmeticError)):
-        return text + " (return NaN for undefined values; fits evaluate extreme parameters)"
+        return text + (
+            " (return NaN for undefined values: such a trial counts as failed; fits evaluate "
+            "extreme parameters)"
+        )
     return text

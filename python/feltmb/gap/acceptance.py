@@ -6,14 +6,10 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
-from scipy.special import softmax
 
-from feltmb.data import Array
 from feltmb.fit.solve import SAME, Fit, FitSettings
-from feltmb.fit.watch import current
 from feltmb.gap.criteria import (
     CLOSES_ALL,
     DEEP_GAP,
@@ -45,64 +41,30 @@ from feltmb.gap.proof import (
 )
 from feltmb.gap.refine import CandidateSet, full_evidence, refit, tighten
 from feltmb.gap.search import Search
-from feltmb.gap.smooth import smooth_evidence
 
 __all__ = ["Accepted", "Posterior", "accept", "posterior", "refutes", "shapley"]
 
 Progress = Callable[[str, int, int], None]
-#: Probability below which a set is not evaluated on the held-out records.
-IMPROBABLE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """Posterior probabilities of the model alone, an unknown cause, and every refitted set."""
 
-    logs: Array
-    """Logarithms of the unscaled probabilities: the model alone, an unknown cause, every set."""
+    none: float
+    other: float
+    sets: tuple[float, ...]
+    """Probability of each set, in the order of ``Search.sets``."""
     inflation: float
-    """Factor by which log evidence is divided."""
-
-    @cached_property
-    def _shares(self) -> Array:
-        return np.asarray(softmax(self.logs))
-
-    @property
-    def none(self) -> float:
-        """Probability that nothing is missing."""
-        return float(self._shares[0])
-
-    @property
-    def other(self) -> float:
-        """Probability of an unknown cause."""
-        return float(self._shares[1])
-
-    @property
-    def sets(self) -> tuple[float, ...]:
-        """Probability of each set, in the order of ``Search.sets``."""
-        return tuple(float(w) for w in self._shares[2:])
-
-    def with_gain(self, index: int, gain: float) -> Posterior:
-        """The posterior after data that one set predicts better than the model [log evidence]."""
-        logs = self.logs.copy()
-        logs[2 + index] += gain
-        return Posterior(logs, self.inflation)
-
-    def with_a_gap(self) -> Posterior:
-        """The posterior if more than noise is left without effects: this is an unknown cause."""
-        logs = self.logs.copy()
-        logs[:2] = -np.inf, np.logaddexp(*logs[:2])
-        return Posterior(logs, self.inflation)
 
 
 def posterior(search: Search, *, none: float = NO_EFFECT, other: float = NOT_LISTED) -> Posterior:
     """Compute the posterior of the model, of the model with unknown forces, and of the sets.
 
-    "Unknown" is the model with continuity defects between its segments, or, if it has no segments,
-    with a smooth unknown signal in every output; "none" is the model without them, or with defects
-    up to the :func:`~feltmb.gap.misfit.allowance`. All log evidences are divided by the inflation:
-    the smallest residual sum of squares of all fits over its degrees of freedom, at least 1. If
-    even the best fit leaves more than noise, no set may get a high probability.
+    "Unknown" is the model with continuity defects between its segments; "none" is the model without
+    them, or with them up to the :func:`~feltmb.gap.misfit.allowance`. All log evidences are divided
+    by the inflation: the smallest residual sum of squares of all fits over its degrees of freedom,
+    at least 1. If even the best fit leaves more than noise, no set may get a high probability.
     """
     fits = [search.model_fit, *(c.fit for c in search.sets)]
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
@@ -110,18 +72,19 @@ def posterior(search: Search, *, none: float = NO_EFFECT, other: float = NOT_LIS
         search.model_evidence, search.tight_evidence + allowance(search.tight_fit or fits[0])
     )
     values = [max(search.tight_evidence, within) / inflation + math.log(none)]
-    values.append(_unknown(search) / inflation + math.log(other))
+    values.append(
+        search.model_evidence / inflation + math.log(other)
+        if search.tight_fit is not None
+        else -math.inf
+    )
     share = math.log(1.0 - none - other)
     values += [c.evidence / inflation + share for c in search.sets]
-    return Posterior(np.array(values), inflation)
-
-
-def _unknown(search: Search) -> float:
-    """Log evidence of the model with an unknown cause; -inf: the fit permits none."""
-    if search.tight_fit is not None:
-        return search.model_evidence
-    fit = search.model_fit
-    return -math.inf if fit.gap_sd.size else search.model_evidence + smooth_evidence(fit)
+    top = max(values)
+    weights = np.exp(np.array(values) - top)
+    weights /= weights.sum()
+    return Posterior(
+        float(weights[0]), float(weights[1]), tuple(float(w) for w in weights[2:]), inflation
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +92,7 @@ class Accepted:
     """Result of the held-out proof."""
 
     belief: Posterior
-    """Posterior after all records, fitted and held out."""
+    """Posterior of the search, before the proof."""
     best: CandidateSet | None
     """The accepted set of effects; None: no effect is accepted."""
     before: Outcome
@@ -249,23 +212,6 @@ class _Attempt:
     def _gain(self, c: CandidateSet) -> float:
         """Held-out gain of a whole set over the model [units of log evidence]."""
         return self._compared(self.before, self.outcome(c.fit)).gain
-
-    def believed(self, belief: Posterior) -> Posterior:
-        """The posterior of the search after the held-out records.
-
-        The evidence of all records is that of the fitted ones times the predictive density of the
-        others. Sets are evaluated in the order of their probability until the remaining ones are
-        improbable. An unknown cause predicts what the model predicts.
-        """
-        open_ = list(range(len(self.search.sets)))
-        while open_ and not current().over():
-            index = max(open_, key=lambda i: belief.sets[i])
-            if belief.sets[index] < IMPROBABLE:
-                break
-            open_.remove(index)
-            gain = self._gain(self.search.sets[index])
-            belief = belief.with_gain(index, gain if np.isfinite(gain) else -np.inf)
-        return belief
 
     def faults(self, c: CandidateSet) -> tuple[dict[str, Paired], dict[str, str]]:
         """Held-out gain of each effect over the set without it; reasons against effects."""
@@ -486,9 +432,6 @@ def accept(
         discrepancy=discrepancy,
         progress=progress,
     )
-    if search.sets:
-        attempt.outcome(search.sets[0].fit)  # also for the report: how close this set comes
-    belief = attempt.believed(belief)
     proof: dict[str, Paired] = {}
     rejected: list[tuple[str, str]] = []
     best = first = search.best
@@ -509,6 +452,8 @@ def accept(
                 doubt = f"the sets with it have a probability below {options.credibility:g}"
                 rejected += [(n, doubt) for n in best.names if n not in part.names]
                 best, proof = part, found
+    elif search.sets:
+        attempt.outcome(search.sets[0].fit)  # evaluated for the report: how close this set comes
     return Accepted(
         belief,
         best,

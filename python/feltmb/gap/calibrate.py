@@ -14,7 +14,7 @@ from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, finish, polish
 from feltmb.fit.watch import current
 from feltmb.gap.refine import quicker, refit
-from feltmb.gap.score import Scores, all_candidates, family_threshold, score_fit
+from feltmb.gap.score import Scores, all_candidates, family_threshold, score_fit, tail
 from feltmb.gap.search import Search
 
 __all__ = ["Null", "calibrate", "largest_statistic"]
@@ -34,10 +34,14 @@ class Null:
     """Factor between the bootstrap and the asymptotic distribution of the largest T, at least 1."""
     replicates: int
 
+    tested: int
+    """Number of candidates that were tested."""
+
     def p(self, statistic: float) -> float:
         """Family-wise p value of one T."""
         count = int(np.sum(self.maxima * self.stretch >= statistic))
-        return (1.0 + count) / (1.0 + self.maxima.size)
+        drawn = (1.0 + count) / (1.0 + self.maxima.size)
+        return drawn if count else min(drawn, tail(statistic / self.stretch, self.tested))
 
 
 def calibrate(
@@ -68,8 +72,9 @@ def calibrate(
     The differences are zero for a linear model, whatever the noise of the replicates.
     """
     threshold, maxima = family_threshold(scores, alpha, seed=seed)
+    tested = int(np.sum(scores.testable))
     if replicates < 1 or not np.any(scores.testable):
-        return Null(threshold, maxima, 1.0, 0)
+        return Null(threshold, maxima, 1.0, 0, tested)
     generator = np.random.default_rng(seed + 1)
     included = all_candidates(effects)
     settings = FitSettings(iterations=6)
@@ -98,7 +103,7 @@ def calibrate(
         refitted = polish(problem, point, fit.level, settings)
         excess.append(_largest(refitted, included) - _largest(linear_fit, included))
     stretch = max(1.0, 1.0 + float(np.mean(excess)) / max(float(np.mean(maxima)), 1e-12))
-    return Null(threshold * stretch, maxima, stretch, replicates)
+    return Null(threshold * stretch, maxima, stretch, replicates, tested)
 
 
 def largest_statistic(

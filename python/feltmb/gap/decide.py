@@ -100,12 +100,12 @@ def decide(facts: Facts) -> Decision:
     if gap and (_refuted(facts) or facts.unexplained):
         # Here, "nothing" stands for the unexplained residual without an effect. That is an unknown
         # cause.
-        facts = replace(facts, belief=facts.belief.with_a_gap())
+        facts = replace(facts, belief=_with_a_gap(facts.belief))
     if not gap and facts.beyond is not None:
         # The held-out records contradict what the fitted records say about a gap.
         with_set = f" with {_list(best.names)}" if best is not None else ""
         return _silent(
-            replace(facts, belief=facts.belief.with_a_gap()),
+            replace(facts, belief=_with_a_gap(facts.belief)),
             Verdict.UNKNOWN,
             "The records of the fit show no gap, but the held-out ones do: fitted to them alone "
             f"the model{with_set} leaves {facts.beyond:.3g} times the sum of squares of noise. "
@@ -140,6 +140,11 @@ def decide(facts: Facts) -> Decision:
         out = _silent(facts, Verdict.UNKNOWN, _another(facts) + text + _place(facts))
         return replace(out, closest=facts.closest)
     return _name(facts)
+
+
+def _with_a_gap(belief: Posterior) -> Posterior:
+    """The posterior if more than noise is left without effects: this is an unknown cause."""
+    return replace(belief, none=0.0, other=belief.none + belief.other)
 
 
 def _calibrated(facts: Facts) -> Decision:
@@ -239,10 +244,14 @@ def _refuted(facts: Facts) -> bool:
 def _silent(facts: Facts, verdict: Verdict, text: str) -> Decision:
     """A decision that names no effect."""
     belief = facts.belief
+    # Sets with an effect that held-out records refuse are no explanation.
+    bad = {name for name, _ in facts.accepted.rejected}
+    sums = zip(facts.search.sets, belief.sets, strict=True) if bad else ()
+    refused = sum(w for c, w in sums if bad & set(c.names))
     confidence = {
         Verdict.NO_GAP: belief.none,
         Verdict.CALIBRATED: belief.none,
-        Verdict.UNKNOWN: belief.other,
+        Verdict.UNKNOWN: belief.other + refused,
         Verdict.TOO_WEAK: 1.0 - belief.none,
     }[verdict]
     return Decision(verdict, text, (), (), confidence, belief)
@@ -294,6 +303,11 @@ def _name(facts: Facts) -> Decision:
     # A score that remains beside unsure effects is theirs.
     scored = facts.leftover > 1.0 and not (unsure or possible)
     left = (fitted or scored or facts.beyond is not None) and not facts.enough_left
+    # Beside a residual, an effect that held-out records do not excite may be any other effect.
+    odds = least_odds(facts.options.credibility)
+    if left and not any(p.gain >= odds for p in accepted.proof.values()):
+        why = "more than noise is left, and no held-out record confirms it"
+        return _unsure(facts, sure or tuple(unsure), why)
     closed = _closing(facts, sure or tuple(unsure))
     if left:
         what = "that held-out records confirm" if accepted.rejected else "tested"

@@ -37,7 +37,7 @@ from feltmb.gap.profile import profile_of
 from feltmb.gap.proof import HeldOut, Outcome, residuals_by_segment
 from feltmb.gap.refine import tighten
 from feltmb.gap.report import Report
-from feltmb.gap.score import all_candidates, family_threshold, score_fit
+from feltmb.gap.score import all_candidates, family_threshold, refuting_score, score_fit
 from feltmb.gap.search import Search
 from feltmb.gap.sizes import Sizes
 from feltmb.gap.smoke_test import try_effects
@@ -323,7 +323,7 @@ class _Diagnosis:
         largest = largest_statistic(
             found,
             reference,
-            float(np.quantile(maxima, 1.0 - refuted(options.alpha))),
+            refuting_score(maxima, int(np.sum(reference.testable)), refuted(options.alpha)),
             self.task.settings,
             confirm=accepted.best is None and not bare.left,
             progress=self.task.progress,
@@ -545,7 +545,8 @@ def _check_units(model: Model, tabulated: Outcome, metric: str) -> None:
     if wrong:
         raise DataError(
             f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit CHANNEL=UNIT, "
-            "unit in the TOML file, in Python units of ReadOptions; feltmb gap check shows model "
+            "unit in the TOML file, in Python units of ReadOptions (another direction: --scale "
+            "CHANNEL=-1); feltmb gap check shows model "
             "and record"
         )
 

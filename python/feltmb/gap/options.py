@@ -24,8 +24,7 @@ class Options:
     """Family-wise rate of false alarms."""
     credibility: float = SURE
     """Posterior probability that a named effect needs, compared with the other causes of the
-    library. The probabilities in a report are lower: they are multiplied by the share of correct
-    answers in blind cases, because the cause may not be in the library."""
+    library. Its odds are the gain that held-out records must show."""
     form: float = FORM
     """Relative error of the force that the law of an effect gives [1].
 

@@ -157,8 +157,9 @@ def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:
         spread = float(np.std(x) * np.std(y))
         if count > 2 and spread > 0.0:
             correlation = float(np.mean((x - x.mean()) * (y - y.mean())) / spread)
-        factor = _factor(x, y)
-        delay = _delay(record.time, measured, model)
+        if rms > sigma:
+            factor = _factor(x, y)
+            delay = _delay(record.time, measured, model)
     return GapBeforeRow(
         record=record.name,
         channel=name,
@@ -213,8 +214,13 @@ def _delay(time: Array, measured: Array, model: Array) -> float:
 
 #: Factors caused by wrong units, and their description.
 _UNITS: tuple[tuple[float, str, str], ...] = (
-    (1e3, "m{unit} labeled as {unit}", ""),
-    (1e-3, "{unit} labeled as m{unit}", ""),
+    *((1e3, f"m{unit} labeled as {unit}", unit) for unit in ("m", "N", "s", "V", "A", "Pa", "rad")),
+    *(
+        (1e-3, f"{unit} labeled as m{unit}", unit)
+        for unit in ("m", "N", "s", "V", "A", "Pa", "rad")
+    ),
+    (1e3, "a thousand times too large", ""),
+    (1e-3, "a thousand times too small", ""),
     (10.0, "mm labeled as cm", "m"),
     (0.1, "cm labeled as mm", "m"),
     (25.4, "mm labeled as inches", "m"),
@@ -240,8 +246,8 @@ def _unit_of(row: GapBeforeRow) -> str:
             continue
         off = abs(math.log(ratio)) / max(abs(math.log(abs(unit))), math.log(10.0))
         if off < NEAR_UNIT:
-            near.append((off, text.format(unit=row.unit)))
-    return min(near)[1] if near else ""
+            near.append((off, not of, text))
+    return min(near)[2] if near else ""
 
 
 def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]) -> str:
@@ -267,6 +273,9 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
         rows = [r for r in rows if r.samples > 2 and r.correlation == r.correlation]
         wrong = [r for r in rows if _unit_of(r)]
         texts = {_unit_of(r) for r in wrong}
+        right = [r for r in rows if not _unit_of(r)]
+        if any(abs(math.log(abs(r.factor))) > NEAR_UNIT * math.log(10.0) for r in right):
+            continue  # (NaN: no factor explains the difference)
         if len(texts) == 1 and min(abs(r.correlation) for r in rows) > ALIKE:
             factor = float(np.median([r.factor for r in wrong]))
             some = () if len(wrong) == len(rows) else tuple(r.record for r in wrong)

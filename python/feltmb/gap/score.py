@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Linear
@@ -32,8 +33,10 @@ __all__ = [
     "all_candidates",
     "family_threshold",
     "prior_of",
+    "refuting_score",
     "score_fit",
     "screen_sets",
+    "tail",
 ]
 
 #: Share of a signature that must remain after the projection for a test; below it is rounding.
@@ -306,6 +309,36 @@ def screen_sets(
     return found
 
 
+def tail(statistic: float, tested: int) -> float:
+    """Bound of the family-wise p beyond the draws: the sum of the p of all candidates [1].
+
+    Parameters
+    ----------
+    statistic
+        One T.
+    tested
+        Number of candidates that were tested.
+    """
+    return tested * float(stats.chi2.sf(statistic, 1))
+
+
+def refuting_score(maxima: Array, tested: int, p: float) -> float:
+    """T that the largest one exceeds by chance with the probability p.
+
+    Parameters
+    ----------
+    maxima
+        Draws of the largest T without an effect.
+    tested
+        Number of candidates that were tested.
+    p
+        Probability, > 0; below the resolution of the draws :func:`tail` gives the limit.
+    """
+    if p * maxima.size >= 1.0 or not maxima.size:
+        return float(np.quantile(maxima, 1.0 - p)) if maxima.size else 0.0
+    return float(stats.chi2.isf(p / max(tested, 1), 1))
+
+
 def family_threshold(
     scores: Scores, alpha: float, *, draws: int = 20000, seed: int = 0
 ) -> tuple[float, Array]:
@@ -327,4 +360,4 @@ def family_threshold(
         z = np.where((signs != 0) & (np.sign(z) != signs), 0.0, z)
         maxima[at : at + len(z)] = np.max(z**2, axis=1)
     maxima.sort()
-    return float(np.quantile(maxima, 1.0 - alpha)), maxima
+    return refuting_score(maxima, usable.size, alpha), maxima

@@ -10,10 +10,8 @@ normal matrix with the priors, and r the residual. Then
     log K = 1/2 s^2 v'(I + s^2 H)^-1 v - 1/2 log det(I + s^2 H),   v = L'u,   H = L'G L
 
 is the log Bayes factor of the amplitude s, where L contains the square roots of the spectrum of the
-process. It is computed for a grid of lengths and amplitudes: the maximum is a test statistic, the
-mean of the Bayes factors is the evidence with all lengths and magnitudes of the amplitude equally
-probable. In a fit with continuity defects, the defects have the same function (see
-:func:`feltmb.gap.misfit.misfit`).
+process. The result is the maximum over a few lengths and amplitudes. In a fit with continuity
+defects, the defects have the same function (see :func:`feltmb.gap.misfit.misfit`).
 """
 
 from __future__ import annotations
@@ -21,14 +19,13 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from scipy.special import logsumexp
 
 from feltmb.data import Array
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
 from feltmb.gap.criteria import SLOW_COLOR
 
-__all__ = ["smooth_discrepancy", "smooth_evidence"]
+__all__ = ["smooth_discrepancy"]
 
 #: Lengths that are tried, as shares of the record.
 LENGTHS = (0.01, 0.03, 0.1, 0.3)
@@ -54,24 +51,6 @@ def smooth_discrepancy(fit: Fit) -> float:
         degree of freedom. 0 also if the number of channels times segments exceeds ``IN_ALL``.
     """
     return max(0.0, float(np.max(_log_factors(fit), initial=0.0)))
-
-
-def smooth_evidence(fit: Fit) -> float:
-    """Log evidence of an unknown smooth signal relative to noise: log of the mean Bayes factor.
-
-    Parameters
-    ----------
-    fit
-        A fit; its parameters can absorb a part of the signal.
-
-    Returns
-    -------
-    float
-        At most :func:`smooth_discrepancy`; below 0 under noise alone. -inf if no signal can be
-        tested.
-    """
-    found = _log_factors(fit)
-    return float(logsumexp(found) - np.log(found.size)) if found.size else -np.inf
 
 
 @functools.lru_cache(maxsize=8)

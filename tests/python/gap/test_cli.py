@@ -145,7 +145,8 @@ def test_columns_are_inputs_of_a_model_that_names_none(tmp_path, capsys):
         force = 104.0 * x + 1e-2 * np.random.default_rng(i).standard_normal(300)
         path = tmp_path / f"r{i}.csv"
         rows = zip(2.0 * np.arange(300), 1e3 * x, 0.0 * x, force, strict=True)
-        lines = ["time [ms],x [mm],unused [1],F [N]", *(",".join(map(str, r)) for r in rows)]
+        lines = ["time [ms],x [mm],unused [1],F [N],state [foo],sparse"]
+        lines += [",".join(map(str, r)) + f",1,{'' if n % 9 else 2}" for n, r in enumerate(rows)]
         path.write_text("\n".join(lines) + "\n")
         files.append(path)
     assert run("gap", "check", tmp_path / "spring.py", *files) == 0

@@ -15,12 +15,12 @@ from feltmb.fit.noise import Noise
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import segment_record
 from feltmb.fit.solve import FitSettings, fit_problem, polish
-from feltmb.gap.calibrate import calibrate, largest_statistic
+from feltmb.gap.calibrate import Null, calibrate, largest_statistic
 from feltmb.gap.checks import check_records
 from feltmb.gap.criteria import refuted
 from feltmb.gap.judged_data import prepare
 from feltmb.gap.refine import CandidateSet, quicker, refit
-from feltmb.gap.score import all_candidates, family_threshold, score_fit
+from feltmb.gap.score import all_candidates, family_threshold, refuting_score, score_fit, tail
 from feltmb.gap.search import Search, search
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -182,3 +182,18 @@ def test_a_refitted_candidate_counts_by_its_decrease_with_the_same_continuity_de
     same = polish(best.problem, replace(best.point, memo={}), fit.level, quicker(settings))
     seen = largest_statistic(bare, scores, limit, settings, confirm=True)
     assert seen == pytest.approx(min(promised, fit.cost - same.cost), abs=0.1)
+
+
+def test_limits_beyond_the_draws_follow_from_the_tail():
+    """20000 draws resolve 5e-5; a rate of false alarms of 1e-4 needs 1e-8."""
+    for tested in (1, 50):
+        maxima = np.sort(np.max(np.random.default_rng(1).chisquare(1, (20000, tested)), axis=1))
+        for p in (1e-2, 1e-3):
+            drawn = refuting_score(maxima, tested, p)
+            assert drawn == np.quantile(maxima, 1.0 - p)
+            assert stats.chi2.isf(p / tested, 1) == pytest.approx(drawn, rel=0.1)
+        far = refuting_score(maxima, tested, 1e-8)
+        assert tail(far, tested) == pytest.approx(1e-8)
+        null = Null(1.0, maxima, 1.0, 0, tested)
+        assert null.p(far) == pytest.approx(1e-8)
+        assert null.p(maxima[-200]) == pytest.approx(0.01, rel=0.02)

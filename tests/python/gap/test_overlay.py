@@ -232,6 +232,13 @@ def test_a_wrong_unit_of_one_record_is_found():
     assert held_out.role == "held_out"
 
 
+def test_records_that_disagree_in_another_factor_are_no_wrong_unit_of_one():
+    model, (first, held_out) = straight(3.0)
+    third = dataclasses.replace(straight(8.0)[1][0], name="third")
+    quick = gap.Options(bootstrap=0, restarts=0, advice=False)
+    assert gap.diagnose(model, [], [first, third, held_out], options=quick).verdict
+
+
 def test_no_length_is_labeled_as_a_force():
     model, records = straight(9.81)
     with pytest.raises(DataError, match="mm labeled as cm"):

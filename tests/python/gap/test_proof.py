@@ -260,7 +260,7 @@ def test_gains_of_a_true_effect_are_as_expected():
     assert np.mean([g < least_gain(e, s, **LEVELS) for g, e, s in rows]) <= 0.02
 
 
-def test_never_more_is_required_than_odds_of_ten():
+def test_never_more_is_required_than_the_odds_of_the_credibility():
     assert least_gain(1e6, 1.0, **LEVELS) == least_odds(SURE)
     assert least_gain(0.0, 0.0, **LEVELS) == 0.0
     assert least_gain(2.0, 2.0, **LEVELS) == pytest.approx(2.0 - 2.0 * contradicted(ALPHA))

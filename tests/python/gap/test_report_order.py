@@ -404,7 +404,6 @@ def test_a_weak_hint_does_not_hide_what_calibration_moved():
     """A hammer head 15 % too heavy, five tolerances, was told as: TOO WEAK, p = 0.007."""
     row = diagnose(line(), [power(3)], records(lambda u: 0.5 * u), options=QUICK).calibrated[0]
     belief = SimpleNamespace(none=0.3, other=0.1)
-    belief.trusted = lambda trust: belief
     facts = SimpleNamespace(
         search=SimpleNamespace(best=None),
         accepted=SimpleNamespace(best=None, rejected=()),

@@ -178,17 +178,6 @@ def test_parameters_that_the_beginning_does_not_show_are_found(late) -> None:
     assert fit_problem(Problem(model, (segmented,))).explains
 
 
-def test_the_evidence_is_the_mean_over_lengths_and_amplitudes() -> None:
-    """Of noise it is below 0; of a signal it is below the maximum by the share of the grid."""
-    calm = np.array([smooth.smooth_evidence(fitted(s)) for s in range(20)])
-    assert calm.max() < 0.5
-    assert np.median(calm) < 0.0
-    clear = fitted(3, extra=2.0)
-    best, mean = smooth.smooth_discrepancy(clear), smooth.smooth_evidence(clear)
-    assert best - np.log(4 * 61) < mean < best - 1.0
-    assert mean > 20.0
-
-
 def test_a_parameter_at_its_limit_cannot_make_a_signal_without_bound() -> None:
     """A limit stops the slope at 0.1 of 0.3: the residual is a signal of this slope, no more.
 
