@@ -303,11 +303,6 @@ def _name(facts: Facts) -> Decision:
     # A score that remains beside unsure effects is theirs.
     scored = facts.leftover > 1.0 and not (unsure or possible)
     left = (fitted or scored or facts.beyond is not None) and not facts.enough_left
-    # Beside a residual, an effect that held-out records do not excite may be any other effect.
-    odds = least_odds(facts.options.credibility)
-    if left and not any(p.gain >= odds for p in accepted.proof.values()):
-        why = "more than noise is left, and no held-out record confirms it"
-        return _unsure(facts, sure or tuple(unsure), why)
     closed = _closing(facts, sure or tuple(unsure))
     if left:
         what = "that held-out records confirm" if accepted.rejected else "tested"
