@@ -72,9 +72,8 @@ def calibrate(
     The differences are zero for a linear model, whatever the noise of the replicates.
     """
     threshold, maxima = family_threshold(scores, alpha, seed=seed)
-    tested = int(np.sum(scores.testable))
-    if replicates < 1 or not np.any(scores.testable):
-        return Null(threshold, maxima, 1.0, 0, tested)
+    if replicates < 1 or not scores.tested:
+        return Null(threshold, maxima, 1.0, 0, scores.tested)
     generator = np.random.default_rng(seed + 1)
     included = all_candidates(effects)
     settings = FitSettings(iterations=6)
@@ -103,7 +102,7 @@ def calibrate(
         refitted = polish(problem, point, fit.level, settings)
         excess.append(_largest(refitted, included) - _largest(linear_fit, included))
     stretch = max(1.0, 1.0 + float(np.mean(excess)) / max(float(np.mean(maxima)), 1e-12))
-    return Null(threshold * stretch, maxima, stretch, replicates, tested)
+    return Null(threshold * stretch, maxima, stretch, replicates, scores.tested)
 
 
 def largest_statistic(

@@ -323,7 +323,7 @@ class _Diagnosis:
         largest = largest_statistic(
             found,
             reference,
-            refuting_score(maxima, int(np.sum(reference.testable)), refuted(options.alpha)),
+            refuting_score(maxima, reference.tested, refuted(options.alpha)),
             self.task.settings,
             confirm=accepted.best is None and not bare.left,
             progress=self.task.progress,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from feltmb.fit.solve import Fit
@@ -49,8 +48,6 @@ class Misfit:
     """Whether the residual is more than noise."""
     far: bool
     """Whether the sum of squares alone shows this."""
-    excess: float
-    """Sum of squares minus its expectation, in standard deviations."""
     other: float
     """Log evidence for an unknown cause."""
 
@@ -72,15 +69,13 @@ def misfit(
     """
     reference = tight if tight is not None else fit
     if estimated and reference.chi2 / reference.dof < NOISE_ERROR**2:
-        return Misfit(False, False, 0.0, 0.0)
-    beyond = reference.chi2 - reference.dof
-    excess = beyond / math.sqrt(2.0 * reference.dof)
+        return Misfit(False, False, 0.0)
     other = 0.0
     if tight is not None and tight is not fit:
         other = fit.log_evidence - tight.log_evidence
     elif not reference.gap_sd.size:
         other = smooth_discrepancy(reference)
     above = reference.chi2 > squares_of_noise(alpha, reference.dof)
-    far = bool(above and 0.5 * beyond > allowed)
+    far = bool(above and 0.5 * (reference.chi2 - reference.dof) > allowed)
     unknown = other > max(unknown_gain(alpha), allowance(reference)) + allowed
-    return Misfit(bool(far or unknown), far, float(excess), float(other))
+    return Misfit(bool(far or unknown), far, float(other))

@@ -212,13 +212,12 @@ def _delay(time: Array, measured: Array, model: Array) -> float:
     return float((most - best - fine) * step)
 
 
-#: Factors caused by wrong units, and their description.
+#: Units that are used with the prefix milli.
+_PREFIXED = ("m", "N", "s", "V", "A", "Pa", "rad")
+#: Factors caused by wrong units, their description, and the unit for which it holds ("": all).
 _UNITS: tuple[tuple[float, str, str], ...] = (
-    *((1e3, f"m{unit} labeled as {unit}", unit) for unit in ("m", "N", "s", "V", "A", "Pa", "rad")),
-    *(
-        (1e-3, f"{unit} labeled as m{unit}", unit)
-        for unit in ("m", "N", "s", "V", "A", "Pa", "rad")
-    ),
+    *((1e3, f"m{unit} labeled as {unit}", unit) for unit in _PREFIXED),
+    *((1e-3, f"{unit} labeled as m{unit}", unit) for unit in _PREFIXED),
     (1e3, "a thousand times too large", ""),
     (1e-3, "a thousand times too small", ""),
     (10.0, "mm labeled as cm", "m"),
@@ -239,15 +238,20 @@ def _unit_of(row: GapBeforeRow) -> str:
     The factor may differ from that of the unit by what the model lacks: by ``NEAR_UNIT`` of the
     distance between the factor of the unit and 1, in logarithms, or of that between 10 and 1.
     """
-    near = []
-    for unit, text, of in _UNITS:
-        ratio = row.factor / unit
-        if (of and of != row.unit) or not ratio > 0.0:
-            continue
-        off = abs(math.log(ratio)) / max(abs(math.log(abs(unit))), math.log(10.0))
-        if off < NEAR_UNIT:
-            near.append((off, not of, text))
+    near = [
+        (off, not of, text)
+        for unit, text, of in _UNITS
+        if of in ("", row.unit) and (off := _distance(row.factor, unit)) < NEAR_UNIT
+    ]
     return min(near)[2] if near else ""
+
+
+def _distance(factor: float, unit: float) -> float:
+    """Distance of a factor from that of a unit, relative to the latter, in logarithms."""
+    ratio = factor / unit
+    if not ratio > 0.0:
+        return math.inf
+    return abs(math.log(ratio)) / max(abs(math.log(abs(unit))), math.log(10.0))
 
 
 def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]) -> str:
@@ -271,12 +275,16 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
             if name in r.outputs
         ]
         rows = [r for r in rows if r.samples > 2 and r.correlation == r.correlation]
-        wrong = [r for r in rows if _unit_of(r)]
-        texts = {_unit_of(r) for r in wrong}
-        right = [r for r in rows if not _unit_of(r)]
-        if any(abs(math.log(abs(r.factor))) > NEAR_UNIT * math.log(10.0) for r in right):
-            continue  # (NaN: no factor explains the difference)
-        if len(texts) == 1 and min(abs(r.correlation) for r in rows) > ALIKE:
+        told = [_unit_of(r) for r in rows]
+        wrong = [r for r, text in zip(rows, told, strict=True) if text]
+        texts = {text for text in told if text}
+        # The others agree with the model, or no factor explains their difference (NaN).
+        agree = all(
+            math.isnan(r.factor) or _distance(r.factor, 1.0) < NEAR_UNIT
+            for r, text in zip(rows, told, strict=True)
+            if not text
+        )
+        if len(texts) == 1 and agree and min(abs(r.correlation) for r in rows) > ALIKE:
             factor = float(np.median([r.factor for r in wrong]))
             some = () if len(wrong) == len(rows) else tuple(r.record for r in wrong)
             key = (texts.pop(), round(factor, 0 if factor > 2.0 else 3), some)

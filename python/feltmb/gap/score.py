@@ -67,6 +67,11 @@ class Scores:
         return np.asarray(np.sqrt(np.maximum(np.diag(self.gram), 0.0)))
 
     @property
+    def tested(self) -> int:
+        """Number of candidates that can be tested."""
+        return int(np.sum(self.testable))
+
+    @property
     def total_weight(self) -> float:
         """Sum of the weights of the effects, each counted once for all its shapes."""
         return sum({t.name: t.effect.weight for t in self.candidates}.values())
@@ -334,8 +339,8 @@ def refuting_score(maxima: Array, tested: int, p: float) -> float:
     p
         Probability, > 0; below the resolution of the draws :func:`tail` gives the limit.
     """
-    if p * maxima.size >= 1.0 or not maxima.size:
-        return float(np.quantile(maxima, 1.0 - p)) if maxima.size else 0.0
+    if p * maxima.size >= 1.0:
+        return float(np.quantile(maxima, 1.0 - p))
     return float(stats.chi2.isf(p / max(tested, 1), 1))
 
 

@@ -35,6 +35,7 @@ MOST, IN_ALL = 40, 900
 ROUNDING = 1e-9
 
 
+@functools.lru_cache(maxsize=8)
 def smooth_discrepancy(fit: Fit) -> float:
     """Largest log Bayes factor of an unknown smooth signal against noise.
 
@@ -50,12 +51,6 @@ def smooth_discrepancy(fit: Fit) -> float:
         twice this value exceeds x with half the probability of a chi-square variable with one
         degree of freedom. 0 also if the number of channels times segments exceeds ``IN_ALL``.
     """
-    return max(0.0, float(np.max(_log_factors(fit), initial=0.0)))
-
-
-@functools.lru_cache(maxsize=8)
-def _log_factors(fit: Fit) -> Array:
-    """Log Bayes factors of all lengths and amplitudes; empty if no signal can be tested."""
     problem = fit.problem
     normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
     # What a limit stops cannot absorb a signal. The same quantities must be free in the residual
@@ -84,7 +79,7 @@ def _log_factors(fit: Fit) -> Array:
             crosses.append((basis.T @ rows[:, :-1]) @ root[own])
             periods.append(omega)
     if not pulls:
-        return np.zeros(0)
+        return 0.0
     u, omega = np.concatenate(pulls), np.concatenate(periods)
     gram = np.zeros((u.size, u.size))
     at = 0
@@ -95,11 +90,11 @@ def _log_factors(fit: Fit) -> Array:
     cross = np.vstack(crosses)
     gram -= cross @ cross.T
     span = max(float(s.record.time[-1] - s.record.time[0]) for s in problem.segmented_records)
-    return np.concatenate([_of_length(u, gram, whole, omega, share * span) for share in LENGTHS])
+    return max(_best(u, gram, whole, omega, share * span) for share in LENGTHS)
 
 
-def _of_length(u: Array, gram: Array, whole: Array, omega: Array, length: float) -> Array:
-    """Log Bayes factors of all amplitudes for one length [s]; empty: the fit absorbs all signals.
+def _best(u: Array, gram: Array, whole: Array, omega: Array, length: float) -> float:
+    """Largest log Bayes factor over amplitudes for one length [s].
 
     ``whole``: squares of the columns before the fitted quantities were projected out. If the fit
     can absorb a signal completely, the remainder is rounding.
@@ -108,12 +103,13 @@ def _of_length(u: Array, gram: Array, whole: Array, omega: Array, length: float)
     values, vectors = np.linalg.eigh(spread[:, None] * gram * spread)
     kept = values > ROUNDING * float(np.max(spread**2 * whole))
     if not kept.any():
-        return np.zeros(0)
+        return 0.0
     values, along = values[kept], ((vectors.T @ (spread * u)) ** 2)[kept]
-    s2 = (np.logspace(-6.0, 6.0, 61) / float(values[-1]))[:, None]
-    return np.asarray(
-        0.5 * np.sum(s2 * along / (1.0 + s2 * values) - np.log1p(s2 * values), axis=1)
-    )
+    best = 0.0
+    for s2 in np.logspace(-6.0, 6.0, 61) / float(values[-1]):
+        log_k = 0.5 * float(np.sum(s2 * along / (1.0 + s2 * values) - np.log1p(s2 * values)))
+        best = max(best, log_k)
+    return best
 
 
 def _cosines(segmented: SegmentedRecord, most: int) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from feltmb import gap
 from feltmb.cli import main
 from feltmb.data import Record, Sensor, write_record
 from feltmb.errors import DataError
+from feltmb.gap import overlay
 
 sys.path.insert(0, str(Path(__file__).parent))
 import models
@@ -273,3 +274,11 @@ def test_check_writes_a_page(tmp_path, capsys):
     assert command("gap", "check", *data, "--html", str(tmp_path / "gap.txt")) == 2
     assert command("gap", "check", data[1], "--html", str(tmp_path / "b.html")) == 2
     assert "need a MODEL" in capsys.readouterr().err
+
+
+def test_a_record_that_the_model_does_not_resemble_has_no_unit():
+    """The best factor of an orthogonal record is exactly 0, whose logarithm does not exist."""
+    assert overlay._distance(0.0, 1.0) == np.inf
+    assert overlay._distance(1130.0, 1000.0) == pytest.approx(np.log(1.13) / np.log(1000.0))
+    assert overlay._distance(-1.1, -1.0) == pytest.approx(np.log(1.1) / np.log(10.0))
+    assert overlay._distance(1.1, -1.0) == np.inf
