@@ -50,6 +50,7 @@ from feltmb.gap.information import Knowledge, information
 from feltmb.gap.measured import known_by_test
 from feltmb.gap.report import report_json
 from feltmb.gap.score import all_candidates, family_threshold, score_fit, screen_sets
+from feltmb.gap.spread import spread
 from feltmb.gap.tabulated import given_values
 
 __all__ = ["MACHINES", "ROUNDS", "command", "outcome_of"]
@@ -150,7 +151,7 @@ class Player:
         weights = {n: w / total for n, w in weights.items()}
         order = sorted(weights, key=lambda n: -weights[n])
         level = family_threshold(scores, 0.01, draws=4000)[0]
-        given = [g.name for g in given_values(fit, model, 0.01) if g.differs]
+        given = [g.name for g in given_values(fit, spread(fit), model, 0.01) if g.differs]
         row: dict[str, Any] = {"verdict": "NO GAP", "named": [], "one_of": [], "given": given}
         if order and found[order[0]].statistic / scores.inflation > level:
             row["verdict"] = "UNKNOWN"

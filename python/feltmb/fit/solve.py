@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -101,6 +102,7 @@ class Interval:
     unit: str
     value: float
     sd: float
+    """With ``form_sd``."""
     low: float
     """Lower end of the 95 % interval, within the limits."""
     high: float
@@ -108,8 +110,10 @@ class Interval:
     prior_sd: float
     at_limit: bool
     contraction: float
-    """1 - (sd / prior sd)^2 [1]: information of the data relative to the prior; 1 without a
-    prior."""
+    """1 - (sd / prior sd)^2 without ``form_sd`` [1]: information of the data relative to the
+    prior; 1 without a prior."""
+    form_sd: float = 0.0
+    """Standard deviation that errors in the form of included laws add."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,9 +183,22 @@ class Fit:
         far = [(self.point.theta[i] - everything[i].value) / everything[i].sd for i in known]
         return np.array(far, dtype=np.float64)
 
-    def intervals(self) -> tuple[Interval, ...]:
-        """Parameters and magnitudes with 95 % intervals."""
-        sd = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+    def intervals(
+        self, covariance: Array | None = None, by_form: Array | None = None
+    ) -> tuple[Interval, ...]:
+        """Parameters and magnitudes with 95 % intervals.
+
+        Parameters
+        ----------
+        covariance
+            Covariance to be used instead of ``self.covariance``, for example with uncertain shapes.
+        by_form
+            Covariance that the errors of form of the included laws add.
+        """
+        noise = self.covariance if covariance is None else covariance
+        added = np.zeros_like(noise) if by_form is None else by_form
+        own = np.sqrt(np.maximum(np.diag(noise), 0.0))
+        form = np.sqrt(np.maximum(np.diag(added), 0.0))
         out = []
         rows = [
             (p.name, p.unit, self.point.theta[i], p.value, p.sd, p.lower, p.upper)
@@ -192,7 +209,9 @@ class Fit:
             (t.name, t.effect.unit, self.point.magnitudes[k], 0.0, np.inf, *t.effect.bounds)
             for k, t in enumerate(self.included)
         ]
-        for (name, unit, value, prior, prior_sd, low, high), s in zip(rows, sd, strict=True):
+        for row, noise_sd, form_sd in zip(rows, own, form, strict=True):
+            name, unit, value, prior, prior_sd, low, high = row
+            s = math.hypot(noise_sd, form_sd)
             out.append(
                 Interval(
                     name=name,
@@ -205,10 +224,11 @@ class Fit:
                     prior_sd=float(prior_sd),
                     at_limit=bool(np.isclose(value, low) or np.isclose(value, high)),
                     contraction=(
-                        float(1.0 - (s / prior_sd) ** 2)
-                        if prior_sd > 0.0 and np.isfinite(s)
+                        float(1.0 - (noise_sd / prior_sd) ** 2)
+                        if prior_sd > 0.0 and np.isfinite(noise_sd)
                         else 0.0
                     ),
+                    form_sd=float(form_sd),
                 )
             )
         return tuple(out)

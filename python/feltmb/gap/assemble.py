@@ -28,7 +28,7 @@ from feltmb.gap.findings import (
 )
 from feltmb.gap.proof import Outcome
 from feltmb.gap.search import Search
-from feltmb.gap.sizes import Sizes, where_refitted, with_form
+from feltmb.gap.sizes import Sizes, where_refitted
 
 __all__ = ["closest_set", "how_far_rows", "ranked", "with_effects"]
 
@@ -116,12 +116,9 @@ def ranked(
             k = refitted.names.index(name)
             shape = refitted.fit.included[k].shape
             size = float(refitted.fit.point.magnitudes[k])
-            at = len(refitted.fit.problem.free) + k
-            sd = float(np.sqrt(max(refitted.fit.covariance[at, at], 0.0)))
-        told = sizes.of(name) if name in named or name in one_of else None
-        if told is None:
-            sd = with_form(candidate.effect, size, sd, sizes.form)
-        else:
+            # Uncertain shapes cost simulations, and are worth them for these effects only.
+            told = sizes.of(name, shapes=name in named or name in one_of)
+            assert told is not None
             sd, wide = told.sd, told.shape_sd
         low, high = candidate.effect.bounds
         confused = tuple(n for n in member.get(name, ()) if n != name)

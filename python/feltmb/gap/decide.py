@@ -338,7 +338,7 @@ def _name(facts: Facts) -> Decision:
     if possible:
         which = ("one of " if len(possible) > 1 else "") + _list(map(facts.sizes.text, possible))
         text += f" These records do not determine whether {which} acts in addition."
-    if left and (far_off := prior_deviations_told(best.fit)):
+    if left and (far_off := prior_deviations_told(best.fit, facts.sizes.spread(best.fit))):
         rest += f" In addition, {far_off}: they may compensate a part of the gap."
     for name in sure:
         if words := facts.sizes.mechanism(name):

@@ -401,11 +401,12 @@ class _Diagnosis:
         end = rest or (found.tight_fit if accepted.best is None else None) or best_fit
         there = replace(end, problem=replace(end.problem, segmented_records=plain))
         fitted = Outcome(there, np.zeros(0), settings, there)
-        calibrated = calibrated_rows(
-            best_fit, [tabulated], [fitted, accepted.after], which_gap, options.alpha
-        )
-        given = given_values(best_fit, tabulated.fit.problem.model, options.alpha)
         sizes = Sizes(found, accepted, options.form)
+        wide = sizes.spread(best_fit)
+        calibrated = calibrated_rows(
+            best_fit, wide, [tabulated], [fitted, accepted.after], which_gap, options.alpha
+        )
+        given = given_values(best_fit, wide, tabulated.fit.problem.model, options.alpha)
         facts = Facts(
             checks=checks,
             search=found,
@@ -421,7 +422,7 @@ class _Diagnosis:
             unexplained=done.unexplained,
             leftover=alarm.leftover,
             beyond=beyond,
-            apart=moved_together(best_fit, options.alpha),
+            apart=moved_together(best_fit, wide, options.alpha),
             calibrated=calibrated,
             given=given,
             closest=closest_set(found, accepted, sensed, which_gap, options.seed),
@@ -434,7 +435,7 @@ class _Diagnosis:
             decision = cut_short(
                 decision, watch, found, self.skipped, len(self.task.effects), sizes
             )
-        told = prior_deviations_told(best_fit)
+        told = prior_deviations_told(best_fit, wide)
         if told:
             checks = replace(checks, warnings=(*checks.warnings, told))
         which = ranked(
@@ -457,7 +458,7 @@ class _Diagnosis:
             [r for r in which.effects if r.effect in decision.one_of],
             decision.closest,
             where.components,
-            best_fit.intervals(),
+            best_fit.intervals(wide.covariance, wide.by_form),
             self.model,
             self.task.effects,
         )

@@ -379,7 +379,8 @@ class Which:
             return ""
         return (
             "No law of force is exact: the 95 % interval of its magnitude is at least "
-            f"±{196.0 * self.form:.2g} % (--form {self.form:g})."
+            f"±{196.0 * self.form:.2g} % (--form {self.form:g}), and the intervals of parameters "
+            "contain what this changes."
         )
 
     def __getitem__(self, name: str) -> Ranked:

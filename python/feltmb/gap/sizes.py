@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from feltmb.fit.model import LAWS, Candidate, Effect
+from feltmb.fit.model import Candidate
+from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted
 from feltmb.gap.digits import digits
 from feltmb.gap.refine import CandidateSet
@@ -14,7 +15,7 @@ from feltmb.gap.search import Search
 from feltmb.gap.spread import Spread, spread
 from feltmb.units import readable_unit, unit_suffix
 
-__all__ = ["Size", "Sizes", "where_refitted", "with_form"]
+__all__ = ["Size", "Sizes", "where_refitted"]
 
 
 @dataclass(frozen=True)
@@ -65,23 +66,30 @@ class Sizes:
     accepted: Accepted
     form: float
     """Relative error of the force of a law (``Options.form``) [1]."""
-    _spreads: dict[tuple[str, ...], Spread] = field(default_factory=dict)
+    _spreads: dict[tuple[Fit, bool], Spread] = field(default_factory=dict)
 
-    def of(self, name: str) -> Size | None:
-        """Magnitude of an effect; None: it is in no set that was fitted."""
+    def of(self, name: str, *, shapes: bool = True) -> Size | None:
+        """Magnitude of an effect; None: it is in no set that was fitted.
+
+        ``shapes``: whether its interval contains the uncertainty of the shapes.
+        """
         found = where_refitted(self.search, self.accepted, name)
         if found is None:
             return None
-        if found.key not in self._spreads:
-            self._spreads[found.key] = spread(found.fit)
-        own, k = self._spreads[found.key], found.names.index(name)
-        candidate, magnitude = found.fit.included[k], float(found.fit.point.magnitudes[k])
+        own, k = self.spread(found.fit, shapes=shapes), found.names.index(name)
+        at = len(found.fit.problem.free) + k
         return Size(
-            candidate=candidate,
-            magnitude=magnitude,
-            sd=with_form(candidate.effect, magnitude, float(own.magnitudes[k]), self.form),
+            candidate=found.fit.included[k],
+            magnitude=float(found.fit.point.magnitudes[k]),
+            sd=math.sqrt(max(float(own.total[at, at]), 0.0)),
             shape_sd={i: v for (j, i), v in own.shapes.items() if j == k},
         )
+
+    def spread(self, fit: Fit, *, shapes: bool = True) -> Spread:
+        """Uncertainty of a fit, computed once."""
+        if (fit, shapes) not in self._spreads:
+            self._spreads[fit, shapes] = spread(fit, self.form, shapes=shapes)
+        return self._spreads[fit, shapes]
 
     def text(self, name: str) -> str:
         """An effect with its magnitude, unit and interval; its name alone where there is none."""
@@ -92,14 +100,6 @@ class Sizes:
         """What the effect is, in the words of the library; may be empty."""
         found = self.of(name)
         return "" if found is None else found.candidate.effect.mechanism
-
-
-def with_form(effect: Effect, magnitude: float, sd: float, form: float) -> float:
-    """Standard deviation of a magnitude with the error of form of its law [unit].
-
-    A sensor, an input, and a geometric change have a magnitude that needs no law.
-    """
-    return math.hypot(sd, form * abs(magnitude)) if effect.kind in LAWS else sd
 
 
 def where_refitted(search: Search, accepted: Accepted, name: str) -> CandidateSet | None:

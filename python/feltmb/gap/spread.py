@@ -1,8 +1,12 @@
-"""Joint uncertainty of magnitudes and fitted shapes.
+"""Joint uncertainty of parameters, magnitudes and fitted shapes, with the error of form of laws.
 
 A fitted shape is a number of the model like a magnitude, and the two are often correlated: a wider
 clearance with a lower stiffness may fit as well. The derivative by the logarithm of the shape is
 computed as a difference of residuals.
+
+No law of force is exact. If the force of a law is wrong by a share ``form``, its magnitude is wrong
+by as much, and everything that is correlated with the magnitude compensates: a spring becomes
+stiffer if the law that hardens it is too weak.
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Linear, predict
-from feltmb.fit.model import Candidate, Model
+from feltmb.fit.model import LAWS, Candidate, Model
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, inverse_scaled
@@ -31,30 +35,59 @@ WIDE = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Standard deviations of the magnitudes of a fit and of the logarithms of its shapes."""
+    """Uncertainty of the free parameters, the magnitudes and the shapes of a fit."""
 
-    magnitudes: Array
-    """Standard deviations of the magnitudes, (k,), in the order of the included effects [their
-    units]."""
+    covariance: Array
+    """Covariance of the free parameters and then the magnitudes, (n, n), with the shapes
+    uncertain."""
+    by_form: Array
+    """Covariance that the errors of form of the included laws add, (n, n)."""
     shapes: dict[tuple[int, int], float]
     """(candidate, index of the number in its shape) -> standard deviation of its logarithm [1]."""
 
+    @property
+    def total(self) -> Array:
+        """Covariance with the errors of form, (n, n)."""
+        return np.asarray(self.covariance + self.by_form)
 
-def spread(fit: Fit) -> Spread:
-    """Standard deviations of the fitted magnitudes and of the shapes that can take any value."""
+
+def spread(fit: Fit, form: float = 0.0, *, shapes: bool = True) -> Spread:
+    """Uncertainty of a fit whose shapes can take any value and whose laws have an error of form.
+
+    The error of form of a law with the magnitude m is independent of the noise and of other laws,
+    and has the standard deviation ``form m``. It changes the magnitude by itself, and every other
+    number x by cov(x, m) / var(m) times itself, as a fit with another given magnitude would.
+
+    Parameters
+    ----------
+    fit
+        Fit with or without effects.
+    form
+        Relative error of the force of a law (``Options.form``) [1].
+    shapes
+        Whether shapes are uncertain, which costs two simulations for each of their numbers.
+    """
     count = len(fit.problem.free)
-    places = [(k, i) for k, candidate in enumerate(fit.included) for i in movable(candidate.effect)]
+    shared = count + len(fit.included)
+    places = [(k, i) for k, c in enumerate(fit.included) for i in movable(c.effect) if shapes]
     matrix = fit.normal.matrix
     if places:
         columns = [_columns(fit, k, i) for k, i in places]
-        shared = count + len(fit.included)
         linears = [_with(x, [c[n] for c in columns], shared) for n, x in enumerate(fit.linears)]
         matrix = fit.problem.normal(fit.point, linears, fit.gap_sd).matrix.copy()
         for j in range(len(places)):
             matrix[shared + j, shared + j] += 1.0 / WIDE**2
-    sd = np.sqrt(np.maximum(np.diag(inverse_scaled(matrix)), 0.0))
-    at = count + len(fit.included)
-    return Spread(sd[count:at], {p: float(sd[at + j]) for j, p in enumerate(places)})
+    everything = inverse_scaled(matrix)
+    covariance = everything[:shared, :shared]
+    by_form = np.zeros_like(covariance)
+    for k, candidate in enumerate(fit.included):
+        column = covariance[:, count + k]
+        variance = column[count + k]
+        if candidate.effect.kind in LAWS and 0.0 < variance < np.inf:
+            change = form * fit.point.magnitudes[k] * column / variance
+            by_form += np.outer(change, change)
+    sd = np.sqrt(np.maximum(np.diag(everything), 0.0))
+    return Spread(covariance, by_form, {p: float(sd[shared + j]) for j, p in enumerate(places)})
 
 
 def _columns(fit: Fit, k: int, place: int) -> list[tuple[Array, Array]]:

@@ -18,7 +18,8 @@ from feltmb.gap.criteria import MOVED, TOLERATED
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated, GivenValue
 from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
-from feltmb.gap.tolerance import beyond_tolerance, of_the_machine
+from feltmb.gap.spread import Spread
+from feltmb.gap.tolerance import beyond_tolerance, of_the_machine, sd_of_change
 from feltmb.units import readable_unit, unit_suffix
 
 __all__ = [
@@ -118,20 +119,20 @@ def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:
     return tuple(rows)
 
 
-def moved_together(fit: Fit, alpha: float) -> bool:
-    """Whether the fit changed the parameters, jointly, by more than noise would.
+def moved_together(fit: Fit, wide: Spread, alpha: float) -> bool:
+    """Whether the fit changed the parameters, jointly, by more than noise and errors of form would.
 
     A Wald test of the tabulated values with the posterior covariance. Parameters of run-to-run
     variability are not properties of the machine and are omitted.
     """
-    rows = of_the_machine(fit)
+    rows = of_the_machine(fit, wide)
     interval = np.array([_deviations(i) for _, _, _, i in rows])
     sd = np.array([i.sd for _, _, _, i in rows])
     known = np.isfinite(sd) & (sd > 0.0)
     if not known.any():
         return False
     at = np.array([k for k, _, _, _ in rows])[known]
-    correlation = fit.covariance[np.ix_(at, at)] / np.outer(sd[known], sd[known])
+    correlation = wide.total[np.ix_(at, at)] / np.outer(sd[known], sd[known])
     values, vectors = np.linalg.eigh(correlation)
     kept = values > 1e-9 * values[-1]
     along = (vectors.T @ interval[known])[kept]
@@ -140,12 +141,19 @@ def moved_together(fit: Fit, alpha: float) -> bool:
 
 
 def calibrated_rows(
-    fit: Fit, before: Sequence[Outcome], after: Sequence[Outcome], which: str, alpha: float
+    fit: Fit,
+    wide: Spread,
+    before: Sequence[Outcome],
+    after: Sequence[Outcome],
+    which: str,
+    alpha: float,
 ) -> tuple[Calibrated, ...]:
     """Parameters that a fit changed by more than two posterior deviations, largest share first.
 
     Parameters
     ----------
+    fit, wide
+        A fit and its uncertainty.
     before, after
         The model with tabulated and with fitted values, on the records whose gap is divided among
         the parameters. These are all records, because a parameter may have little influence on the
@@ -154,7 +162,7 @@ def calibrated_rows(
         Family-wise probability that noise alone changes one of the parameters this much.
     """
     told = before[0].fit.problem.model.parameters
-    rows = [(i, told[i], interval) for _, i, _, interval in of_the_machine(fit)]
+    rows = [(i, told[i], interval) for _, i, _, interval in of_the_machine(fit, wide)]
     bar = float(stats.norm.isf(0.5 * alpha / max(len(rows), 1)))
     moved = [r for r in rows if abs(_deviations(r[2])) > MOVED]
     moved.sort(key=lambda r: -abs(_deviations(r[2])))
@@ -193,7 +201,7 @@ def _row(p: Parameter, interval: Interval, share: float, *, sure: bool) -> Calib
         origin="tabulated" if p.before is None else "measured",
         alone=alone,
         alone_sd=alone_sd,
-        beyond=far is not None and beyond_tolerance(far, interval.contraction),
+        beyond=far is not None and beyond_tolerance(interval, p.sd),
     )
     return replace(row, text=_text(p, row))
 
@@ -205,7 +213,7 @@ def _alone(p: Parameter, interval: Interval) -> tuple[float, float]:
         return math.nan, math.nan
     moved = interval.value - interval.prior
     alone = float(np.clip(interval.prior + moved / seen, p.lower, p.upper))
-    strained = abs(moved) > MOVED * interval.prior_sd * math.sqrt(seen)
+    strained = abs(moved) > MOVED * sd_of_change(interval, interval.prior_sd)
     if not strained or interval.low <= alone <= interval.high:
         return math.nan, math.nan
     return alone, interval.sd / math.sqrt(seen)
@@ -240,13 +248,13 @@ def _text(p: Parameter, row: Calibrated) -> str:
     return text
 
 
-def given_values(fit: Fit, given: Model, alpha: float) -> tuple[GivenValue, ...]:
+def given_values(fit: Fit, wide: Spread, given: Model, alpha: float) -> tuple[GivenValue, ...]:
     """Tests of parts, and effects that are a part of the model, with the values of a fit.
 
     Parameters
     ----------
-    fit
-        Fit of the model.
+    fit, wide
+        Fit of the model, and its uncertainty.
     given
         The model before the fit, which has the tests as its priors.
     alpha
@@ -256,7 +264,7 @@ def given_values(fit: Fit, given: Model, alpha: float) -> tuple[GivenValue, ...]
     own = {t.name for t in given.own_effects}
     bar = float(stats.norm.isf(0.5 * alpha / max(len(own), 1)))
     out = []
-    for _, i, fitted, interval in of_the_machine(fit):
+    for _, i, fitted, interval in of_the_machine(fit, wide):
         p = given.parameters[i]
         if p.name in own:
             differs = abs(interval.value) > bar * max(interval.sd, 1e-300)

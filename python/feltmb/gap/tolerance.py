@@ -17,6 +17,7 @@ from feltmb.gap.misfit import misfit
 from feltmb.gap.refine import CandidateSet, full_evidence, quicker, taken_over, tighten
 from feltmb.gap.score import score_fit
 from feltmb.gap.search import Search
+from feltmb.gap.spread import Spread
 
 __all__ = [
     "besides_tolerances",
@@ -28,6 +29,7 @@ __all__ = [
     "prior_deviations_told",
     "refuted_tolerances",
     "released",
+    "sd_of_change",
     "within_tolerance",
     "without_several",
 ]
@@ -36,47 +38,50 @@ __all__ = [
 HELD = "parameters held within their tolerance"
 
 
-def beyond_tolerance(deviation: float, contraction: float) -> bool:
+def sd_of_change(found: Interval, tolerance: float) -> float:
+    """Standard deviation of the change of a parameter by a fit, if its tolerance is right [unit].
+
+    With the tolerance s and the posterior standard deviation sd, the change is normal with the
+    variance s^2 - sd^2 = s^2 contraction. Errors in the form of laws add their own variance.
+    """
+    return math.hypot(tolerance * math.sqrt(max(found.contraction, 0.0)), found.form_sd)
+
+
+def beyond_tolerance(found: Interval, tolerance: float) -> bool:
     """Whether a parameter exceeds its tolerance.
 
-    If a tolerance s is right, the change of its parameter by a fit is normal with the variance s^2
-    - sd^2 = s^2 contraction, where sd is the posterior standard deviation. The change must not be
-    compared with s alone: if the prior is as narrow as the information of the records, it halves
-    the change. A change smaller than s never exceeds the tolerance.
-
-    Parameters
-    ----------
-    deviation
-        Change by the fit, in prior standard deviations s.
-    contraction
-        ``1 - (sd / s)^2``
+    The change must not be compared with the tolerance alone (:func:`sd_of_change`): if the prior is
+    as narrow as the information of the records, it halves the change. A change smaller than the
+    tolerance never exceeds it.
     """
-    return abs(deviation) > max(1.0, TOLERATED * math.sqrt(max(contraction, 0.0)))
+    change = abs(found.value - found.prior)
+    return change > max(tolerance, TOLERATED * sd_of_change(found, tolerance))
 
 
-def of_the_machine(fit: Fit) -> list[tuple[int, int, Parameter, Interval]]:
+def of_the_machine(
+    fit: Fit, wide: Spread | None = None
+) -> list[tuple[int, int, Parameter, Interval]]:
     """Free parameters that are properties of the machine: position among the free ones, index.
 
-    Parameters of run-to-run variability and of inputs between samples are not.
+    Parameters of run-to-run variability and of inputs between samples are not. ``wide``: the
+    uncertainty of the fit with its shapes and errors of form.
     """
     parameters = fit.problem.model.parameters
+    intervals = fit.intervals() if wide is None else fit.intervals(wide.covariance, wide.by_form)
     return [
         (k, i, parameters[i], interval)
-        for k, (i, interval) in enumerate(zip(fit.problem.free, fit.intervals(), strict=False))
+        for k, (i, interval) in enumerate(zip(fit.problem.free, intervals, strict=False))
         if parameters[i].component != VARIABILITY and not parameters[i].name.startswith(BETWEEN)
     ]
 
 
-def beyond_prior(fit: Fit) -> dict[str, float]:
+def beyond_prior(fit: Fit, wide: Spread | None = None) -> dict[str, float]:
     """Parameters of the machine beyond their tolerance: change in prior standard deviations."""
-    out = {}
-    for _, _, p, found in of_the_machine(fit):
-        if not 0.0 < p.sd < math.inf:
-            continue
-        far = (found.value - p.value) / p.sd
-        if beyond_tolerance(far, found.contraction):
-            out[p.name] = far
-    return out
+    return {
+        p.name: (found.value - p.value) / p.sd
+        for _, _, p, found in of_the_machine(fit, wide)
+        if 0.0 < p.sd < math.inf and beyond_tolerance(found, p.sd)
+    }
 
 
 def besides_tolerances(fit: Fit, effects: Sequence[Effect]) -> list[Effect]:
@@ -89,9 +94,9 @@ def besides_tolerances(fit: Fit, effects: Sequence[Effect]) -> list[Effect]:
     return [e for e in effects if not e.tolerance_parameter or e.tolerance_parameter in far]
 
 
-def prior_deviations_told(fit: Fit) -> str:
+def prior_deviations_told(fit: Fit, wide: Spread | None = None) -> str:
     """Text about parameters far from their priors; empty: there are none."""
-    far = beyond_prior(fit)
+    far = beyond_prior(fit, wide)
     if not far:
         return ""
     told = ", ".join(f"{name} by {z:.2g}" for name, z in far.items())

@@ -16,7 +16,7 @@ from feltmb.cli.gap_printing import print_report
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit.linear import LinearModel
-from feltmb.fit.model import Candidate, Effect, Parameter
+from feltmb.fit.model import LAWS, Candidate, Effect, Parameter
 from feltmb.fit.problem import Problem
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
@@ -24,7 +24,6 @@ from feltmb.gap.checks import check_records
 from feltmb.gap.decide import decide
 from feltmb.gap.judged_data import prepare
 from feltmb.gap.report import write_report
-from feltmb.gap.sizes import LAWS, with_form
 from feltmb.gap.spread import spread
 
 NOISE = 0.002
@@ -61,13 +60,15 @@ def records(force, seed=0):
     return [record(f"r{i}", seed + i, force, role) for i, role in enumerate(roles)]
 
 
-def test_intervals_cover_the_magnitude_of_a_law_with_an_error_of_form():
+def test_intervals_cover_what_a_law_with_an_error_of_form_explains():
     """The true force is 0.2 u^3 times 1 + e(u), where e is smooth with a standard deviation of 3 %.
 
-    Noise alone gives 0.5 % of the magnitude, so that the interval of the fit rarely covers.
+    Noise alone gives 0.5 % of the magnitude, so that the interval of the fit rarely covers, neither
+    that of the magnitude nor that of the slope, which takes up a part of the error.
     """
-    form, magnitude = 0.03, 0.2
-    covered = {0.0: 0, form: 0}
+    form, truth = 0.03, np.array([1.0, 0.2])
+    magnitude = truth[1]
+    covered = {0.0: np.zeros(2), form: np.zeros(2)}
     cases = 120
     for seed in range(cases):
         generator = np.random.default_rng(1000 + seed)
@@ -80,15 +81,13 @@ def test_intervals_cover_the_magnitude_of_a_law_with_an_error_of_form():
         fitted = [r for r in records(force, 10 * seed) if r.role == "fit"]
         segments = prepare(LINE, fitted, check_records(fitted), None)
         fit = fit_problem(Problem(LINE, segments, (Candidate(CUBIC),)), FitSettings())
-        found = float(fit.point.magnitudes[0])
-        sd = float(spread(fit).magnitudes[0])
-        for allowed in covered:
-            covered[allowed] += abs(found - magnitude) <= 1.96 * with_form(
-                CUBIC, found, sd, allowed
-            )
-    assert covered[0.0] < 0.5 * cases
-    # 95 % and twice the binomial deviation of 120 cases; the slope takes up a part of the error.
-    assert 0.91 * cases <= covered[form]
+        found = np.array([fit.point.theta[0], fit.point.magnitudes[0]])
+        for allowed, count in covered.items():
+            sd = np.sqrt(np.diag(spread(fit, allowed).total))
+            count += np.abs(found - truth) <= 1.96 * sd
+    assert np.all(covered[0.0] < 0.6 * cases)
+    # 95 % and twice the binomial deviation of 120 cases.
+    assert np.all(0.91 * cases <= covered[form])
 
 
 def test_the_interval_in_the_report_contains_the_form_and_says_so(tmp_path):
@@ -119,11 +118,57 @@ def test_the_interval_in_the_report_contains_the_form_and_says_so(tmp_path):
             )
 
 
+def fitted(*included):
+    runs = [r for r in records(lambda u: 0.2 * u**3 + 0.05 * u**5) if r.role == "fit"]
+    problem = Problem(LINE, prepare(LINE, runs, check_records(runs), None), included)
+    return fit_problem(problem, FitSettings()), np.concatenate([r.inputs["u"] for r in runs])
+
+
 @pytest.mark.parametrize("kind", ["kinematic", "parameter", "sensor", "input", "drift"])
 def test_what_is_no_law_has_no_error_of_form(kind):
-    assert with_form(replace(CUBIC, kind=kind), 2.0, 0.1, 0.03) == 0.1
+    fit, _ = fitted(Candidate(replace(CUBIC, kind=kind)))
+    assert np.all(spread(fit, 0.03).by_form == 0.0)
     for law in LAWS:
-        assert with_form(replace(CUBIC, kind=law), -4.0, 0.05, 0.03) == pytest.approx(0.13)
+        fit, _ = fitted(Candidate(replace(CUBIC, kind=law)))
+        assert np.all(np.diag(spread(fit, 0.03).by_form) > 0.0)
+
+
+def test_errors_of_form_are_carried_into_everything_that_compensates_them():
+    """Against weighted least squares with the other laws at given magnitudes."""
+    quintic = replace(
+        CUBIC, name="quintic", regressor=lambda record, shape: record.inputs["u"] ** 5
+    )
+    fit, u = fitted(Candidate(CUBIC), Candidate(quintic))
+    form, magnitudes = 0.03, fit.point.magnitudes
+    columns = np.column_stack([u, u**3, u**5]) / NOISE
+    normal = columns.T @ columns + np.diag([1.0 / 0.1**2, 0.0, 0.0])
+    expected = np.zeros((3, 3))
+    for k, magnitude in enumerate(magnitudes):
+        law = 1 + k
+        rest = [i for i in range(3) if i != law]
+        change = np.zeros(3)
+        change[law] = form * magnitude
+        change[rest] = -np.linalg.solve(normal[np.ix_(rest, rest)], normal[rest, law] * change[law])
+        expected += np.outer(change, change)
+    assert spread(fit, form).by_form == pytest.approx(expected, rel=1e-4)
+
+
+def test_calibrated_parameters_contain_the_form_of_the_named_laws():
+    found = {
+        form: diagnose(
+            LINE,
+            [CUBIC],
+            records(lambda u: 0.5 * u + 0.2 * u**3),
+            options=Options(bootstrap=0, form=form),
+        )
+        for form in (0.0, 0.03)
+    }
+    plain, wide = (r.calibrated[0] for r in found.values())
+    assert plain.name == wide.name == "slope"
+    assert wide.value == plain.value
+    assert wide.sd > 2.0 * plain.sd
+    assert plain.beyond
+    assert wide.beyond
 
 
 def test_a_name_needs_the_credibility_that_the_user_asks_for(monkeypatch):
