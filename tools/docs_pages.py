@@ -179,8 +179,14 @@ def elided(expected: list[str], got: list[str]) -> list[str]:
     marks = [i for i, line in enumerate(expected) if line.strip() == "..."]
     if not marks:
         return have
-    head, tail = marks[0], len(expected) - marks[-1] - 1
-    return have[:head] + [expected[marks[0]]] + (have[-tail:] if tail else [])
+    head, tail = marks[0], expected[marks[-1] + 1 :]
+    if not tail:
+        return [*have[:head], expected[marks[0]]]
+    # The tail begins with the same word as before, however many lines it has now.
+    first = tail[0].split()[:1]
+    starts = [i for i in range(head, len(have)) if have[i].split()[:1] == first]
+    start = starts[0] if starts else len(have) - len(tail)
+    return [*have[:head], expected[marks[0]], *have[start:]]
 
 
 def run_page(page: Path, folder: Path, *, slow: bool = True, write: bool = False) -> int:

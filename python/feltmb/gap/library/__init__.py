@@ -9,23 +9,23 @@ docs/howto/add_an_effect.md.
 
 from __future__ import annotations
 
-import functools
-import importlib
-import pkgutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from feltmb.data import Record
 from feltmb.fit import Effect
 from feltmb.gap.library.balance import for_force_balance
+from feltmb.gap.library.collected import makers
 from feltmb.gap.library.forces import (
     Part,
     Scales,
     backlash,
     creep,
+    damper_clearance,
     drifting_stiffness,
     dry_friction,
+    dry_friction_along,
     dry_friction_asymmetry,
     end_stop,
     hysteresis,
@@ -61,10 +61,12 @@ __all__ = [
     "bent_input",
     "constant_rate",
     "creep",
+    "damper_clearance",
     "dead_zone_input",
     "delay_input",
     "drifting_stiffness",
     "dry_friction",
+    "dry_friction_along",
     "dry_friction_asymmetry",
     "end_stop",
     "for_coordinate",
@@ -110,16 +112,7 @@ def for_coordinate(
         Typical duration of an event [s].
     """
     scales = Scales(force, travel, speed, time)
-    return tuple(make(c, scales) for make in _makers("FOR_COORDINATE"))
-
-
-@functools.cache
-def _makers(what: str) -> tuple[Callable[[Part, Scales], Effect], ...]:
-    """Functions of the modules of this folder that make effects; a new file adds its effects."""
-    found: list[Callable[[Part, Scales], Effect]] = []
-    for module in sorted(info.name for info in pkgutil.iter_modules(__path__)):
-        found += getattr(importlib.import_module(f"{__name__}.{module}"), what, ())
-    return tuple(found)
+    return tuple(make(c, scales) for make in makers())
 
 
 def for_input(name: str, record: Record, *, unit: str = "1") -> tuple[Effect, ...]:

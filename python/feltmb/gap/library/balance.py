@@ -1,131 +1,102 @@
-"""Candidates of a force balance that is linear in its parameters."""
+"""Candidates of a measured force balance: motion in, force out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from feltmb.data import Array
-from feltmb.fit import Effect
+from feltmb.data import Array, Record
+from feltmb.fit import Coordinate, Effect, Named
+from feltmb.gap.library.collected import makers
+from feltmb.gap.library.forces import (
+    CLEARANCE_SHARPNESS,
+    Scales,
+    backlash,
+    dry_friction_along,
+    offset_force,
+)
+from feltmb.gap.library.memory import relaxed_along, slip_along
+
+#: Memory of an effect along a record: hidden state -> function of time, position and shape.
+MEMORY: Mapping[str, Callable[[Array, Array, Any], Array]] = {
+    "hysteresis.slip": lambda t, q, shape: slip_along(q, *shape),
+    "clearance.slip": lambda t, q, b: slip_along(q, b, CLEARANCE_SHARPNESS),
+    "creep.stretch": relaxed_along,
+}
 
 
 def for_force_balance(
-    position: str, speed: str, *, force: float, travel: float, pace: float, unit: str = "N"
+    position: str,
+    speed: str | None = None,
+    *,
+    force: float,
+    travel: float,
+    pace: float,
+    unit: str = "N",
+    stiffness: float | None = None,
 ) -> tuple[Effect, ...]:
-    """Candidates of a measured force balance that is linear in its parameters.
+    """Candidates of a force that is measured together with the motion that causes it.
 
-    The model is a :class:`~feltmb.fit.LinearModel`, and the records have ``position`` and ``speed``
-    among their inputs. ``force``, ``travel`` and ``pace`` are typical magnitudes.
+    The model is a :class:`~feltmb.fit.LinearModel` or a :class:`~feltmb.fit.FunctionModel` whose
+    output is the force, and the position is among the inputs of the records. The candidates are
+    those of a coordinate (:func:`~feltmb.gap.library.for_coordinate`), and dry friction that
+    changes along the travel. A positive magnitude adds to the measured force what moves the
+    coordinate forward against the effect. Effects with memory (hysteresis, creep, clearance of a
+    damper) start relaxed at the first sample of a record; an effect of your own with another memory
+    is left out. Creep is tried with 0.3 and 3 times the time of the travel, ``travel / pace``.
 
     Parameters
     ----------
     position
-        Channel of the position.
+        Input that is the position.
     speed
-        Channel of the speed.
+        Input that is the speed; None: the differences of the position are used, which needs a
+        position with little noise.
     force
-        Typical force [N].
+        Typical force [N or N m].
     travel
-        Typical displacement [m].
+        Typical displacement [m or rad].
     pace
-        Typical speed [m/s].
+        Typical speed [m/s or rad/s].
     unit
-        Unit of the force.
+        Unit of the force; with a unit of a torque, positions are in rad.
+    stiffness
+        Stiffness of the spring that the model has [N/m or N m/rad]. Only with it, a dead zone of
+        this spring is among the candidates.
     """
+    place = Coordinate(name="drive", position=position, speed=speed or "", unit=unit)
+    scales = Scales(force, travel, pace, travel / pace)
+    effects = [make(place, scales) for make in makers()]
+    effects = [e for e in effects if all(s.name in MEMORY for s in e.hidden)]
+    effects.append(dry_friction_along(place, scale=0.1 * force / travel, speed=pace))
+    constant = offset_force(place, scale=0.1 * force).name
+    zone = backlash(place, stiffness=stiffness or 1.0, travel=travel)
+    effects = [e for e in effects if e.name != zone.name]
+    if stiffness is not None:
+        effects.append(zone)
+    return tuple(_in_balance(e, place, -1.0 if e.name == constant else 1.0) for e in effects)
 
-    def effect(
-        name: str,
-        mechanism: str,
-        column: Callable[[Array, Array, Any], Array],
-        scale: float,
-        unit_of: str,
-        sign: int = 0,
-        shapes: tuple[Any, ...] = (None,),
-        shape_names: tuple[str, ...] = (),
-    ) -> Effect:
-        return Effect(
-            name=name,
-            component="guide" if "friction" in name else "drive",
-            unit=unit_of,
-            scale=scale,
-            sign=sign,  # type: ignore[arg-type]
-            shapes=shapes,
-            shape_names=shape_names,
-            mechanism=mechanism,
-            regressor=lambda r, s: column(r.inputs[position], r.inputs[speed], s),
-        )
 
-    part = 0.1 * force
-    return (
-        effect(
-            "dry friction",
-            "A force of constant magnitude acts against the motion.",
-            lambda q, v, v0: np.tanh(v / v0),
-            part,
-            unit,
-            1,
-            (0.003 * pace, 0.03 * pace),
-            ("v_0 [m/s]",),
-        ),
-        effect(
-            "one-sided friction",
-            "Dry friction differs between the directions.",
-            lambda q, v, v0: np.abs(np.tanh(v / v0)),
-            part,
-            unit,
-            0,
-            (0.003 * pace, 0.03 * pace),
-            ("v_0 [m/s]",),
-        ),
-        effect(
-            "Stribeck friction",
-            "Friction is larger at low speed than in full motion.",
-            lambda q, v, s: np.exp(-((v / s[0]) ** 2)) * np.tanh(v / s[1]),
-            part,
-            unit,
-            1,
-            ((0.05 * pace, 0.003 * pace), (0.3 * pace, 0.01 * pace)),
-            ("v_s [m/s]", "v_0 [m/s]"),
-        ),
-        effect(
-            "quadratic friction",
-            "Drag grows with the square of the speed.",
-            lambda q, v, s: v * np.abs(v),
-            part / pace**2,
-            f"{unit} s^2/m^2",
-            1,
-        ),
-        effect(
-            "constant force",
-            "A constant force acts that the model lacks.",
-            lambda q, v, s: np.ones_like(q),
-            part,
-            unit,
-        ),
-        effect(
-            "linear stiffness",
-            "A spring acts that the model lacks.",
-            lambda q, v, s: q,
-            part / travel,
-            f"{unit}/m",
-        ),
-        effect(
-            "cubic stiffness",
-            "A spring that the model lacks hardens (magnitude above 0) or softens (below 0).",
-            lambda q, v, s: q**3,
-            part / travel**3,
-            f"{unit}/m^3",
-        ),
-        effect(
-            "friction along the travel",
-            "Dry friction changes along the guide.",
-            lambda q, v, v0: q * np.tanh(v / v0),
-            part / travel,
-            f"{unit}/m",
-            0,
-            (0.01 * pace,),
-            ("v_0 [m/s]",),
-        ),
+def _in_balance(effect: Effect, place: Coordinate, sign: float) -> Effect:
+    """An effect on a coordinate as a part of the force that moves this coordinate."""
+    rate = effect.rate
+    assert rate is not None
+
+    def regressor(record: Record, shape: Any) -> Array:
+        q = record.inputs[place.position]
+        v = record.inputs[place.speed] if place.speed else np.gradient(q, record.time)
+        x = {place.position: q, place.speed: v}
+        x |= {s.name: MEMORY[s.name](record.time, q, shape) for s in effect.hidden}
+        force = rate(record.time, Named(x), Named({}), Named({}), 1.0, shape)[place.speed]
+        return -sign * np.asarray(force)
+
+    return replace(
+        effect,
+        name=effect.name.removesuffix(f" {place.name}"),
+        rate=None,
+        hidden=(),
+        regressor=regressor,
     )

@@ -14,6 +14,8 @@ from feltmb.gap.library.products import product
 
 #: Coordinate or coupling of two coordinates: the place of a force effect.
 Part = Coordinate | Coupling
+#: Sharpness with which a clearance is passed; the larger, the closer to a hard stop.
+CLEARANCE_SHARPNESS = 10.0
 Rate = Callable[[Any, Named, Named, Named, Any, Any], Mapping[str, Any]]
 
 
@@ -85,6 +87,31 @@ def dry_friction_asymmetry(c: Part, *, scale: float, speed: float) -> Effect:
         shape_names=(f"v_0 [{c.travel_unit}/s]",),
         remedy="Use two levels of dry friction.",
         rate=force_law(c, lambda q, v, v0: np.abs(np.tanh(v / v0))),
+    )
+
+
+def dry_friction_along(c: Part, *, scale: float, speed: float) -> Effect:
+    """Coulomb friction that changes along the travel: F = f q tanh(v / v_0).
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    scale
+        Change of the friction force with the position that one would expect [N/m or N m/rad].
+    speed
+        Typical speed, from which the threshold speed follows.
+    """
+    return Effect(
+        name=f"friction along the travel {c.name}",
+        component=c.name,
+        unit=product((c.unit, 1), (c.travel_unit, -1)),
+        scale=scale,
+        mechanism="Dry friction changes along the guide.",
+        shapes=(0.01 * speed,),
+        shape_names=(f"v_0 [{c.travel_unit}/s]",),
+        remedy="Use a friction that depends on the position, or clean and align the guide.",
+        rate=force_law(c, lambda q, v, v0: q * np.tanh(v / v0)),
     )
 
 
@@ -246,11 +273,12 @@ def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
         b, n = shape
         q, v = c.motion(x)
-        gap = q - x["hysteresis.slip"]
-        share = np.minimum(np.abs(gap) / b, 1.0) ** n
-        forward = np.where(gap * v > 0.0, share, 0.0)
-        force = -size * np.clip(gap / b, -1.0, 1.0)
-        return {**c.push(force, t, x, u, p), "hysteresis.slip": forward * v}
+        deflection = (q - x["hysteresis.slip"]) / b
+        force = -size * np.clip(deflection, -1.0, 1.0)
+        return {
+            **c.push(force, t, x, u, p),
+            "hysteresis.slip": _slip_rate(deflection, v, n),
+        }
 
     return Effect(
         name=f"hysteresis {c.name}",
@@ -264,6 +292,49 @@ def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
         shape_names=(f"stretch [{c.travel_unit}]", "sharpness"),
         remedy="Use a law with memory.",
         hidden=(State(name="hysteresis.slip", hidden=True, scale=travel, start_sd=0.3 * travel),),
+        rate=rate,
+    )
+
+
+def _slip_rate(deflection: Any, v: Any, n: float) -> Any:
+    """Rate of a slip: the share ``|deflection|^n`` of the speed while the deflection grows."""
+    share = np.minimum(np.abs(deflection), 1.0) ** n
+    return np.where(deflection * v > 0.0, share, 0.0) * v
+
+
+def damper_clearance(c: Part, *, scale: float, travel: float) -> Effect:
+    """A clearance in the mount of a damper: its force d v acts only after the clearance is passed.
+
+    The damper moves with the speed dz/dt of the slip z of :func:`hysteresis` with a sharp onset, so
+    that d (v - dz/dt) is missing. The magnitude is d; the shapes are half the clearance b.
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    scale
+        Damping that one would expect [N s/m or N m s/rad].
+    travel
+        Typical displacement, from which values of b follow.
+    """
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, b: Any) -> Mapping[str, Array]:
+        q, v = c.motion(x)
+        slip = _slip_rate((q - x["clearance.slip"]) / b, v, CLEARANCE_SHARPNESS)
+        return {**c.push(size * (v - slip), t, x, u, p), "clearance.slip": slip}
+
+    return Effect(
+        name=f"clearance of damper {c.name}",
+        component=c.name,
+        unit=product((c.unit, 1), ("s", 1), (c.travel_unit, -1)),
+        scale=scale,
+        sign=1,
+        kind="state",
+        mechanism="After each reversal the damper acts only once its clearance is passed.",
+        shapes=tuple(travel * f for f in (0.03, 0.2)),
+        shape_names=(f"half clearance [{c.travel_unit}]",),
+        remedy="Close the clearance of the mount, or model it.",
+        hidden=(State(name="clearance.slip", hidden=True, scale=travel, start_sd=0.3 * travel),),
         rate=rate,
     )
 
@@ -361,6 +432,7 @@ FOR_COORDINATE: tuple[Callable[[Part, Scales], Effect], ...] = (
     lambda c, s: backlash(c, stiffness=s.force / s.travel, travel=s.travel),
     lambda c, s: end_stop(c, stiffness=0.3 * s.force / s.travel, travel=s.travel),
     lambda c, s: hysteresis(c, scale=0.1 * s.force, travel=s.travel),
+    lambda c, s: damper_clearance(c, scale=0.3 * s.force / s.speed, travel=s.travel),
     lambda c, s: creep(c, scale=0.1 * s.force / s.travel, times=(0.3 * s.time, 3.0 * s.time)),
     lambda c, s: offset_force(c, scale=0.1 * s.force),
 )
