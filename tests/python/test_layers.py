@@ -12,7 +12,7 @@ import pytest
 HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
-GROUND = "errors units arguments files display figure"
+GROUND = "errors units arguments files display figure tables"
 MODEL = f"{GROUND} _core params fiber contact mechanism"
 RUN = f"{MODEL} data run"
 
@@ -45,6 +45,7 @@ MAY_USE = {
         "blas": "",
         "display": "",
         "figure": "",
+        "tables": "errors",
         "style": "errors figure",
         "_core": "",
         "params": "errors units",

@@ -76,7 +76,7 @@ def console(*, stderr: bool = False) -> Console:
     """
     from rich.console import Console
 
-    from feltmb.cli.tables import Screen
+    from feltmb.tables import Screen
 
     if stderr or _collected.get() is None:
         screen = Screen(stderr=stderr, highlight=False, markup=False, emoji=False)
@@ -145,7 +145,7 @@ def say(text: str, *, err: bool = False, nl: bool = True) -> None:
     """
     text = printable(text)
     if not err:
-        from feltmb.cli.tables import folded_text
+        from feltmb.tables import folded_text
 
         text = folded_text(text, console().width)
     click.echo(text, err=err, nl=nl)
@@ -324,25 +324,17 @@ def save_figure(figure: Any, path: Path, *, force: bool) -> None:
 def new_table(
     title: str, *columns: str, right: tuple[int, ...] = (), whole: tuple[int, ...] = ()
 ) -> Table:
-    """Table that fits into 80 columns; see :mod:`feltmb.cli.tables`.
+    """Table that fits the screen; see :func:`feltmb.tables.new_table`."""
+    from feltmb import tables
 
-    ``right``: indices of right-aligned columns; ``whole``: indices of columns whose cells are never
-    folded.
-    """
-    from feltmb.cli.tables import FittingTable
-
-    table = FittingTable(title, whole)
-    for i, column in enumerate(columns):
-        table.add_column(column, justify="right" if i in right else "left")
-    return table
+    return tables.new_table(title, *columns, right=right, whole=whole)
 
 
 def pretty(value: float, unit: str) -> tuple[str, str]:
-    """Number and unit for people: small lengths in mm, short times in ms."""
-    from feltmb.units import readable_unit
+    """Number and unit for people; see :func:`feltmb.units.pretty`."""
+    from feltmb import units
 
-    factor, name = readable_unit(value, unit)
-    return f"{value * factor:.4g}", name
+    return units.pretty(value, unit)
 
 
 def print_json(value: Any) -> None:

@@ -11,6 +11,7 @@ from feltmb.cli.common import (
     Number,
     ProgressLine,
     budget_option,
+    console,
     credibility_option,
     folder_option,
     force_option,
@@ -22,6 +23,7 @@ from feltmb.cli.common import (
     positive,
     print_json,
     save_figure,
+    say,
     say_written,
 )
 from feltmb.cli.completing import actions, effects
@@ -163,10 +165,10 @@ def run(
 
     from feltmb.cli.gap_curves import picture_html, record_viewers, remaining_picture
     from feltmb.cli.gap_models import held_out, load_adapter
-    from feltmb.cli.gap_printing import print_report
     from feltmb.files import check_writable, make_folder
     from feltmb.gap import Options, diagnose
     from feltmb.gap.report import report_json, write_report
+    from feltmb.gap.text import parts
 
     if output is not None:
         make_folder(output)
@@ -208,7 +210,9 @@ def run(
     if as_json:
         print_json(report_json(report))
     else:
-        print_report(report)
+        screen = console()
+        for part in parts(report, screen.width):
+            say(part) if isinstance(part, str) else screen.print(part)
     if written is not None:
         say_written(report.model.write(written, force=force))
     if output is not None:

@@ -15,6 +15,7 @@ import numpy as np
 from feltmb._core import __version__
 from feltmb.arguments import checked
 from feltmb.display import html_table
+from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder, write_text
 from feltmb.gap.findings import Findings
 from feltmb.gap.page import page
@@ -44,6 +45,24 @@ class Report(Findings):
         ]
         head = ("effect", "magnitude", "95 % from", "to", "unit", "probability")
         return html_table(f"{self.verdict.value}: {self.statement}", head, rows)
+
+    @checked
+    def text(self, width: int = 80) -> str:
+        """Everything that ``feltmb gap diagnose`` prints; ``print(report)`` prints it too.
+
+        Parameters
+        ----------
+        width
+            Largest number of characters of a line, >= 40.
+        """
+        from feltmb.gap.text import report_text
+
+        if width < 40:
+            raise InvalidParameter(f"width = {width}, expected at least 40 characters")
+        return report_text(self, width)
+
+    def __str__(self) -> str:
+        return self.text()
 
     def plot(self) -> Figure:
         """Draw the held-out gap of each channel: as tabulated, calibrated, and with the effects.

@@ -202,6 +202,20 @@ def readable_unit(value: float, unit: str) -> tuple[float, str]:
     return 1.0, unit
 
 
+def pretty(value: float, unit: str) -> tuple[str, str]:
+    """Number with four digits and unit for people: small lengths in mm, short times in ms.
+
+    Parameters
+    ----------
+    value
+        Value [``unit``].
+    unit
+        SI unit.
+    """
+    factor, name = readable_unit(value, unit)
+    return f"{value * factor:.4g}", name
+
+
 def unit_suffix(unit: str) -> str:
     """Text after a number: a space and the unit, or nothing for the unit 1."""
     return "" if unit == "1" else f" {unit}"

@@ -16,7 +16,6 @@ from feltmb.adapters import action_with_effects, load_library, mechanism_model
 from feltmb.adapters.synthetic import Sensors, make_record
 from feltmb.adapters.writing import action_of_findings
 from feltmb.cli.gap import floors
-from feltmb.cli.gap_printing import print_report
 from feltmb.errors import InvalidParameter
 from feltmb.gap import (
     Coordinate,
@@ -130,8 +129,7 @@ def test_the_gap_as_it_is_does_not_hang_on_the_library():
     assert fallen == pytest.approx(steps["unexplained"] + steps["noise"], rel=1e-6)
 
 
-def test_page_terminal_and_json_have_one_order(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
+def test_page_terminal_and_json_have_one_order():
     data = records(lambda u: 0.9 * u + 0.2 * u**3)
     report = diagnose(line(), [power(3)], data, options=QUICK)
     heads = [
@@ -141,9 +139,12 @@ def test_page_terminal_and_json_have_one_order(capsys, monkeypatch):
         "What remains",
         "to do next",
     ]
-    print_report(report)
-    shown = capsys.readouterr().out
+    shown = report.text()
+    assert str(report) == shown
     assert max(len(text) for text in shown.splitlines()) <= 80
+    assert max(len(text) for text in report.text(width=120).splitlines()) > 80
+    with pytest.raises(InvalidParameter, match="width = 20, expected at least 40"):
+        report.text(width=20)
     for text in (shown, page(report)):
         places = [text.index(h) for h in heads]
         assert places == sorted(places)
@@ -162,11 +163,10 @@ def test_a_gap_is_not_believed_to_be_nothing():
     assert report.confidence == report.which.other
 
 
-def test_a_limit_and_a_useless_model_are_told(capsys):
+def test_a_limit_and_a_useless_model_are_told():
     data = records(lambda u: -0.5 * u)
     report = diagnose(line(lower=0.5), [power(3)], data, options=QUICK)
-    print_report(report)
-    shown = " ".join(capsys.readouterr().out.split())
+    shown = " ".join(str(report).split())
     assert "further from the records than a constant is" in shown
     assert "At a limit of its range: slope" in shown
     assert report.as_it_is[0].worse_than_constant

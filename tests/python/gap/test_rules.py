@@ -2,7 +2,6 @@
 
 import importlib.util
 import json
-import textwrap
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +11,6 @@ import pytest
 
 from blind.bench import Bench
 from blind.key_hammer import KeyHammer
-from feltmb.cli.gap_printing import print_report
 from feltmb.data import Record, Sensor
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.linearize import Linear, _tame
@@ -145,7 +143,7 @@ def test_a_size_and_its_interval_have_one_unit(unit, magnitude, sd, told):
     assert Size(one, magnitude, sd, {}).text == f"power 3 of {told}"
 
 
-def test_a_named_effect_is_told_with_its_size_and_in_words(tmp_path, capsys):
+def test_a_named_effect_is_told_with_its_size_and_in_words(tmp_path):
     """Verdicts that name something gave no number before their tables."""
     bent = replace(power(3), unit="N/m^3", mechanism="The spring is harder at its ends.")
     report = diagnose(
@@ -161,8 +159,7 @@ def test_a_named_effect_is_told_with_its_size_and_in_words(tmp_path, capsys):
         "at its ends."
     )
     # The same words in the terminal, in JSON, on the page and in Python.
-    print_report(report)
-    lines = [x for line in capsys.readouterr().out.splitlines() for x in textwrap.wrap(line, 80)]
+    lines = report.text().splitlines()
     first = " ".join(lines[:10])
     assert told in first
     assert closed in first

@@ -14,15 +14,15 @@ from click.shell_completion import BashComplete
 from click.testing import CliRunner
 
 import feltmb.cli
-from feltmb import load_action, simulate
+from feltmb import load_action, simulate, tables
 from feltmb.action.regulate import load_targets
 from feltmb.action.touch import Touch, TouchRow
-from feltmb.cli import cli, completing, tables
+from feltmb.cli import cli, completing
 from feltmb.cli.common import new_table
-from feltmb.cli.tables import FittingTable, Screen, _words
 from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder
 from feltmb.mechanism import apply_values
+from feltmb.tables import FittingTable, Screen, _words
 
 # --- tables --------------------------------------------------------------------------------------
 

@@ -21,7 +21,7 @@ from feltmb.errors import printable
 if TYPE_CHECKING:
     from rich.console import ConsoleOptions, RenderResult
 
-__all__ = ["FittingTable", "Screen", "folded_text"]
+__all__ = ["FittingTable", "Screen", "folded_text", "new_table"]
 
 #: Width between two columns of the box, and around the table [characters].
 BETWEEN, AROUND = 3, 2
@@ -94,6 +94,28 @@ class FittingTable(Table):
                     lines = folded_text(text, width - 4).replace("\n", "\n    ")
                     yield Text(("  " if i else "") + lines, no_wrap=True, overflow="ignore")
         yield Text("")
+
+
+def new_table(
+    title: str, *columns: str, right: tuple[int, ...] = (), whole: tuple[int, ...] = ()
+) -> FittingTable:
+    """Table that fits the screen.
+
+    Parameters
+    ----------
+    title
+        Title above the table.
+    columns
+        Heads of the columns.
+    right
+        Indices of right-aligned columns.
+    whole
+        Indices of columns whose cells are never folded.
+    """
+    table = FittingTable(title, whole)
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="right" if i in right else "left")
+    return table
 
 
 def _column_cells(column: object) -> Cells:
