@@ -25,6 +25,7 @@ from feltmb.gap.search import Search
 from feltmb.gap.sizes import Sizes
 from feltmb.gap.tabulated import of_the_machine
 from feltmb.gap.tolerance import prior_deviations_told
+from feltmb.gap.uncorrelated import Uncorrelated
 from feltmb.units import readable_unit, unit_suffix
 
 __all__ = ["Decision", "Facts", "decide"]
@@ -71,6 +72,10 @@ class Facts:
     """Whether the fitted model is within ``Options.good_enough``."""
     enough_left: bool = False
     """Whether the model with the accepted effects is within ``Options.good_enough``."""
+    uncorrelated: tuple[Uncorrelated, ...] = ()
+    """Channels whose residual is not correlated in time."""
+    only_noise: bool = False
+    """Whether nothing that is correlated in time is left."""
     beyond: float | None = None
     """Sum of squares over its expectation of the accepted model, fitted to the held-out records
     alone, if they show a gap then; else None."""
@@ -137,9 +142,15 @@ def decide(facts: Facts) -> Decision:
         refused = _refusals(accepted)
         if refused and (facts.closest is None or not facts.closest.why):
             text += f" Not confirmed: {refused}."
-        out = _silent(facts, Verdict.UNKNOWN, _another(facts) + text + _place(facts))
+        text += _noise(facts) or _place(facts)
+        out = _silent(facts, Verdict.UNKNOWN, _another(facts) + text)
         return replace(out, closest=facts.closest)
     return _name(facts)
+
+
+def _noise(facts: Facts) -> str:
+    """Sentences about channels whose residual is not correlated in time."""
+    return "".join(f" {u.text}" for u in facts.uncorrelated)
 
 
 def _with_a_gap(belief: Posterior) -> Posterior:
@@ -292,8 +303,9 @@ def _name(facts: Facts) -> Decision:
     )
     fitted = after.left or facts.unexplained
     # If more than noise is left, an effect that explains less than remains may only resemble the
-    # cause.
-    if _widens(far) or (fitted and not facts.enough_left and _explained(far) < EXPLAINS_MOST):
+    # cause; unless what remains is not correlated in time, which no cause in the machine is.
+    resembles = fitted and not (facts.enough_left or facts.only_noise)
+    if _widens(far) or (resembles and _explained(far) < EXPLAINS_MOST):
         why = (
             f"the held-out gap grows{_band(far)}"
             if _widens(far)
@@ -338,6 +350,8 @@ def _name(facts: Facts) -> Decision:
     if possible:
         which = ("one of " if len(possible) > 1 else "") + _list(map(facts.sizes.text, possible))
         text += f" These records do not determine whether {which} acts in addition."
+    if left:
+        rest += _noise(facts)
     if left and (far_off := prior_deviations_told(best.fit, facts.sizes.spread(best.fit))):
         rest += f" In addition, {far_off}: they may compensate a part of the gap."
     for name in sure:
@@ -437,8 +451,8 @@ def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
         closest = facts.closest and replace(facts.closest, why=facts.closest.why or why)
         if closest is not None and set(closest.effects) == set(hinted):
             text = f"There is a gap ({_signs(facts)}), but no effect is sure."
-        out = _silent(facts, Verdict.UNKNOWN, text + _closest(closest) + _place(facts))
-        return replace(out, closest=closest)
+        text += _closest(closest) + (_noise(facts) or _place(facts))
+        return replace(_silent(facts, Verdict.UNKNOWN, text), closest=closest)
     moved = _moved(facts)
     text = (
         f"{moved}{' ' if moved else ''}There may be something{' more' if moved else ''}, but these "

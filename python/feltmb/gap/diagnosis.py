@@ -25,6 +25,7 @@ from feltmb.gap.checks import DataChecks
 from feltmb.gap.components import component_table
 from feltmb.gap.criteria import CLOSE_ALARM, NOISE_ERROR, refuted
 from feltmb.gap.decide import Decision, Facts, decide
+from feltmb.gap.discrepancy import leaves_white_noise
 from feltmb.gap.experiments import advise
 from feltmb.gap.findings import Advice, NotTested, Profile, Verdict, Where
 from feltmb.gap.investigate import Investigation, Task, investigate
@@ -60,6 +61,7 @@ from feltmb.gap.tolerance import (
     refuted_tolerances,
     released,
 )
+from feltmb.gap.uncorrelated import uncorrelated
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
 __all__ = ["diagnose", "fit_model"]
@@ -421,6 +423,8 @@ class _Diagnosis:
             misfit=alarm.bare,
             unexplained=done.unexplained,
             leftover=alarm.leftover,
+            uncorrelated=uncorrelated(there, options.alpha),
+            only_noise=leaves_white_noise(there),
             beyond=beyond,
             apart=moved_together(best_fit, wide, options.alpha),
             calibrated=calibrated,

@@ -9,7 +9,7 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.model import Model
 from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
-from feltmb.fit.solve import FitSettings, polish
+from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.criteria import COLORED, GIVEN_SIGMA, NOISE_ERROR, STILL_SHRINKS
 from feltmb.gap.proof import residuals_by_segment
 from feltmb.gap.search import Search
@@ -19,6 +19,8 @@ __all__ = [
     "color_of_discrepancy",
     "converged",
     "discrepancy_of",
+    "larger_than_noise",
+    "leaves_white_noise",
     "noise_factors",
     "with_color",
     "with_factor",
@@ -58,22 +60,57 @@ def discrepancy_of(
         tight = polish(best.problem, best.point, settings.levels[-1], replace(settings, chain=True))
         if not np.isfinite(tight.cost):
             tight = best
+    out = _described(tight, sensed)
+    return out if any(d.correlation_time is not None for d in out.values()) else None
+
+
+def larger_than_noise(fit: Fit) -> dict[str, tuple[float, float]]:
+    """Channels in which a fit leaves more than the noise of the sensors.
+
+    Returns
+    -------
+    dict
+        Channel -> standard deviation of the residual over that of the noise [1], and correlation
+        time of the residual [s]; 0: it is not correlated.
+    """
+    segmented_records = fit.problem.segmented_records
+    noise = {
+        n: np.sqrt(np.mean([s.noise[c].sigma ** 2 for s in segmented_records]))
+        for c, n in enumerate(fit.problem.model.outputs)
+    }
+    return {
+        n: (d.sigma / float(noise[n]), d.correlation_time)
+        for n, d in _described(fit, segmented_records).items()
+        if d.correlation_time is not None
+    }
+
+
+def leaves_white_noise(fit: Fit) -> bool:
+    """Whether a fit leaves more than the noise of the sensors, but nothing correlated in time.
+
+    No effect can explain such a residual: the noise is larger than stated, or the time stamps have
+    errors.
+    """
+    more = larger_than_noise(fit)
+    return bool(more) and all(memory == 0.0 for _, memory in more.values())
+
+
+def _described(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> dict[str, Discrepancy]:
+    """The residual of a fit by channel, compared with the noise of segmented records."""
     out = {}
-    more = False
-    parts = residuals_by_segment(tight)
-    for c, name in enumerate(best.problem.model.outputs):
+    parts = residuals_by_segment(fit)
+    for c, name in enumerate(fit.problem.model.outputs):
         values = [p[:, c] for p in parts if np.isfinite(p[:, c]).any()]
         if not values:
             continue
         total = np.concatenate([v[np.isfinite(v)] for v in values])
         given = float(np.sqrt(np.mean([s.noise[c].sigma ** 2 for s in sensed])))
         sigma = float(np.sqrt(np.mean(total**2)))
-        more = more or sigma**2 > NOISE_ERROR**2 * given**2
         memory = None
         if sigma**2 > NOISE_ERROR**2 * given**2:
             memory = _memory(values) * sensed[0].record.interval
         out[name] = Discrepancy(max(sigma, given), memory)
-    return out if more else None
+    return out
 
 
 def color_of_discrepancy(

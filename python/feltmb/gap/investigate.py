@@ -23,6 +23,7 @@ from feltmb.gap.discrepancy import (
     color_of_discrepancy,
     converged,
     discrepancy_of,
+    leaves_white_noise,
     noise_factors,
     with_color,
     with_factor,
@@ -166,11 +167,14 @@ def _search(
         led = [f.in_problem(replace(f.problem, model=fit.problem.model)) for f in led]
     watch.fitted(fit.chi2 / fit.dof)
     watch.enter(SEARCH)
+    # Against noise that is stated too small, every set of effects seems to gain. The next search
+    # has the larger noise.
+    in_vain = known is None and not fit.explains and leaves_white_noise(fit)
     found = search(
         fit,
         task.effects,
         replace(settings, restarts=0),
-        most=task.options.max_effects,
+        most=1 if in_vain else task.options.max_effects,
         width=task.options.width,
         progress=progress,
         led=led,
