@@ -73,7 +73,7 @@ def white_columns(model: Any, segmented: SegmentedRecord, theta: Array) -> Array
     request = SensitivityRequest(
         segmented.record, theta, segmented.segments, np.zeros((1, 0)), by_starts=False
     )
-    unit = model.sensitivities(request).d_theta * np.array([p.sd for p in model.parameters])
+    unit = model.sensitivities([request])[0].d_theta * np.array([p.sd for p in model.parameters])
     return np.asarray(segmented.whiten(unit).reshape(-1, unit.shape[3]))
 
 

@@ -58,9 +58,8 @@ class _Whitener:
         self.theta_part: list[list[Array]] = []
         total = np.diag(prior**-2.0)
         for record, start in zip(records, starts, strict=True):
-            s = self.model.sensitivities(
-                SensitivityRequest(record, self.theta, self.segments, start)
-            )
+            request = SensitivityRequest(record, self.theta, self.segments, start)
+            s = self.model.sensitivities([request])[0]
             inverses, parts = [], []
             for w in range(len(self.segments)):
                 n = self.segments[w, 1] - self.segments[w, 0]

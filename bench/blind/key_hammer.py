@@ -359,7 +359,11 @@ class KeyHammer(Model):
         """Where the states (included effects) are among those of the network."""
         return [self._states.index(s.name) for s in self.states(included)]
 
-    def guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
+    def guess(self, records: Sequence[Record], segments: Sequence[NDArray[np.intp]]) -> list[Array]:
+        """Positions and speeds at the segment starts of all records."""
+        return [self._guess(*one) for one in zip(records, segments, strict=True)]
+
+    def _guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
         """Positions and speeds at the segment starts: parabolas through the measured outputs.
 
         A fit from here follows the impacts.
@@ -368,7 +372,7 @@ class KeyHammer(Model):
         for channel, name in enumerate(self.outputs):
             y = record.outputs.get(name)
             if y is None or not np.all(np.isfinite(y)):
-                return super().guess(record, segments)
+                return super().guess([record], [segments])[0]
             for w, (at, last) in enumerate(segments):
                 # Look forward more than back: a start state belongs to what follows it.
                 near = np.arange(max(at - 2, 0), min(at + 7, last + 1, y.size))
@@ -397,8 +401,11 @@ class KeyHammer(Model):
     def _network(self, record: Record) -> Network:
         return self._networks[record.input_mode]
 
-    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:
+    def sensitivities(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:
         """Exact derivatives of the discrete scheme, in one pass; see the base class."""
+        return [self._sensitivity(request) for request in requests]
+
+    def _sensitivity(self, request: SensitivityRequest) -> Sensitivity:
         record, theta, segments = request.record, request.theta, request.segments
         included, candidates = request.included, request.candidates
         by_starts, wanted_theta = request.by_starts, request.parameters_of(self)

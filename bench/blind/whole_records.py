@@ -100,11 +100,11 @@ def _linearized(
     count = max(1, round(float(record.time[-1]) / SEGMENT))
     edges = np.round(np.linspace(0, record.samples - 1, count + 1)).astype(np.intp)
     segmented = segment_record(model, record, noise, None, np.column_stack([edges[:-1], edges[1:]]))
-    place = Place(model.guess(record, segmented.segments), np.zeros(0))
+    place = Place(model.guess([record], [segmented.segments])[0], np.zeros(0))
     free = list(range(len(model.parameters)))
     theta = np.zeros(len(free))
-    linear = linearize(model, segmented, theta, free, (), np.zeros(0), place, candidates)
-    return segmented, linear, place
+    linears = linearize(model, [segmented], theta, free, (), np.zeros(0), [place], candidates)
+    return segmented, linears[0], place
 
 
 def _until(part: Part, after: float) -> Part:

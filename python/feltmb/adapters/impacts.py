@@ -174,10 +174,14 @@ class ImpactModel(Model):
             list(pool.map(work, range(jobs.count)))
         return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
-    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
+    def sensitivities(  # noqa: D102
+        self, requests: Sequence[SensitivityRequest]
+    ) -> list[Sensitivity]:
         # Differences, cached while the point changes little.
-        request.check(self)
-        return self.reuse.ask(self, request, super().sensitivities)
+        compute = super().sensitivities
+        for request in requests:
+            request.check(self)
+        return [self.reuse.ask(self, request, compute) for request in requests]
 
     def numbers(
         self,

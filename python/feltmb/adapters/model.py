@@ -405,14 +405,22 @@ class MechanismModel(DifferentiableMechanism):
         run = self._integrate(record, self.drives.of(record), task, ())
         return None if run is None else run[1]
 
-    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
+    def sensitivities(  # noqa: D102
+        self, requests: Sequence[SensitivityRequest]
+    ) -> list[Sensitivity]:
         # Exact derivatives; see feltmb.adapters.derivatives.
+        return [self._sensitivity(request) for request in requests]
+
+    def _sensitivity(self, request: SensitivityRequest) -> Sensitivity:
         request.check(self)
         found = sensitivities(self, request)
-        return super().sensitivities(request) if found is None else found
+        return super().sensitivities([request])[0] if found is None else found
 
-    def guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
-        """Start states along a simulation of the record."""
+    def guess(self, records: Sequence[Record], segments: Sequence[NDArray[np.intp]]) -> list[Array]:
+        """Start states along a simulation of each record."""
+        return [self._guess(*one) for one in zip(records, segments, strict=True)]
+
+    def _guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
         if self.single:
             return np.zeros((len(segments), 0))
         last = int(np.max(segments[:, 1]))

@@ -7,7 +7,7 @@ cheap steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,7 +77,7 @@ class Reuse:
         self,
         model: Model,
         request: SensitivityRequest,
-        compute: Callable[[SensitivityRequest], Sensitivity],
+        compute: Callable[[Sequence[SensitivityRequest]], list[Sensitivity]],
     ) -> Sensitivity:
         """Values at a point, with derivatives at or near it."""
         theta, magnitudes, starts = request.theta, request.sizes, request.starts
@@ -93,7 +93,7 @@ class Reuse:
             run = model.simulate(request.record, request.jobs())
             return replace(kept.value, outputs=run.outputs, ends=run.ends)
         self.misses += 1
-        value = compute(request)
+        value = compute([request])[0]
         self._kept.keep(key, Kept(theta.copy(), magnitudes.copy(), starts.copy(), value))
         return value
 

@@ -341,8 +341,13 @@ class StrokeModel(MechanismModel):
             return None
         return self.whole(record, variant)
 
-    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
+    def sensitivities(  # noqa: D102
+        self, requests: Sequence[SensitivityRequest]
+    ) -> list[Sensitivity]:
         # Exact derivatives, all in one pass.
+        return [self._sensitivity(request) for request in requests]
+
+    def _sensitivity(self, request: SensitivityRequest) -> Sensitivity:
         request.check(self)
         record, theta, segments = request.record, request.theta, request.segments
         included, magnitudes = request.included, request.sizes

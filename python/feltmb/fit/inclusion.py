@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from feltmb.fit.model import (
     SensitivityRequest,
     Simulated,
     State,
+    with_hidden,
 )
 
 __all__ = ["Including", "including"]
@@ -126,7 +126,6 @@ class Including(Model):
         self.difference_step = model.difference_step
         self.chaotic = model.chaotic
         self.from_rest = model.from_rest
-        self.together = model.together
         self.variability_has_input_noise = model.variability_has_input_noise
         self.input_modes = model.input_modes
         self.input_names = model.input_names
@@ -210,13 +209,9 @@ class Including(Model):
             force=force,
         )
 
-    def guess(self, record: Record, segments: Integers) -> Array:
+    def guess(self, records: Sequence[Record], segments: Sequence[Integers]) -> list[Array]:
         """First guess of the original model; hidden states have their prior mean."""
-        states = self.states()
-        starts = np.tile([s.start for s in states], (len(segments), 1))
-        seen = self._base.guess(record, segments)
-        starts[:, : seen.shape[1]] = seen
-        return starts
+        return [with_hidden(x, self.states()) for x in self._base.guess(records, segments)]
 
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
         """Events of the original model."""
@@ -225,6 +220,10 @@ class Including(Model):
     def simulate(self, record: Record, jobs: Jobs) -> Simulated:
         """See :class:`~feltmb.fit.Model`."""
         return self._base.simulate(record, self._inner(jobs))
+
+    def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
+        """See :class:`~feltmb.fit.Model`."""
+        return self._base.simulate_all([(record, self._inner(jobs)) for record, jobs in batches])
 
     def _inner(self, jobs: Jobs) -> Jobs:
         """Jobs of the original model, whose effects are part of the included effects."""
@@ -255,27 +254,30 @@ class Including(Model):
         """Core of the original model."""
         return self._base.core
 
-    def asking(self, ask: Callable[[Sequence[Batch]], list[Simulated]]) -> Model:
-        """See :class:`~feltmb.fit.Model`."""
-        out = copy.copy(self)
-        out._base = self._base.asking(ask)
-        return out
-
-    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
+    def sensitivities(  # noqa: D102
+        self, requests: Sequence[SensitivityRequest]
+    ) -> list[Sensitivity]:
         # Derivatives of the original model; those by the included magnitudes become parameters.
-        request.check(self)
-        count, own = len(self._base.parameters), len(self._own)
-        wanted = request.parameters_of(self)
-        base = [i for i in wanted if i < count]
-        s = self._base.sensitivities(
-            replace(
-                request,
-                theta=request.theta[:count],
-                included=(*self._own, *request.included),
-                magnitudes=np.concatenate([request.theta[count:], request.sizes]),
-                by_theta=base,
+        count = len(self._base.parameters)
+        inner = []
+        for request in requests:
+            request.check(self)
+            inner.append(
+                replace(
+                    request,
+                    theta=request.theta[:count],
+                    included=(*self._own, *request.included),
+                    magnitudes=np.concatenate([request.theta[count:], request.sizes]),
+                    by_theta=[i for i in request.parameters_of(self) if i < count],
+                )
             )
-        )
+        found = self._base.sensitivities(inner)
+        return [self._outer(r.parameters_of(self), s) for r, s in zip(requests, found, strict=True)]
+
+    def _outer(self, wanted: tuple[int, ...], s: Sensitivity) -> Sensitivity:
+        """Derivatives by the parameters of this model, from those of the original model."""
+        count, own = len(self._base.parameters), len(self._own)
+        base = [i for i in wanted if i < count]
         order = [base.index(i) if i < count else len(base) + i - count for i in wanted]
         by_outputs = np.concatenate([s.d_theta, s.d_magnitudes[..., :own]], axis=-1)
         by_ends = np.concatenate([s.d_theta_ends, s.d_magnitudes_ends[..., :own]], axis=-1)

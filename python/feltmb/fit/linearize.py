@@ -1,18 +1,25 @@
-"""Residuals of a segmented record and their derivatives."""
+"""Residuals of segmented records and their derivatives."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.model import Candidate, Jobs, Memory, Model, Sensitivity, SensitivityRequest
-from feltmb.fit.observe import machine_candidates, observe_all, observe_jobs, observed_sensitivities
+from feltmb.fit.model import (
+    Batch,
+    Candidate,
+    Memory,
+    Model,
+    Sensitivity,
+    SensitivityRequest,
+)
+from feltmb.fit.observe import machine_candidates, observe_all, observed_sensitivities
 from feltmb.fit.segmented_records import SegmentedRecord
 
-__all__ = ["Linear", "Place", "linearize", "predict"]
+__all__ = ["Linear", "Place", "linearize", "with_nuisances"]
 
 #: Values above this limit count as diverged; their squares would overflow.
 RUNAWAY = 1e100
@@ -78,16 +85,7 @@ class Linear:
     """Memory of the model at the ends of the segments."""
 
 
-def _plain(model: Model, segmented: SegmentedRecord, included: tuple[Candidate, ...]) -> bool:
-    """Whether the derivatives of the model need no correction by sensors or sensor effects."""
-    sensors = [segmented.record.sensors[n] for n in model.outputs if n in segmented.record.sensors]
-    return machine_candidates(included) == included and all(
-        s.delay == 0.0 and s.gain == 1.0 and s.offset == 0.0 and np.isinf(s.bandwidth)
-        for s in sensors
-    )
-
-
-def _with_nuisances(
+def with_nuisances(
     segmented: SegmentedRecord, outputs: Array, values: Array
 ) -> tuple[Array, Array]:
     """Outputs with gains, offsets and delays of the record, and their derivatives (..., nn)."""
@@ -117,81 +115,73 @@ def _with_nuisances(
     return changed, columns
 
 
-def predict(
-    model: Model,
-    segmented: SegmentedRecord,
-    theta: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    place: Place,
-) -> tuple[Array, Array, Array]:
-    """Outputs (W, L, ny), whitened residual (W, m), continuity defects (W - 1, nx) of a record."""
-    run = observe_jobs(
-        model,
-        segmented.record,
-        Jobs.at_point(theta, segmented.segments, place.starts, included, magnitudes, place.memory),
-    )
-    outputs, _ = _with_nuisances(
-        segmented, run.outputs[:, : segmented.measured.shape[1]], place.nuisances
-    )
-    with np.errstate(over="ignore", invalid="ignore"):
-        residual = segmented.whiten(segmented.measured - outputs)
-    return outputs, residual.reshape(segmented.count, -1), run.ends[:-1] - place.starts[1:]
-
-
 def linearize(
     model: Model,
-    segmented: SegmentedRecord,
+    segmented_records: Sequence[SegmentedRecord],
     theta: Array,
     free: list[int],
     included: tuple[Candidate, ...],
     magnitudes: Array,
-    place: Place,
+    places: Sequence[Place],
     candidates: tuple[Candidate, ...] = (),
-    known: Linear | InputColumns | None = None,
-) -> Linear:
+    known: Sequence[Linear | InputColumns] | None = None,
+) -> list[Linear]:
     """Residual and derivatives by states, free parameters, magnitudes, candidates and nuisances.
 
-    ``known``: derivatives by the input noise of a nearby linearization, which are reused.
+    ``known``: derivatives by the input noise of nearby linearizations, which are reused.
     """
-    count = segmented.count
-    ask = model.sensitivities if _plain(model, segmented, (*included, *candidates)) else None
-    if ask is None:
-        ask = partial(observed_sensitivities, model)
+    has_states = bool(model.states(machine_candidates(included)))
     # The laws of the model vary between segments in held-out records as well.
     noisy = [i for i, p in enumerate(model.parameters) if p.process_sd > 0.0]
-    also = [i for i in noisy if i not in free] if place.starts.shape[1] else []
+    also = [i for i in noisy if i not in free] if has_states else []
+    requests = [
+        SensitivityRequest(
+            segmented.record,
+            theta,
+            segmented.segments,
+            place.starts,
+            included,
+            magnitudes,
+            by_theta=[*free, *also],
+            by_starts=has_states,
+            candidates=candidates,
+            memory=place.memory,
+        )
+        for segmented, place in zip(segmented_records, places, strict=True)
+    ]
     with np.errstate(invalid="ignore", over="ignore"):  # failed segments contain NaN
-        s = ask(
-            SensitivityRequest(
-                segmented.record,
-                theta,
-                segmented.segments,
-                place.starts,
-                included,
-                magnitudes,
-                by_theta=[*free, *also],
-                by_starts=place.starts.shape[1] > 0,
-                candidates=candidates,
-                memory=place.memory,
-            )
-        )
-    if known is not None:
-        by_input, ends_by_input = np.zeros((*s.outputs.shape, 0)), known.ends_by_input
+        found = observed_sensitivities(model, requests)
+    if known is None:
+        noise = _noise(model, requests, found)
     else:
-        by_input, ends_by_input = _input_noise(
-            model, segmented, theta, included, magnitudes, place, s
-        )
-        by_input, ends_by_input = _with_process_noise(
-            model, [*free, *also], s, by_input, ends_by_input
-        )
-    if also:
-        own = slice(0, len(free))
-        s = replace(s, d_theta=s.d_theta[..., own], d_theta_ends=s.d_theta_ends[..., own])
-    outputs, nuisance = _with_nuisances(segmented, s.outputs, place.nuisances)
+        noise = [(np.zeros((*s.outputs.shape, 0)), np.zeros((*s.ends.shape, 0))) for s in found]
+    linears = [
+        _linear(segmented, place, s, len(free), *own)
+        for segmented, place, s, own in zip(segmented_records, places, found, noise, strict=True)
+    ]
+    if known is None:
+        return linears
+    return [
+        replace(x, by_input=near.by_input, ends_by_input=near.ends_by_input)
+        for x, near in zip(linears, known, strict=True)
+    ]
+
+
+def _linear(
+    segmented: SegmentedRecord,
+    place: Place,
+    s: Sensitivity,
+    free: int,
+    by_input: Array,
+    ends_by_input: Array,
+) -> Linear:
+    """Whitened residual and derivatives of one record; ``free``: number of free parameters."""
+    count = segmented.count
+    outputs, nuisance = with_nuisances(segmented, s.outputs, place.nuisances)
     nn = nuisance.shape[3]
     columns = np.concatenate(
-        [s.d_starts, s.d_theta, s.d_magnitudes, s.d_candidates, nuisance, by_input], axis=3
+        [s.d_starts, s.d_theta[..., :free], s.d_magnitudes, s.d_candidates, nuisance, by_input],
+        axis=3,
     )
     good = np.all(np.isfinite(np.where(segmented.valid, outputs, 0.0)), axis=(1, 2))
     good &= np.all(np.isfinite(s.ends), axis=1)
@@ -201,14 +191,19 @@ def linearize(
     nx = place.starts.shape[1]
     ng = columns.shape[3] - nx - by_input.shape[3]
     ends_by_global = np.concatenate(
-        [s.d_theta_ends, s.d_magnitudes_ends, s.d_candidates_ends, np.zeros((count, nx, nn))],
+        [
+            s.d_theta_ends[..., :free],
+            s.d_magnitudes_ends,
+            s.d_candidates_ends,
+            np.zeros((count, nx, nn)),
+        ],
         axis=2,
     )
     return Linear(
         residual=_tame(segmented.whiten(segmented.measured - outputs).reshape(count, -1)),
         by_state=white[..., :nx],
         by_global=white[..., nx : nx + ng],
-        by_input=white[..., nx + ng :] if known is None else known.by_input,
+        by_input=white[..., nx + ng :],
         gap=_tame(s.ends[:-1] - place.starts[1:]),
         ends_by_state=_tame(s.d_starts_ends) if nx else np.zeros((count, 0, 0)),
         ends_by_global=_tame(ends_by_global),
@@ -218,60 +213,60 @@ def linearize(
     )
 
 
-def _with_process_noise(
-    model: Model, asked: list[int], s: Sensitivity, by_input: Array, ends_by_input: Array
-) -> tuple[Array, Array]:
-    """Add standard normal variables for ``process_sd``, the variation of laws by segment."""
-    if not s.ends.shape[1]:  # with one segment, nothing can vary between segments
-        return by_input, ends_by_input
-    sd = np.array([model.parameters[i].process_sd for i in asked])
-    some = np.flatnonzero(sd)
-    return (
-        np.concatenate([by_input, s.d_theta[..., some] * sd[some]], axis=3),
-        np.concatenate([ends_by_input, s.d_theta_ends[..., some] * sd[some]], axis=2),
-    )
-
-
 def _tame(values: Array) -> Array:
     """Replace NaN, infinite and diverged values by zero."""
     with np.errstate(invalid="ignore"):
         return np.where(np.abs(values) < RUNAWAY, values, 0.0)
 
 
-def _input_noise(
-    model: Model,
-    segmented: SegmentedRecord,
-    theta: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    place: Place,
-    base: Sensitivity,
-) -> tuple[Array, Array]:
-    """Derivatives of outputs and end states by standard normal variables for the input noise.
+def _noise(
+    model: Model, requests: Sequence[SensitivityRequest], found: Sequence[Sensitivity]
+) -> list[tuple[Array, Array]]:
+    """Derivatives of outputs and ends by standard normal variables for the noise, by record.
+
+    Noise of the inputs, then ``process_sd``, the variation of laws by segment.
+    """
+    noisy = [_noisy_inputs(request) for request in requests]
+    runs = iter(observe_all(model, [batch for batches in noisy for batch in batches]))
+    columns = []
+    for request, base, batches in zip(requests, found, noisy, strict=True):
+        by_noise = np.zeros((*base.outputs.shape, len(batches)))
+        ends_by_noise = np.zeros((*base.ends.shape, len(batches)))
+        for k in range(len(batches)):
+            run = next(runs)
+            by_noise[..., k] = run.outputs - base.outputs
+            ends_by_noise[..., k] = run.ends - base.ends
+        if base.ends.shape[1]:  # without states there are no segments between which a law varies
+            sd = np.array([model.parameters[i].process_sd for i in request.parameters_of(model)])
+            own = np.flatnonzero(sd)
+            by_noise = np.concatenate([by_noise, base.d_theta[..., own] * sd[own]], axis=3)
+            ends_by_noise = np.concatenate(
+                [ends_by_noise, base.d_theta_ends[..., own] * sd[own]], axis=2
+            )
+        columns.append((by_noise, ends_by_noise))
+    return columns
+
+
+def _noisy_inputs(request: SensitivityRequest) -> list[Batch]:
+    """Jobs with one standard deviation of input noise, one batch per standard normal variable.
 
     Within a segment, the noise is piecewise linear between knots. A knot represents an interval D
     of noise with standard deviation s and correlation time c, sampled with step h. Its variance is
     s^2 (h + 2 c) / D. The integral over the interval, to which an inertia responds, then has the
     correct variance.
     """
-    record = segmented.record
+    record, segments = request.record, request.segments
     noisy = [n for n, s in record.input_sigma.items() if s > 0.0]
-    nx = place.starts.shape[1]
-    if not noisy or nx == 0:
-        return (
-            np.zeros((*base.outputs.shape, 0)),
-            np.zeros((*base.ends.shape, 0)),
-        )
+    if not noisy or not request.starts.shape[1]:
+        return []
     n = record.samples
     phase = np.zeros(n)
     stretch = np.zeros(n)
-    for first, last in segmented.segments:
+    for first, last in segments:
         phase[first:last] = np.arange(last - first) / (last - first) * (INPUT_KNOTS - 1)
         stretch[first:last] = (record.time[last] - record.time[first]) / (INPUT_KNOTS - 1)
     phase[-1], stretch[-1] = INPUT_KNOTS - 1, stretch[-2]
-    jobs = Jobs.at_point(
-        theta, segmented.segments, place.starts, included, magnitudes, place.memory
-    )
+    jobs = request.jobs()
     batches = []
     for name in noisy:
         tau = record.input_correlation_time.get(name, 0.0)
@@ -280,12 +275,8 @@ def _input_noise(
         for k in range(INPUT_KNOTS):
             hat = np.maximum(0.0, 1.0 - np.abs(phase - k)) * sd
             if k == INPUT_KNOTS - 1:  # the sample that a segment shares with the next one
-                hat[segmented.segments[:, 1]] = sd[segmented.segments[:, 1]]
+                hat[segments[:, 1]] = sd[segments[:, 1]]
             if k == 0:
-                hat[segmented.segments[1:, 0]] = 0.5 * sd[segmented.segments[1:, 0]]
+                hat[segments[1:, 0]] = 0.5 * sd[segments[1:, 0]]
             batches.append((record.with_inputs({name: record.inputs[name] + hat}), jobs))
-    runs = observe_all(model, batches)
-    return (
-        np.stack([run.outputs - base.outputs for run in runs], axis=3),
-        np.stack([run.ends - base.ends for run in runs], axis=2),
-    )
+    return batches

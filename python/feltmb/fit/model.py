@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -520,8 +520,6 @@ class Model(ABC):
     """Whether the model can only simulate a record from its first sample. Such records are split by
     removing values instead of cutting them into blocks."""
 
-    together: bool = False
-    """Whether :meth:`simulate_all` is faster than simulating the records one after the other."""
     variability_has_input_noise: bool = False
     """Whether the noise of the inputs is a part of the run-to-run variability of the records."""
 
@@ -538,7 +536,10 @@ class Model(ABC):
         """
 
     def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
-        """Simulate jobs of several records; see ``together``. Default: one after the other."""
+        """Simulate jobs of several records. Default: one record after the other.
+
+        A model overrides it if one large batch takes less time than several small ones.
+        """
         return [self.simulate(record, jobs) for record, jobs in batches]
 
     def driven(self, records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:
@@ -612,12 +613,6 @@ class Model(ABC):
         """The model that simulates: itself, or the model that it is derived from."""
         return self
 
-    def asking(self, ask: Callable[[Sequence[Batch]], list[Simulated]]) -> Model:
-        """A copy whose core calls ``ask`` for its simulations."""
-        out = copy.copy(self)
-        vars(out).update(simulate=lambda record, jobs: ask([(record, jobs)])[0], simulate_all=ask)
-        return out
-
     def forget(self) -> None:  # noqa: B027
         """Delete the data of earlier fits, so that a fit does not depend on them."""
 
@@ -679,27 +674,46 @@ class Model(ABC):
         """Whether the model can simulate an effect. By default: only sensor and input effects."""
         return effect.observe is not None or effect.excite is not None
 
-    def guess(self, record: Record, segments: Integers) -> Array:
-        """First guess of the states at the segment starts, (W, nx), for the first fit.
+    def guess(self, records: Sequence[Record], segments: Sequence[Integers]) -> list[Array]:
+        """First guess of the states at the segment starts, for the first fit.
 
         By default the model is simulated from the prior start state through all segments.
+
+        Parameters
+        ----------
+        records
+            Records whose inputs drive the model.
+        segments
+            First and last sample of each segment, (W, 2), one array per record.
+
+        Returns
+        -------
+        list of arrays
+            States at the first samples, (W, nx), one array per record.
         """
-        check_segments(self, record, segments)
+        for record, own in zip(records, segments, strict=True):
+            check_segments(self, record, own)
         states = self.states()
-        starts = np.zeros((len(segments), len(states)))
+        starts = [np.zeros((len(own), len(states))) for own in segments]
         if not states:
             return starts
-        prior = record.start
-        x = np.array(
-            [prior.mean.get(s.name, s.start) if prior is not None else s.start for s in states]
-        )
+        for x, record in zip(starts, records, strict=True):
+            mean = {} if record.start is None else record.start.mean
+            x[:1] = [mean.get(s.name, s.start) for s in states]
         theta = np.array([[p.value for p in self.parameters]])
-        for w, segment in enumerate(segments):
-            starts[w] = x
-            ends = self.simulate(
-                record, Jobs(theta=theta, segments=segment[None, :], starts=x[None, :])
-            ).ends[0]
-            x = np.where(np.isfinite(ends), ends, x)
+        for w, which in by_segment([len(own) - 1 for own in segments]):
+            one = slice(w, w + 1)
+            runs = self.simulate_all(
+                [
+                    (
+                        records[i],
+                        Jobs(theta=theta, segments=segments[i][one], starts=starts[i][one]),
+                    )
+                    for i in which
+                ]
+            )
+            for i, run in zip(which, runs, strict=True):
+                starts[i][w + 1] = np.where(np.isfinite(run.ends[0]), run.ends[0], starts[i][w])
         return starts
 
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
@@ -710,13 +724,29 @@ class Model(ABC):
         del record, outputs
         return []
 
-    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:
-        """Outputs and derivatives of segments.
+    def sensitivities(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:
+        """Outputs and derivatives of segments, one result per request.
 
         Subclasses that can compute derivatives override it; the default uses finite differences.
         """
-        request.check(self)
-        return difference_sensitivities(self, request)
+        for request in requests:
+            request.check(self)
+        return difference_sensitivities(self, requests)
+
+
+def with_hidden(starts: Array, states: Sequence[State]) -> Array:
+    """Start states (W, nx), with the further states at their prior mean."""
+    rest = [s.start for s in states[starts.shape[1] :]]
+    return np.hstack([starts, np.tile(rest, (len(starts), 1))])
+
+
+def by_segment(counts: Sequence[int]) -> Iterator[tuple[int, list[int]]]:
+    """Index of a segment, and indices of the records that have it, from the first segment on.
+
+    ``counts``: number of segments of each record.
+    """
+    for w in range(max(counts, default=0)):
+        yield w, [i for i, count in enumerate(counts) if w < count]
 
 
 # ---------------------------------------------------------------- derivatives by differences
@@ -724,63 +754,47 @@ class Model(ABC):
 #: Number of candidates per simulation. Sharing is useful while the overhead of a step exceeds its
 #: computation.
 TOGETHER = 8
+#: Rows of changed jobs, each with its weight in a derivative.
+Weighted = list[tuple[int, float]]
+#: A request and the magnitudes of its included effects, (V, k): one row per version of the model.
+Versions = tuple[SensitivityRequest, Array]
 
 
-def run_through(
-    model: Model, request: SensitivityRequest, more: tuple[Candidate, ...], magnitudes: Array
-) -> tuple[Array, Array]:
-    """Simulate segments one after the other, in several versions at once, passing hidden states on.
-
-    ``more``: candidates in addition to the included ones; ``magnitudes`` (V, k): magnitudes of all,
-    one row per version. The visible states of a segment come from the request, and its hidden ones
-    from the end of the previous segment. Returns outputs (V, W, L, ny) and ends (V, W, visible).
-    """
-    segments, starts, visible = request.segments, request.starts, request.starts.shape[1]
-    included = (*request.included, *more)
-    versions = magnitudes.shape[0]
-    states = model.states(included)
-    hidden = np.tile([s.start for s in states[visible:]], (versions, 1))
-    longest = int(np.max(segments[:, 1] - segments[:, 0])) + 1
-    outputs = np.full((versions, len(segments), longest, len(model.outputs)), np.nan)
-    ends = np.full((versions, len(segments), visible), np.nan)
-    for w, segment in enumerate(segments):
-        jobs = Jobs(
-            theta=np.tile(request.theta, (versions, 1)),
-            segments=np.tile(segment, (versions, 1)),
-            starts=np.hstack([np.tile(starts[w], (versions, 1)), hidden]),
-            included=included,
-            magnitudes=magnitudes,
-        )
-        run = model.simulate(request.record, jobs)
-        outputs[:, w, : run.outputs.shape[1]] = run.outputs
-        ends[:, w] = run.ends[:, :visible]
-        hidden = run.ends[:, visible:]
-    return outputs, ends
-
-
-def difference_sensitivities(model: Model, request: SensitivityRequest) -> Sensitivity:
+def difference_sensitivities(
+    model: Model, requests: Sequence[SensitivityRequest]
+) -> list[Sensitivity]:
     """Central differences by parameters, magnitudes and start states.
 
     One-sided differences of second order are used where a bound or the sign of an effect excludes
     one side.
     """
-    segments, included, candidates = request.segments, request.included, request.candidates
+    changed = [_changed_jobs(model, request) for request in requests]
+    batches = [(r.record, jobs) for r, (jobs, _) in zip(requests, changed, strict=True)]
+    found = [
+        _derivatives(model, request, run, columns)
+        for request, run, (_, columns) in zip(
+            requests, model.simulate_all(batches), changed, strict=True
+        )
+    ]
+    for hidden in (False, True):
+        _add_candidates(model, requests, found, hidden=hidden)
+    return found
+
+
+def _changed_jobs(model: Model, request: SensitivityRequest) -> tuple[Jobs, list[Weighted]]:
+    """Jobs with changes of parameters, magnitudes and start states, and their use by column."""
+    segments, included = request.segments, request.included
     count = len(segments)
     theta = np.asarray(request.theta, dtype=np.float64)
     magnitudes = np.asarray(request.sizes, dtype=np.float64)
-    by_theta = request.parameters_of(model)
     states = model.states(included)
-    nx, ny = len(states), len(model.outputs)
-
-    # Rows of the batch: changes of theta, magnitudes or start states; later their weights in the
-    # derivatives.
-    rows_theta, rows_magnitudes, rows_start = [theta], [magnitudes], [np.zeros(nx)]
-    columns: list[list[tuple[int, float]]] = []
+    rows_theta, rows_magnitudes, rows_start = [theta], [magnitudes], [np.zeros(len(states))]
+    columns: list[Weighted] = []
 
     def add(kind: str, index: int, step: float, low: float, high: float, value: float) -> None:
         entry = []
         for offset, weight in difference_offsets(value, step, low, high):
-            t, s, x = theta.copy(), magnitudes.copy(), np.zeros(nx)
+            t, s, x = theta.copy(), magnitudes.copy(), np.zeros(len(states))
             {"theta": t, "magnitudes": s, "start": x}[kind][index] += offset
             rows_theta.append(t)
             rows_magnitudes.append(s)
@@ -788,7 +802,7 @@ def difference_sensitivities(model: Model, request: SensitivityRequest) -> Sensi
             entry.append((len(rows_theta) - 1, weight))
         columns.append(entry)
 
-    for i in by_theta:
+    for i in request.parameters_of(model):
         p = model.parameters[i]
         add("theta", i, model.difference_step * p.size, p.lower, p.upper, theta[i])
     for i, candidate in enumerate(included):
@@ -811,34 +825,28 @@ def difference_sensitivities(model: Model, request: SensitivityRequest) -> Sensi
         ),
         memory=None if request.memory is None else versions * request.memory,
     )
-    run = model.simulate(request.record, jobs)
-    longest = run.outputs.shape[1]
-    outputs = run.outputs.reshape(versions, count, longest, ny)
-    ends = run.ends.reshape(versions, count, nx)
+    return jobs, columns
 
-    def derive(all_of_it: Array, wanted: list[list[tuple[int, float]]]) -> Array:
-        shape = (*all_of_it.shape[1:], len(wanted))
-        out = np.zeros(shape)
+
+def _derivatives(
+    model: Model, request: SensitivityRequest, run: Simulated, columns: list[Weighted]
+) -> Sensitivity:
+    """Derivatives from the results of the changed jobs; those by candidates are still zero."""
+    count, nx = len(request.segments), run.ends.shape[1]
+    longest, ny = run.outputs.shape[1:]
+    outputs = run.outputs.reshape(-1, count, longest, ny)
+    ends = run.ends.reshape(len(outputs), count, nx)
+
+    def derive(all_of_it: Array, wanted: list[Weighted]) -> Array:
+        out = np.zeros((*all_of_it.shape[1:], len(wanted)))
         with np.errstate(invalid="ignore", over="ignore"):
             for c, entry in enumerate(wanted):
                 for row, weight in entry:
                     out[..., c] += weight * (all_of_it[row] - all_of_it[0])
         return out
 
-    a, b = len(by_theta), len(by_theta) + len(included)
-    d_candidates = np.zeros((count, longest, ny, len(candidates)))
-    d_candidates_ends = np.zeros((count, nx, len(candidates)))
-    for hidden in (False, True):
-        group = [c for c, t in enumerate(candidates) if bool(t.effect.hidden) is hidden]
-        for at in range(0, len(group), TOGETHER):
-            some = group[at : at + TOGETHER]
-            d_candidates[..., some], d_candidates_ends[..., some] = _candidates(
-                model,
-                replace(request, candidates=tuple(candidates[c] for c in some)),
-                outputs[0],
-                ends[0],
-                hidden=hidden,
-            )
+    a = len(request.parameters_of(model))
+    b = a + len(request.included)
     return Sensitivity(
         outputs=outputs[0],
         ends=ends[0],
@@ -848,48 +856,115 @@ def difference_sensitivities(model: Model, request: SensitivityRequest) -> Sensi
         d_magnitudes_ends=derive(ends, columns[a:b]),
         d_starts=derive(outputs, columns[b:]),
         d_starts_ends=derive(ends, columns[b:]),
-        d_candidates=d_candidates,
-        d_candidates_ends=d_candidates_ends,
+        d_candidates=np.zeros((count, longest, ny, len(request.candidates))),
+        d_candidates_ends=np.zeros((count, nx, len(request.candidates))),
         memory=None if run.memory is None else run.memory[:count],
     )
 
 
-def _candidates(
-    model: Model, request: SensitivityRequest, outputs: Array, ends: Array, *, hidden: bool
-) -> tuple[Array, Array]:
-    """Derivatives by the candidates at magnitude zero, from two jobs per segment and candidate."""
-    some, magnitudes, starts = request.candidates, request.sizes, request.starts
+def _add_candidates(
+    model: Model,
+    requests: Sequence[SensitivityRequest],
+    found: Sequence[Sensitivity],
+    *,
+    hidden: bool,
+) -> None:
+    """Compute the derivatives by the candidates with, or without, hidden states."""
+    groups: list[tuple[Sensitivity, list[int], Array]] = []
+    versions: list[Versions] = []
+    for request, s in zip(requests, found, strict=True):
+        own = [c for c, t in enumerate(request.candidates) if bool(t.effect.hidden) is hidden]
+        for at in range(0, len(own), TOGETHER):
+            which = own[at : at + TOGETHER]
+            some = tuple(request.candidates[c] for c in which)
+            magnitudes, weights = _around_zero(some)
+            if hidden:  # the base of the differences
+                magnitudes = np.vstack([np.zeros(len(some)), magnitudes])
+            table = np.hstack([np.tile(request.sizes, (len(magnitudes), 1)), magnitudes])
+            groups.append((s, which, weights))
+            versions.append((replace(request, included=(*request.included, *some)), table))
+    if not groups:
+        return
+    runs = (run_through if hidden else _run_apart)(model, versions)
+    for (s, which, weights), (y, x) in zip(groups, runs, strict=True):
+        base_y, base_x = s.outputs, s.ends
+        if hidden:
+            y, x, base_y, base_x = y[1:], x[1:], y[0], x[0]
+        with np.errstate(invalid="ignore", over="ignore"):
+            dy = (y - base_y) * weights[:, None, None, None]
+            dx = (x - base_x) * weights[:, None, None]
+        s.d_candidates[..., which] = np.moveaxis(dy[0::2] + dy[1::2], 0, -1)
+        s.d_candidates_ends[..., which] = np.moveaxis(dx[0::2] + dx[1::2], 0, -1)
+
+
+def _around_zero(candidates: Sequence[Candidate]) -> tuple[Array, Array]:
+    """Magnitudes for derivatives at zero, two rows per candidate, and the weights of the rows."""
     rows, weights = [], []
-    for c, candidate in enumerate(some):
+    for c, candidate in enumerate(candidates):
         step = candidate.effect.step * candidate.effect.scale
         for value, weight in difference_offsets(0.0, step, *candidate.effect.bounds):
-            row = np.zeros(len(some))
+            row = np.zeros(len(candidates))
             row[c] = value
-            rows.append(np.concatenate([magnitudes, row]))
+            rows.append(row)
             weights.append(weight)
-    count, nx, ny = len(request.segments), starts.shape[1], outputs.shape[2]
-    versions = len(rows)
-    if hidden:
-        table = np.array([np.concatenate([magnitudes, np.zeros(len(some))]), *rows])
-        y, x = run_through(model, request, some, table)
-        y, x, base_y, base_x = y[1:], x[1:], y[0], x[0]
-    else:
+    return np.array(rows), np.array(weights)
+
+
+def _run_apart(model: Model, versions: Sequence[Versions]) -> list[tuple[Array, Array]]:
+    """Simulate all segments at once, each from its own start, in several versions of the model.
+
+    Returns outputs (V, W, L, ny) and ends (V, W, nx) by request.
+    """
+    batches = []
+    for request, magnitudes in versions:
+        shape = (len(magnitudes), len(request.segments))
         jobs = Jobs(
-            theta=np.tile(request.theta, (versions * count, 1)),
-            segments=np.tile(request.segments, (versions, 1)),
-            starts=np.tile(starts, (versions, 1)),
-            included=(*request.included, *some),
-            magnitudes=np.repeat(np.array(rows), count, axis=0),
+            theta=np.tile(request.theta, (shape[0] * shape[1], 1)),
+            segments=np.tile(request.segments, (shape[0], 1)),
+            starts=np.tile(request.starts, (shape[0], 1)),
+            included=request.included,
+            magnitudes=np.repeat(magnitudes, shape[1], axis=0),
         )
-        run = model.simulate(request.record, jobs)
-        y = run.outputs.reshape(versions, count, -1, ny)
-        x = run.ends.reshape(versions, count, nx)
-        base_y, base_x = outputs, ends
-    with np.errstate(invalid="ignore", over="ignore"):
-        by_job = np.array(weights)
-        dy = (y - base_y) * by_job[:, None, None, None]
-        dx = (x - base_x) * by_job[:, None, None]
-    return (
-        np.moveaxis(dy[0::2] + dy[1::2], 0, -1),
-        np.moveaxis(dx[0::2] + dx[1::2], 0, -1),
-    )
+        batches.append((request.record, jobs))
+    found = []
+    for (request, magnitudes), run in zip(versions, model.simulate_all(batches), strict=True):
+        shape = (len(magnitudes), len(request.segments))
+        outputs, ends = (v.reshape(*shape, *v.shape[1:]) for v in (run.outputs, run.ends))
+        found.append((outputs, ends))
+    return found
+
+
+def run_through(model: Model, versions: Sequence[Versions]) -> list[tuple[Array, Array]]:
+    """Simulate segments in order, in several versions of the model, passing hidden states on.
+
+    The visible states of a segment come from the request, and its hidden ones from the end of the
+    previous segment. Returns outputs (V, W, L, ny) and ends (V, W, visible) by request.
+    """
+    found, hidden = [], []
+    for request, magnitudes in versions:
+        visible = request.starts.shape[1]
+        states = model.states(request.included)
+        hidden.append(np.tile([s.start for s in states[visible:]], (len(magnitudes), 1)))
+        shape = (len(magnitudes), len(request.segments))
+        longest = int(np.max(request.segments[:, 1] - request.segments[:, 0])) + 1
+        outputs = np.full((*shape, longest, len(model.outputs)), np.nan)
+        found.append((outputs, np.full((*shape, visible), np.nan)))
+    for w, which in by_segment([len(request.segments) for request, _ in versions]):
+        batches = []
+        for i in which:
+            request, magnitudes = versions[i]
+            times = (len(magnitudes), 1)
+            jobs = Jobs(
+                theta=np.tile(request.theta, times),
+                segments=np.tile(request.segments[w], times),
+                starts=np.hstack([np.tile(request.starts[w], times), hidden[i]]),
+                included=request.included,
+                magnitudes=magnitudes,
+            )
+            batches.append((request.record, jobs))
+        for i, run in zip(which, model.simulate_all(batches), strict=True):
+            outputs, ends = found[i]
+            outputs[:, w, : run.outputs.shape[1]] = run.outputs
+            ends[:, w] = run.ends[:, : ends.shape[2]]
+            hidden[i] = run.ends[:, ends.shape[2] :]
+    return found

@@ -69,6 +69,8 @@ def observe_all(model: Model, batches: Sequence[Batch]) -> list[Simulated]:
     Input effects change the inputs before the simulation of the model. Sensor effects and the known
     part of the sensors (gain, delay, low-pass, offset) change the outputs after it.
     """
+    if not batches:
+        return []
     excited = [_excited(record, jobs) for record, jobs in batches]
     runs = iter(model.simulate_all([batch for parts in excited for _, batch in parts]))
     return [
@@ -239,30 +241,90 @@ def _low_pass(
     return out
 
 
-def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensitivity:
-    """Derivatives of the sensor readings.
+def observed_sensitivities(
+    model: Model, requests: Sequence[SensitivityRequest]
+) -> list[Sensitivity]:
+    """Derivatives of the sensor readings, one result per request.
 
     The model differentiates its outputs. These derivatives are transformed with the sensors and
     sensor effects, which is cheap. Only input effects need simulations of their own.
     """
+    found = model.sensitivities([_of_machine(request) for request in requests])
+    asked = [_of_inputs(request) for request in requests]
+    runs = iter(observe_all(model, [batch for batches in asked for batch in batches]))
+    return [
+        s if _plain(model, request) else _readings(model, request, s, [next(runs) for _ in batches])
+        for request, s, batches in zip(requests, found, asked, strict=True)
+    ]
+
+
+def _plain(model: Model, request: SensitivityRequest) -> bool:
+    """Whether the derivatives of the model need no correction by sensors or sensor effects."""
+    sensors = [request.record.sensors[n] for n in model.outputs if n in request.record.sensors]
+    candidates = (*request.included, *request.candidates)
+    return machine_candidates(candidates) == candidates and all(
+        s.delay == 0.0 and s.gain == 1.0 and s.offset == 0.0 and np.isinf(s.bandwidth)
+        for s in sensors
+    )
+
+
+def _of_machine(request: SensitivityRequest) -> SensitivityRequest:
+    """The request without sensor effects and with the changed inputs."""
+    machine = machine_candidates(request.included)
+    record = request.record
+    sizes = []
+    for candidate, size in zip(request.included, request.sizes, strict=True):
+        if candidate in machine:
+            sizes.append(size)
+        elif candidate.effect.excite is not None and size != 0.0:
+            record = _changed(candidate, record, float(size))
+    return replace(
+        request,
+        record=record,
+        included=machine,
+        magnitudes=np.array(sizes),
+        candidates=machine_candidates(request.candidates),
+    )
+
+
+def _changes(candidate: Candidate, at: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Two changes of a magnitude, each with its weight in the derivative."""
+    effect = candidate.effect
+    return difference_offsets(at, effect.step * effect.scale, *effect.bounds)
+
+
+def _of_inputs(request: SensitivityRequest) -> list[Batch]:
+    """Jobs with changed magnitudes of the input effects: two batches per effect.
+
+    The included effects are followed by the candidates, which are at magnitude zero.
+    """
+    included, sizes = request.included, request.sizes
+    points = [(included, sizes, k) for k in range(len(included))]
+    points += [((*included, t), np.append(sizes, 0.0), len(included)) for t in request.candidates]
+    batches = []
+    for all_of_them, magnitudes, k in points:
+        candidate = all_of_them[k]
+        if candidate.effect.excite is None or candidate.effect.observe is not None:
+            continue
+        for offset, _ in _changes(candidate, float(magnitudes[k])):
+            row = magnitudes.copy()
+            row[k] += offset
+            changed = replace(request, included=all_of_them, magnitudes=row)
+            batches.append((request.record, changed.jobs()))
+    return batches
+
+
+def _readings(
+    model: Model, request: SensitivityRequest, s: Sensitivity, runs: list[Simulated]
+) -> Sensitivity:
+    """Derivatives of the readings from those of the outputs, ``s``.
+
+    ``runs``: results of the jobs of :func:`_of_inputs`.
+    """
     record, segments, starts = request.record, request.segments, request.starts
     included, magnitudes, candidates = request.included, request.sizes, request.candidates
-    count = len(segments)
     inner = [k for k, t in enumerate(included) if t in machine_candidates(included)]
-    machine = machine_candidates(candidates)
-    changed = record
-    for k, candidate in enumerate(included):
-        if candidate.effect.excite is not None and magnitudes[k] != 0.0:
-            changed = _changed(candidate, changed, float(magnitudes[k]))
-    s = model.sensitivities(
-        replace(
-            request,
-            record=changed,
-            included=tuple(included[k] for k in inner),
-            magnitudes=magnitudes[inner],
-            candidates=machine,
-        )
-    )
+    by_input = iter(runs)
     jobs = replace(request, included=(), magnitudes=np.zeros(0)).jobs()
     observing = [
         (t, float(magnitudes[k])) for k, t in enumerate(included) if t.effect.observe is not None
@@ -299,49 +361,18 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
             out[rows] = push(columns[rows], rows)
         return out
 
-    def offsets(candidate: Candidate, at: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Two changes of a magnitude, each with its weight in the derivative."""
-        effect = candidate.effect
-        return difference_offsets(at, effect.step * effect.scale, *effect.bounds)
-
-    def batch(candidate: Candidate, size: float, active: int | None) -> Batch:
-        """Jobs of all segments with one input effect at another magnitude."""
-        all_candidates = included if active is not None else (*included, candidate)
-        row = magnitudes.copy() if active is not None else np.append(magnitudes, size)
-        if active is not None:
-            row[active] = size
-        return record, replace(jobs, included=all_candidates, magnitudes=np.tile(row, (count, 1)))
-
-    asked: list[tuple[Candidate, float, int | None]] = [
-        (candidate, float(magnitudes[k]), k) for k, candidate in enumerate(included)
-    ]
-    asked += [(candidate, 0.0, None) for candidate in candidates]
-    asked = [a for a in asked if a[0].effect.excite is not None and a[0].effect.observe is None]
-    runs = observe_all(
-        model,
-        [
-            batch(candidate, at + o, active)
-            for candidate, at, active in asked
-            for o, _ in offsets(candidate, at)
-        ],
-    )
-    simulated = {
-        (id(candidate), active): runs[2 * i : 2 * i + 2]
-        for i, (candidate, _, active) in enumerate(asked)
-    }
-
-    def outer(candidate: Candidate, at: float, active: int | None) -> tuple[Array, Array]:
+    def outer(candidate: Candidate, at: float, active: bool) -> tuple[Array, Array]:
         y, x = np.zeros_like(shown), np.zeros_like(s.ends)
-        for i, (offset, weight) in enumerate(offsets(candidate, at)):
+        for offset, weight in _changes(candidate, at):
             if candidate.effect.observe is None:
-                run = simulated[id(candidate), active][i]
+                run = next(by_input)
                 y += weight * (run.outputs[:, : shown.shape[1]] - shown)
                 x += weight * (run.ends - s.ends)
                 continue
-            if active is None:
-                value = show(s.outputs, (candidate, at + offset))
-            else:
+            if active:
                 value = _swapped(show, observing, candidate, at + offset, s.outputs)
+            else:
+                value = show(s.outputs, (candidate, at + offset))
             y += weight * (value - shown)
         return y, x
 
@@ -354,7 +385,7 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
             d_magnitudes_ends[..., k] = s.d_magnitudes_ends[..., inner.index(k)]
         else:
             d_magnitudes[..., k], d_magnitudes_ends[..., k] = outer(
-                candidate, float(magnitudes[k]), k
+                candidate, float(magnitudes[k]), active=True
             )
     d_candidates = np.zeros((*shown.shape, len(candidates)))
     d_candidates_ends = np.zeros((*s.ends.shape, len(candidates)))
@@ -366,7 +397,7 @@ def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensiti
             d_candidates_ends[..., k] = s.d_candidates_ends[..., at]
             at += 1
         else:
-            d_candidates[..., k], d_candidates_ends[..., k] = outer(candidate, 0.0, None)
+            d_candidates[..., k], d_candidates_ends[..., k] = outer(candidate, 0.0, active=False)
     return Sensitivity(
         outputs=shown,
         ends=s.ends,

@@ -66,8 +66,6 @@ class OdeModel(Stepped):
         spline, it has a parameter ``between.INPUT``, 0: linear, 1: spline.
     """
 
-    together = True
-
     def __init__(
         self,
         *,

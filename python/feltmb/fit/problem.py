@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from feltmb.data import Array
 from feltmb.files import Store
 from feltmb.fit.filter import Chain, reduce_chain
-from feltmb.fit.linearize import InputColumns, Linear, Place, linearize, predict
-from feltmb.fit.model import VARIABILITY, Candidate, Model
-from feltmb.fit.observe import machine_candidates
+from feltmb.fit.linearize import InputColumns, Linear, Place, linearize, with_nuisances
+from feltmb.fit.model import VARIABILITY, Candidate, Jobs, Model, by_segment, with_hidden
+from feltmb.fit.observe import machine_candidates, observe_all
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.together import each
 from feltmb.fit.watch import current
 
 __all__ = ["Normal", "Point", "Problem"]
@@ -88,18 +87,16 @@ class Problem:
         if theta is None:
             theta = np.array([p.value for p in self.model.parameters], dtype=np.float64)
         states = self.model.states(machine_candidates(self.included))
-
-        def of(model: Model, segmented: SegmentedRecord) -> Place:
-            guess = model.guess(segmented.record, segmented.segments)
-            starts = np.array([[s.start for s in states]] * segmented.count).reshape(
-                segmented.count, -1
-            )
-            starts[:, : guess.shape[1]] = guess
-            return Place(starts, np.zeros(len(segmented.nuisances)))
-
-        places = each(self.model, of, self.segmented_records)
+        guesses = self.model.guess(
+            [s.record for s in self.segmented_records],
+            [s.segments for s in self.segmented_records],
+        )
+        places = tuple(
+            Place(with_hidden(guess, states), np.zeros(len(segmented.nuisances)))
+            for guess, segmented in zip(guesses, self.segmented_records, strict=True)
+        )
         size = np.zeros(len(self.included)) if magnitudes is None else magnitudes
-        return Point(theta, size, tuple(places))
+        return Point(theta, size, places)
 
     def scale(self, point: Point) -> Array:
         """Spread of each state over the segments; at least a small share of its declared scale."""
@@ -143,15 +140,31 @@ class Problem:
         computation of steps. Otherwise steps and their acceptance would use different functions.
         """
         current().step()
+        seen = self.predict(point)
+        return self._cost(point, gap_sd, linears, [(residual, gap) for _, residual, gap in seen])
 
-        def see(model: Model, at: tuple[SegmentedRecord, Place]) -> tuple[Array, Array]:
-            segmented, place = at
-            return predict(model, segmented, point.theta, self.included, point.magnitudes, place)[
-                1:
-            ]
+    def predict(self, point: Point) -> list[tuple[Array, Array, Array]]:
+        """Outputs, whitened residual and continuity defects of each record.
 
-        seen = each(self.model, see, list(zip(self.segmented_records, point.places, strict=True)))
-        return self._cost(point, gap_sd, linears, seen)
+        Their shapes are (W, L, ny), (W, m) and (W - 1, nx).
+        """
+        records, included = self.segmented_records, self.included
+        batches = [
+            (
+                s.record,
+                Jobs.at_point(
+                    point.theta, s.segments, at.starts, included, point.magnitudes, at.memory
+                ),
+            )
+            for s, at in zip(records, point.places, strict=True)
+        ]
+        found = []
+        for s, at, run in zip(records, point.places, observe_all(self.model, batches), strict=True):
+            outputs, _ = with_nuisances(s, run.outputs[:, : s.measured.shape[1]], at.nuisances)
+            with np.errstate(over="ignore", invalid="ignore"):
+                residual = s.whiten(s.measured - outputs)
+            found.append((outputs, residual.reshape(s.count, -1), run.ends[:-1] - at.starts[1:]))
+        return found
 
     def cost_at(
         self, point: Point, gap_sd: Array, linears: Sequence[Linear]
@@ -215,39 +228,21 @@ class Problem:
         )
         if key in point.memo:
             return point.memo[key][1]
-        made = self._linear(point, candidates, known)
+        current().step()
+        made = linearize(
+            self.model,
+            self.segmented_records,
+            point.theta,
+            self.free,
+            self.included,
+            point.magnitudes,
+            point.places,
+            candidates,
+            known,
+        )
         if not candidates:  # keeps objects alive whose id is part of the key
             point.memo[key] = ((self.segmented_records, self.included), made)
         return made
-
-    def _linear(
-        self,
-        point: Point,
-        candidates: tuple[Candidate, ...],
-        known: Sequence[Linear | InputColumns] | None,
-    ) -> list[Linear]:
-        current().step()
-
-        def of(
-            model: Model, at: tuple[SegmentedRecord, Place, Linear | InputColumns | None]
-        ) -> Linear:
-            segmented, place, near = at
-            return linearize(
-                model,
-                segmented,
-                point.theta,
-                self.free,
-                self.included,
-                point.magnitudes,
-                place,
-                candidates,
-                near,
-            )
-
-        nearby = [None] * len(self.segmented_records) if known is None else known
-        return each(
-            self.model, of, list(zip(self.segmented_records, point.places, nearby, strict=True))
-        )
 
     def normal(
         self,
@@ -422,30 +417,50 @@ class Problem:
         base = len(self.model.states())
         old = machine_candidates(self.included)
         new = machine_candidates(included)
-
-        def of(model: Model, which: tuple[SegmentedRecord, Place]) -> Place:
-            segmented, place = which
+        starts = []
+        for segmented, place in zip(self.segmented_records, point.places, strict=True):
             blocks = [place.starts[:, :base]]
-            fresh = []
             for candidate in new:
                 width = len(candidate.effect.hidden)
-                if not width:
-                    continue
-                if candidate in old:
+                if width and candidate in old:
                     at = base + sum(len(t.effect.hidden) for t in old[: old.index(candidate)])
                     blocks.append(place.starts[:, at : at + width])
-                else:
+                elif width:
                     blocks.append(
                         np.tile([h.start for h in candidate.effect.hidden], (segmented.count, 1))
                     )
-                    fresh.append(candidate)
-            starts = np.hstack(blocks)
-            if fresh:
-                starts = _run_hidden(model, segmented, point.theta, new, starts, base)
-            return Place(starts, place.nuisances, place.memory)
+            starts.append(np.hstack(blocks))
+        if any(candidate.effect.hidden for candidate in new if candidate not in old):
+            self._run_hidden(point.theta, new, starts, base)
+        places = tuple(
+            Place(x, place.nuisances, place.memory)
+            for x, place in zip(starts, point.places, strict=True)
+        )
+        return Point(point.theta, np.asarray(magnitudes, dtype=np.float64), places)
 
-        places = each(self.model, of, list(zip(self.segmented_records, point.places, strict=True)))
-        return Point(point.theta, np.asarray(magnitudes, dtype=np.float64), tuple(places))
+    def _run_hidden(
+        self, theta: Array, included: tuple[Candidate, ...], starts: list[Array], base: int
+    ) -> None:
+        """Hidden states at the segment starts, driven by the motion of the model.
+
+        Changes ``starts``, (W, nx) by record, from state ``base`` on.
+        """
+        none = np.zeros(len(included))
+        segmented = self.segmented_records
+        for w, which in by_segment([s.count - 1 for s in segmented]):
+            one = slice(w, w + 1)
+            batches = [
+                (
+                    segmented[i].record,
+                    Jobs.at_point(
+                        theta, segmented[i].segments[one], starts[i][one], included, none
+                    ),
+                )
+                for i in which
+            ]
+            for i, run in zip(which, self.model.simulate_all(batches), strict=True):
+                if np.all(np.isfinite(run.ends)):
+                    starts[i][w + 1, base:] = run.ends[0, base:]
 
 
 def _by_input_noise(linear: Linear, residual: Array, gap: Array, gap_sd: Array) -> Array:
@@ -475,29 +490,6 @@ def _by_input_noise(linear: Linear, residual: Array, gap: Array, gap_sd: Array) 
     kept = values > 1e-13 * values[:, -1:]
     out[good] = np.sum(np.where(kept, along**2 / np.where(kept, values, 1.0), 0.0), axis=1)
     return out
-
-
-def _run_hidden(
-    model: Model,
-    segmented: SegmentedRecord,
-    theta: Array,
-    included: tuple[Candidate, ...],
-    starts: Array,
-    base: int,
-) -> Array:
-    """Hidden states at the segment starts, driven by the motion of the model."""
-    from feltmb.fit.model import Jobs
-
-    starts = starts.copy()
-    for w in range(segmented.count - 1):
-        one = slice(w, w + 1)
-        jobs = Jobs.at_point(
-            theta, segmented.segments[one], starts[one], included, np.zeros(len(included))
-        )
-        run = model.simulate(segmented.record, jobs)
-        if np.all(np.isfinite(run.ends)):
-            starts[w + 1, base:] = run.ends[0, base:]
-    return starts
 
 
 def solve_scaled(matrix: Array, right: Array) -> Array:

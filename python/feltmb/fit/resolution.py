@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from feltmb.data import Record
 from feltmb.fit.model import Batch, Jobs, Model, Parameter, Simulated
-from feltmb.fit.together import each
 
 __all__ = ["BETWEEN", "Stepped", "refined", "resolved"]
 
@@ -136,7 +135,7 @@ def _jobs(model: Model, records: Sequence[Record]) -> list[Batch]:
     """Segments of records that start on the trajectory of the model."""
     theta = np.array([p.value for p in model.parameters])
     segments = [_segments(r) for r in records]
-    starts = each(model, lambda m, at: m.guess(*at), list(zip(records, segments, strict=True)))
+    starts = model.guess(records, segments)
     return [
         (r, Jobs.at_point(theta, w, x, (), np.zeros(0)))
         for r, w, x in zip(records, segments, starts, strict=True)

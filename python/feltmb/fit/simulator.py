@@ -30,6 +30,7 @@ from feltmb.fit.model import (
     SensitivityRequest,
     Simulated,
     State,
+    Weighted,
 )
 from feltmb.fit.noise_of_function import Step, choose_step, noise_of_function
 from feltmb.fit.runner import Run, Runner
@@ -116,7 +117,6 @@ class SimulatorModel(Model):
         Whether it has impacts after which a small change of a parameter grows strongly.
     """
 
-    together = True
     from_rest = True
     least_samples = 2
 
@@ -330,16 +330,28 @@ class SimulatorModel(Model):
             values[candidate.effect.data] += float(magnitude)
         return values
 
-    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
+    def sensitivities(  # noqa: D102
+        self, requests: Sequence[SensitivityRequest]
+    ) -> list[Sensitivity]:
         # Finite differences with the steps chosen for the noise of the function.
+        changed = [self._changed_jobs(request) for request in requests]
+        runs = self.simulate_all(
+            [(r.record, jobs) for r, (jobs, _) in zip(requests, changed, strict=True)]
+        )
+        return [
+            self._derivatives(request, run, columns)
+            for request, run, (_, columns) in zip(requests, runs, changed, strict=True)
+        ]
+
+    def _changed_jobs(self, request: SensitivityRequest) -> tuple[Jobs, list[Weighted]]:
+        """Jobs with changes of parameters and magnitudes, and their use by column."""
         request.check(self)
-        wanted, theta, segments = request.parameters_of(self), request.theta, request.segments
-        included, candidates = request.included, request.candidates
-        everything = (*included, *candidates)
-        at = np.concatenate([theta, request.sizes, np.zeros(len(candidates))])
+        theta, segments = request.theta, request.segments
+        everything = (*request.included, *request.candidates)
+        at = np.concatenate([theta, request.sizes, np.zeros(len(request.candidates))])
         columns = [
             (i, self.parameters[i].name, self.parameters[i].size, *_limits(self.parameters[i]))
-            for i in wanted
+            for i in request.parameters_of(self)
         ]
         columns += [
             (len(theta) + k, str(c.effect.data), c.effect.scale, *c.effect.bounds)
@@ -363,24 +375,31 @@ class SimulatorModel(Model):
             included=everything,
             magnitudes=np.repeat(table[:, len(theta) :], count, axis=0),
         )
-        run = self.simulate(request.record, jobs)
-        seen = run.outputs.reshape(len(rows), count, -1, len(self.outputs))
+        return jobs, entries
+
+    def _derivatives(
+        self, request: SensitivityRequest, run: Simulated, columns: list[Weighted]
+    ) -> Sensitivity:
+        """Derivatives from the results of the changed jobs."""
+        count, included = len(request.segments), len(request.included)
+        seen = run.outputs.reshape(-1, count, *run.outputs.shape[1:])
         found = np.zeros((*seen.shape[1:], len(columns)))
-        for c, entry in enumerate(entries):
+        for c, entry in enumerate(columns):
             for moved, weight in entry:
                 found[..., c] += weight * (seen[moved] - seen[0])
-        a, b = len(wanted), len(wanted) + len(included)
+        a = len(request.parameters_of(self))
+        b = a + included
         return Sensitivity(
             outputs=seen[0],
             ends=np.zeros((count, 0)),
             d_theta=found[..., :a],
             d_theta_ends=np.zeros((count, 0, a)),
             d_magnitudes=found[..., a:b],
-            d_magnitudes_ends=np.zeros((count, 0, len(included))),
+            d_magnitudes_ends=np.zeros((count, 0, included)),
             d_starts=np.zeros((*seen.shape[1:], 0)),
             d_starts_ends=np.zeros((count, 0, 0)),
             d_candidates=found[..., b:],
-            d_candidates_ends=np.zeros((count, 0, len(candidates))),
+            d_candidates_ends=np.zeros((count, 0, len(request.candidates))),
         )
 
 

@@ -11,11 +11,10 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.files import digest_of, package_digest
 from feltmb.fit.linearize import InputColumns, Linear, Place
-from feltmb.fit.model import Candidate, Jobs, Model
-from feltmb.fit.observe import machine_candidates, observe_jobs
+from feltmb.fit.model import Candidate, Jobs, Model, by_segment
+from feltmb.fit.observe import machine_candidates, observe_all
 from feltmb.fit.problem import Normal, Point, Problem
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.together import each
 from feltmb.fit.watch import current
 
 __all__ = [
@@ -541,32 +540,34 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
 
 def chained(problem: Problem, point: Point) -> Point:
     """Point whose segments start at the end of the previous segment."""
-
-    def of(model: Model, at: tuple[SegmentedRecord, Place]) -> Place:
-        segmented, place = at
-        starts = place.starts.copy()
-        held = None if place.memory is None else list(place.memory)
-        for w in range(segmented.count - 1):
-            one = slice(w, w + 1)
+    segmented = problem.segmented_records
+    starts = [place.starts.copy() for place in point.places]
+    held = [None if place.memory is None else list(place.memory) for place in point.places]
+    for w, which in by_segment([s.count - 1 for s in segmented]):
+        one = slice(w, w + 1)
+        batches = []
+        for i in which:
+            memory = held[i]
             jobs = Jobs.at_point(
                 point.theta,
-                segmented.segments[one],
-                starts[one],
+                segmented[i].segments[one],
+                starts[i][one],
                 problem.included,
                 point.magnitudes,
-                None if held is None else (held[w],),
+                None if memory is None else (memory[w],),
             )
-            run = observe_jobs(model, segmented.record, jobs)
+            batches.append((segmented[i].record, jobs))
+        for i, run in zip(which, observe_all(problem.model, batches), strict=True):
+            memory = held[i]
             if np.all(np.isfinite(run.ends[0])):
-                starts[w + 1] = run.ends[0]
-            if held is not None and run.memory is not None:
-                held[w + 1] = run.memory[0]
-        return Place(starts, place.nuisances, None if held is None else tuple(held))
-
-    places = each(
-        problem.model, of, list(zip(problem.segmented_records, point.places, strict=True))
+                starts[i][w + 1] = run.ends[0]
+            if memory is not None and run.memory is not None:
+                memory[w + 1] = run.memory[0]
+    places = tuple(
+        Place(x, place.nuisances, None if memory is None else tuple(memory))
+        for x, place, memory in zip(starts, point.places, held, strict=True)
     )
-    return replace(point, places=tuple(places), memo={})
+    return replace(point, places=places, memo={})
 
 
 def at_level(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.linearize import Linear, predict
+from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Candidate, Effect, Model
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, finish, polish
@@ -78,10 +78,7 @@ def calibrate(
     included = all_candidates(effects)
     settings = FitSettings(iterations=6)
     excess = []
-    clean = [
-        predict(fit.problem.model, s, fit.point.theta, fit.included, fit.point.magnitudes, p)[0]
-        for s, p in zip(fit.problem.segmented_records, fit.point.places, strict=True)
-    ]
+    clean = [outputs for outputs, _, _ in fit.problem.predict(fit.point)]
     for i in range(replicates):
         if progress is not None:
             progress("null bootstrap", i, replicates)

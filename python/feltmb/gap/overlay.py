@@ -132,7 +132,7 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
 def _simulate(model: Model, record: Record) -> dict[str, Array]:
     """Outputs over the whole record, from the expected start state of the model."""
     theta = np.array([p.value for p in model.parameters])
-    start = model.guess(record, np.array([[0, record.samples - 1]]))[0]
+    start = model.guess([record], [np.array([[0, record.samples - 1]])])[0][0]
     values = observe_whole(model, record, theta, start)
     if not values.shape[0] >= record.samples:
         raise DataError(

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.linearize import Place, predict
+from feltmb.fit.linearize import Place
 from feltmb.fit.observe import machine_candidates
 from feltmb.fit.problem import Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
@@ -315,12 +315,9 @@ def _converge(problem: Problem, model: Fit) -> Point:
 
 def _by_segment(fit: Fit) -> Iterator[tuple[SegmentedRecord, Array]]:
     """Records with their outputs, (W, L, ny), where each segment starts from its own state."""
-    model, point, included = fit.problem.model, fit.point, fit.problem.included
-    for segmented, place in zip(fit.problem.segmented_records, point.places, strict=True):
-        yield (
-            segmented,
-            predict(model, segmented, point.theta, included, point.magnitudes, place)[0],
-        )
+    seen = fit.problem.predict(fit.point)
+    for segmented, (outputs, _, _) in zip(fit.problem.segmented_records, seen, strict=True):
+        yield segmented, outputs
 
 
 def outputs_by_segment(fit: Fit) -> list[Array]:
@@ -335,22 +332,15 @@ def residuals_by_segment(fit: Fit) -> list[Array]:
 
 def one_run(fit: Fit) -> list[Array]:
     """Residual by record, (n, ny), of one simulation from the first start state."""
-    problem = fit.problem
-    out = []
-    for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
+    whole = []
+    for segmented in fit.problem.segmented_records:
         ends = np.array([[0, segmented.record.samples - 1]])
-        whole = segment_record(problem.model, segmented.record, {}, None, ends)
-        whole = replace(whole, nuisances=segmented.nuisances)
-        outputs, _, _ = predict(
-            problem.model,
-            whole,
-            fit.point.theta,
-            problem.included,
-            fit.point.magnitudes,
-            Place(place.starts[:1], place.nuisances),
-        )
-        out.append((whole.measured - outputs)[0])
-    return out
+        own = segment_record(fit.problem.model, segmented.record, {}, None, ends)
+        whole.append(replace(own, nuisances=segmented.nuisances))
+    places = tuple(Place(p.starts[:1], p.nuisances) for p in fit.point.places)
+    problem = replace(fit.problem, segmented_records=tuple(whole))
+    seen = problem.predict(replace(fit.point, places=places))
+    return [(s.measured - outputs)[0] for s, (outputs, _, _) in zip(whole, seen, strict=True)]
 
 
 def compare(

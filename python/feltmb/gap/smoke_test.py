@@ -81,7 +81,7 @@ def _check_numbers(model: Model, record: Record, bare: Array) -> None:
         return
     segments = np.array([[0, min(SAMPLES, record.samples) - 1]])
     theta = np.array([p.value for p in model.parameters])
-    starts = model.guess(record, segments)
+    starts = model.guess([record], [segments])[0]
     jobs = Jobs.at_point(theta, segments, starts, (), np.zeros(0))
     if not _runs(observe_jobs(model, record, jobs).outputs):
         raise InvalidParameter(

@@ -17,12 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.linearize import Linear, predict
-from feltmb.fit.model import LAWS, Candidate, Model
-from feltmb.fit.problem import Problem
-from feltmb.fit.segmented_records import SegmentedRecord
+from feltmb.fit.linearize import Linear
+from feltmb.fit.model import LAWS, Candidate
 from feltmb.fit.solve import Fit, inverse_scaled
-from feltmb.fit.together import each
 from feltmb.gap.shape import movable, moved_shape, shape_number
 
 __all__ = ["Spread", "spread"]
@@ -106,20 +103,8 @@ def _seen(fit: Fit, k: int, place: int, factor: float) -> list[tuple[Array, Arra
     included = list(fit.included)
     number = shape_number(included[k].shape, place) * factor
     included[k] = Candidate(included[k].effect, moved_shape(included[k].shape, place, number))
-    problem: Problem = fit.problem
-
-    def see(model: Model, i: int) -> tuple[Array, Array]:
-        segmented: SegmentedRecord = problem.segmented_records[i]
-        return predict(
-            model,
-            segmented,
-            fit.point.theta,
-            tuple(included),
-            fit.point.magnitudes,
-            fit.point.places[i],
-        )[1:]
-
-    return each(problem.model, see, range(len(problem.segmented_records)))
+    seen = fit.problem.with_candidates(tuple(included)).predict(fit.point)
+    return [(residual, gap) for _, residual, gap in seen]
 
 
 def _with(linear: Linear, columns: list[tuple[Array, Array]], at: int) -> Linear:

@@ -49,8 +49,8 @@ def columns_of(monkeypatch, mechanism, stroke, effects, whole):
         s = forward_sensitivities(
             model,
             SensitivityRequest(
-                record, np.zeros(len(model.parameters)), segments, model.guess(record, segments),
-                by_starts=False, candidates=candidates,
+                record, np.zeros(len(model.parameters)), segments,
+                model.guess([record], [segments])[0], by_starts=False, candidates=candidates,
             ),
         )  # fmt: skip
     scales = np.array([p.size for p in model.parameters] + [c.effect.scale for c in candidates])
@@ -135,12 +135,10 @@ def agreement(monkeypatch, stroke, effects, tolerances, tolerance=2e-6, rtol=1e-
         c for c in candidates if can_differentiate(c) and c.effect.bounds[0] < 0.0
         and c.effect.data.condition is None
     )  # fmt: skip
-    s = model.sensitivities(
-        SensitivityRequest(
+    s = model.sensitivities([SensitivityRequest(
             record, np.zeros(len(model.parameters)), np.array([[0, time.size - 1]], dtype=np.intp),
             np.zeros((1, 0)), candidates=candidates,
-        )
-    )  # fmt: skip
+        )])[0]  # fmt: skip
     wanted = [(p.name, (), i, p.size, s.d_theta[0, ..., i]) for i, p in enumerate(model.parameters)]
     wanted += [
         (c.name, (c,), -1, c.effect.scale, s.d_candidates[0, ..., i])

@@ -195,7 +195,7 @@ def test_segments_go_on_where_the_last_one_ended():
         ),
     ).outputs[0]
     cuts = np.array([[0, 90], [90, 170], [170, time.size - 1]])
-    starts = model.guess(record, cuts)
+    starts = model.guess([record], [cuts])[0]
     parts = model.simulate(
         record, Jobs(theta=np.repeat(theta, 3, axis=0), segments=cuts, starts=starts)
     )

@@ -98,21 +98,21 @@ def test_one_pass_a_point_and_only_what_is_missing_later(adapter):
     none = np.zeros((1, 0))
     model.forget()
     before = model.passes
-    s = model.sensitivities(SensitivityRequest(record, theta, whole(record), none))
+    s = model.sensitivities([SensitivityRequest(record, theta, whole(record), none)])[0]
     assert model.passes == before + 1
     again = model.sensitivities(
-        SensitivityRequest(record, theta, whole(record), none, candidates=candidates)
-    )
+        [SensitivityRequest(record, theta, whole(record), none, candidates=candidates)]
+    )[0]
     assert model.passes == before + 2  # the candidates
     assert np.array_equal(again.d_theta, s.d_theta)
     model.sensitivities(
-        SensitivityRequest(record, theta, whole(record), none, candidates=candidates)
-    )
+        [SensitivityRequest(record, theta, whole(record), none, candidates=candidates)]
+    )[0]
     assert model.passes == before + 2
-    model.sensitivities(SensitivityRequest(record, theta + 1e-9, whole(record), none))
+    model.sensitivities([SensitivityRequest(record, theta + 1e-9, whole(record), none)])[0]
     assert model.passes == before + 3
     model.forget()
-    model.sensitivities(SensitivityRequest(record, theta, whole(record), none))
+    model.sensitivities([SensitivityRequest(record, theta, whole(record), none)])[0]
     assert model.passes == before + 4
 
 
@@ -124,12 +124,10 @@ def test_an_effect_that_is_a_tolerance_has_its_column(adapter):
     entry = model.library.effect("capstan_height")
     assert model.alias(entry) is not None
     effect = effect_of(entry, model.outputs, model.library.channels, states=False)
-    s = model.sensitivities(
-        SensitivityRequest(
+    s = model.sensitivities([SensitivityRequest(
             record, np.zeros(len(model.parameters)), whole(record), np.zeros((1, 0)),
             candidates=(Candidate(effect),),
-        )
-    )  # fmt: skip
+        )])[0]  # fmt: skip
     place = [p.name for p in model.parameters].index("capstan_height")
     ours, theirs = s.d_candidates[0, ..., 0], s.d_theta[0, ..., place]
     assert np.abs(theirs).max() > 0.0
@@ -166,7 +164,7 @@ def test_the_variability_is_linear_and_belongs_to_its_record(adapter):
                with_variability.parameters[-extra:])  # fmt: skip
     none = np.zeros((1, 0))
     theta = np.zeros(len(with_variability.parameters))
-    s = with_variability.sensitivities(SensitivityRequest(record, theta, whole(record), none))
+    s = with_variability.sensitivities([SensitivityRequest(record, theta, whole(record), none)])[0]
     moved = theta.copy()
     moved[-extra:] = np.linspace(-1.0, 2.0, extra)
     y = with_variability.simulate(

@@ -138,13 +138,21 @@ def test_whitening_gives_the_dense_likelihood_with_gaps_in_the_data():
 def test_sensitivities_are_derivatives():
     one = models.record("r", 1.0, 1, samples=200)
     segments = choose_segments(one, 0.2)
-    starts = models.NOMINAL.guess(one, segments)
+    starts = models.NOMINAL.guess([one], [segments])[0]
     included, candidates = (Candidate(models.CUBIC),), (Candidate(models.DRY),)
     s = models.NOMINAL.sensitivities(
-        SensitivityRequest(
-            one, models.TRUTH, segments, starts, included, np.array([500.0]), candidates=candidates
-        )
-    )
+        [
+            SensitivityRequest(
+                one,
+                models.TRUTH,
+                segments,
+                starts,
+                included,
+                np.array([500.0]),
+                candidates=candidates,
+            )
+        ]
+    )[0]
 
     def run(theta, x, cubic, dry):
         count = len(segments)

@@ -57,26 +57,30 @@ def test_it_is_the_model_with_the_candidate():
 
     # With another candidate: columns go where they belong, in the order asked for.
     both = model.sensitivities(
-        SensitivityRequest(
-            record,
-            theta,
-            segments,
-            starts,
-            (Candidate(CREEP), Candidate(DRAG)),
-            np.array([3e-5, 1e-3]),
-        )
-    )
+        [
+            SensitivityRequest(
+                record,
+                theta,
+                segments,
+                starts,
+                (Candidate(CREEP), Candidate(DRAG)),
+                np.array([3e-5, 1e-3]),
+            )
+        ]
+    )[0]
     mine = included.sensitivities(
-        SensitivityRequest(
-            record,
-            np.append(theta, 3e-5),
-            segments,
-            starts,
-            (Candidate(DRAG),),
-            np.array([1e-3]),
-            by_theta=[len(theta), 2],
-        )
-    )
+        [
+            SensitivityRequest(
+                record,
+                np.append(theta, 3e-5),
+                segments,
+                starts,
+                (Candidate(DRAG),),
+                np.array([1e-3]),
+                by_theta=[len(theta), 2],
+            )
+        ]
+    )[0]
     np.testing.assert_array_equal(mine.d_theta[..., 0], both.d_magnitudes[..., 0])
     np.testing.assert_array_equal(mine.d_theta[..., 1], both.d_theta[..., 2])
     np.testing.assert_array_equal(mine.d_magnitudes[..., 0], both.d_magnitudes[..., 1])

@@ -8,7 +8,6 @@ import pytest
 from feltmb.data import Record, Sensor
 from feltmb.fit import OdeModel
 from feltmb.fit.linear import LinearModel
-from feltmb.fit.linearize import predict
 from feltmb.fit.model import Jobs, Parameter, State
 from feltmb.fit.observe import observe_jobs
 from feltmb.fit.problem import Problem
@@ -180,9 +179,7 @@ def test_derivatives_through_a_slow_sensor_are_those_of_a_segment_alone(bandwidt
             starts = point.places[0].starts.copy()
             starts[w, 0] += h
             place = replace(point.places[0], starts=starts)
-            ends.append(
-                predict(OSCILLATOR, segmented, point.theta, (), point.magnitudes, place)[1][w]
-            )
+            ends.append(problem.predict(replace(point, places=(place,)))[0][1][w])
         numeric = -(ends[0] - ends[1]) / 2e-4
         assert np.allclose(by_state[w, :, 0], numeric, rtol=1e-4, atol=1e-4 * np.max(abs(numeric)))
 

@@ -77,10 +77,12 @@ def records(drift):
 def columns(m, r, *candidates):
     segments = np.array([[0, 150], [150, 399]])
     return m.sensitivities(
-        SensitivityRequest(
-            r, np.array([2.0, 0.4]), segments, np.zeros((2, 0)), candidates=candidates
-        )
-    )
+        [
+            SensitivityRequest(
+                r, np.array([2.0, 0.4]), segments, np.zeros((2, 0)), candidates=candidates
+            )
+        ]
+    )[0]
 
 
 def test_segments_of_a_record_come_from_one_run():

@@ -264,10 +264,9 @@ def model_methods(model):
     rows = gap.Jobs(theta=theta[None], segments=np.array([[0, 199]]), starts=starts)
     return {
         "accepts": {"effect": DRY},
-        "asking": {"ask": lambda _jobs: []},
         "events": {"record": record(), "outputs": {"q": np.zeros(200)}},
         "refined": {"batches": [(record(), rows)]},
-        "guess": {"record": record(), "segments": np.array([[0, 199]])},
+        "guess": {"records": [record()], "segments": [np.array([[0, 199]])]},
         "ready": {"records": [record()]},
         "driven": {"records": [record()]},
         "referred": {"record": record()},
@@ -275,7 +274,7 @@ def model_methods(model):
         "simulate_all": {"batches": [(record(), rows)]},
         "states": {"included": ()},
         "sensitivities": {
-            "request": gap.SensitivityRequest(record(), theta, np.array([[0, 199]]), starts)
+            "requests": [gap.SensitivityRequest(record(), theta, np.array([[0, 199]]), starts)]
         },
         "with_parameters": {"parameters": {p.name: p for p in model.parameters[:1]}},
         "with_variability_at": {"theta": theta, "included": (), "magnitudes": np.zeros(0)},
