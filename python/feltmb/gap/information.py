@@ -24,7 +24,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
@@ -32,13 +31,25 @@ from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import Store, digest_of, package_digest
 from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Candidate, Model
+from feltmb.fit.noise import Noise, noise_of
+from feltmb.fit.observe import observe_whole
 from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import segment_record
 from feltmb.gap.checks import with_sigma
+from feltmb.gap.confusion import confusion
 from feltmb.gap.criteria import BEST_PART, DETECTABLE, NOT_LISTED
-from feltmb.gap.planning import _noise, planned
 
-__all__ = ["Belief", "Information", "Knowledge", "information", "informations"]
+__all__ = [
+    "Belief",
+    "Information",
+    "Knowledge",
+    "expected_noise",
+    "information",
+    "informations",
+    "linearized",
+    "of_normal",
+    "planned",
+]
 
 #: Magnitudes of an effect that are assumed before there are data [scales].
 MAGNITUDES = (0.5, 1.0, 2.0)
@@ -130,6 +141,51 @@ class Belief:
         return np.asarray(out / np.sum(out))
 
 
+def planned(
+    model: Model,
+    record: Record,
+    sensors: Mapping[str, Sensor],
+    theta: Array | None = None,
+) -> Record:
+    """The record with the outputs of the model, without noise.
+
+    Parameters
+    ----------
+    sensors
+        Sensors by output; other outputs are not measured.
+    theta
+        Parameters; None: their prior values.
+
+    Raises
+    ------
+    InvalidParameter
+        The model cannot simulate it.
+    """
+    prior = {} if record.start is None else record.start.mean
+    start = np.array([prior.get(s.name, s.start) for s in model.states()])
+    if theta is None:
+        theta = np.array([p.value for p in model.parameters])
+    names = [n for n in model.outputs if n in sensors]
+    bare = replace(record, outputs={n: np.zeros(record.samples) for n in names}, sensors=sensors)
+    outputs = observe_whole(model, bare, theta, start)
+    columns = {n: outputs[:, model.outputs.index(n)] for n in names}
+    for name, column in columns.items():
+        if not np.all(np.isfinite(column)):
+            raise InvalidParameter(f"record {record.name}: {name} could not be simulated")
+    return replace(bare, outputs=columns)
+
+
+def expected_noise(record: Record) -> dict[str, Noise]:
+    """Noise by output; where it is unknown, a thousandth of the spread of the output."""
+    out = {}
+    for name, sensor in record.sensors.items():
+        sigma = sensor.sigma
+        if sigma is None:
+            sigma = 1e-3 * (float(np.std(record.outputs[name])) or 1.0)
+        out[name] = noise_of(sensor, sigma, sensor.quantum)
+    return out
+
+
 def information(
     model: Model,
     record: Record,
@@ -162,7 +218,7 @@ def informations(
     """
     identity = None if store is None else _identity(model)
     if store is None or identity is None:
-        return _informations(model, record, candidates, ways)
+        return linearized(model, record, candidates, ways)
     key = digest_of(
         package_digest(),
         identity,
@@ -191,7 +247,7 @@ def informations(
     ]
     if len(out) == len(keys):
         return tuple(out)
-    made = _informations(model, record, candidates, ways)
+    made = linearized(model, record, candidates, ways)
     for k, one in zip(keys, made or (), strict=False):
         numbers = {"square": float(one.square), "samples": float(one.samples)}
         store.put(k, numbers, {"matrix": one.matrix, "right": one.right})
@@ -209,19 +265,37 @@ def _identity(model: Model) -> str | None:
     return repr((type(model).__name__, raw, options, model.outputs, own))
 
 
-def _informations(
+def linearized(
     model: Model,
     record: Record,
     candidates: tuple[Candidate, ...],
     ways: Sequence[Mapping[str, float]],
+    *,
+    theta: Array | None = None,
+    noise: Mapping[str, Noise] | None = None,
+    level: float = LOOSE,
 ) -> tuple[Information, ...] | None:
+    """The same as :func:`informations` without a store, at any parameters.
+
+    Parameters
+    ----------
+    theta
+        Parameters of the model; None: their prior values.
+    noise
+        Noise by output; None: that of the sensors.
+    level
+        Permitted continuity defects, as a share of the spread of the states [1].
+    """
     try:
-        ready = model.ready([with_sigma(record, _noise(record))])
+        ready = model.ready([with_sigma(record, noise or expected_noise(record))])
         own, kept = ready.model, ready.records[0]
-        segmented = segment_record(own, kept, _noise(kept), None)
+        segmented = segment_record(own, kept, noise or expected_noise(kept), None)
         problem = Problem(own, (segmented,))
-        point = problem.start()
-        gap_sd = LOOSE * problem.scale(point)
+        at = {p.name: p.value for p in own.parameters}
+        if theta is not None:
+            at |= zip((p.name for p in model.parameters), theta, strict=True)
+        point = problem.start(theta=np.array([at[p.name] for p in own.parameters]))
+        gap_sd = level * problem.scale(point)
         linears = problem.linear(point, candidates)
         if not all(np.all(x.good) for x in linears):
             return None
@@ -236,7 +310,7 @@ def _informations(
                 return None
             square = float(sum(np.sum(x.residual**2) for x in read))
             samples = float(np.sum(segmented.samples[:, share > 0.0]))
-            out.append(_of_model(model, problem, point, normal, candidates, square, samples))
+            out.append(of_normal(model, problem, point, normal, candidates, square, samples))
     except FeltmbError:
         return None
     return tuple(out)
@@ -256,16 +330,16 @@ def _read_by(linear: Linear, share: Array) -> Linear:
     )
 
 
-def _of_model(
+def of_normal(
     model: Model,
     problem: Problem,
     point: Point,
     normal: Normal,
     candidates: tuple[Candidate, ...],
-    square: float,
-    samples: float,
+    square: float = 0.0,
+    samples: float = 0.0,
 ) -> Information:
-    """Normal equations of a record over the parameters of the model and all candidates."""
+    """Information of normal equations, over the parameters of the model and all candidates."""
     own = problem.model
     matrix, right = np.array(normal.matrix), np.array(normal.right)
     free = [own.parameters[i] for i in problem.free]
@@ -275,7 +349,7 @@ def _of_model(
             right[c] -= (p.value - point.theta[problem.free[c]]) / p.sd**2
     shared = {p.name: i for i, p in enumerate(model.parameters)}
     k, n = len(candidates), len(model.parameters)
-    place = [shared.get(p.name, -1) for p in free]
+    place = [shared.get(p.name, -1) for p in free] + [-1] * len(problem.included)
     place += list(range(n, n + k))
     place += [-1] * (matrix.shape[0] - len(place))
     kept_rows = [i for i, at in enumerate(place) if at >= 0]
@@ -326,19 +400,17 @@ class Knowledge:
         for i, p in enumerate(model.parameters):
             if 0.0 < p.sd < math.inf:
                 matrix[i, i] = 1.0 / p.sd**2
-        out = cls(model, candidates, belief, matrix, right)
-        for one in known:
-            out = out.plus(one)
+        out = cls(model, candidates, belief, matrix, right).plus(*known)
         return replace(out, before=out.gram)
 
-    def plus(self, one: Information) -> Knowledge:
-        """Add an experiment."""
+    def plus(self, *more: Information) -> Knowledge:
+        """Add experiments."""
         return replace(
             self,
-            matrix=self.matrix + one.matrix,
-            right=self.right + one.right,
-            square=self.square + one.square,
-            samples=self.samples + one.samples,
+            matrix=self.matrix + sum(m.matrix for m in more),
+            right=self.right + sum(m.right for m in more),
+            square=self.square + sum(m.square for m in more),
+            samples=self.samples + sum(m.samples for m in more),
         )
 
     def part(self, name: str, sd: float) -> Information:
@@ -441,12 +513,22 @@ class Knowledge:
         g = self.gram
         return 0.5 * float(np.linalg.slogdet(np.eye(len(g)) + g)[1])
 
-    def confusion(self) -> Array:
-        """Probability of mistaking a candidate (row) for another at one scale, (k, k + 1).
+    def expected(self) -> Array:
+        """Expected magnitude of each candidate: as fitted, else its scale [scales], (k,)."""
+        fitted = self.belief.magnitudes
+        return np.array(
+            [fitted.get(t.name, t.effect.scale) / t.effect.scale for t in self.candidates]
+        )
 
-        The last column is the probability of mistaking it for no effect.
-        """
-        return np.asarray(stats.norm.cdf(-np.sqrt(0.5 * self.evidence())))
+    def confusion(self) -> Array:
+        """Probability of mistaking a candidate (row) for another, at its expected magnitude."""
+        return confusion(self.gram, self.expected())
+
+    def surviving(self) -> Array:
+        """Share of each signature (amplitude) that no parameter can imitate [1], (k,)."""
+        whole = np.diag(self._split[2])
+        left = np.diag(self.gram) / np.where(whole > 0.0, whole, 1.0)
+        return np.asarray(np.sqrt(np.clip(left, 0.0, 1.0)))
 
     def smallest(self) -> Array:
         """Smallest detectable magnitude [unit], (k,); inf: not detectable."""
