@@ -87,8 +87,8 @@ def test_a_motion_is_not_driven_past_its_stops():
 
 def test_twins_are_told_to_need_another_sensor():
     alike = replace(CUBE, name="alike")
-    twins = [(Candidate(CUBE), Candidate(alike))]
-    (advice,) = _advice(fitted(record(1.0)), twins, {"cube": 0.1})
+    pairs = [(Candidate(CUBE), Candidate(alike))]
+    (advice,) = _advice(fitted(record(1.0)), pairs, {"cube": 0.1})
     assert "another point or quantity" in advice.text
     assert advice.confusion_then == pytest.approx(0.5)
 
