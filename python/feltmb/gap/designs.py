@@ -37,7 +37,7 @@ from feltmb.gap.information import (
     expected_noise,
     information,
     informations,
-    record_of,
+    planned,
 )
 from feltmb.gap.limits import FurtherSensor, Limits, PartTest
 from feltmb.gap.measured import open_effects
@@ -477,10 +477,18 @@ class _Work:
         }
         inputs[input_name] = profile.at(time)
         own = {n: i.sigma for n, i in self.limits.inputs.items() if n in inputs and i.sigma > 0.0}
+        sensors = self.sensors.all
+        bare = Record(
+            name=name,
+            time=time,
+            inputs=inputs,
+            outputs={n: np.zeros(time.size) for n in sensors},
+            sensors=sensors,
+            input_mode=mode,
+            input_sigma=own,
+        )
         try:
-            return record_of(
-                self.model, name, time, inputs, self.sensors.all, mode=mode, input_sigma=own
-            )
+            return planned(self.model, bare, sensors)
         except FeltmbError:
             self.failed += 1
             return None

@@ -19,11 +19,12 @@ exp(-L_ab)). The value of the experiment is the mean of p_a over all possible ca
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
@@ -37,7 +38,7 @@ from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import segment_record
 from feltmb.gap.checks import with_sigma
 from feltmb.gap.confusion import confusion
-from feltmb.gap.criteria import BEST_PART, DETECTABLE, NOT_LISTED
+from feltmb.gap.criteria import DETECTABLE, NOT_LISTED
 
 __all__ = [
     "Belief",
@@ -413,6 +414,19 @@ class Knowledge:
             samples=self.samples + sum(m.samples for m in more),
         )
 
+    def among(self, names: Collection[str]) -> Knowledge:
+        """The same for the effects of these names only."""
+        kept = [i for i, t in enumerate(self.candidates) if t.name in names]
+        n = len(self.model.parameters)
+        at = [*range(n), *(n + i for i in kept)]
+        return replace(
+            self,
+            candidates=tuple(self.candidates[i] for i in kept),
+            matrix=self.matrix[np.ix_(at, at)],
+            right=self.right[at],
+            before=None if self.before is None else self.before[np.ix_(kept, kept)],
+        )
+
     def part(self, name: str, sd: float) -> Information:
         """Information of a test of one part by itself: of a parameter, or of an effect.
 
@@ -524,6 +538,10 @@ class Knowledge:
         """Probability of mistaking a candidate (row) for another, at its expected magnitude."""
         return confusion(self.gram, self.expected())
 
+    def detected(self) -> NDArray[np.bool_]:
+        """Whether each candidate is detectable at its expected magnitude, (k,)."""
+        return self.expected() * np.sqrt(np.diag(self.gram)) >= DETECTABLE
+
     def surviving(self) -> Array:
         """Share of each signature (amplitude) that no parameter can imitate [1], (k,)."""
         whole = np.diag(self._split[2])
@@ -549,35 +567,10 @@ class Knowledge:
             if share[i] > 0.1 * np.max(share, initial=0.0)
         ]
 
-    def helpful_part(self, candidate: int) -> tuple[int, float, float] | None:
-        """Parameter whose separate measurement would most improve the detection of a candidate.
-
-        Returns its index, the standard deviation [unit] that the measurement needs, and the
-        smallest detectable magnitude [unit] after it; None: no parameter helps. The needed standard
-        deviation is half of the present one, because that gives four fifths of the improvement by
-        exact knowledge. It is at least a tenth of the tolerance.
-        """
-        pp, pe, _ = self._split
-        n = len(self.model.parameters)
-        inverse = solve_scaled(pp, np.eye(n))
-        spread = np.maximum(np.diag(inverse), 0.0)
-        x = inverse @ pe[:, candidate]
-        sd = np.array([p.sd for p in self.model.parameters])
-        finite = np.where(np.isfinite(sd), sd, 0.0)
-        known_to = np.maximum(0.5 * np.sqrt(spread), BEST_PART * finite)
-        able = (spread > 0.0) & (sd > 0.0) & (known_to < sd)
-        own_part = [
-            self._share_in_test(self.candidates[candidate], p.name) for p in self.model.parameters
-        ]
-        # Change of the test's result by the effect, if the records stay as they are.
-        change = np.array(own_part) - x
-        gain = np.where(able, change**2 / (spread + np.where(able, known_to, 1.0) ** 2), 0.0)
-        at = int(np.argmax(gain)) if n else -1
-        own = float(self.gram[candidate, candidate])
-        if at < 0 or gain[at] <= 0.1 * own or gain[at] <= 1e-12:
-            return None
-        scale = self.candidates[candidate].effect.scale
-        return at, float(known_to[at]), DETECTABLE * scale / math.sqrt(own + gain[at])
+    def spread(self) -> Array:
+        """Standard deviation of each parameter, candidates absent [its unit]."""
+        pp = self._split[0]
+        return np.asarray(np.sqrt(np.maximum(np.diag(solve_scaled(pp, np.eye(len(pp)))), 0.0)))
 
     def linear_belief(self) -> Belief:
         """Probabilities by one step from the tabulated values, one effect at a time."""
@@ -608,32 +601,3 @@ class Knowledge:
             none=math.exp(none - top) / total,
             magnitudes={n: sizes[n] for n, w in weights.items() if w > 0.05 and sizes[n] > 0.0},
         )
-
-
-def record_of(
-    model: Model,
-    name: str,
-    time: Array,
-    inputs: Mapping[str, Array],
-    sensors: Mapping[str, Sensor],
-    *,
-    mode: Any = "force",
-    input_sigma: Mapping[str, float] | None = None,
-) -> Record:
-    """A possible run, with the outputs of the model.
-
-    Raises
-    ------
-    FeltmbError
-        The model cannot simulate it.
-    """
-    bare = Record(
-        name=name,
-        time=time,
-        inputs=inputs,
-        outputs={n: np.zeros(time.size) for n in sensors},
-        sensors=sensors,
-        input_mode=mode,
-        input_sigma=input_sigma or {},
-    )
-    return planned(model, bare, sensors)

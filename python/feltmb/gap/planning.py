@@ -11,11 +11,12 @@ from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.calling import calling
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.checks import faults_against
+from feltmb.gap.confusion import confused_groups, confusion_if_detected
 from feltmb.gap.information import Belief, Information, Knowledge, linearized, planned
 from feltmb.gap.measured import open_effects
 from feltmb.gap.score import all_candidates
 from feltmb.gap.smoke_test import try_effects
-from feltmb.gap.visibility import Visible, inseparable, reasons, visible
+from feltmb.gap.visibility import Visible, reasons, visible
 
 __all__ = ["Experiment", "Plan", "plan"]
 
@@ -126,7 +127,9 @@ def plan(
     ]
     return Plan(
         effects=visible(start, now, everything.plus(*(own for (own,) in more))),
-        inseparable=inseparable(now),
+        inseparable=confused_groups(
+            [t.name for t in every], confusion_if_detected(now.gram, now.expected())
+        ),
         after=now.names(),
         experiments=tuple(sorted(ranked, key=lambda e: (-e.after, e.name))),
     )
