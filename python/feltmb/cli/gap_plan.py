@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from feltmb.cli.gap_models import Adapter
     from feltmb.data import Record
     from feltmb.gap import Design, Limits
+    from feltmb.gap.visibility import Visible
 
 __all__ = [
     "Telling",
@@ -43,8 +44,8 @@ __all__ = [
     "units_of",
 ]
 
-#: Largest numbers of effects and parts that are listed.
-MOST_EFFECTS, MOST_PARTS = 12, 5
+#: Largest numbers of effects, parts, and further records or sensors that are listed.
+MOST_EFFECTS, MOST_PARTS, MOST_ADDED = 12, 5, 5
 
 measured_option = click.option(
     "--measured",
@@ -320,25 +321,7 @@ def print_design(found: Design) -> None:
         f"Expected {what}: {value(found.before)} now, {value(found.after)} after the plan"
         + (f" ({value(found.reachable)} with all tested experiments)." if names else ".")
     )
-    table = new_table(
-        "detectable effects", "effect", "now", "detectable from", "correct", "or most similar",
-        "confused with", "chance",
-        right=(1, 2, 3, 4, 6), whole=(0,),
-    )  # fmt: skip
-    shown = [v for v in found.effects if not v.hidden]
-    for v in shown[:MOST_EFFECTS]:
-        size = f"{v.smallest:.3g} {'' if v.unit == '1' else v.unit}".strip()
-        rival = (v.rival, f"{v.confusion:.0%}") if v.confusion >= 0.01 else ("", "")
-        table.add_row(v.effect, f"{v.belief:.0%}", size, f"{v.right:.0%}", f"{v.pair:.0%}", *rival)
-    if shown:
-        console().print(table)
-    if len(shown) > MOST_EFFECTS:
-        say(f"and {len(shown) - MOST_EFFECTS} more effects (plan.json, --json)")
-    hidden = [v for v in found.effects if v.hidden]
-    for v in hidden[:MOST_EFFECTS]:
-        say(f"{v.effect} cannot be detected: {v.hidden}")
-    if len(hidden) > MOST_EFFECTS:
-        say(f"and {len(hidden) - MOST_EFFECTS} more that cannot be detected (plan.json, --json)")
+    _print_effects(found.effects, MOST_EFFECTS, "now", lambda v: v.belief)
     if found.sensors:
         table = new_table(
             "further sensors", "sensor", "cost", what, "gain per cost", "planned",
@@ -359,6 +342,31 @@ def print_design(found: Design) -> None:
             say(f"  a test of its part separates an effect from the others: {', '.join(tests)}")
     if found.failed:
         say(f"{found.failed} profiles could not be simulated and are omitted")
+
+
+def _print_effects(
+    effects: Sequence[Visible], most: int, share: str, of: Callable[[Visible], float]
+) -> None:
+    """Print the first ``most`` effects, with a share ``of`` each."""
+    shown = [v for v in effects if not v.hidden]
+    table = new_table(
+        "detectable effects", "effect", share, "detectable from", "correct", "or most similar",
+        "confused with", "chance",
+        right=(1, 2, 3, 4, 6), whole=(0,),
+    )  # fmt: skip
+    for v in shown[:most]:
+        size = f"{v.smallest:.3g} {'' if v.unit == '1' else v.unit}".strip()
+        rival = (v.rival, f"{v.confusion:.0%}") if v.confusion >= 0.01 else ("", "")
+        table.add_row(v.effect, f"{of(v):.0%}", size, f"{v.right:.0%}", f"{v.pair:.0%}", *rival)
+    if shown:
+        console().print(table)
+    if len(shown) > most:
+        say(f"and {len(shown) - most} more effects (plan.json, --json)")
+    hidden = [v for v in effects if v.hidden]
+    for v in hidden[:most]:
+        say(f"{v.effect} cannot be detected: {v.hidden}")
+    if len(hidden) > most:
+        say(f"and {len(hidden) - most} more that cannot be detected (plan.json, --json)")
 
 
 def _compare(
@@ -382,27 +390,10 @@ def _compare(
     if as_json:
         print_json(plain(found))
         return
-    table = new_table(
-        "detectable effects",
-        "effect",
-        "smallest",
-        "own signature",
-        "confused with",
-        "chance",
-        right=(1, 2, 4),
-        whole=(0,),
-    )
-    seen = [r for r in found.effects if r.effect not in found.unseen]
-    for r in seen:
-        size = f"{r.smallest:.3g} {'' if r.unit == '1' else r.unit}".strip()
-        rival = (r.rival, f"{r.confusion:.0%}") if r.rival and r.confusion >= 0.01 else ("", "")
-        table.add_row(r.effect, size, f"{r.surviving:.0%}", *rival)
-    if seen:
-        console().print(table)
-    for group in found.classes:
+    _print_effects(found.effects, len(found.effects), "own signature", lambda v: v.surviving)
+    for group in found.inseparable:
         say("cannot be separated: " + ", ".join(group))
-    if found.unseen:
-        say("cannot be detected: " + ", ".join(found.unseen))
-    for e in found.experiments[:5]:
-        text = "; ".join(f"{a} | {b} {x:.0%} -> {y:.0%}" for a, b, x, y in e.gains[:3])
-        say(f"add {e.kind} {e.name}: {text or 'separates no further effects'}")
+    say(f"Expected probability of the correct name: {found.after:.0%}.")
+    for e in found.experiments[:MOST_ADDED]:
+        text = "; ".join(e.reasons) or "separates no further effects"
+        say(f"add {e.kind} {e.name} ({e.after:.0%}): {text}")

@@ -53,7 +53,7 @@ from feltmb.gap.measured import Measured, measured_toml, read_measured, with_mea
 from feltmb.gap.options import Options
 from feltmb.gap.overlay import GapBefore, GapBeforeRow, check
 from feltmb.gap.plan_files import write_design
-from feltmb.gap.planning import Plan, noncentrality, plan
+from feltmb.gap.planning import Plan, plan
 from feltmb.gap.report import Report
 from feltmb.gap.sessions import Session, SessionStep, session
 from feltmb.gap.withholding import OUTCOMES, Withheld, WithheldCase, withhold
@@ -124,7 +124,6 @@ __all__ = [
     "fit_model",
     "including",
     "measured_toml",
-    "noncentrality",
     "plan",
     "read_limits",
     "read_measured",

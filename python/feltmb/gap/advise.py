@@ -1,83 +1,174 @@
-"""Probability of confusing two candidates, given the records."""
+"""Next experiments: the run or sensor that would separate effects which the records confuse.
+
+The model with fitted parameters predicts each experiment. Its information about the two rivals is
+added to that of the existing records (:mod:`feltmb.gap.information`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import stats
-from scipy.sparse import csgraph
 
-from feltmb.data import Array
-from feltmb.gap.criteria import CONFUSED, DETECTABLE
-from feltmb.gap.score import Scores
+from feltmb.data import Record, Sensor
+from feltmb.errors import FeltmbError
+from feltmb.fit.model import Candidate
+from feltmb.fit.segmented_records import SegmentedRecord
+from feltmb.fit.solve import Fit
+from feltmb.gap.acceptance import Accepted
+from feltmb.gap.criteria import BETTER_SENSOR, CONFUSED, WORTH_TELLING
+from feltmb.gap.findings import Advice
+from feltmb.gap.information import (
+    Belief,
+    Information,
+    Knowledge,
+    expected_noise,
+    linearized,
+    of_normal,
+    planned,
+)
 from feltmb.gap.search import Search
 
-__all__ = ["confused", "confused_groups", "confusion", "confusion_at", "linked_groups"]
+__all__ = ["advise"]
+
+#: Number of rivals that get advice.
+MOST_RIVALS = 3
+#: Variations of a record: name, factor of the inputs, factor of the time.
+WAYS = (
+    ("the same again", 1.0, 1.0),
+    ("half the input", 0.5, 1.0),
+    ("twice the input", 2.0, 1.0),
+    ("twice as fast", 1.0, 0.5),
+    ("half as fast", 1.0, 2.0),
+)
 
 
-def confused(gram: Array, magnitudes: Array) -> Array:
-    """Probability of mistaking one candidate for another, (k, k), from their Gram matrix.
+def advise(search: Search, accepted: Accepted) -> tuple[Advice, ...]:
+    """The best of several experiments for each alternative to the accepted set."""
+    best = accepted.best
+    if best is None:
+        return ()
+    pairs = []
+    for rival in accepted.rivals[:MOST_RIVALS]:
+        own = [t for t in best.fit.included if t.name not in rival.names]
+        other = [t for t in rival.fit.included if t.name not in best.names]
+        if own and other:
+            pairs.append((own[0], other[0]))
+    sizes = {n: abs(float(s)) for n, s in zip(best.names, best.fit.point.magnitudes, strict=True)}
+    return _advice(search.tight_fit or search.model_fit, pairs, sizes) if pairs else ()
 
-    P = Phi(-1/2 sqrt(2 (1 - |rho|)) |phi| lambda), where lambda is the strength of a signature, rho
-    the correlation of the two signatures and phi the magnitude; the argument is half their distance
-    in noise standard deviations. ``magnitudes`` are in scales, (k,).
+
+def _advice(
+    fit: Fit, pairs: Sequence[tuple[Candidate, Candidate]], sizes: Mapping[str, float]
+) -> tuple[Advice, ...]:
+    """Advice for each pair of a cause and its rival. ``sizes``: magnitudes of the causes [unit]."""
+    problem = fit.problem
+    every = tuple(t for pair in pairs for t in pair)
+    normal = problem.normal(fit.point, problem.linear(fit.point, every), fit.gap_sd)
+    known = of_normal(problem.model, problem, fit.point, normal, every)
+    belief = Belief(weights={t.name: 1.0 for t in every}, magnitudes=sizes)
+    knowledge = Knowledge.start(problem.model, every, belief, [known])
+    now = _of_pairs(knowledge)
+    then = []
+    if max(now) >= WORTH_TELLING:
+        then = [(text, _of_pairs(knowledge.plus(i))) for text, i in _experiments(fit, every)]
+    out = []
+    for k, (a, b) in enumerate(pairs):
+        text, chance = min(((t, c[k]) for t, c in then), key=lambda x: x[1], default=("", now[k]))
+        if now[k] < WORTH_TELLING:
+            chance = now[k]
+            text = (
+                f"the noise of these records would not confuse {a.name} with {b.name}: another "
+                "form of one of them, or another cause, hides the difference"
+            )
+        elif now[k] - chance < WORTH_TELLING:
+            chance = now[k]
+            text = (
+                "no tested variant (the same runs again, harder, softer, faster, slower, "
+                f"low-noise sensors) separates {a.name} from {b.name}: measure another point or "
+                "quantity, or test one of the parts by itself"
+            )
+        else:
+            text += (
+                f": the probability of confusing {a.name} with {b.name} falls from {now[k]:.0%} "
+                f"to {chance:.0%}"
+            )
+            if chance > CONFUSED:
+                text += "; no tested experiment is better: test one of the parts by itself"
+        out.append(
+            Advice(
+                text=text,
+                separates=(a.name, b.name),
+                confusion_now=now[k],
+                confusion_then=chance,
+            )
+        )
+    return tuple(out)
+
+
+def _of_pairs(knowledge: Knowledge) -> list[float]:
+    """Probability of mistaking each cause for its rival, the candidate after it [1]."""
+    return [float(v) for v in np.diag(knowledge.confusion(), 1)[::2]]
+
+
+def _experiments(fit: Fit, candidates: tuple[Candidate, ...]) -> Iterator[tuple[str, Information]]:
+    """Experiments similar to the records: varied inputs, less noise, more sensors."""
+    model = fit.problem.model
+    for segmented in fit.problem.segmented_records:
+        record = segmented.record
+        for what, strength, stretch in WAYS:
+            if record.input_mode == "motion" and strength != 1.0:
+                continue  # a displacement is limited by stops: it can be made faster but not larger
+            changed = replace(
+                record,
+                name=f"{record.name}, {what}",
+                time=record.time[0] + (record.time - record.time[0]) * stretch,
+                inputs={k: v * strength for k, v in record.inputs.items()},
+            )
+            ways: dict[str, dict[str, float]] = {f"record {record.name} once more, {what}": {}}
+            yield from _told(fit, segmented, changed, record.sensors, candidates, ways)
+    first = fit.problem.segmented_records[0]
+    name, sensors = first.record.name, first.record.sensors
+    other: dict[str, dict[str, float]] = {
+        f"record {name} with a third of the noise of {n}": {n: 1.0 / BETTER_SENSOR}
+        for n, sensor in sensors.items()
+        if n in model.outputs and sensor.sigma is not None
+    } | {
+        f"record {name} with {n} measured as well": {n: 1.0}
+        for n in model.outputs
+        if n not in first.record.outputs
+    }
+    further = {n: Sensor(name=n) for n in model.outputs} | dict(sensors)
+    yield from _told(fit, first, first.record, further, candidates, other)
+
+
+def _told(
+    fit: Fit,
+    like: SegmentedRecord,
+    record: Record,
+    sensors: Mapping[str, Sensor],
+    candidates: tuple[Candidate, ...],
+    ways: Mapping[str, Mapping[str, float]],
+) -> Iterator[tuple[str, Information]]:
+    """Information of a planned record by each way to measure it; none if it cannot be simulated.
+
+    ``ways``: outputs with another noise than in the record ``like``, in multiples of it.
     """
-    strength = np.sqrt(np.maximum(np.diag(gram), 0.0))
-    length = np.where(strength > 0.0, strength, np.inf)
-    rho = np.clip(np.abs(gram / np.outer(length, length)), 0.0, 1.0)
-    distance = np.sqrt(2.0 * (1.0 - rho)) * (np.abs(magnitudes) * strength)[:, None]
-    return np.asarray(stats.norm.cdf(-0.5 * distance))
-
-
-def confusion_at(scores: Scores, magnitudes: Array) -> Array:
-    """Probability of confusing two candidates (larger of both directions), magnitudes [scales]."""
-    chance = confused(scores.gram, magnitudes)
-    out = np.maximum(chance, chance.T)
-    np.fill_diagonal(out, 0.0)
-    unseen = np.logical_not(scores.testable)
-    out[unseen, :] = 0.0
-    out[:, unseen] = 0.0
-    return np.asarray(out)
-
-
-def confusion(scores: Scores, search: Search) -> Array:
-    """Probability of confusing candidates at refitted, or else smallest detectable, magnitudes.
-
-    Below the smallest detectable magnitude all effects would be confused with each other. Such a
-    probability would say nothing about their signatures.
-    """
-    strength = np.maximum(scores.strength, 1e-300)
-    magnitudes = np.maximum(np.abs(scores.one_step()), DETECTABLE / strength)
-    for c in search.sets[:1]:
-        for candidate, size in zip(c.fit.included, c.fit.point.magnitudes, strict=True):
-            for i, t in enumerate(scores.candidates):
-                if t.name == candidate.name:
-                    magnitudes[i] = max(abs(float(size)) / t.effect.scale, DETECTABLE / strength[i])
-    return confusion_at(scores, magnitudes)
-
-
-def confused_groups(names: Sequence[str], chance: Array) -> tuple[tuple[str, ...], ...]:
-    """Group the effects that are confused with each other, directly or through a third effect.
-
-    Parameters
-    ----------
-    names
-        Name of each candidate. All shapes of an effect have the same name; candidates that are not
-        tested have an empty name.
-    chance
-        Probability of mistaking one candidate for another, see :func:`confusion`.
-    """
-    groups = linked_groups(names, chance > CONFUSED)
-    return tuple(sorted({tuple(sorted(group)) for group in groups}))
-
-
-def linked_groups(names: Sequence[str], linked: NDArray[np.bool_]) -> list[tuple[str, ...]]:
-    """Groups of two or more names of candidates that are linked, directly or through others."""
-    count, label = csgraph.connected_components(linked, directed=False)
-    groups = [
-        tuple(dict.fromkeys(n for n, own in zip(names, label, strict=True) if n and own == k))
-        for k in range(count)
-    ]
-    return [group for group in groups if len(group) > 1]
+    model = fit.problem.model
+    try:
+        expected = planned(model, record, sensors, fit.point.theta)
+    except FeltmbError:
+        return
+    present = dict.fromkeys(like.record.outputs, 1.0)
+    noise = expected_noise(expected) | {n: like.noise[model.outputs.index(n)] for n in present}
+    found = linearized(
+        model,
+        expected,
+        candidates,
+        [{**present, **way} for way in ways.values()],
+        theta=fit.point.theta,
+        noise=noise,
+        level=fit.level,
+    )
+    yield from zip(ways, found or (), strict=False)

@@ -13,8 +13,8 @@ from feltmb.fit.model import Effect, Model
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted, Posterior
-from feltmb.gap.advise import confused_groups, confusion
 from feltmb.gap.calibrate import Null
+from feltmb.gap.confusion import confused_groups, confusion_if_detected
 from feltmb.gap.criteria import DETECTABLE
 from feltmb.gap.findings import (
     Closest,
@@ -193,10 +193,17 @@ def _numbers(effect: Effect, shape: Any, wide: Mapping[int, float]) -> tuple[Sha
 
 
 def _classes(search: Search) -> tuple[tuple[str, ...], ...]:
-    """Groups of effects that are confused with each other."""
+    """Groups of effects that are confused with each other, at fitted or detectable magnitudes."""
     scores = search.tight if search.tight is not None else search.scores
+    magnitudes = scores.one_step()
+    for best in search.sets[:1]:
+        for candidate, size in zip(best.fit.included, best.fit.point.magnitudes, strict=True):
+            for i, t in enumerate(scores.candidates):
+                if t.name == candidate.name:
+                    magnitudes[i] = float(size) / t.effect.scale
     names = [c.name if ok else "" for c, ok in zip(scores.candidates, scores.testable, strict=True)]
-    return confused_groups(names, confusion(scores, search))
+    gram = np.where(np.outer(scores.testable, scores.testable), scores.gram, 0.0)
+    return confused_groups(names, confusion_if_detected(gram, magnitudes))
 
 
 def _per_channel(

@@ -450,13 +450,13 @@ CLEAR_SIGNAL = _number(
 CONFUSED = _number(
     "CONFUSED", 0.1, "probability",
     "probability of confusion above which two effects are one class and an experiment is not "
-    "recommended, and to miss an effect below which a plan counts it as visible",
+    "recommended",
     _JUDGED, "gap/test_planning.py",
 )  # fmt: skip
 BETTER_SENSOR = _number(
     "BETTER_SENSOR", 3.0, "1",
     "factor by which the noise of a proposed sensor is lower",
-    _JUDGED, "gap/test_experiments.py",
+    _JUDGED, "gap/test_advise.py",
 )  # fmt: skip
 
 WORTH_TELLING = _number(

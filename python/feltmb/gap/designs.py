@@ -34,13 +34,13 @@ from feltmb.gap.information import (
     Belief,
     Information,
     Knowledge,
+    expected_noise,
     information,
     informations,
-    record_of,
+    planned,
 )
 from feltmb.gap.limits import FurtherSensor, Limits, PartTest
 from feltmb.gap.measured import open_effects
-from feltmb.gap.planning import _noise
 from feltmb.gap.profiles import FAMILIES, Profile
 from feltmb.gap.score import all_candidates
 from feltmb.gap.visibility import (
@@ -260,7 +260,7 @@ def design(
         for i, r in enumerate(records):
             work.tell("what the records tell", i, len(records))
             shown = {n: s for n, s in r.sensors.items() if n in model.outputs}
-            noisy = with_sigma(r, _noise(r)) if shown else r
+            noisy = with_sigma(r, expected_noise(r)) if shown else r
             found = information(model, noisy, every, store=store)
             if found is not None:
                 known.append(found)
@@ -361,9 +361,7 @@ def _greedy(
 
 
 def _after(knowledge: Knowledge, picked: Sequence[_Option]) -> Knowledge:
-    for option in picked:
-        knowledge = knowledge.plus(option.information)
-    return knowledge
+    return knowledge.plus(*(option.information for option in picked))
 
 
 @dataclass
@@ -479,10 +477,18 @@ class _Work:
         }
         inputs[input_name] = profile.at(time)
         own = {n: i.sigma for n, i in self.limits.inputs.items() if n in inputs and i.sigma > 0.0}
+        sensors = self.sensors.all
+        bare = Record(
+            name=name,
+            time=time,
+            inputs=inputs,
+            outputs={n: np.zeros(time.size) for n in sensors},
+            sensors=sensors,
+            input_mode=mode,
+            input_sigma=own,
+        )
         try:
-            return record_of(
-                self.model, name, time, inputs, self.sensors.all, mode=mode, input_sigma=own
-            )
+            return planned(self.model, bare, sensors)
         except FeltmbError:
             self.failed += 1
             return None
@@ -702,9 +708,7 @@ def _result(
             )
         )
         knowledge = then
-    everything = start
-    for option in equipped.options:
-        everything = everything.plus((option.information, *option.carrying)[-1])
+    everything = start.plus(*((o.information, *o.carrying)[-1] for o in equipped.options))
     groups = inseparable(everything)
     return Design(
         aim=aim,
@@ -716,7 +720,7 @@ def _result(
         after=value(knowledge),
         reachable=value(everything),
         inseparable=groups,
-        decisive=decisive_tests(start, groups),
+        decisive=decisive_tests(everything, groups),
         worked_out=work.made,
         failed=work.failed,
         belief=_by_name(start, start.belief.over(start.candidates)),

@@ -19,6 +19,7 @@ from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, fit_problem, with_variability
 from feltmb.fit.watch import FIT, PROOF, REPORT, Tell, Watch, watching
 from feltmb.gap.acceptance import Accepted, accept, refutes, shapley
+from feltmb.gap.advise import advise
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import Null, calibrate, largest_statistic
 from feltmb.gap.checks import DataChecks
@@ -26,7 +27,6 @@ from feltmb.gap.components import component_table
 from feltmb.gap.criteria import CLOSE_ALARM, NOISE_ERROR, refuted
 from feltmb.gap.decide import Decision, Facts, decide
 from feltmb.gap.discrepancy import leaves_white_noise
-from feltmb.gap.experiments import advise
 from feltmb.gap.findings import Advice, NotTested, Profile, Verdict, Where
 from feltmb.gap.investigate import Investigation, Task, investigate
 from feltmb.gap.judged_data import judged_data, prepare, ready, with_other_noise

@@ -19,12 +19,12 @@ exp(-L_ab)). The value of the experiment is the mean of p_a over all possible ca
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from numpy.typing import NDArray
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
@@ -32,13 +32,25 @@ from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import Store, digest_of, package_digest
 from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Candidate, Model
+from feltmb.fit.noise import Noise, noise_of
+from feltmb.fit.observe import observe_whole
 from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import segment_record
 from feltmb.gap.checks import with_sigma
-from feltmb.gap.criteria import BEST_PART, DETECTABLE, NOT_LISTED
-from feltmb.gap.planning import _noise, planned
+from feltmb.gap.confusion import confusion
+from feltmb.gap.criteria import DETECTABLE, NOT_LISTED
 
-__all__ = ["Belief", "Information", "Knowledge", "information", "informations"]
+__all__ = [
+    "Belief",
+    "Information",
+    "Knowledge",
+    "expected_noise",
+    "information",
+    "informations",
+    "linearized",
+    "of_normal",
+    "planned",
+]
 
 #: Magnitudes of an effect that are assumed before there are data [scales].
 MAGNITUDES = (0.5, 1.0, 2.0)
@@ -130,6 +142,51 @@ class Belief:
         return np.asarray(out / np.sum(out))
 
 
+def planned(
+    model: Model,
+    record: Record,
+    sensors: Mapping[str, Sensor],
+    theta: Array | None = None,
+) -> Record:
+    """The record with the outputs of the model, without noise.
+
+    Parameters
+    ----------
+    sensors
+        Sensors by output; other outputs are not measured.
+    theta
+        Parameters; None: their prior values.
+
+    Raises
+    ------
+    InvalidParameter
+        The model cannot simulate it.
+    """
+    prior = {} if record.start is None else record.start.mean
+    start = np.array([prior.get(s.name, s.start) for s in model.states()])
+    if theta is None:
+        theta = np.array([p.value for p in model.parameters])
+    names = [n for n in model.outputs if n in sensors]
+    bare = replace(record, outputs={n: np.zeros(record.samples) for n in names}, sensors=sensors)
+    outputs = observe_whole(model, bare, theta, start)
+    columns = {n: outputs[:, model.outputs.index(n)] for n in names}
+    for name, column in columns.items():
+        if not np.all(np.isfinite(column)):
+            raise InvalidParameter(f"record {record.name}: {name} could not be simulated")
+    return replace(bare, outputs=columns)
+
+
+def expected_noise(record: Record) -> dict[str, Noise]:
+    """Noise by output; where it is unknown, a thousandth of the spread of the output."""
+    out = {}
+    for name, sensor in record.sensors.items():
+        sigma = sensor.sigma
+        if sigma is None:
+            sigma = 1e-3 * (float(np.std(record.outputs[name])) or 1.0)
+        out[name] = noise_of(sensor, sigma, sensor.quantum)
+    return out
+
+
 def information(
     model: Model,
     record: Record,
@@ -162,7 +219,7 @@ def informations(
     """
     identity = None if store is None else _identity(model)
     if store is None or identity is None:
-        return _informations(model, record, candidates, ways)
+        return linearized(model, record, candidates, ways)
     key = digest_of(
         package_digest(),
         identity,
@@ -191,7 +248,7 @@ def informations(
     ]
     if len(out) == len(keys):
         return tuple(out)
-    made = _informations(model, record, candidates, ways)
+    made = linearized(model, record, candidates, ways)
     for k, one in zip(keys, made or (), strict=False):
         numbers = {"square": float(one.square), "samples": float(one.samples)}
         store.put(k, numbers, {"matrix": one.matrix, "right": one.right})
@@ -209,19 +266,37 @@ def _identity(model: Model) -> str | None:
     return repr((type(model).__name__, raw, options, model.outputs, own))
 
 
-def _informations(
+def linearized(
     model: Model,
     record: Record,
     candidates: tuple[Candidate, ...],
     ways: Sequence[Mapping[str, float]],
+    *,
+    theta: Array | None = None,
+    noise: Mapping[str, Noise] | None = None,
+    level: float = LOOSE,
 ) -> tuple[Information, ...] | None:
+    """The same as :func:`informations` without a store, at any parameters.
+
+    Parameters
+    ----------
+    theta
+        Parameters of the model; None: their prior values.
+    noise
+        Noise by output; None: that of the sensors.
+    level
+        Permitted continuity defects, as a share of the spread of the states [1].
+    """
     try:
-        ready = model.ready([with_sigma(record, _noise(record))])
+        ready = model.ready([with_sigma(record, noise or expected_noise(record))])
         own, kept = ready.model, ready.records[0]
-        segmented = segment_record(own, kept, _noise(kept), None)
+        segmented = segment_record(own, kept, noise or expected_noise(kept), None)
         problem = Problem(own, (segmented,))
-        point = problem.start()
-        gap_sd = LOOSE * problem.scale(point)
+        at = {p.name: p.value for p in own.parameters}
+        if theta is not None:
+            at |= zip((p.name for p in model.parameters), theta, strict=True)
+        point = problem.start(theta=np.array([at[p.name] for p in own.parameters]))
+        gap_sd = level * problem.scale(point)
         linears = problem.linear(point, candidates)
         if not all(np.all(x.good) for x in linears):
             return None
@@ -236,7 +311,7 @@ def _informations(
                 return None
             square = float(sum(np.sum(x.residual**2) for x in read))
             samples = float(np.sum(segmented.samples[:, share > 0.0]))
-            out.append(_of_model(model, problem, point, normal, candidates, square, samples))
+            out.append(of_normal(model, problem, point, normal, candidates, square, samples))
     except FeltmbError:
         return None
     return tuple(out)
@@ -256,16 +331,16 @@ def _read_by(linear: Linear, share: Array) -> Linear:
     )
 
 
-def _of_model(
+def of_normal(
     model: Model,
     problem: Problem,
     point: Point,
     normal: Normal,
     candidates: tuple[Candidate, ...],
-    square: float,
-    samples: float,
+    square: float = 0.0,
+    samples: float = 0.0,
 ) -> Information:
-    """Normal equations of a record over the parameters of the model and all candidates."""
+    """Information of normal equations, over the parameters of the model and all candidates."""
     own = problem.model
     matrix, right = np.array(normal.matrix), np.array(normal.right)
     free = [own.parameters[i] for i in problem.free]
@@ -275,7 +350,7 @@ def _of_model(
             right[c] -= (p.value - point.theta[problem.free[c]]) / p.sd**2
     shared = {p.name: i for i, p in enumerate(model.parameters)}
     k, n = len(candidates), len(model.parameters)
-    place = [shared.get(p.name, -1) for p in free]
+    place = [shared.get(p.name, -1) for p in free] + [-1] * len(problem.included)
     place += list(range(n, n + k))
     place += [-1] * (matrix.shape[0] - len(place))
     kept_rows = [i for i, at in enumerate(place) if at >= 0]
@@ -326,19 +401,30 @@ class Knowledge:
         for i, p in enumerate(model.parameters):
             if 0.0 < p.sd < math.inf:
                 matrix[i, i] = 1.0 / p.sd**2
-        out = cls(model, candidates, belief, matrix, right)
-        for one in known:
-            out = out.plus(one)
+        out = cls(model, candidates, belief, matrix, right).plus(*known)
         return replace(out, before=out.gram)
 
-    def plus(self, one: Information) -> Knowledge:
-        """Add an experiment."""
+    def plus(self, *more: Information) -> Knowledge:
+        """Add experiments."""
         return replace(
             self,
-            matrix=self.matrix + one.matrix,
-            right=self.right + one.right,
-            square=self.square + one.square,
-            samples=self.samples + one.samples,
+            matrix=self.matrix + sum(m.matrix for m in more),
+            right=self.right + sum(m.right for m in more),
+            square=self.square + sum(m.square for m in more),
+            samples=self.samples + sum(m.samples for m in more),
+        )
+
+    def among(self, names: Collection[str]) -> Knowledge:
+        """The same for the effects of these names only."""
+        kept = [i for i, t in enumerate(self.candidates) if t.name in names]
+        n = len(self.model.parameters)
+        at = [*range(n), *(n + i for i in kept)]
+        return replace(
+            self,
+            candidates=tuple(self.candidates[i] for i in kept),
+            matrix=self.matrix[np.ix_(at, at)],
+            right=self.right[at],
+            before=None if self.before is None else self.before[np.ix_(kept, kept)],
         )
 
     def part(self, name: str, sd: float) -> Information:
@@ -441,12 +527,26 @@ class Knowledge:
         g = self.gram
         return 0.5 * float(np.linalg.slogdet(np.eye(len(g)) + g)[1])
 
-    def confusion(self) -> Array:
-        """Probability of mistaking a candidate (row) for another at one scale, (k, k + 1).
+    def expected(self) -> Array:
+        """Expected magnitude of each candidate: as fitted, else its scale [scales], (k,)."""
+        fitted = self.belief.magnitudes
+        return np.array(
+            [fitted.get(t.name, t.effect.scale) / t.effect.scale for t in self.candidates]
+        )
 
-        The last column is the probability of mistaking it for no effect.
-        """
-        return np.asarray(stats.norm.cdf(-np.sqrt(0.5 * self.evidence())))
+    def confusion(self) -> Array:
+        """Probability of mistaking a candidate (row) for another, at its expected magnitude."""
+        return confusion(self.gram, self.expected())
+
+    def detected(self) -> NDArray[np.bool_]:
+        """Whether each candidate is detectable at its expected magnitude, (k,)."""
+        return self.expected() * np.sqrt(np.diag(self.gram)) >= DETECTABLE
+
+    def surviving(self) -> Array:
+        """Share of each signature (amplitude) that no parameter can imitate [1], (k,)."""
+        whole = np.diag(self._split[2])
+        left = np.diag(self.gram) / np.where(whole > 0.0, whole, 1.0)
+        return np.asarray(np.sqrt(np.clip(left, 0.0, 1.0)))
 
     def smallest(self) -> Array:
         """Smallest detectable magnitude [unit], (k,); inf: not detectable."""
@@ -467,35 +567,10 @@ class Knowledge:
             if share[i] > 0.1 * np.max(share, initial=0.0)
         ]
 
-    def helpful_part(self, candidate: int) -> tuple[int, float, float] | None:
-        """Parameter whose separate measurement would most improve the detection of a candidate.
-
-        Returns its index, the standard deviation [unit] that the measurement needs, and the
-        smallest detectable magnitude [unit] after it; None: no parameter helps. The needed standard
-        deviation is half of the present one, because that gives four fifths of the improvement by
-        exact knowledge. It is at least a tenth of the tolerance.
-        """
-        pp, pe, _ = self._split
-        n = len(self.model.parameters)
-        inverse = solve_scaled(pp, np.eye(n))
-        spread = np.maximum(np.diag(inverse), 0.0)
-        x = inverse @ pe[:, candidate]
-        sd = np.array([p.sd for p in self.model.parameters])
-        finite = np.where(np.isfinite(sd), sd, 0.0)
-        known_to = np.maximum(0.5 * np.sqrt(spread), BEST_PART * finite)
-        able = (spread > 0.0) & (sd > 0.0) & (known_to < sd)
-        own_part = [
-            self._share_in_test(self.candidates[candidate], p.name) for p in self.model.parameters
-        ]
-        # Change of the test's result by the effect, if the records stay as they are.
-        change = np.array(own_part) - x
-        gain = np.where(able, change**2 / (spread + np.where(able, known_to, 1.0) ** 2), 0.0)
-        at = int(np.argmax(gain)) if n else -1
-        own = float(self.gram[candidate, candidate])
-        if at < 0 or gain[at] <= 0.1 * own or gain[at] <= 1e-12:
-            return None
-        scale = self.candidates[candidate].effect.scale
-        return at, float(known_to[at]), DETECTABLE * scale / math.sqrt(own + gain[at])
+    def spread(self) -> Array:
+        """Standard deviation of each parameter, candidates absent [its unit]."""
+        pp = self._split[0]
+        return np.asarray(np.sqrt(np.maximum(np.diag(solve_scaled(pp, np.eye(len(pp)))), 0.0)))
 
     def linear_belief(self) -> Belief:
         """Probabilities by one step from the tabulated values, one effect at a time."""
@@ -526,32 +601,3 @@ class Knowledge:
             none=math.exp(none - top) / total,
             magnitudes={n: sizes[n] for n, w in weights.items() if w > 0.05 and sizes[n] > 0.0},
         )
-
-
-def record_of(
-    model: Model,
-    name: str,
-    time: Array,
-    inputs: Mapping[str, Array],
-    sensors: Mapping[str, Sensor],
-    *,
-    mode: Any = "force",
-    input_sigma: Mapping[str, float] | None = None,
-) -> Record:
-    """A possible run, with the outputs of the model.
-
-    Raises
-    ------
-    FeltmbError
-        The model cannot simulate it.
-    """
-    bare = Record(
-        name=name,
-        time=time,
-        inputs=inputs,
-        outputs={n: np.zeros(time.size) for n in sensors},
-        sensors=sensors,
-        input_mode=mode,
-        input_sigma=input_sigma or {},
-    )
-    return planned(model, bare, sensors)

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.optimize import brentq
 
 from feltmb.fit.model import VARIABILITY
-from feltmb.gap.advise import linked_groups
-from feltmb.gap.criteria import CONFUSED, WORTH_TELLING
+from feltmb.gap.confusion import confused_groups, confusion_if_detected
+from feltmb.gap.criteria import BEST_PART, CONFUSED, WORTH_TELLING
 from feltmb.gap.information import Knowledge
 from feltmb.gap.measured import no_test_of
 from feltmb.units import readable_unit, unit_suffix
@@ -52,7 +51,10 @@ class Visible:
     rival: str
     """Effect that it would most often be confused with after the plan; "": none."""
     confusion: float
-    """Probability of this confusion at its scale [1]."""
+    """Probability of this confusion, at the larger of its expected and its smallest detectable
+    magnitude [1]."""
+    surviving: float
+    """Share of its signature (amplitude) that parameters cannot imitate, after the plan [1]."""
     hidden: str = ""
     """Why the plan shows it at no magnitude, as text; "": it does."""
 
@@ -87,20 +89,14 @@ class HelpfulPart:
 
 @dataclass(frozen=True, kw_only=True)
 class DecisiveTest:
-    """A test of one part that separates its effect from all others.
-
-    With a magnitude m and a standard deviation s of the test, the expected log evidence for the
-    effect is at least (m/s)^2 / 2, whatever the records show. The probability of confusion is then
-    at most Phi(-m / (2 s)). If the effect changes the same number as a parameter, the square of its
-    tolerance is added to s^2.
-    """
+    """A test of one part that separates its effect from all others of its group."""
 
     effect: str
     measured: str
     """What the test measures: the effect, or the parameter with the same number."""
     known_to: float
-    """Standard deviation that the test must have, so that this probability is at most one in ten
-    [``unit``]."""
+    """Standard deviation that the test must have, so that the probability of confusion is at most
+    one in ten with all tested experiments, whichever effect is the cause [``unit``]."""
     unit: str
 
     @property
@@ -123,18 +119,17 @@ def _amount(value: float, unit: str) -> str:
 def reasons(before: Knowledge, after: Knowledge) -> tuple[str, ...]:
     """Reasons: number of detectable effects, and separated pairs weighted by probability."""
     weights = before.belief.over(before.candidates)
-    names = [t.name for t in before.candidates]
+    names = np.array([t.name for t in before.candidates])
     was, then = before.confusion(), after.confusion()
     out = []
-    shown = [{n for n, c in zip(names, x[:, -1], strict=True) if c < CONFUSED} for x in (was, then)]
+    shown = [set(names[k.detected()]) for k in (before, after)]
     if shown[1] - shown[0]:
         count = len(set(names))
         out.append(
             f"detects {len(shown[1])} of {count} effects at their expected magnitude "
             f"({len(shown[0])} before)"
         )
-    # Only a detectable effect can be confused with another one.
-    fall = np.where(_same(names), 0.0, was[:, :-1] - then[:, :-1])
+    fall = np.where(names[:, None] == names, 0.0, was - then)
     worth = fall * np.minimum(weights[:, None], weights[None, :])
     reported: set[str] = set()
     for flat in np.argsort(-worth, axis=None, kind="stable"):
@@ -183,11 +178,12 @@ def visible(before: Knowledge, after: Knowledge, everything: Knowledge) -> tuple
     weights = before.belief.over(before.candidates)
     first, last = before.smallest(), after.smallest()
     right, pair = after.beliefs(), after.beliefs(2)
-    confusion = after.confusion()
+    confusion = confusion_if_detected(after.gram, after.expected())
+    surviving = after.surviving()
     names = [t.name for t in before.candidates]
     rows: dict[str, Visible] = {}
     for i, t in enumerate(before.candidates):
-        row = confusion[i, :-1].copy()
+        row = confusion[i].copy()
         row[[n == t.name for n in names]] = 0.0
         rival = int(np.argmax(row))
         known = rows.get(t.name)
@@ -203,88 +199,92 @@ def visible(before: Knowledge, after: Knowledge, everything: Knowledge) -> tuple
             pair=float(pair[i]),
             rival=names[rival] if row[rival] > 0.0 else "",
             confusion=float(row[rival]),
+            surviving=float(surviving[i]),
             hidden="" if math.isfinite(last[i]) else _hidden(everything, i),
         )
     return tuple(sorted(rows.values(), key=lambda r: (-r.belief, -r.right, r.effect)))
 
 
 def helpful_parts(knowledge: Knowledge) -> tuple[HelpfulPart, ...]:
-    """Parameters whose tolerances limit the detection of effects, the most useful ones first."""
+    """Parameters whose tolerances limit the detection of effects, the most useful ones first.
+
+    A test of a part is assumed to halve the standard deviation of its parameter, because that gives
+    four fifths of the improvement by exact knowledge. It reaches at least a tenth of the tolerance.
+    """
     weights = knowledge.belief.over(knowledge.candidates)
     right, smallest = knowledge.beliefs(), knowledge.smallest()
     found: dict[str, tuple[float, HelpfulPart]] = {}
-    for i, t in enumerate(knowledge.candidates):
-        helpful = knowledge.helpful_part(i)
-        if helpful is None or not helpful[2] < 0.9 * smallest[i]:
+    for p, spread in zip(knowledge.model.parameters, knowledge.spread(), strict=True):
+        known_to = max(0.5 * spread, BEST_PART * p.sd if math.isfinite(p.sd) else 0.0)
+        if not 0.0 < known_to < p.sd or p.component == VARIABILITY:
             continue
-        p = knowledge.model.parameters[helpful[0]]
-        if p.component == VARIABILITY:
-            continue
-        gain = float(weights[i] * (1.0 - right[i]) * math.log(smallest[i] / helpful[2]))
-        if not math.isfinite(gain):
-            gain = float(weights[i])
-        if t.name in found and found[t.name][0] >= gain:
-            continue
-        found[t.name] = (
-            gain,
-            HelpfulPart(
-                effect=t.name,
-                parameter=p.name,
-                known_to=helpful[1],
-                unit=p.unit,
-                tolerance=p.sd,
-                smallest_before=float(smallest[i]),
-                smallest=helpful[2],
-                effect_unit=t.effect.unit,
-            ),
-        )
+        then = knowledge.plus(knowledge.part(p.name, known_to)).smallest()
+        for i in np.flatnonzero(then < 0.9 * smallest):
+            t = knowledge.candidates[i]
+            gain = float(weights[i] * (1.0 - right[i]) * math.log(smallest[i] / then[i]))
+            if not math.isfinite(gain):
+                gain = float(weights[i])
+            known = found.get(t.name)
+            if known is not None and (known[0], -known[1].smallest) >= (gain, -then[i]):
+                continue
+            found[t.name] = (
+                gain,
+                HelpfulPart(
+                    effect=t.name,
+                    parameter=p.name,
+                    known_to=known_to,
+                    unit=p.unit,
+                    tolerance=p.sd,
+                    smallest_before=float(smallest[i]),
+                    smallest=float(then[i]),
+                    effect_unit=t.effect.unit,
+                ),
+            )
     order = sorted(found.values(), key=lambda x: (-x[0], x[1].effect))
     return tuple(h for _, h in order[:HELPFUL_PARTS])
 
 
 def inseparable(knowledge: Knowledge) -> tuple[tuple[str, ...], ...]:
-    """Groups of detectable effects that no allowed experiment separates."""
-    names = [t.name for t in knowledge.candidates]
-    chance = knowledge.confusion()
-    shown = chance[:, -1] < CONFUSED
-    linked = _same(names) | ((chance[:, :-1] > CONFUSED) & np.outer(shown, shown))
-    return tuple(sorted(linked_groups(names, linked)))
-
-
-def _same(names: Sequence[str]) -> NDArray[np.bool_]:
-    """Whether two candidates are shapes of one effect, (k, k)."""
-    return np.array([[a == b for b in names] for a in names], dtype=bool)
+    """Groups of effects, detectable at their expected magnitude, that no experiment separates."""
+    shown = knowledge.detected()
+    chance = np.where(np.outer(shown, shown), knowledge.confusion(), 0.0)
+    return confused_groups([t.name for t in knowledge.candidates], chance)
 
 
 def decisive_tests(
     knowledge: Knowledge, groups: Sequence[Sequence[str]]
 ) -> tuple[DecisiveTest, ...]:
-    """Tests of parts that separate an effect from the others of its group.
+    """Tests of parts that separate an effect from the others of its group, beside ``knowledge``.
 
     If two effects of a group change the same number, a test of this number does not separate them.
     """
-    same = {t.name: t.effect.tolerance_parameter or t.name for t in knowledge.candidates}
-    out = []
-    for group in groups:
-        numbers = [same[n] for n in group]
-        alone = [n for n in group if numbers.count(same[n]) == 1]
-        out += [_decisive(knowledge, n) for n in alone]
-    return tuple(test for test in out if test is not None)
+    found = (_decisive(knowledge, n, group) for group in groups for n in group)
+    return tuple(test for test in found if test is not None)
 
 
-def _decisive(knowledge: Knowledge, name: str) -> DecisiveTest | None:
+def _decisive(knowledge: Knowledge, name: str, group: Sequence[str]) -> DecisiveTest | None:
     """The test of the part of an effect; None: no test can decide."""
     effects = {t.name: t.effect for t in knowledge.candidates}
     parameters = {p.name: p for p in knowledge.model.parameters}
     effect = effects[name]
-    size = knowledge.belief.magnitudes.get(name, effect.scale)
-    known_to = size / (2.0 * float(norm.isf(CONFUSED)))
     same = parameters.get(effect.tolerance_parameter)
-    measured, unit = name, effect.unit
-    if same is not None:
-        known_to *= abs(effect.tolerance_ratio)
-        known_to = math.sqrt(max(known_to**2 - same.sd**2, 0.0))
-        measured, unit = same.name, same.unit
-    if not known_to > 0.0 or no_test_of(measured, knowledge.model, list(effects.values())):
+    measured, unit = (name, effect.unit) if same is None else (same.name, same.unit)
+    if no_test_of(measured, knowledge.model, list(effects.values())):
         return None
-    return DecisiveTest(effect=name, measured=measured, known_to=known_to, unit=unit)
+    alone = knowledge.among(group)
+    own = np.array([t.name == name for t in alone.candidates])
+
+    def excess(log_sd: float) -> float:
+        chance = alone.plus(alone.part(measured, math.exp(log_sd))).confusion()
+        return float(max(np.max(chance[own][:, ~own]), np.max(chance[~own][:, own]))) - CONFUSED
+
+    size = effect.scale if same is None else effect.scale * abs(effect.tolerance_ratio)
+    low, high = math.log(1e-3 * size), math.log(1e3 * size)
+    if excess(low) > 0.0 or excess(high) < 0.0:
+        return None
+    return DecisiveTest(
+        effect=name,
+        measured=measured,
+        known_to=math.exp(brentq(excess, low, high, xtol=1e-5)),
+        unit=unit,
+    )

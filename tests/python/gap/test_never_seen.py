@@ -122,7 +122,7 @@ def test_commands_never_print_inf(tmp_path, capsys, effects):
         feltmb_main(planned)
     text = capsys.readouterr().out
     assert not re.search(r"\binf\b", text)
-    assert "cannot be detected: alike" in text
+    assert "alike cannot be detected: a change of slope looks the same" in text
     with pytest.raises(SystemExit, match="0"):
         feltmb_main([*planned, "--json"])
     rows = json.loads(capsys.readouterr().out)["effects"]

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from feltmb.errors import InvalidParameter
-from feltmb.gap import Effect, LinearModel, Parameter, Record, Sensor, noncentrality, plan
+from feltmb.gap import Effect, LinearModel, Parameter, Record, Sensor, plan
+from feltmb.gap.criteria import DETECTABLE
 
 HERE = Path(__file__).parent
 spec = importlib.util.spec_from_file_location("gap_models", HERE / "models.py")
@@ -37,18 +38,14 @@ def planned(name, u):
     )
 
 
-def test_noncentrality_is_the_norm_of_the_projected_column():
+def test_smallest_magnitude_is_that_of_the_projected_column():
     u = np.linspace(-1.0, 1.0, 200)
-    square = effect("square", lambda u: u**2)
-    cube = effect("cube", lambda u: u**3)
-    one = planned("a", u)
-    assert noncentrality(NOMINAL, square, 2.0, [one]) == pytest.approx(
-        2.0 * np.linalg.norm(u**2) / 0.1, rel=1e-6
-    )
+    found = plan(NOMINAL, [effect("cube", lambda u: u**3)], [planned("a", u)])
     rest = u**3 - u * (u @ u**3) / (u @ u)
-    assert noncentrality(NOMINAL, cube, 1.0, [one]) == pytest.approx(
-        np.linalg.norm(rest) / 0.1, rel=1e-6
-    )
+    (row,) = found.effects
+    assert row.smallest == pytest.approx(DETECTABLE * 0.1 / np.linalg.norm(rest), rel=1e-6)
+    assert row.surviving == pytest.approx(np.linalg.norm(rest) / np.linalg.norm(u**3), rel=1e-6)
+    assert row.smallest_before == np.inf
 
 
 def test_what_the_parameters_imitate_is_not_seen():
@@ -58,10 +55,13 @@ def test_what_the_parameters_imitate_is_not_seen():
         [effect("slope too", lambda u: 2.0 * u), effect("square", lambda u: u**2)],
         [planned("a", u)],
     )
-    assert found.unseen == ("slope too",)
     rows = {r.effect: r for r in found.effects}
+    assert "a change of slope looks the same" in rows["slope too"].hidden
+    assert rows["square"].hidden == ""
     assert rows["slope too"].smallest == np.inf
-    assert rows["square"].smallest == pytest.approx(3.7 * 0.1 / np.linalg.norm(u**2), rel=1e-6)
+    assert rows["square"].smallest == pytest.approx(
+        DETECTABLE * 0.1 / np.linalg.norm(u**2), rel=1e-6
+    )
     assert rows["square"].surviving == pytest.approx(1.0)
 
 
@@ -69,17 +69,21 @@ def test_a_further_record_separates_what_is_alike():
     small, large = np.linspace(0.0, 0.2, 100), np.linspace(-1.0, 1.0, 100)
     effects = [effect("square", lambda u: u**2), effect("even", lambda u: np.abs(u) * u)]
     found = plan(NOMINAL, effects, [planned("a", small)], experiments=[planned("b", large)])
-    assert found.classes == (("even", "square"),)  # the same for u >= 0
-    assert found.experiments[0].name == "b"
-    assert found.experiments[0].worst < 0.05
+    assert found.inseparable == (("even", "square"),)  # the same for u >= 0
+    (best,) = found.experiments
+    assert best.name == "b"
+    assert best.after > 0.95 > found.after
+    assert any("separates even from square" in r or "detects 2 of 2" in r for r in best.reasons)
 
 
-def test_planned_size_is_found():
-    data = models.records(5)[:2]
-    lam = noncentrality(models.NOMINAL, models.DRY, 1.0, data)
-    found = plan(models.NOMINAL, models.EFFECTS, data)
-    row = next(r for r in found.effects if r.effect == "dry friction")
-    assert row.smallest == pytest.approx(3.7 / lam, rel=1e-6)
+def test_a_further_output_is_offered_as_a_sensor():
+    """What it would tell is what a plan that measures it tells."""
+    one = models.records(5)[0]
+    few = plan(models.NOMINAL, models.EFFECTS, [one], channels=["q"])
+    assert few.experiments == ()  # the model has no other output
+    two = plan(models.NOMINAL, models.EFFECTS, [one], experiments=[replace(one, name="again")])
+    both = plan(models.NOMINAL, models.EFFECTS, [one, replace(one, name="again")])
+    assert two.experiments[0].after == pytest.approx(both.after, rel=1e-6)
 
 
 def test_unknown_channel_is_said():

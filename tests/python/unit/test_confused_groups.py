@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from feltmb.gap.advise import confused_groups
+from feltmb.gap.confusion import confused_groups
 
 
 def test_groups_hold_what_is_linked_directly_or_by_a_third():

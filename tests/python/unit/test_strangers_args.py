@@ -1045,7 +1045,6 @@ CALLS = {
         "channels": None,
         "sensors": None,
         "experiments": (),
-        "segment": None,
     },
     "feltmb.gap.Belief": lambda: {
         "weights": {"dry friction": 0.5},
@@ -1148,12 +1147,6 @@ CALLS = {
         "options": gap.Options(bootstrap=0, advice=False),
         "folder": None,
         "progress": None,
-    },
-    "feltmb.gap.noncentrality": lambda: {
-        "model": oscillator(),
-        "effect": DRY,
-        "magnitude": 0.01,
-        "records": [record()],
     },
     # contact
     "feltmb.contact.Law": lambda: {"core": law().core, "name": None},
