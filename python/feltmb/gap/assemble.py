@@ -95,10 +95,9 @@ def ranked(
     magnitudes, single, robust = reference.one_step(), reference.singles(), reference.robust()
     strength = reference.strength
     names = list(dict.fromkeys(t.name for t in reference.candidates))
-    weights = {n: 0.0 for n in names}
-    for one, weight in zip(search.sets, belief.sets, strict=True):
-        for n in one.names:
-            weights[n] += weight
+    weights = _by_effect(names, search, belief)
+    # Refused effects keep their order.
+    order = _by_effect(names, search, accepted.belief)
     classes = _classes(search)
     member = {n: c for c in classes for n in c}
     rows = []
@@ -152,7 +151,7 @@ def ranked(
         key=lambda r: (
             not r.named,
             r.effect not in one_of,
-            -round(r.posterior, 9),
+            -round(order[r.effect], 9),
             -r.statistic,
             r.effect,
         )
@@ -176,6 +175,15 @@ def ranked(
         classes=classes,
         form=sizes.form,
     )
+
+
+def _by_effect(names: Sequence[str], search: Search, belief: Posterior) -> dict[str, float]:
+    """Probability of each effect: that of all sets with it together."""
+    weights = {n: 0.0 for n in names}
+    for one, weight in zip(search.sets, belief.sets, strict=True):
+        for n in one.names:
+            weights[n] += weight
+    return weights
 
 
 def _numbers(effect: Effect, shape: Any, wide: Mapping[int, float]) -> tuple[ShapeNumber, ...]:

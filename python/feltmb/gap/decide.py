@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 from feltmb.fit.solve import SAME, Fit
@@ -252,17 +252,21 @@ def _refuted(facts: Facts) -> bool:
     return facts.misfit.left or facts.p <= refuted(facts.options.alpha)
 
 
-def _silent(facts: Facts, verdict: Verdict, text: str) -> Decision:
-    """A decision that names no effect."""
-    belief = facts.belief
-    # Sets with an effect that held-out records refuse are no explanation.
-    bad = {name for name, _ in facts.accepted.rejected}
-    sums = zip(facts.search.sets, belief.sets, strict=True) if bad else ()
-    refused = sum(w for c, w in sums if bad & set(c.names))
+def _silent(facts: Facts, verdict: Verdict, text: str, refused: Collection[str] = ()) -> Decision:
+    """A decision that names no effect.
+
+    Sets with an effect that held-out records refuse, or with one of ``refused``, are no
+    explanation: their probability is that of an unknown cause.
+    """
+    bad = {*refused, *(name for name, _ in facts.accepted.rejected)}
+    sums = zip(facts.search.sets, facts.belief.sets, strict=True)
+    kept = tuple(0.0 if bad & set(c.names) else w for c, w in sums)
+    unknown = facts.belief.other + sum(facts.belief.sets) - sum(kept)
+    belief = replace(facts.belief, other=unknown, sets=kept)
     confidence = {
         Verdict.NO_GAP: belief.none,
         Verdict.CALIBRATED: belief.none,
-        Verdict.UNKNOWN: belief.other + refused,
+        Verdict.UNKNOWN: belief.other,
         Verdict.TOO_WEAK: 1.0 - belief.none,
     }[verdict]
     return Decision(verdict, text, (), (), confidence, belief)
@@ -311,7 +315,7 @@ def _name(facts: Facts) -> Decision:
             if _widens(far)
             else "more than noise is left, and it explains less of the squared gap than remains"
         )
-        return _unsure(facts, sure or tuple(unsure), why)
+        return _unsure(facts, sure or tuple(unsure), why, refused=sure or tuple(unsure))
     # A score that remains beside unsure effects is theirs.
     scored = facts.leftover > 1.0 and not (unsure or possible)
     left = (fitted or scored or facts.beyond is not None) and not facts.enough_left
@@ -441,8 +445,10 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
     return f"It closes {far.closed_text} of the held-out gap{_band(far)}.{doubt}"
 
 
-def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
-    """Decision if the best set is not certain enough to be named."""
+def _unsure(
+    facts: Facts, hinted: tuple[str, ...], why: str, refused: tuple[str, ...] = ()
+) -> Decision:
+    """Decision if the best set is not certain enough to be named; ``refused``: it is refuted."""
     if _refuted(facts):
         text = (
             f"There is a gap ({_signs(facts)}), but no effect is sure; nearest {_list(hinted)} "
@@ -452,13 +458,13 @@ def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
         if closest is not None and set(closest.effects) == set(hinted):
             text = f"There is a gap ({_signs(facts)}), but no effect is sure."
         text += _closest(closest) + (_noise(facts) or _place(facts))
-        return replace(_silent(facts, Verdict.UNKNOWN, text), closest=closest)
+        return replace(_silent(facts, Verdict.UNKNOWN, text, refused), closest=closest)
     moved = _moved(facts)
     text = (
         f"{moved}{' ' if moved else ''}There may be something{' more' if moved else ''}, but these "
         f"records cannot prove it: nearest {_list(hinted)} ({why}). The model is not refuted."
     )
-    return _silent(facts, Verdict.TOO_WEAK, text)
+    return _silent(facts, Verdict.TOO_WEAK, text, refused)
 
 
 def _signs(facts: Facts) -> str:

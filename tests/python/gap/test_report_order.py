@@ -32,6 +32,7 @@ from feltmb.gap import (
     diagnose,
     library,
 )
+from feltmb.gap.acceptance import Posterior
 from feltmb.gap.decide import decide
 from feltmb.gap.library.products import product
 from feltmb.gap.page import page
@@ -403,9 +404,9 @@ def test_a_lighter_head_is_the_first_answer(tmp_path):
 def test_a_weak_hint_does_not_hide_what_calibration_moved():
     """A hammer head 15 % too heavy, five tolerances, was told as: TOO WEAK, p = 0.007."""
     row = diagnose(line(), [power(3)], records(lambda u: 0.5 * u), options=QUICK).calibrated[0]
-    belief = SimpleNamespace(none=0.3, other=0.1)
+    belief = Posterior(none=0.3, other=0.7, sets=(), inflation=1.0)
     facts = SimpleNamespace(
-        search=SimpleNamespace(best=None),
+        search=SimpleNamespace(best=None, sets=()),
         accepted=SimpleNamespace(best=None, rejected=()),
         p=0.005,
         options=Options(),

@@ -466,6 +466,9 @@ def test_a_set_that_held_out_records_refuse_is_no_explanation():
     mixed = [f if f.role == "fit" else h for f, h in zip(fitted, held_out, strict=True)]
     report = diagnose(LINE, [power(3)], mixed, options=Options(bootstrap=0))
     assert report.verdict is Verdict.UNKNOWN
+    # What held-out records refuse has no probability, but it is still the first in the table.
+    assert report.which.effects[0].effect in {n.name for n in report.refused}
+    assert report.which.effects[0].posterior < 0.01
     assert report.confidence > 0.9
 
 
