@@ -130,7 +130,9 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
         aside |= {columns.find(place[n]) for n in (*driven, *seen) if place[n]}
         channel_of = {columns.find(c) or c: name for name, c in options.columns.items()}
         others = {channel_of.get(c, c): c for c in columns.values if c not in aside}
-        others = {n: c for n, c in others.items() if _complete(columns, c)}
+        faulty = {n: why for n, c in others.items() if (why := _no_input(columns, c))}
+        columns.notes += [f"column {others[n]} is left out: {why}" for n, why in faulty.items()]
+        others = {n: c for n, c in others.items() if n not in faulty}
         place |= others
         driven = (*driven, *others)
     for name in (*driven, *seen):
@@ -157,11 +159,14 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
     )
 
 
-def _complete(columns: Columns, column: str) -> bool:
-    """Whether a column has a value at each time, in a known unit or none."""
+def _no_input(columns: Columns, column: str) -> str:
+    """Why a column cannot be an input; empty: it is complete and has a known unit or none."""
     unit = columns.units.get(column, "")
-    known = not unit or spelled_unit(unit) is not None
-    return known and bool(np.all(np.isfinite(columns.values[column])))
+    if unit and spelled_unit(unit) is None:
+        return f"its unit {unit} is not known"
+    values = columns.values[column]
+    missing = int(np.sum(~np.isfinite(values)))
+    return f"{missing} of {values.size} values are missing" if missing else ""
 
 
 def _other(column: str, name: str) -> str:

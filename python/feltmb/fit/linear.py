@@ -61,7 +61,17 @@ class FunctionModel(Model):
                 f"{(len(self.parameters),)}"
             )
         p = Named({q.name: theta[i] for i, q in enumerate(self.parameters)})
-        outputs: Array = np.column_stack([f(record, p) for f in self._outputs.values()])
+        try:
+            outputs: Array = np.column_stack([f(record, p) for f in self._outputs.values()])
+        except KeyError as error:
+            (name, *_) = error.args
+            if name in record.inputs or name in p:
+                raise
+            known = ", ".join(record.inputs) or "none"
+            raise InvalidParameter(
+                "; ".join((f"model {self.name}: record {record.name} has no input {name!r}, its "
+                           f"inputs are {known}", *record.notes))
+            ) from None  # fmt: skip
         return outputs
 
     def simulate(self, record: Record, jobs: Jobs) -> Simulated:

@@ -35,7 +35,7 @@ from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.options import Options
 from feltmb.gap.overlay import wrong_units
 from feltmb.gap.profile import profile_of
-from feltmb.gap.proof import HeldOut, Outcome, residuals_by_segment
+from feltmb.gap.proof import HeldOut, Outcome, metric_of, residuals_by_segment
 from feltmb.gap.refine import tighten
 from feltmb.gap.report import Report
 from feltmb.gap.score import all_candidates, family_threshold, refuting_score, score_fit
@@ -162,7 +162,7 @@ class _Diagnosis:
         self.model, self.data, self.records = judged_data(
             model, records, hold_out, good_enough=options.good_enough, segment=options.segment
         )
-        self.metric = "segmented" if self.model.chaotic else "open_loop"
+        self.metric = metric_of(self.model)
         exposed = getattr(self.model, "effects", ())
         offered = [e.name for e in exposed if isinstance(e, Effect)]
         if offered and not effects:
@@ -594,7 +594,7 @@ def _beyond(
     """
     known = accepted.after.fit
     model = known.problem.model
-    which = "segmented" if model.chaotic else "open_loop"
+    which = metric_of(model)
     if not accepted.after.gap(held.segmented_records, which) > NOISE_ERROR:
         return None
     say("held-out records alone")
@@ -613,13 +613,12 @@ def _beyond(
     return reference.chi2 / reference.dof if beyond else None
 
 
-def _primary(model: Model, accepted: object, segmented_records: Sequence[SegmentedRecord]) -> str:
-    """The main metric: open loop, unless the model is chaotic or a simulation fails."""
-    before, after = accepted.before, accepted.after  # type: ignore[attr-defined]
-    if model.chaotic:
-        return "segmented"
-    finite = all(np.isfinite(o.gap(segmented_records, "open_loop")) for o in (before, after))
-    return "open_loop" if finite else "segmented"
+def _primary(model: Model, accepted: Accepted, segmented_records: Sequence[SegmentedRecord]) -> str:
+    """The metric of the model, or by segment if a simulation of a whole record fails."""
+    which = metric_of(model)
+    outcomes = (accepted.before, accepted.after)
+    finite = all(np.isfinite(o.gap(segmented_records, which)) for o in outcomes)
+    return which if finite else "segmented"
 
 
 @checked

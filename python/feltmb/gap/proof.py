@@ -19,6 +19,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Place
+from feltmb.fit.model import Model
 from feltmb.fit.observe import machine_candidates
 from feltmb.fit.problem import Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
@@ -32,6 +33,7 @@ __all__ = [
     "evaluate",
     "expected_gain",
     "explained_share",
+    "metric_of",
     "one_run",
     "outputs_by_segment",
     "residuals_by_segment",
@@ -318,6 +320,11 @@ def _by_segment(fit: Fit) -> Iterator[tuple[SegmentedRecord, Array]]:
     seen = fit.problem.predict(fit.point)
     for segmented, (outputs, _, _) in zip(fit.problem.segmented_records, seen, strict=True):
         yield segmented, outputs
+
+
+def metric_of(model: Model) -> str:
+    """Metric of a gap: "open_loop", one run a record, or "segmented" if such runs are chaotic."""
+    return "segmented" if model.chaotic else "open_loop"
 
 
 def outputs_by_segment(fit: Fit) -> list[Array]:

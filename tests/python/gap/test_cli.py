@@ -154,4 +154,24 @@ def test_columns_are_inputs_of_a_model_that_names_none(tmp_path, capsys):
     assert '[inputs."x"]' in files[0].with_suffix(".toml").read_text()
     capsys.readouterr()
     assert run("gap", "diagnose", tmp_path / "spring.py", *files, "--hold-out", files[2]) == 0
-    assert "Parameter k is 3.99" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "Parameter k is 3.99" in shown
+    assert "column state is left out: its unit foo is not known" in shown
+    assert "column sparse is left out: 266 of 300 values are missing" in shown
+
+
+def test_a_missing_input_of_a_linear_model_is_named(tmp_path, capsys):
+    (tmp_path / "spring.py").write_text(
+        "from feltmb.gap import LinearModel, Parameter\n"
+        'model = LinearModel(name="spring", output="F", columns={"k": lambda r: r.inputs["x"]},\n'
+        '    parameters=[Parameter(name="k", value=100.0, sd=10.0, unit="N/m")])\n'
+        "effects = ()\n"
+    )
+    rows = [f"{0.01 * i:.2f},{'' if i == 7 else i},{i},{0.5 * i}" for i in range(50)]
+    path = tmp_path / "r.csv"
+    path.write_text("\n".join(["time [s],x [m],y [m],F [N]", *rows]) + "\n")
+    run("gap", "diagnose", tmp_path / "spring.py", path, path)
+    error = capsys.readouterr().err
+    assert "has no input 'x', its inputs are y" in error
+    assert "column x is left out: 1 of 50 values are missing" in error
+    assert "Traceback" not in error
