@@ -1014,6 +1014,7 @@ CALLS = {
     "feltmb.gap.Record.with_inputs": lambda: (record(), {"inputs": {"f": np.zeros(200)}}),
     "feltmb.gap.Record.with_sensed_input": lambda: (record(), {"name": "f", "gain": 1.1}),
     "feltmb.gap.Report.write": lambda: (report(), {"folder": "report", "force": True}),
+    "feltmb.gap.Report.text": lambda: (report(), {"width": 90}),
     "feltmb.gap.Sensor": lambda: {
         name: getattr(gap.Sensor(name="q", sigma=0.1), name)
         for name in inspect.signature(gap.Sensor).parameters
