@@ -134,6 +134,13 @@ def decide(facts: Facts) -> Decision:
             "The fit of the model did not converge, also from other starts. A stuck fit is not "
             "taken for a gap. Use narrower priors, or shorter segments.",
         )
+    if best is None and facts.only_noise:
+        moved = _moved(facts)
+        text = (
+            f"{moved}{' ' if moved else ''}The records, not the machine: what is left is "
+            f"{_ratio(facts.first):.3g} times the sum of squares of noise.{_noise(facts)}"
+        )
+        return _silent(facts, Verdict.DATA_PROBLEM, text)
     if best is None:
         text = f"There is a gap ({_signs(facts)}), but no tested effect is proven to explain it."
         text += _closest(facts.closest)
@@ -267,6 +274,7 @@ def _silent(facts: Facts, verdict: Verdict, text: str, refused: Collection[str] 
         Verdict.NO_GAP: belief.none,
         Verdict.CALIBRATED: belief.none,
         Verdict.UNKNOWN: belief.other,
+        Verdict.DATA_PROBLEM: belief.other,
         Verdict.TOO_WEAK: 1.0 - belief.none,
     }[verdict]
     return Decision(verdict, text, (), (), confidence, belief)

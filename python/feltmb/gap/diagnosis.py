@@ -409,6 +409,7 @@ class _Diagnosis:
             best_fit, wide, [tabulated], [fitted, accepted.after], which_gap, options.alpha
         )
         given = given_values(best_fit, wide, tabulated.fit.problem.model, options.alpha)
+        white = uncorrelated(there, options.alpha)
         facts = Facts(
             checks=checks,
             search=found,
@@ -423,7 +424,7 @@ class _Diagnosis:
             misfit=alarm.bare,
             unexplained=done.unexplained,
             leftover=alarm.leftover,
-            uncorrelated=uncorrelated(there, options.alpha),
+            uncorrelated=white,
             only_noise=leaves_white_noise(there),
             beyond=beyond,
             apart=moved_together(best_fit, wide, options.alpha),
@@ -454,6 +455,7 @@ class _Diagnosis:
                 watch.say("next experiment")
             advice = advise(found, accepted)
         self._lap("next")
+        advice += tuple(Advice(text=u.remedy) for u in white)
         advice += next_steps(
             decision.verdict,
             rows,

@@ -40,6 +40,19 @@ class Uncorrelated:
             f"{1e3 * self.clock_sd:.2g} ms would explain it{beside}."
         )
 
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        if self.clock_sd == 0.0:
+            return (
+                f"Find the source of the noise of {self.channel}, or state its true standard "
+                "deviation (sigma)."
+            )
+        return (
+            f"Take the times of {self.channel} from the clock of its device, or state a standard "
+            "deviation (sigma) that contains their errors."
+        )
+
 
 def uncorrelated(fit: Fit, alpha: float) -> tuple[Uncorrelated, ...]:
     """Channels whose residual is larger than the noise and not correlated in time.

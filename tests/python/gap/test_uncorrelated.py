@@ -97,7 +97,9 @@ def test_the_statement_tells_errors_of_time_stamps():
     roles = ("fit", "fit", "fit", "held_out")
     records = [record(f"r{i}", i, clock=1e-3, role=role) for i, role in enumerate(roles)]
     report = diagnose(LINE, [CUBIC], records, options=Options(bootstrap=0))
-    assert report.verdict is Verdict.UNKNOWN
+    assert report.verdict is Verdict.DATA_PROBLEM
+    assert report.named == ()
+    assert any("from the clock of its device" in a.text for a in report.next)
     (told,) = re.findall(r"independent errors of (\S+) ms would explain it", report.statement)
     assert float(told) == pytest.approx(1.0, rel=0.05)
 
@@ -131,3 +133,16 @@ def test_a_sigma_that_is_far_too_small_does_not_hide_a_cause():
     assert report.named == ("cubic",)
     assert "its noise may be 10 times the stated one" in report.statement
     assert report.which["cubic"].magnitude == pytest.approx(0.05, rel=0.25)
+
+
+def test_a_sigma_that_is_too_small_is_a_problem_of_the_data():
+    records = [
+        record(f"r{i}", i, noise=3.0 * SIGMA, role="fit" if i < 3 else "held_out") for i in range(5)
+    ]
+    report = diagnose(LINE, [CUBIC], records, options=Options(bootstrap=0))
+    assert report.verdict is Verdict.DATA_PROBLEM
+    assert report.statement.startswith("The records, not the machine: what is left is 9")
+    assert "its noise may be 3 times the stated one" in report.statement
+    assert report.which.none == 0.0
+    assert report.confidence > 0.9
+    assert any("state its true standard deviation" in a.text for a in report.next)
