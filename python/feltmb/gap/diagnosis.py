@@ -27,7 +27,16 @@ from feltmb.gap.components import component_table
 from feltmb.gap.criteria import CLOSE_ALARM, NOISE_ERROR, refuted
 from feltmb.gap.decide import Decision, Facts, decide
 from feltmb.gap.discrepancy import leaves_white_noise
-from feltmb.gap.findings import Advice, NotTested, Profile, Verdict, Where
+from feltmb.gap.findings import (
+    Advice,
+    Calibrated,
+    GivenValue,
+    HowFar,
+    NotTested,
+    Profile,
+    Verdict,
+    Where,
+)
 from feltmb.gap.investigate import Investigation, Task, investigate
 from feltmb.gap.judged_data import judged_data, prepare, ready, with_other_noise
 from feltmb.gap.measured import known_by_test
@@ -42,6 +51,7 @@ from feltmb.gap.score import all_candidates, family_threshold, refuting_score, s
 from feltmb.gap.search import Search
 from feltmb.gap.sizes import Sizes
 from feltmb.gap.smoke_test import try_effects
+from feltmb.gap.spread import Spread
 from feltmb.gap.steps import next_steps
 from feltmb.gap.stopped import cut_short, left_out
 from feltmb.gap.tabulated import (
@@ -140,6 +150,26 @@ class _Alarm:
     """Unexplained residual of the model, with the noise of the sensors."""
     leftover: float
     """Largest score after acceptance, as a share of its threshold."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Described:
+    """The model with an accepted set, or alone."""
+
+    fit: Fit
+    tight: Fit | None
+    """With the tightest continuity defects; None: ``fit`` has them."""
+    end: Fit
+    """The tighter of both, with the noise of the sensors."""
+    after: Outcome
+    """On the held-out records."""
+    where: Where
+    how_far: HowFar
+    sizes: Sizes
+    wide: Spread
+    """Uncertainty of ``fit``."""
+    calibrated: tuple[Calibrated, ...]
+    given: tuple[GivenValue, ...]
 
 
 class _Diagnosis:
@@ -384,32 +414,12 @@ class _Diagnosis:
         """The decision, and the report of everything that it is based on."""
         options, settings, watch = self.options, self.task.settings, self.watch
         found, first, accepted, null = done.found, done.first, proof.accepted, alarm.null
-        checks, plain, sensed = done.sensed.checks, done.sensed.fitted, done.sensed.held
-        rest, fit, model = accepted.tightest, found.model_fit, self.model
-        if accepted.best is not None:
-            where = replace(
-                where,
-                onset={**where.onset, **first_act(accepted.best.fit)},
-                remains=ledger(with_other_noise(rest or accepted.best.fit, plain), options.alpha)[
-                    0
-                ],
-            )
+        checks, sensed = done.sensed.checks, done.sensed.held
+        fit, model = found.model_fit, self.model
         beyond = self._beyond(done, accepted, alarm.bare)
         self._lap("how far")
         watch.enter(REPORT)
-        best_fit = fit if accepted.best is None else accepted.best.fit
-        held_tabulated = tabulated.part(slice(len(plain), None))
-        how_far = how_far_rows(accepted, held_tabulated, sensed, shares, which_gap, options.seed)
-        end = rest or (found.tight_fit if accepted.best is None else None) or best_fit
-        there = replace(end, problem=replace(end.problem, segmented_records=plain))
-        fitted = Outcome(there, np.zeros(0), settings, there)
-        sizes = Sizes(found, accepted, options.form)
-        wide = sizes.spread(best_fit)
-        calibrated = calibrated_rows(
-            best_fit, wide, [tabulated], [fitted, accepted.after], which_gap, options.alpha
-        )
-        given = given_values(best_fit, wide, tabulated.fit.problem.model, options.alpha)
-        white = uncorrelated(there, options.alpha)
+        told = self._described(tabulated, done, accepted, where, which_gap, shares)
         facts = Facts(
             checks=checks,
             search=found,
@@ -417,32 +427,38 @@ class _Diagnosis:
             belief=accepted.belief,
             p=null.p(alarm.largest),
             options=options,
-            how_far=how_far,
-            where=where,
-            rest=rest,
+            how_far=told.how_far,
+            where=told.where,
+            rest=accepted.tightest,
             first=first,
             misfit=alarm.bare,
             unexplained=done.unexplained,
             leftover=alarm.leftover,
-            uncorrelated=white,
-            only_noise=leaves_white_noise(there),
+            uncorrelated=uncorrelated(told.end, options.alpha),
+            only_noise=leaves_white_noise(told.end),
             beyond=beyond,
-            apart=moved_together(best_fit, wide, options.alpha),
-            calibrated=calibrated,
-            given=given,
+            apart=moved_together(told.fit, told.wide, options.alpha),
+            calibrated=told.calibrated,
+            given=told.given,
             closest=closest_set(found, accepted, sensed, which_gap, options.seed),
-            sizes=sizes,
+            sizes=told.sizes,
             enough=bool(options.good_enough) and _within(first.tight_fit or first.bare),
-            enough_left=bool(options.good_enough) and _within(rest or best_fit),
+            enough_left=bool(options.good_enough) and _within(told.end),
         )
         decision = decide(facts)
+        if accepted.best is not None and not (decision.named or decision.one_of):
+            # A set that is not named is no part of the model, nor of its parameters.
+            bare = replace(accepted, best=None, after=accepted.before, tightest=None)
+            told = self._described(tabulated, done, bare, where, which_gap, {})
+            decision = decide(replace(facts, calibrated=told.calibrated, given=told.given))
+        sizes, best_fit, wide = told.sizes, told.fit, told.wide
         if watch.why:
             decision = cut_short(
                 decision, watch, found, self.skipped, len(self.task.effects), sizes
             )
-        told = prior_deviations_told(best_fit, wide)
-        if told:
-            checks = replace(checks, warnings=(*checks.warnings, told))
+        far = prior_deviations_told(best_fit, wide)
+        if far:
+            checks = replace(checks, warnings=(*checks.warnings, far))
         which = ranked(
             found, accepted, decision.belief, null, decision.named, decision.one_of, sizes
         )
@@ -455,20 +471,20 @@ class _Diagnosis:
                 watch.say("next experiment")
             advice = advise(found, accepted)
         self._lap("next")
-        advice += tuple(Advice(text=u.remedy) for u in white)
+        advice += tuple(Advice(text=u.remedy) for u in facts.uncorrelated)
         advice += next_steps(
             decision.verdict,
             rows,
-            calibrated,
+            told.calibrated,
             [r for r in which.effects if r.named],
             [r for r in which.effects if r.effect in decision.one_of],
             decision.closest,
-            where.components,
+            told.where.components,
             best_fit.intervals(wide.covariance, wide.by_form),
             self.model,
             self.task.effects,
         )
-        starts = found_starts(accepted.after.tight) | fitted_starts(best_fit, rest, settings)
+        starts = found_starts(told.after.tight) | fitted_starts(best_fit, told.tight, settings)
         before_starts = found_starts(accepted.before.tight) | fitted_starts(
             fit, found.tight_fit, settings
         )
@@ -483,12 +499,12 @@ class _Diagnosis:
             one_of=decision.one_of,
             confidence=decision.confidence,
             as_it_is=rows,
-            calibrated=calibrated,
-            given=given,
+            calibrated=told.calibrated,
+            given=told.given,
             closest=decision.closest,
-            where=where,
+            where=told.where,
             which=which,
-            how_far=how_far,
+            how_far=told.how_far,
             next=advice,
             model=with_effects(model, best_fit, starts, provenance),
             fitted=with_effects(model, fit, before_starts, provenance),
@@ -501,6 +517,54 @@ class _Diagnosis:
             no_profile=no_profile,
             seconds=self.seconds,
             stopped=f"{watch.stopped_in} ({watch.why})" if watch.why else "",
+        )
+
+    def _described(
+        self,
+        tabulated: Outcome,
+        done: Investigation,
+        accepted: Accepted,
+        where: Where,
+        which_gap: str,
+        shares: dict[str, float],
+    ) -> _Described:
+        """The model with an accepted set: place and size of the gap, parameters."""
+        options, settings, found = self.options, self.task.settings, done.found
+        plain, sensed, best = done.sensed.fitted, done.sensed.held, accepted.best
+        fit = found.model_fit if best is None else best.fit
+        if best is not None:
+            there = with_other_noise(accepted.tightest or fit, plain)
+            where = replace(
+                where,
+                onset={**where.onset, **first_act(fit)},
+                remains=ledger(there, options.alpha)[0],
+            )
+        tight = found.tight_fit if best is None else accepted.tightest
+        end = tight or fit
+        end = replace(end, problem=replace(end.problem, segmented_records=plain))
+        sizes = Sizes(found, accepted, options.form)
+        wide = sizes.spread(fit)
+        fitted = Outcome(end, np.zeros(0), settings, end)
+        return _Described(
+            fit=fit,
+            tight=tight,
+            end=end,
+            after=accepted.after,
+            where=where,
+            how_far=how_far_rows(
+                accepted,
+                tabulated.part(slice(len(plain), None)),
+                sensed,
+                shares,
+                which_gap,
+                options.seed,
+            ),
+            sizes=sizes,
+            wide=wide,
+            calibrated=calibrated_rows(
+                fit, wide, [tabulated], [fitted, accepted.after], which_gap, options.alpha
+            ),
+            given=given_values(fit, wide, tabulated.fit.problem.model, options.alpha),
         )
 
     def _profiles(self, accepted: Accepted, decision: Decision) -> tuple[tuple[Profile, ...], str]:

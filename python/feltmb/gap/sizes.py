@@ -12,7 +12,7 @@ from feltmb.gap.acceptance import Accepted
 from feltmb.gap.digits import digits
 from feltmb.gap.refine import CandidateSet
 from feltmb.gap.search import Search
-from feltmb.gap.spread import Spread, spread
+from feltmb.gap.spread import Spread, spread, with_refused
 from feltmb.units import readable_unit, unit_suffix
 
 __all__ = ["Size", "Sizes", "where_refitted"]
@@ -86,9 +86,13 @@ class Sizes:
         )
 
     def spread(self, fit: Fit, *, shapes: bool = True) -> Spread:
-        """Uncertainty of a fit, computed once."""
+        """Uncertainty of a fit, computed once; of the accepted set with the refused effects."""
         if (fit, shapes) not in self._spreads:
-            self._spreads[fit, shapes] = spread(fit, self.form, shapes=shapes)
+            found = spread(fit, self.form, shapes=shapes)
+            accepted, first = self.accepted.best, self.search.best
+            if accepted is not None and first is not None and accepted.fit is fit is not first.fit:
+                found = with_refused(found, fit, first.fit)
+            self._spreads[fit, shapes] = found
         return self._spreads[fit, shapes]
 
     def text(self, name: str) -> str:

@@ -22,7 +22,7 @@ from feltmb.fit.model import LAWS, Candidate
 from feltmb.fit.solve import Fit, inverse_scaled
 from feltmb.gap.shape import movable, moved_shape, shape_number
 
-__all__ = ["Spread", "spread"]
+__all__ = ["Spread", "spread", "with_refused"]
 
 #: Step of the difference, in the logarithm of a shape.
 STEP = 0.01
@@ -38,7 +38,7 @@ class Spread:
     """Covariance of the free parameters and then the magnitudes, (n, n), with the shapes
     uncertain."""
     by_form: Array
-    """Covariance that the errors of form of the included laws add, (n, n)."""
+    """Covariance that the errors of form of the included laws and refused effects add, (n, n)."""
     shapes: dict[tuple[int, int], float]
     """(candidate, index of the number in its shape) -> standard deviation of its logarithm [1]."""
 
@@ -85,6 +85,34 @@ def spread(fit: Fit, form: float = 0.0, *, shapes: bool = True) -> Spread:
             by_form += np.outer(change, change)
     sd = np.sqrt(np.maximum(np.diag(everything), 0.0))
     return Spread(covariance, by_form, {p: float(sd[shared + j]) for j, p in enumerate(places)})
+
+
+def with_refused(wide: Spread, fit: Fit, larger: Fit) -> Spread:
+    """The uncertainty of a fit, with its differences from the fit of a larger set.
+
+    The further effects of this set are refused, but they, or an error of form that resembles them,
+    may act.
+
+    Parameters
+    ----------
+    wide
+        Uncertainty of ``fit``.
+    fit
+        Fit of the accepted set.
+    larger
+        Fit of the set with the largest evidence.
+    """
+    count = len(fit.problem.free)
+    change = np.zeros(len(wide.covariance))
+    if larger.problem.free == fit.problem.free:
+        free = list(fit.problem.free)
+        change[:count] = larger.point.theta[free] - fit.point.theta[free]
+    others = {t.name: k for k, t in enumerate(larger.included)}
+    for k, t in enumerate(fit.included):
+        if t.name in others:
+            at = others[t.name]
+            change[count + k] = larger.point.magnitudes[at] - fit.point.magnitudes[k]
+    return replace(wide, by_form=wide.by_form + np.outer(change, change))
 
 
 def _columns(fit: Fit, k: int, place: int) -> list[tuple[Array, Array]]:

@@ -163,9 +163,8 @@ def _remains(report: Findings) -> Iterator[Part]:
     yield table
     far = report.how_far
     if report.model.included:
-        what = "What is named" if report.named or report.one_of else "The closest tested set"
         yield (
-            f"{what} closes {far.closed_text} of the calibrated gap "
+            f"What is named closes {far.closed_text} of the calibrated gap "
             f"({far.low:.0%} to {far.high:.0%})."
         )
     named = bool(report.model.included)
@@ -175,7 +174,8 @@ def _remains(report: Findings) -> Iterator[Part]:
         return
     worst = max(cells, key=lambda c: c.z)
     yield (
-        f"Largest in {worst.channel} of {worst.record}, {worst.start:.4g} to {worst.end:.4g} s: "
+        f"Largest of all records in {worst.channel} of {worst.record}, {worst.start:.4g} to "
+        f"{worst.end:.4g} s: "
         f"{_in_unit(worst.rms, _unit(report, worst.channel))}"
     )
     if not named:
