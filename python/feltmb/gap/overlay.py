@@ -12,6 +12,7 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import DataError
+from feltmb.fit.calling import calling
 from feltmb.fit.model import Model
 from feltmb.fit.observe import observe_whole
 from feltmb.gap.checks import DataChecks, check_against, with_sigma
@@ -109,7 +110,8 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         noise = checks.noise(record.name)
         record, said = model.referred(with_sigma(record, noise))
         notes += said
-        outputs = _simulate(model, record)
+        with calling(f"model {model.name}: its simulation"):
+            outputs = _simulate(model, record)
         shown.append(record)
         simulated[record.name] = outputs
         for name in record.outputs:

@@ -34,6 +34,8 @@ _NAMES = {
     "%": "percent",
     PIXEL: "px pixel pixels pix",
 }
+#: Torques as instruments write them; "nm" is a length.
+_TORQUES = {"Nm": "N m", "N.m": "N m", "N-m": "N m", "mNm": "mN m", "mN.m": "mN m"}
 _SPELLED = {word: unit for unit, words in _NAMES.items() for word in words.split()}
 _LENGTH, _FORCE = "m", "N"
 #: Words after which a bare unit may follow (``Time_s``), and their quantity. Elsewhere, the end of
@@ -55,7 +57,7 @@ def spelled_unit(text: str) -> str | None:
     text = text.strip().strip("[]()").strip().rstrip(".")
     if not text:
         return None
-    word = _SPELLED.get(text.lower())
+    word = _TORQUES.get(text) or _SPELLED.get(text.lower())
     if word is not None:
         return word
     try:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from feltmb.data import Record, Sensor
+from feltmb.errors import InvalidParameter
 from feltmb.fit import Coordinate, LinearModel, Named, Parameter
 from feltmb.gap import Options, Verdict, diagnose, library
 from feltmb.gap.library.memory import relaxed_along, slip_along
@@ -108,7 +111,7 @@ CAUSES = {
 
 
 MAGNITUDES = {
-    "clearance of damper": 300.0,
+    "clearance of damper": 1.0,
     "hysteresis": 8.0,
     "creep": 900.0,
     "dead zone": 0.6,
@@ -122,7 +125,7 @@ def test_a_damper_on_a_test_rig_gets_effects_with_memory(cause):
     roles = ("fit", "fit", "fit", "held_out")
     records = [rig(f"run{i}", CAUSES[cause], role) for i, role in enumerate(roles)]
     effects = library.for_force_balance(
-        "q", "v", force=15.0, travel=5e-3, pace=0.06, stiffness=2000.0
+        "q", "v", force=15.0, travel=5e-3, pace=0.06, stiffness=2000.0, damping=300.0
     )
     report = diagnose(DAMPER, effects, records, options=Options(bootstrap=0))
     assert cause in report.named or cause in report.one_of, report.statement
@@ -130,7 +133,30 @@ def test_a_damper_on_a_test_rig_gets_effects_with_memory(cause):
     assert report.which[cause].magnitude == pytest.approx(MAGNITUDES[cause], rel=0.1)
 
 
-def test_a_dead_zone_needs_a_spring():
-    effects = library.for_force_balance("q", "v", force=15.0, travel=5e-3, pace=0.06)
-    assert "dead zone" not in [e.name for e in effects]
-    assert "clearance of damper" in [e.name for e in effects]
+def test_a_dead_zone_needs_a_spring_and_a_clearance_a_damper():
+    typical = {"force": 15.0, "travel": 5e-3, "pace": 0.06}
+    plain = [e.name for e in library.for_force_balance("q", "v", **typical)]
+    assert not {"dead zone", "clearance of damper"} & {*plain}
+    more = library.for_force_balance("q", "v", **typical, stiffness=2000.0, damping=300.0)
+    assert {e.name for e in more} - {*plain} == {"dead zone", "clearance of damper"}
+
+
+def test_the_noise_of_a_position_does_not_reduce_the_damping():
+    """With plain differences, a clean rig had "creep", and a seventh of its damping."""
+    model = LinearModel(
+        name="damper",
+        output="force",
+        columns={"k": lambda r: r.inputs["q"], "d": lambda r: library.speed_of(r, "q")},
+        parameters=DAMPER.parameters,
+    )
+    records = []
+    for i, role in enumerate(("fit", "fit", "held_out")):
+        run = rig(f"noisy{i}", lambda q, v: 0.0 * q, role)
+        noise = 4e-6 * np.random.default_rng(i).standard_normal(TIME.size)
+        records.append(replace(run, inputs={"q": run.inputs["q"] + noise}))
+    effects = library.for_force_balance("q", force=15.0, travel=5e-3, pace=0.06)
+    report = diagnose(model, effects, records, options=Options(bootstrap=0))
+    assert report.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)
+    assert report.model.parameters["d"] == pytest.approx(300.0, rel=0.01)
+    with pytest.raises(InvalidParameter, match="no input 'speed'"):
+        library.speed_of(records[0], "speed")

@@ -5,7 +5,13 @@ import math
 import pytest
 
 from feltmb.errors import InvalidParameter
-from feltmb.units import ACCEPTED_UNITS, conversion_factor, convert, dimension_text
+from feltmb.units import (
+    ACCEPTED_UNITS,
+    conversion_factor,
+    convert,
+    dimension_text,
+    spelled_unit,
+)
 from feltmb.units.quantity import parse_scalar
 
 
@@ -103,3 +109,11 @@ def test_quantity(node, expected):
 def test_faults_of_a_quantity(node, message):
     with pytest.raises(ValueError, match=message):
         parse_scalar(node, "m")
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [("Nm", "N m"), ("N.m", "N m"), ("N-m", "N m"), ("mNm", "mN m"), ("NM", None), ("nm", None)],
+)
+def test_torques_are_read_as_instruments_write_them(text, unit):
+    assert spelled_unit(text) == unit

@@ -15,7 +15,7 @@ import numpy as np
 
 from feltmb.data import Record
 from feltmb.fit import Effect
-from feltmb.gap.library.balance import for_force_balance
+from feltmb.gap.library.balance import for_force_balance, speed_of
 from feltmb.gap.library.collected import makers
 from feltmb.gap.library.forces import (
     Part,
@@ -87,6 +87,7 @@ __all__ = [
     "sensor_delay",
     "sensor_gain",
     "sensor_offset",
+    "speed_of",
     "standard_effects",
     "static_friction",
     "viscous_friction",

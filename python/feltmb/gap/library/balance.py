@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from feltmb.data import Array, Record
+from feltmb.data.smoothing import noise_of_record, smooth_record
+from feltmb.errors import no_such
 from feltmb.fit import Coordinate, Effect, Named
 from feltmb.gap.library.collected import makers
 from feltmb.gap.library.forces import (
     CLEARANCE_SHARPNESS,
     Scales,
     backlash,
+    damper_clearance,
     dry_friction_along,
     offset_force,
 )
@@ -28,6 +32,10 @@ MEMORY: Mapping[str, Callable[[Array, Array, Any], Array]] = {
 }
 
 
+#: Speeds by record and position, as long as the record exists.
+_speeds: WeakKeyDictionary[Record, dict[str, Array]] = WeakKeyDictionary()
+
+
 def for_force_balance(
     position: str,
     speed: str | None = None,
@@ -37,6 +45,7 @@ def for_force_balance(
     pace: float,
     unit: str = "N",
     stiffness: float | None = None,
+    damping: float | None = None,
 ) -> tuple[Effect, ...]:
     """Candidates of a force that is measured together with the motion that causes it.
 
@@ -53,8 +62,7 @@ def for_force_balance(
     position
         Input that is the position.
     speed
-        Input that is the speed; None: the differences of the position are used, which needs a
-        position with little noise.
+        Input that is the speed; None: :func:`speed_of` the position.
     force
         Typical force [N or N m].
     travel
@@ -66,6 +74,9 @@ def for_force_balance(
     stiffness
         Stiffness of the spring that the model has [N/m or N m/rad]. Only with it, a dead zone of
         this spring is among the candidates.
+    damping
+        Damping that the model has [N s/m or N m s/rad]. Only with it, a clearance of this damper is
+        among the candidates.
     """
     place = Coordinate(name="drive", position=position, speed=speed or "", unit=unit)
     scales = Scales(force, travel, pace, travel / pace)
@@ -77,7 +88,34 @@ def for_force_balance(
     effects = [e for e in effects if e.name != zone.name]
     if stiffness is not None:
         effects.append(zone)
+    if damping is not None:
+        effects.append(damper_clearance(place, damping=damping, travel=travel))
     return tuple(_in_balance(e, place, -1.0 if e.name == constant else 1.0) for e in effects)
+
+
+def speed_of(record: Record, position: str) -> Array:
+    """Speed from the differences of a position without its noise, (n,) [m/s or rad/s].
+
+    The noise is estimated and removed (:func:`feltmb.data.smoothing.smooth_record`). Differences of
+    a noisy position are a speed with large noise. In a balance of forces, such a column makes the
+    damping too small, and effects that smooth it seem to act.
+
+    Parameters
+    ----------
+    record
+        Record with the position among its inputs.
+    position
+        Name of this input.
+    """
+    known = _speeds.setdefault(record, {})
+    if position not in known:
+        if position not in record.inputs:
+            raise no_such("input", position, record.inputs)
+        q = record.inputs[position]
+        noise = noise_of_record(q)
+        smooth = smooth_record(record.time, q, noise) if noise > 0.0 else q
+        known[position] = np.gradient(smooth, record.time)
+    return known[position]
 
 
 def _in_balance(effect: Effect, place: Coordinate, sign: float) -> Effect:
@@ -87,7 +125,7 @@ def _in_balance(effect: Effect, place: Coordinate, sign: float) -> Effect:
 
     def regressor(record: Record, shape: Any) -> Array:
         q = record.inputs[place.position]
-        v = record.inputs[place.speed] if place.speed else np.gradient(q, record.time)
+        v = record.inputs[place.speed] if place.speed else speed_of(record, place.position)
         x = {place.position: q, place.speed: v}
         x |= {s.name: MEMORY[s.name](record.time, q, shape) for s in effect.hidden}
         force = rate(record.time, Named(x), Named({}), Named({}), 1.0, shape)[place.speed]

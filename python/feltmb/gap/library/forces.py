@@ -302,18 +302,19 @@ def _slip_rate(deflection: Any, v: Any, n: float) -> Any:
     return np.where(deflection * v > 0.0, share, 0.0) * v
 
 
-def damper_clearance(c: Part, *, scale: float, travel: float) -> Effect:
+def damper_clearance(c: Part, *, damping: float, travel: float) -> Effect:
     """A clearance in the mount of a damper: its force d v acts only after the clearance is passed.
 
     The damper moves with the speed dz/dt of the slip z of :func:`hysteresis` with a sharp onset, so
-    that d (v - dz/dt) is missing. The magnitude is d; the shapes are half the clearance b.
+    that the share s of d (v - dz/dt) is missing; s = 1 is a damper that is mounted with this
+    clearance alone. The shapes are half the clearance b.
 
     Parameters
     ----------
     c
         Coordinate, or coupling of two coordinates, on which the effect acts.
-    scale
-        Damping that one would expect [N s/m or N m s/rad].
+    damping
+        Damping d that the model has [N s/m or N m s/rad].
     travel
         Typical displacement, from which values of b follow.
     """
@@ -321,14 +322,15 @@ def damper_clearance(c: Part, *, scale: float, travel: float) -> Effect:
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, b: Any) -> Mapping[str, Array]:
         q, v = c.motion(x)
         slip = _slip_rate((q - x["clearance.slip"]) / b, v, CLEARANCE_SHARPNESS)
-        return {**c.push(size * (v - slip), t, x, u, p), "clearance.slip": slip}
+        return {**c.push(size * damping * (v - slip), t, x, u, p), "clearance.slip": slip}
 
     return Effect(
         name=f"clearance of damper {c.name}",
         component=c.name,
-        unit=product((c.unit, 1), ("s", 1), (c.travel_unit, -1)),
-        scale=scale,
+        unit="1",
+        scale=0.5,
         sign=1,
+        upper=2.0,  # the damping of the model may be wrong as well
         kind="state",
         mechanism="After each reversal the damper acts only once its clearance is passed.",
         shapes=tuple(travel * f for f in (0.03, 0.2)),
@@ -432,7 +434,6 @@ FOR_COORDINATE: tuple[Callable[[Part, Scales], Effect], ...] = (
     lambda c, s: backlash(c, stiffness=s.force / s.travel, travel=s.travel),
     lambda c, s: end_stop(c, stiffness=0.3 * s.force / s.travel, travel=s.travel),
     lambda c, s: hysteresis(c, scale=0.1 * s.force, travel=s.travel),
-    lambda c, s: damper_clearance(c, scale=0.3 * s.force / s.speed, travel=s.travel),
     lambda c, s: creep(c, scale=0.1 * s.force / s.travel, times=(0.3 * s.time, 3.0 * s.time)),
     lambda c, s: offset_force(c, scale=0.1 * s.force),
 )
