@@ -64,14 +64,12 @@ class FunctionModel(Model):
         try:
             outputs: Array = np.column_stack([f(record, p) for f in self._outputs.values()])
         except KeyError as error:
-            (name, *_) = error.args
-            if name in record.inputs or name in p:
-                raise
             known = ", ".join(record.inputs) or "none"
-            raise InvalidParameter(
-                "; ".join((f"model {self.name}: record {record.name} has no input {name!r}, its "
-                           f"inputs are {known}", *record.notes))
-            ) from None  # fmt: skip
+            text = (
+                f"model {self.name}: its functions raise KeyError: {error}; "
+                f"the inputs of record {record.name} are {known}"
+            )
+            raise InvalidParameter("; ".join((text, *record.notes))) from error
         return outputs
 
     def simulate(self, record: Record, jobs: Jobs) -> Simulated:

@@ -134,13 +134,8 @@ def decide(facts: Facts) -> Decision:
             "The fit of the model did not converge, also from other starts. A stuck fit is not "
             "taken for a gap. Use narrower priors, or shorter segments.",
         )
-    if best is None and facts.only_noise:
-        moved = _moved(facts)
-        text = (
-            f"{moved}{' ' if moved else ''}The records, not the machine: what is left is "
-            f"{_ratio(facts.first):.3g} times the sum of squares of noise.{_noise(facts)}"
-        )
-        return _silent(facts, Verdict.DATA_PROBLEM, text)
+    if best is None and _only_noise(facts):
+        return _data_problem(facts)
     if best is None:
         text = f"There is a gap ({_signs(facts)}), but no tested effect is proven to explain it."
         text += _closest(facts.closest)
@@ -153,6 +148,21 @@ def decide(facts: Facts) -> Decision:
         out = _silent(facts, Verdict.UNKNOWN, _another(facts) + text)
         return replace(out, closest=facts.closest)
     return _name(facts)
+
+
+def _only_noise(facts: Facts) -> bool:
+    """Whether nothing correlated in time is left, and no effect is certain beside this noise."""
+    return facts.only_noise and facts.p > refuted(facts.options.alpha)
+
+
+def _data_problem(facts: Facts, refused: tuple[str, ...] = ()) -> Decision:
+    """Decision if the records have larger noise than stated, or errors of time stamps."""
+    moved = _moved(facts)
+    text = (
+        f"{moved}{' ' if moved else ''}The records, not the machine: what is left is "
+        f"{_ratio(facts.first):.3g} times the sum of squares of noise.{_noise(facts)}"
+    )
+    return _silent(facts, Verdict.DATA_PROBLEM, text, refused)
 
 
 def _noise(facts: Facts) -> str:
@@ -457,6 +467,8 @@ def _unsure(
     facts: Facts, hinted: tuple[str, ...], why: str, refused: tuple[str, ...] = ()
 ) -> Decision:
     """Decision if the best set is not certain enough to be named; ``refused``: it is refuted."""
+    if _refuted(facts) and _only_noise(facts):
+        return _data_problem(facts, hinted)
     if _refuted(facts):
         text = (
             f"There is a gap ({_signs(facts)}), but no effect is sure; nearest {_list(hinted)} "

@@ -450,7 +450,15 @@ class _Diagnosis:
             # A set that is not named is no part of the model, nor of its parameters.
             bare = replace(accepted, best=None, after=accepted.before, tightest=None)
             told = self._described(tabulated, done, bare, where, which_gap, {})
-            decision = decide(replace(facts, calibrated=told.calibrated, given=told.given))
+            facts = replace(
+                facts,
+                calibrated=told.calibrated,
+                given=told.given,
+                where=told.where,
+                apart=moved_together(told.fit, told.wide, options.alpha),
+                uncorrelated=uncorrelated(told.end, options.alpha),
+            )
+            decision = decide(facts)
         sizes, best_fit, wide = told.sizes, told.fit, told.wide
         if watch.why:
             decision = cut_short(
@@ -471,7 +479,8 @@ class _Diagnosis:
                 watch.say("next experiment")
             advice = advise(found, accepted)
         self._lap("next")
-        advice += tuple(Advice(text=u.remedy) for u in facts.uncorrelated)
+        if not watch.why:
+            advice += tuple(Advice(text=u.remedy) for u in facts.uncorrelated)
         advice += next_steps(
             decision.verdict,
             rows,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,12 +75,9 @@ def larger_than_noise(fit: Fit) -> dict[str, tuple[float, float]]:
         time of the residual [s]; 0: it is not correlated.
     """
     segmented_records = fit.problem.segmented_records
-    noise = {
-        n: np.sqrt(np.mean([s.noise[c].sigma ** 2 for s in segmented_records]))
-        for c, n in enumerate(fit.problem.model.outputs)
-    }
+    noise = {n: _sigma(segmented_records, c, n) for c, n in enumerate(fit.problem.model.outputs)}
     return {
-        n: (d.sigma / float(noise[n]), d.correlation_time)
+        n: (d.sigma / noise[n], d.correlation_time)
         for n, d in _described(fit, segmented_records).items()
         if d.correlation_time is not None
     }
@@ -95,6 +93,12 @@ def leaves_white_noise(fit: Fit) -> bool:
     return bool(more) and all(memory == 0.0 for _, memory in more.values())
 
 
+def _sigma(segmented_records: Sequence[SegmentedRecord], channel: int, name: str) -> float:
+    """Noise of a channel over the records that have it [unit]."""
+    own = [s.noise[channel].sigma ** 2 for s in segmented_records if name in s.record.outputs]
+    return float(np.sqrt(np.mean(own))) if own else 1.0
+
+
 def _described(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> dict[str, Discrepancy]:
     """The residual of a fit by channel, compared with the noise of segmented records."""
     out = {}
@@ -104,7 +108,7 @@ def _described(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> dict[str, Discr
         if not values:
             continue
         total = np.concatenate([v[np.isfinite(v)] for v in values])
-        given = float(np.sqrt(np.mean([s.noise[c].sigma ** 2 for s in sensed])))
+        given = _sigma(sensed, c, name)
         sigma = float(np.sqrt(np.mean(total**2)))
         memory = None
         if sigma**2 > NOISE_ERROR**2 * given**2:

@@ -160,3 +160,7 @@ def test_the_noise_of_a_position_does_not_reduce_the_damping():
     assert report.model.parameters["d"] == pytest.approx(300.0, rel=0.01)
     with pytest.raises(InvalidParameter, match="no input 'speed'"):
         library.speed_of(records[0], "speed")
+    with pytest.raises(InvalidParameter, match="no input 'y'"):
+        library.for_force_balance("y", force=1.0, travel=1.0, pace=1.0)[0].regressor(run, 0.1)
+    with pytest.raises(InvalidParameter, match=r"pace = 0\.0, .*; stiffness = -5\.0, expected"):
+        library.for_force_balance("q", force=1.0, travel=1.0, pace=0.0, stiffness=-5.0)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from feltmb.fit.linear import LinearModel
+from feltmb.fit.linear import FunctionModel, LinearModel
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import fit_problem
@@ -146,3 +147,41 @@ def test_a_sigma_that_is_too_small_is_a_problem_of_the_data():
     assert report.which.none == 0.0
     assert report.confidence > 0.9
     assert any("state its true standard deviation" in a.text for a in report.next)
+
+
+def test_a_certain_effect_that_held_out_records_refuse_is_unknown_beside_noise():
+    records = [
+        record(
+            f"r{i}",
+            i,
+            noise=2.0 * SIGMA,
+            more=lambda x, i=i: (-0.004 if i > 2 else 0.004) * x**3,
+            role="fit" if i < 3 else "held_out",
+        )
+        for i in range(4)
+    ]
+    report = diagnose(LINE, [CUBIC], records, options=Options(bootstrap=0))
+    assert report.verdict is Verdict.UNKNOWN
+    assert "cubic" in report.statement
+    assert "its noise may be" in report.statement
+
+
+def test_a_record_without_a_channel_does_not_change_its_noise():
+    loud = record("loud", 1, noise=2.0 * SIGMA)
+    line = FunctionModel(
+        name="line",
+        outputs={"y": lambda r, p: p.gain * r.inputs["x"], "z": lambda r, p: 0.0 * r.time},
+        parameters=[Parameter(name="gain", value=1.0, sd=0.2)],
+    )
+    other = replace(
+        loud,
+        name="other",
+        outputs={"z": np.zeros(COUNT)},
+        sensors={"z": Sensor(name="z", sigma=1.0)},
+    )
+    segments = tuple(
+        segment_record(line, r, {n: Noise(s.sigma) for n, s in r.sensors.items()}, None)
+        for r in (loud, other)
+    )
+    (found,) = uncorrelated(fit_problem(Problem(line, segments)), 0.01)
+    assert found.factor == pytest.approx(2.0, rel=0.05)

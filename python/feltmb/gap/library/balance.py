@@ -11,7 +11,7 @@ import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.data.smoothing import noise_of_record, smooth_record
-from feltmb.errors import no_such
+from feltmb.errors import InvalidParameter, no_such
 from feltmb.fit import Coordinate, Effect, Named
 from feltmb.gap.library.collected import makers
 from feltmb.gap.library.forces import (
@@ -77,7 +77,22 @@ def for_force_balance(
     damping
         Damping that the model has [N s/m or N m s/rad]. Only with it, a clearance of this damper is
         among the candidates.
+
+    Raises
+    ------
+    InvalidParameter
+        A number is not finite or not above zero.
     """
+    numbers = {"force": force, "travel": travel, "pace": pace}
+    numbers |= {} if stiffness is None else {"stiffness": stiffness}
+    numbers |= {} if damping is None else {"damping": damping}
+    faults = [
+        f"{n} = {v!r}, expected a finite number > 0"
+        for n, v in numbers.items()
+        if not 0.0 < v < np.inf
+    ]
+    if faults:
+        raise InvalidParameter("for_force_balance: " + "; ".join(faults))
     place = Coordinate(name="drive", position=position, speed=speed or "", unit=unit)
     scales = Scales(force, travel, pace, travel / pace)
     effects = [make(place, scales) for make in makers()]
@@ -115,6 +130,7 @@ def speed_of(record: Record, position: str) -> Array:
         noise = noise_of_record(q)
         smooth = smooth_record(record.time, q, noise) if noise > 0.0 else q
         known[position] = np.gradient(smooth, record.time)
+        known[position].setflags(write=False)
     return known[position]
 
 
@@ -124,6 +140,9 @@ def _in_balance(effect: Effect, place: Coordinate, sign: float) -> Effect:
     assert rate is not None
 
     def regressor(record: Record, shape: Any) -> Array:
+        for name in filter(None, (place.position, place.speed)):
+            if name not in record.inputs:
+                raise no_such("input", name, record.inputs)
         q = record.inputs[place.position]
         v = record.inputs[place.speed] if place.speed else speed_of(record, place.position)
         x = {place.position: q, place.speed: v}

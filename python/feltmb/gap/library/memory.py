@@ -30,6 +30,8 @@ def slip_along(position: Array, stretch: float, sharpness: float) -> Array:
     sharpness
         Sharpness n of its onset, > 0.
     """
+    if position.size < 2:
+        return np.array(position, dtype=np.float64)
     table = DEFLECTIONS * hyp2f1(
         1.0, 1.0 / sharpness, 1.0 + 1.0 / sharpness, DEFLECTIONS**sharpness
     )
