@@ -42,7 +42,7 @@ from feltmb.gap.judged_data import judged_data, prepare, ready, with_other_noise
 from feltmb.gap.measured import known_by_test
 from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.options import Options
-from feltmb.gap.overlay import wrong_units
+from feltmb.gap.overlay import expected_outputs, wrong_units
 from feltmb.gap.profile import profile_of
 from feltmb.gap.proof import HeldOut, Outcome, metric_of, residuals_by_segment
 from feltmb.gap.refine import tighten
@@ -615,13 +615,17 @@ def _usable(model: Model, effects: Sequence[Effect]) -> tuple[list[Effect], list
 
 
 def _check_units(model: Model, tabulated: Outcome, metric: str) -> None:
-    """Raise an error if records are in a different unit than stated: no fit would be useful."""
+    """Raise an error if records are in a different unit than stated: no fit would be useful.
+
+    Estimated start states may absorb a wrong unit. The expected ones are therefore tried as well.
+    """
     records = tabulated.fit.problem.segmented_records
-    runs = [
-        (s.record, rest, {n: x.sigma for n, x in zip(model.outputs, s.noise, strict=True)})
-        for s, rest in zip(records, getattr(tabulated, metric), strict=True)
-    ]
-    wrong = wrong_units(model, runs)
+    noise = [{n: x.sigma for n, x in zip(model.outputs, s.noise, strict=True)} for s in records]
+    own = [s.record for s in records]
+    wrong = wrong_units(model, list(zip(own, getattr(tabulated, metric), noise, strict=True)))
+    if not wrong and model.states() and all(r.start is None or r.start.known for r in own):
+        rest = [r.output_array(model.outputs) - expected_outputs(model, r) for r in own]
+        wrong = wrong_units(model, list(zip(own, rest, noise, strict=True)))
     if wrong:
         raise DataError(
             f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit CHANNEL=UNIT, "

@@ -22,7 +22,7 @@ from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["GapBefore", "GapBeforeRow", "check", "wrong_units"]
+__all__ = ["GapBefore", "GapBeforeRow", "check", "expected_outputs", "wrong_units"]
 
 #: Longest time shift that is tried, as a share of the record.
 LONGEST_SHIFT = 0.25
@@ -111,7 +111,8 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         record, said = model.referred(with_sigma(record, noise))
         notes += said
         with calling(f"model {model.name}: its simulation"):
-            outputs = _simulate(model, record)
+            values = expected_outputs(model, record)
+        outputs = {name: values[:, i] for i, name in enumerate(model.outputs)}
         shown.append(record)
         simulated[record.name] = outputs
         for name in record.outputs:
@@ -131,8 +132,8 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     )
 
 
-def _simulate(model: Model, record: Record) -> dict[str, Array]:
-    """Outputs over the whole record, from the expected start state of the model."""
+def expected_outputs(model: Model, record: Record) -> Array:
+    """Outputs (n, ny) over the whole record, from the expected start state of the model."""
     theta = np.array([p.value for p in model.parameters])
     start = model.guess([record], [np.array([[0, record.samples - 1]])])[0][0]
     values = observe_whole(model, record, theta, start)
@@ -141,7 +142,7 @@ def _simulate(model: Model, record: Record) -> dict[str, Array]:
             f"record {record.name}: the model {model.name} gives {values.shape[0]} samples, "
             f"expected {record.samples}"
         )
-    return {name: values[: record.samples, i] for i, name in enumerate(model.outputs)}
+    return values[: record.samples]
 
 
 def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:

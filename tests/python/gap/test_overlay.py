@@ -282,3 +282,39 @@ def test_a_record_that_the_model_does_not_resemble_has_no_unit():
     assert overlay._distance(1130.0, 1000.0) == pytest.approx(np.log(1.13) / np.log(1000.0))
     assert overlay._distance(-1.1, -1.0) == pytest.approx(np.log(1.1) / np.log(10.0))
     assert overlay._distance(1.1, -1.0) == np.inf
+
+
+def test_uncertain_start_states_do_not_hide_a_wrong_unit():
+    """A start state that is estimated could absorb degrees that were labeled as radians."""
+    arm = gap.Coordinate(name="arm", position="q", speed="v", inertia="J", unit="N m")
+    model = gap.OdeModel(
+        name="arm",
+        states=[
+            gap.State(name="q", unit="rad", scale=0.1, start_sd=1.0),
+            gap.State(name="v", unit="rad/s", scale=1.0, start_sd=10.0),
+        ],
+        parameters=[
+            gap.Parameter(name="J", value=0.02, sd=0.001, unit="kg m^2"),
+            gap.Parameter(name="k", value=2.0, sd=0.1, unit="N m/rad"),
+        ],
+        inputs=["M"],
+        rates=lambda t, x, u, p: (x.v, (u.M - p.k * x.q - 0.02 * x.v) / p.J),
+        outputs={"angle": "q"},
+        coordinates=[arm],
+    )
+    time = np.arange(400) * 5e-3
+    records = []
+    for i in range(3):
+        moment = (0.1 + 0.05 * i) * np.sin((5.0 + i) * time)
+        empty = Record(name=f"r{i}", time=time, inputs={"M": moment}, outputs={"angle": 0.0 * time})
+        jobs = gap.Jobs(
+            theta=np.array([[0.0205, 2.06]]),
+            segments=np.array([[0, time.size - 1]]),
+            starts=np.zeros((1, 2)),
+        )
+        angle = np.degrees(model.simulate(empty, jobs).outputs[0, :, 0])
+        noise = 0.02 * np.random.default_rng(i).standard_normal(time.size)
+        sensor = Sensor(name="angle", unit="rad", sigma=0.02)
+        records.append(replace(empty, outputs={"angle": angle + noise}, sensors={"angle": sensor}))
+    with pytest.raises(DataError, match="degrees labeled as rad"):
+        gap.diagnose(model, [], records)
