@@ -119,13 +119,7 @@ def decide(facts: Facts) -> Decision:
     if not gap:
         if hint and not facts.enough:
             reason = _refusals(accepted) or f"family-wise p = {p:.2g}"
-            moved = _moved(facts)
-            return _silent(
-                facts,
-                Verdict.TOO_WEAK,
-                f"{moved}{' ' if moved else ''}There may be something{' more' if moved else ''}, "
-                f"but these records cannot prove it ({reason}). The model is not refuted.",
-            )
+            return _too_weak(facts, f" ({reason})")
         return _calibrated(facts)
     if best is None and not facts.first.model_fit.converged and not hint:
         return _silent(
@@ -479,10 +473,15 @@ def _unsure(
             text = f"There is a gap ({_signs(facts)}), but no effect is sure."
         text += _closest(closest) + (_noise(facts) or _place(facts))
         return replace(_silent(facts, Verdict.UNKNOWN, text, refused), closest=closest)
+    return _too_weak(facts, f": nearest {_list(hinted)} ({why})", refused)
+
+
+def _too_weak(facts: Facts, why: str, refused: tuple[str, ...] = ()) -> Decision:
+    """Decision if a cause is likely, but not proven; ``why`` follows "cannot prove it"."""
     moved = _moved(facts)
     text = (
         f"{moved}{' ' if moved else ''}There may be something{' more' if moved else ''}, but these "
-        f"records cannot prove it: nearest {_list(hinted)} ({why}). The model is not refuted."
+        f"records cannot prove it{why}. The model is not refuted."
     )
     return _silent(facts, Verdict.TOO_WEAK, text, refused)
 

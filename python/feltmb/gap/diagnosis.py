@@ -26,7 +26,7 @@ from feltmb.gap.checks import DataChecks
 from feltmb.gap.components import component_table
 from feltmb.gap.criteria import CLOSE_ALARM, NOISE_ERROR, refuted
 from feltmb.gap.decide import Decision, Facts, decide
-from feltmb.gap.discrepancy import leaves_white_noise
+from feltmb.gap.discrepancy import larger_than_noise, only_white
 from feltmb.gap.findings import (
     Advice,
     Calibrated,
@@ -71,7 +71,7 @@ from feltmb.gap.tolerance import (
     refuted_tolerances,
     released,
 )
-from feltmb.gap.uncorrelated import uncorrelated
+from feltmb.gap.uncorrelated import Uncorrelated, uncorrelated
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
 __all__ = ["diagnose", "fit_model"]
@@ -170,6 +170,12 @@ class _Described:
     """Uncertainty of ``fit``."""
     calibrated: tuple[Calibrated, ...]
     given: tuple[GivenValue, ...]
+    apart: bool
+    """Whether the parameters moved, jointly, by more than noise and errors of form would."""
+    uncorrelated: tuple[Uncorrelated, ...]
+    """Channels whose residual is not correlated in time."""
+    only_noise: bool
+    """Whether nothing that is correlated in time is left."""
 
 
 class _Diagnosis:
@@ -434,10 +440,10 @@ class _Diagnosis:
             misfit=alarm.bare,
             unexplained=done.unexplained,
             leftover=alarm.leftover,
-            uncorrelated=uncorrelated(told.end, options.alpha),
-            only_noise=leaves_white_noise(told.end),
+            uncorrelated=told.uncorrelated,
+            only_noise=told.only_noise,
             beyond=beyond,
-            apart=moved_together(told.fit, told.wide, options.alpha),
+            apart=told.apart,
             calibrated=told.calibrated,
             given=told.given,
             closest=closest_set(found, accepted, sensed, which_gap, options.seed),
@@ -455,8 +461,8 @@ class _Diagnosis:
                 calibrated=told.calibrated,
                 given=told.given,
                 where=told.where,
-                apart=moved_together(told.fit, told.wide, options.alpha),
-                uncorrelated=uncorrelated(told.end, options.alpha),
+                apart=told.apart,
+                uncorrelated=told.uncorrelated,
             )
             decision = decide(facts)
         sizes, best_fit, wide = told.sizes, told.fit, told.wide
@@ -554,6 +560,7 @@ class _Diagnosis:
         sizes = Sizes(found, accepted, options.form)
         wide = sizes.spread(fit)
         fitted = Outcome(end, np.zeros(0), settings, end)
+        larger = larger_than_noise(end)
         return _Described(
             fit=fit,
             tight=tight,
@@ -574,6 +581,9 @@ class _Diagnosis:
                 fit, wide, [tabulated], [fitted, accepted.after], which_gap, options.alpha
             ),
             given=given_values(fit, wide, tabulated.fit.problem.model, options.alpha),
+            apart=moved_together(fit, wide, options.alpha),
+            uncorrelated=uncorrelated(end, larger, options.alpha),
+            only_noise=only_white(larger),
         )
 
     def _profiles(self, accepted: Accepted, decision: Decision) -> tuple[tuple[Profile, ...], str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,8 +21,8 @@ __all__ = [
     "converged",
     "discrepancy_of",
     "larger_than_noise",
-    "leaves_white_noise",
     "noise_factors",
+    "only_white",
     "with_color",
     "with_factor",
     "with_noise",
@@ -40,6 +40,8 @@ class Discrepancy:
     """Standard deviation [unit]."""
     correlation_time: float | None
     """Correlation time [s]; None: only noise is left, with the color of each record's sensor."""
+    factor: float
+    """Residual over the noise of the sensors [1]."""
 
 
 def discrepancy_of(
@@ -65,32 +67,24 @@ def discrepancy_of(
     return out if any(d.correlation_time is not None for d in out.values()) else None
 
 
-def larger_than_noise(fit: Fit) -> dict[str, tuple[float, float]]:
-    """Channels in which a fit leaves more than the noise of the sensors.
-
-    Returns
-    -------
-    dict
-        Channel -> standard deviation of the residual over that of the noise [1], and correlation
-        time of the residual [s]; 0: it is not correlated.
-    """
-    segmented_records = fit.problem.segmented_records
-    noise = {n: _sigma(segmented_records, c, n) for c, n in enumerate(fit.problem.model.outputs)}
-    return {
-        n: (d.sigma / noise[n], d.correlation_time)
-        for n, d in _described(fit, segmented_records).items()
-        if d.correlation_time is not None
-    }
+def larger_than_noise(fit: Fit) -> dict[str, Discrepancy]:
+    """Residuals of a fit that are larger than the noise of the sensors, by channel."""
+    found = _described(fit, fit.problem.segmented_records)
+    return {n: d for n, d in found.items() if d.correlation_time is not None}
 
 
-def leaves_white_noise(fit: Fit) -> bool:
-    """Whether a fit leaves more than the noise of the sensors, but nothing correlated in time.
+def only_white(larger: Mapping[str, Discrepancy]) -> bool:
+    """Whether more than the noise of the sensors is left, but nothing correlated in time.
 
     No effect can explain such a residual: the noise is larger than stated, or the time stamps have
     errors.
+
+    Parameters
+    ----------
+    larger
+        Result of :func:`larger_than_noise`.
     """
-    more = larger_than_noise(fit)
-    return bool(more) and all(memory == 0.0 for _, memory in more.values())
+    return bool(larger) and all(d.correlation_time == 0.0 for d in larger.values())
 
 
 def _sigma(segmented_records: Sequence[SegmentedRecord], channel: int, name: str) -> float:
@@ -113,7 +107,7 @@ def _described(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> dict[str, Discr
         memory = None
         if sigma**2 > NOISE_ERROR**2 * given**2:
             memory = _memory(values) * sensed[0].record.interval
-        out[name] = Discrepancy(max(sigma, given), memory)
+        out[name] = Discrepancy(max(sigma, given), memory, sigma / given)
     return out
 
 

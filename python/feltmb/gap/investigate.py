@@ -23,8 +23,9 @@ from feltmb.gap.discrepancy import (
     color_of_discrepancy,
     converged,
     discrepancy_of,
-    leaves_white_noise,
+    larger_than_noise,
     noise_factors,
+    only_white,
     with_color,
     with_factor,
 )
@@ -169,7 +170,7 @@ def _search(
     watch.enter(SEARCH)
     # Against noise that is stated too small, every set of effects seems to gain. The next search
     # has the larger noise.
-    in_vain = known is None and not fit.explains and leaves_white_noise(fit)
+    in_vain = known is None and not fit.explains and only_white(larger_than_noise(fit))
     found = search(
         fit,
         task.effects,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.optimize import minimize
 from feltmb.data import Array
 from feltmb.fit.solve import Fit
 from feltmb.gap.criteria import NOISE_ERROR, unknown_gain
-from feltmb.gap.discrepancy import larger_than_noise
+from feltmb.gap.discrepancy import Discrepancy
 from feltmb.gap.proof import outputs_by_segment
 
 __all__ = ["Uncorrelated", "uncorrelated"]
@@ -54,7 +55,9 @@ class Uncorrelated:
         )
 
 
-def uncorrelated(fit: Fit, alpha: float) -> tuple[Uncorrelated, ...]:
+def uncorrelated(
+    fit: Fit, larger: Mapping[str, Discrepancy], alpha: float
+) -> tuple[Uncorrelated, ...]:
     """Channels whose residual is larger than the noise and not correlated in time.
 
     No effect can explain such a residual. The noise is larger than stated by a factor f, or the
@@ -67,11 +70,14 @@ def uncorrelated(fit: Fit, alpha: float) -> tuple[Uncorrelated, ...]:
     ----------
     fit
         Fit that leaves the residual.
+    larger
+        Its residuals that are larger than the noise
+        (:func:`~feltmb.gap.discrepancy.larger_than_noise`).
     alpha
         Rate of false alarms (``Options.alpha``) [1].
     """
     problem = fit.problem
-    white = {n: f for n, (f, memory) in larger_than_noise(fit).items() if memory == 0.0}
+    white = {n: d.factor for n, d in larger.items() if d.correlation_time == 0.0}
     outputs = outputs_by_segment(fit) if white else []
     found = []
     for c, name in enumerate(problem.model.outputs):

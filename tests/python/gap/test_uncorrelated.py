@@ -15,7 +15,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import fit_problem
 from feltmb.gap import Effect, Options, Parameter, Record, Sensor, Verdict, diagnose
-from feltmb.gap.discrepancy import leaves_white_noise
+from feltmb.gap.discrepancy import larger_than_noise, only_white
 from feltmb.gap.uncorrelated import uncorrelated
 
 _spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
@@ -56,32 +56,40 @@ def fitted(*records):
     return fit_problem(Problem(LINE, segments))
 
 
+def told(fit):
+    return uncorrelated(fit, larger_than_noise(fit), 0.01)
+
+
+def leaves_white_noise(fit):
+    return only_white(larger_than_noise(fit))
+
+
 @pytest.mark.parametrize("clock", [4e-4, 2e-3])
 def test_the_errors_of_time_stamps_are_measured(clock):
-    (found,) = uncorrelated(fitted(*(record(f"r{i}", i, clock=clock) for i in range(3))), 0.01)
+    (found,) = told(fitted(*(record(f"r{i}", i, clock=clock) for i in range(3))))
     assert found.channel == "y"
     assert found.clock_sd == pytest.approx(clock, rel=0.08)
     assert found.factor == pytest.approx(1.0, abs=0.1)
 
 
 def test_larger_noise_is_no_error_of_time_stamps():
-    assert uncorrelated(fitted(record("quiet", 1)), 0.01) == ()
-    (found,) = uncorrelated(fitted(record("loud", 1, noise=5.0 * SIGMA)), 0.01)
+    assert told(fitted(record("quiet", 1))) == ()
+    (found,) = told(fitted(record("loud", 1, noise=5.0 * SIGMA)))
     assert found.clock_sd == 0.0
     assert found.factor == pytest.approx(5.0, rel=0.05)
     assert "noise may be 5.1 times the stated one" in found.text
 
 
 def test_a_cause_is_correlated_in_time():
-    assert uncorrelated(fitted(record("bent", 1, more=lambda x: 0.05 * x**3)), 0.01) == ()
+    assert told(fitted(record("bent", 1, more=lambda x: 0.05 * x**3))) == ()
     # The delay of a sensor grows with the speed as well.
     late = record("late", 1, more=lambda x: 2e-3 * np.gradient(x, TIME))
-    assert uncorrelated(fitted(late), 0.01) == ()
+    assert told(fitted(late)) == ()
 
 
 def test_errors_of_time_stamps_and_larger_noise_are_told_apart():
     mixed = [record(f"r{i}", i, clock=2e-3, noise=3.0 * SIGMA) for i in range(3)]
-    (found,) = uncorrelated(fitted(*mixed), 0.01)
+    (found,) = told(fitted(*mixed))
     assert found.clock_sd == pytest.approx(2e-3, rel=0.08)
     assert found.factor == pytest.approx(3.0, rel=0.05)
     assert "beside it, its noise may be" in found.text
@@ -89,7 +97,7 @@ def test_errors_of_time_stamps_and_larger_noise_are_told_apart():
 
 def test_larger_noise_is_rarely_taken_for_errors_of_time_stamps():
     fits = [fitted(record("r", seed, noise=2.0 * SIGMA)) for seed in range(300)]
-    found = [u.clock_sd > 0.0 for fit in fits for u in uncorrelated(fit, 0.01)]
+    found = [u.clock_sd > 0.0 for fit in fits for u in told(fit)]
     assert len(found) == 300
     assert sum(found) <= 8  # 1 %, and three standard deviations of the count
 
@@ -101,8 +109,8 @@ def test_the_statement_tells_errors_of_time_stamps():
     assert report.verdict is Verdict.DATA_PROBLEM
     assert report.named == ()
     assert any("from the clock of its device" in a.text for a in report.next)
-    (told,) = re.findall(r"independent errors of (\S+) ms would explain it", report.statement)
-    assert float(told) == pytest.approx(1.0, rel=0.05)
+    (clock,) = re.findall(r"independent errors of (\S+) ms would explain it", report.statement)
+    assert float(clock) == pytest.approx(1.0, rel=0.05)
 
 
 def test_white_noise_is_told_from_a_cause():
@@ -183,5 +191,5 @@ def test_a_record_without_a_channel_does_not_change_its_noise():
         segment_record(line, r, {n: Noise(s.sigma) for n, s in r.sensors.items()}, None)
         for r in (loud, other)
     )
-    (found,) = uncorrelated(fit_problem(Problem(line, segments)), 0.01)
+    (found,) = told(fit_problem(Problem(line, segments)))
     assert found.factor == pytest.approx(2.0, rel=0.05)
