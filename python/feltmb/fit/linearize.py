@@ -19,7 +19,7 @@ from feltmb.fit.model import (
 from feltmb.fit.observe import machine_candidates, observe_all, observed_sensitivities
 from feltmb.fit.segmented_records import SegmentedRecord
 
-__all__ = ["Linear", "Place", "linearize", "with_nuisances"]
+__all__ = ["Linear", "Place", "linearize", "varying", "with_nuisances"]
 
 #: Values above this limit count as diverged; their squares would overflow.
 RUNAWAY = 1e100
@@ -70,7 +70,8 @@ class Linear:
     by_global: Array
     """(W, m, ng): free parameters, magnitudes, candidates, then nuisances of the record."""
     by_input: Array
-    """(W, m, mi): standard normal variables that represent the noise of the inputs."""
+    """(W, m, mi): standard normal variables that represent the noise of the inputs, then the
+    deviations of parameters between segments (:func:`varying`)."""
     gap: Array
     """Continuity defect: end of a segment minus start of the next, (W - 1, nx)."""
     ends_by_state: Array
@@ -115,6 +116,12 @@ def with_nuisances(
     return changed, columns
 
 
+def varying(model: Model, free: Sequence[int]) -> list[int]:
+    """Parameters that vary between segments, in the order of their columns in ``by_input``."""
+    noisy = [i for i, p in enumerate(model.parameters) if p.process_sd > 0.0]
+    return [*(i for i in free if i in noisy), *(i for i in noisy if i not in free)]
+
+
 def linearize(
     model: Model,
     segmented_records: Sequence[SegmentedRecord],
@@ -132,8 +139,7 @@ def linearize(
     """
     has_states = bool(model.states(machine_candidates(included)))
     # The laws of the model vary between segments in held-out records as well.
-    noisy = [i for i, p in enumerate(model.parameters) if p.process_sd > 0.0]
-    also = [i for i in noisy if i not in free] if has_states else []
+    also = [i for i in varying(model, free) if i not in free] if has_states else []
     requests = [
         SensitivityRequest(
             segmented.record,

@@ -24,6 +24,7 @@ __all__ = [
     "at_level",
     "chained",
     "estimate_states",
+    "evidence_at",
     "finish",
     "fit_problem",
     "model_with_variability",
@@ -276,7 +277,7 @@ def _optimize(
         problem.frozen,
         settings.chain,
         [(t.name, t.shape) for t in problem.included],
-        [(p.name, p.value, p.sd, p.lower, p.upper) for p in problem.model.parameters],
+        [(p.name, p.value, p.sd, p.lower, p.upper, p.process_sd) for p in problem.model.parameters],
         *problem.room(point),
     )
     kept = problem.store.get(key)
@@ -453,8 +454,8 @@ def relaxed(problem: Problem, point: Point, normal: Normal) -> float:
     return left + problem.prior_cost(point)
 
 
-def _evidence(problem: Problem, normal: Normal, cost: float, gap_sd: Array) -> float:
-    """Log marginal likelihood over states, inputs and parameters (Laplace)."""
+def evidence_at(problem: Problem, normal: Normal, cost: float, gap_sd: Array) -> float:
+    """Log marginal likelihood over states and inputs at given parameters (Laplace)."""
     value = -0.5 * cost
     for segmented, chain in zip(problem.segmented_records, normal.chains, strict=True):
         value -= float(np.sum(chain.log_dets))
@@ -500,7 +501,7 @@ def _finish(
         cost=cost,
         chi2=chi2,
         dof=max(dof, 1.0),
-        log_evidence=_evidence(problem, normal, cost, gap_sd),
+        log_evidence=evidence_at(problem, normal, cost, gap_sd),
         converged=converged,
         notes=(),
         linears=tuple(linears),
@@ -700,7 +701,7 @@ def _descend(
         cost, _ = problem.cost_at(point, gap_sd, linears)
         if i == 0:
             loose, loosest = point, cost
-        value = _evidence(problem, problem.normal(point, linears, gap_sd), cost, gap_sd)
+        value = evidence_at(problem, problem.normal(point, linears, gap_sd), cost, gap_sd)
         if best is None or value > best[0]:
             best, poor = (value, level, point), 0
         else:

@@ -27,6 +27,7 @@ from feltmb.gap.criteria import (
     contradicted,
     least_odds,
 )
+from feltmb.gap.law_errors import law_errors
 from feltmb.gap.misfit import allowance
 from feltmb.gap.options import Options
 from feltmb.gap.proof import (
@@ -41,6 +42,7 @@ from feltmb.gap.proof import (
 )
 from feltmb.gap.refine import CandidateSet, full_evidence, refit, tighten
 from feltmb.gap.search import Search
+from feltmb.gap.smooth import smooth_discrepancy
 
 __all__ = ["Accepted", "Posterior", "accept", "posterior", "refutes", "shapley"]
 
@@ -58,29 +60,64 @@ class Posterior:
     inflation: float
 
 
-def posterior(search: Search, *, none: float = NO_EFFECT, other: float = NOT_LISTED) -> Posterior:
-    """Compute the posterior of the model, of the model with unknown forces, and of the sets.
+def posterior(
+    search: Search,
+    settings: FitSettings,
+    *,
+    none: float = NO_EFFECT,
+    other: float = NOT_LISTED,
+) -> Posterior:
+    """Compute the posterior of the model, of the model with an unknown cause, and of the sets.
 
-    "Unknown" is the model with continuity defects between its segments; "none" is the model without
-    them, or with them up to the :func:`~feltmb.gap.misfit.allowance`. All log evidences are divided
-    by the inflation: the smallest residual sum of squares of all fits over its degrees of freedom,
-    at least 1. If even the best fit leaves more than noise, no set may get a high probability.
+    An unknown cause is represented by laws of the model that are not exact
+    (:func:`~feltmb.gap.law_errors.law_errors`), by continuity defects between the segments, and in
+    fits without such defects by a smooth signal in the outputs
+    (:func:`~feltmb.gap.smooth.smooth_discrepancy`). "None" is the model without it, or with
+    an unknown cause that gains no more than the :func:`~feltmb.gap.misfit.allowance`. An error of
+    form of a law has the same prior probability as an effect of the library with the weight 1. An
+    unknown cause may also act beside effects: a true effect explains most, and the unknown cause
+    the rest.
+
+    All log evidences are divided by the inflation: the smallest residual sum of squares of all fits
+    over its degrees of freedom, at least 1. If even the best fit leaves more than noise, no set may
+    get a high probability.
     """
     fits = [search.model_fit, *(c.fit for c in search.sets)]
+    tight = search.tight_fit or search.model_fit
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
-    within = min(
-        search.model_evidence, search.tight_evidence + allowance(search.tight_fit or fits[0])
-    )
-    values = [max(search.tight_evidence, within) / inflation + math.log(none)]
-    values.append(
-        search.model_evidence / inflation + math.log(other)
-        if search.tight_fit is not None
-        else -math.inf
-    )
-    share = math.log(1.0 - none - other)
-    values += [c.evidence / inflation + share for c in search.sets]
-    top = max(values)
-    weights = np.exp(np.array(values) - top)
+    laws = law_errors(tight, settings).tested
+    causes = (1.0 - none - other) / max(search.total + laws, 1.0)
+
+    def unknown(fit: Fit) -> list[tuple[float, float]]:
+        """Gains of log evidence by an unknown cause beside a fit, with prior probabilities."""
+        out = []
+        if laws:
+            out.append((law_errors(fit, settings).gain, causes * laws))
+        if not fit.gap_sd.size:
+            out.append((smooth_discrepancy(fit).mean, other))
+        return out
+
+    def odds(fit: Fit) -> float:
+        """Log posterior odds of an unknown cause beside a fit."""
+        parts = [gain / inflation + math.log(prior / none) for gain, prior in unknown(fit)]
+        return float(np.logaddexp.reduce(parts)) if parts else -math.inf
+
+    gains = [search.model_evidence - search.tight_evidence, *(g for g, _ in unknown(tight))]
+    within = float(np.clip(max(gains), 0.0, allowance(tight)))
+    base = search.tight_evidence / inflation + math.log(none)
+    alone, beyond = base + within / inflation, base + odds(tight)
+    if search.tight_fit is not None:
+        loose = search.model_evidence / inflation + math.log(other)
+        beyond = float(np.logaddexp(beyond, loose))
+    sets = [c.evidence / inflation + math.log(causes * search.total) for c in search.sets]
+    best = max(sets, default=-math.inf)
+    if beyond > best - RIVAL:
+        sets = [
+            v + float(np.logaddexp(0.0, odds(c.fit))) if v > best - RIVAL else v
+            for v, c in zip(sets, search.sets, strict=True)
+        ]
+    values = np.array([alone, beyond, *sets])
+    weights = np.exp(values - np.max(values))
     weights /= weights.sum()
     return Posterior(
         float(weights[0]), float(weights[1]), tuple(float(w) for w in weights[2:]), inflation
@@ -422,7 +459,7 @@ def accept(
     within the noise, and a weak effect may also be accepted by the share of the remaining gap that
     it closes.
     """
-    belief = posterior(search)
+    belief = posterior(search, settings)
     attempt = _Attempt(
         search,
         held,

@@ -517,11 +517,13 @@ def _refusals(accepted: Accepted) -> str:
 
 
 def _place(facts: Facts) -> str:
-    strong = [c for c in facts.where.components if c.significant]
-    if not strong:
-        return ""
-    first = strong[0]
-    return f" An unknown force at {first.component} would explain {first.explained:.0%} of it."
+    """Sentences about the place of an unknown cause."""
+    text = ""
+    where = facts.where
+    strong = [c for c in where.components if c.significant]
+    if strong:
+        text = f" {strong[0].text}."
+    return f"{text} {where.varying_text}" if where.varying else text
 
 
 def _list(names: Iterable[str]) -> str:

@@ -24,7 +24,7 @@ from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import Null, calibrate, largest_statistic
 from feltmb.gap.checks import DataChecks
 from feltmb.gap.components import component_table
-from feltmb.gap.criteria import CLOSE_ALARM, NOISE_ERROR, refuted
+from feltmb.gap.criteria import CLOSE_ALARM, NOISE_ERROR, refuted, unknown_gain
 from feltmb.gap.decide import Decision, Facts, decide
 from feltmb.gap.discrepancy import larger_than_noise, only_white
 from feltmb.gap.findings import (
@@ -39,6 +39,7 @@ from feltmb.gap.findings import (
 )
 from feltmb.gap.investigate import Investigation, Task, investigate
 from feltmb.gap.judged_data import judged_data, prepare, ready, with_other_noise
+from feltmb.gap.law_errors import law_errors
 from feltmb.gap.measured import known_by_test
 from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.options import Options
@@ -321,12 +322,16 @@ class _Diagnosis:
         tight = None if self.model.chaotic else first.tight_fit
         seen = tight or first.bare
         cells, onset = ledger(seen, self.options.alpha)
+        laws = law_errors(first.tight_fit or first.model_fit, self.task.settings)
+        told = laws.gain > unknown_gain(self.options.alpha)
         return Where(
             ledger=cells,
             events=event_ledger(seen, self.options.alpha),
             components=component_table(first.bare, tight, self.options.alpha),
             onset=onset,
             split=split_gap(seen),
+            varying=laws.laws if told else (),
+            varying_gain=laws.gain if told else 0.0,
         )
 
     def _shares(self, found: Search, proof: _Proof, which: str) -> dict[str, float]:

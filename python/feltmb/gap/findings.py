@@ -17,7 +17,7 @@ from feltmb.errors import InvalidParameter, no_such
 from feltmb.fit import Candidate, Model
 from feltmb.fit.model import LAWS
 from feltmb.fit.observe import observe_whole
-from feltmb.units import unit_suffix
+from feltmb.units import readable_unit, unit_suffix
 
 __all__ = [
     "Advice",
@@ -35,6 +35,7 @@ __all__ = [
     "NotTested",
     "Ranked",
     "RankedSet",
+    "VaryingLaw",
     "Verdict",
     "Where",
     "Which",
@@ -276,6 +277,33 @@ class ComponentRow:
     signature: str = ""
     """Likely form of the force (sign of speed, loop, ...)."""
 
+    @property
+    def text(self) -> str:
+        """What a force there would explain; of a sum of squares like that of noise, no share."""
+        force = f"An unknown force at {self.component}"
+        if self.explained < 0.005:
+            return f"{force} is significant"
+        return f"{force} would explain {self.explained:.0%} of the gap of the model"
+
+
+@dataclass(frozen=True, kw_only=True)
+class VaryingLaw:
+    """A parameter that varies between the segments of the records: its law is not exact."""
+
+    parameter: str
+    """Name of the parameter."""
+    label: str
+    """Its name in sentences."""
+    unit: str
+    sd: float
+    """Standard deviation of its deviations [unit]."""
+
+    @property
+    def text(self) -> str:
+        """Name and size."""
+        factor, shown = readable_unit(self.sd, self.unit)
+        return f"{self.label} (±{factor * self.sd:.2g}{unit_suffix(shown)})"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Where:
@@ -292,6 +320,23 @@ class Where:
     """Channel -> shares of the squared gap: "time", "amplitude", "rest" [1]."""
     remains: tuple[LedgerCell, ...] = ()
     """The residuals of the model with the named effects; empty if no effect is named."""
+    varying: tuple[VaryingLaw, ...] = ()
+    """Laws of the model with an error of form that would explain the gap, the strongest first."""
+    varying_gain: float = 0.0
+    """Gain of log evidence if these laws vary [1]."""
+
+    @property
+    def varying_text(self) -> str:
+        """Sentence about the laws with an error of form; empty if there are none."""
+        names = [law.text for law in self.varying]
+        if not names:
+            return ""
+        listed = " and ".join([", ".join(names[:-1]), names[-1]] if names[:-1] else names)
+        return (
+            f"If {listed} varied within the records, the model would gain {self.varying_gain:.0f} "
+            f"units of log evidence: the form of {'its law' if len(names) == 1 else 'their laws'} "
+            "may be wrong, or a number that the model does not have."
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -74,7 +74,7 @@ def misfit(
     if tight is not None and tight is not fit:
         other = fit.log_evidence - tight.log_evidence
     elif not reference.gap_sd.size:
-        other = smooth_discrepancy(reference)
+        other = smooth_discrepancy(reference).largest
     above = reference.chi2 > squares_of_noise(alpha, reference.dof)
     far = bool(above and 0.5 * (reference.chi2 - reference.dof) > allowed)
     unknown = other > max(unknown_gain(alpha), allowance(reference)) + allowed

@@ -292,11 +292,16 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
             some = () if len(wrong) == len(rows) else tuple(r.record for r in wrong)
             key = (texts.pop(), round(factor, 0 if factor > 2.0 else 3), some)
             found.setdefault(key, []).append(name)
-    sentences = [
-        f"{', '.join(names)}: {factor:.3g} times the model in "
-        f"{'record ' + ', '.join(some) if some else 'all records'} ({text}?)"
-        for (text, factor, some), names in found.items()
-    ]
+    inputs = sorted({name for r, _, _ in runs for name in r.inputs})
+    sentences = []
+    for (text, factor, some), names in found.items():
+        where = f"record {', '.join(some)}" if some else "all records"
+        # A factor of all outputs may be a factor of what drives them.
+        driven = inputs and len(names) == len(model.outputs)
+        other = f" Or {' or '.join(inputs)} is in another unit." if driven else ""
+        sentences.append(
+            f"{', '.join(names)}: {factor:.3g} times the model in {where} ({text}?{other})"
+        )
     return "; ".join(sentences)
 
 

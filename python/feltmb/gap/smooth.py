@@ -10,34 +10,52 @@ normal matrix with the priors, and r the residual. Then
     log K = 1/2 s^2 v'(I + s^2 H)^-1 v - 1/2 log det(I + s^2 H),   v = L'u,   H = L'G L
 
 is the log Bayes factor of the amplitude s, where L contains the square roots of the spectrum of the
-process. The result is the maximum over a few lengths and amplitudes. In a fit with continuity
-defects, the defects have the same function (see :func:`feltmb.gap.misfit.misfit`).
+process. The largest one over a few lengths and amplitudes tests for a gap, and the mean over them
+is the evidence of an unknown cause. In a fit with continuity defects, the defects have the same
+function (see :func:`feltmb.gap.misfit.misfit`).
 """
 
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logsumexp
 
 from feltmb.data import Array
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
 from feltmb.gap.criteria import SLOW_COLOR
 
-__all__ = ["smooth_discrepancy"]
+__all__ = ["SmoothDiscrepancy", "smooth_discrepancy"]
 
 #: Lengths that are tried, as shares of the record.
 LENGTHS = (0.01, 0.03, 0.1, 0.3)
+#: Amplitudes that are tried, relative to the one that noise determines.
+AMPLITUDES = np.logspace(-6.0, 6.0, 61)
 #: Largest number of cosines of a channel in a segment, and of all channels and segments.
 MOST, IN_ALL = 40, 900
 #: If a fit leaves less than this share of a signal, the remainder is rounding.
 ROUNDING = 1e-9
 
 
+@dataclass(frozen=True)
+class SmoothDiscrepancy:
+    """Log Bayes factors of an unknown smooth signal against noise alone."""
+
+    largest: float
+    """Maximum over amplitudes and lengths [1], at least 0. Under noise alone, for each length,
+    twice this value exceeds x with half the probability of a chi-square variable with one degree of
+    freedom."""
+    mean: float
+    """Log of the mean Bayes factor over the amplitudes and lengths, which are equally probable
+    [1]."""
+
+
 @functools.lru_cache(maxsize=8)
-def smooth_discrepancy(fit: Fit) -> float:
-    """Largest log Bayes factor of an unknown smooth signal against noise.
+def smooth_discrepancy(fit: Fit) -> SmoothDiscrepancy:
+    """Log Bayes factors of an unknown smooth signal against noise.
 
     Parameters
     ----------
@@ -46,10 +64,8 @@ def smooth_discrepancy(fit: Fit) -> float:
 
     Returns
     -------
-    float
-        Maximum over amplitudes and lengths [1], at least 0. Under noise alone, for each length,
-        twice this value exceeds x with half the probability of a chi-square variable with one
-        degree of freedom. 0 also if the number of channels times segments exceeds ``IN_ALL``.
+    SmoothDiscrepancy
+        Zeros if the number of channels times segments exceeds ``IN_ALL``.
     """
     problem = fit.problem
     normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
@@ -79,7 +95,7 @@ def smooth_discrepancy(fit: Fit) -> float:
             crosses.append((basis.T @ rows[:, :-1]) @ root[own])
             periods.append(omega)
     if not pulls:
-        return 0.0
+        return SmoothDiscrepancy(0.0, 0.0)
     u, omega = np.concatenate(pulls), np.concatenate(periods)
     gram = np.zeros((u.size, u.size))
     at = 0
@@ -90,11 +106,15 @@ def smooth_discrepancy(fit: Fit) -> float:
     cross = np.vstack(crosses)
     gram -= cross @ cross.T
     span = max(float(s.record.time[-1] - s.record.time[0]) for s in problem.segmented_records)
-    return max(_best(u, gram, whole, omega, share * span) for share in LENGTHS)
+    factors = np.concatenate(
+        [_log_factors(u, gram, whole, omega, share * span) for share in LENGTHS]
+    )
+    mean = float(logsumexp(factors)) - float(np.log(factors.size))
+    return SmoothDiscrepancy(max(0.0, float(np.max(factors))), mean)
 
 
-def _best(u: Array, gram: Array, whole: Array, omega: Array, length: float) -> float:
-    """Largest log Bayes factor over amplitudes for one length [s].
+def _log_factors(u: Array, gram: Array, whole: Array, omega: Array, length: float) -> Array:
+    """Log Bayes factors of the amplitudes for one length [s].
 
     ``whole``: squares of the columns before the fitted quantities were projected out. If the fit
     can absorb a signal completely, the remainder is rounding.
@@ -103,13 +123,12 @@ def _best(u: Array, gram: Array, whole: Array, omega: Array, length: float) -> f
     values, vectors = np.linalg.eigh(spread[:, None] * gram * spread)
     kept = values > ROUNDING * float(np.max(spread**2 * whole))
     if not kept.any():
-        return 0.0
+        return np.zeros(1)
     values, along = values[kept], ((vectors.T @ (spread * u)) ** 2)[kept]
-    best = 0.0
-    for s2 in np.logspace(-6.0, 6.0, 61) / float(values[-1]):
-        log_k = 0.5 * float(np.sum(s2 * along / (1.0 + s2 * values) - np.log1p(s2 * values)))
-        best = max(best, log_k)
-    return best
+    s2 = AMPLITUDES[:, None] / float(values[-1])
+    return np.asarray(
+        0.5 * np.sum(s2 * along / (1.0 + s2 * values) - np.log1p(s2 * values), axis=1)
+    )
 
 
 def _cosines(segmented: SegmentedRecord, most: int) -> tuple[Array, Array]:

@@ -65,8 +65,8 @@ def next_steps(
         places = {r.component for r in (*named, *one_of)}
         if strong and strong[0].component not in places:
             texts.append(
-                f"Look at {strong[0].component}, or add an effect that acts there: an unknown force"
-                f" there would explain {strong[0].explained:.0%} of the gap of the model."
+                f"Look at {strong[0].component}, or add an effect that acts there. "
+                f"{strong[0].text}."
             )
         if closest is not None:
             texts.append(

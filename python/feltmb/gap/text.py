@@ -180,7 +180,9 @@ def _remains(report: Findings) -> Iterator[Part]:
     )
     if not named:
         for c in [c for c in report.where.components if c.significant][:3]:
-            yield f"An unknown force at {c.component} would explain {c.explained:.0%} of it."
+            yield f"{c.text}."
+        if varying := report.where.varying_text:
+            yield varying
 
 
 def _unit(report: Findings, channel: str) -> str:

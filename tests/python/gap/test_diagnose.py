@@ -108,7 +108,10 @@ def test_an_effect_outside_the_library_is_not_named():
     assert mass.component == "mass"
     assert mass.significant
     assert mass.explained > 0.5
-    assert f"An unknown force at mass would explain {mass.explained:.0%} of it" in report.statement
+    assert (
+        f"An unknown force at mass would explain {mass.explained:.0%} of the gap"
+        in report.statement
+    )
     assert sum(c.significant for c in report.where.ledger) > len(report.where.ledger) / 4
 
 

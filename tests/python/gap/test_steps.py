@@ -5,12 +5,14 @@ from types import SimpleNamespace
 import pytest
 
 from feltmb.gap import Effect, LinearModel, Parameter
-from feltmb.gap.findings import Verdict
+from feltmb.gap.findings import ComponentRow, Verdict
 from feltmb.gap.steps import next_steps
 
 FRICTION = Effect(name="friction", component="cart", scale=1.0, regressor=lambda r, s: r.time)
 GAIN = Effect(name="gain", component="cell", kind="sensor", observe=lambda *a: None)
-AT_CART = SimpleNamespace(significant=True, component="cart", explained=0.94)
+AT_CART = ComponentRow(
+    component="cart", port="f", unit="N", statistic=9.0, p=1e-9, significant=True, explained=0.94
+)
 
 
 def texts(verdict=Verdict.NAMED_UNKNOWN_REST, *, named=(), sd=1.0, tested=(FRICTION,)):

@@ -1,0 +1,163 @@
+"""Errors of form of the laws of the model, which the library of effects does not have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
+
+from feltmb.fit.problem import Problem
+from feltmb.fit.segmented_records import Noise, segment_record
+from feltmb.fit.solve import FitSettings, fit_problem
+from feltmb.gap import (
+    Effect,
+    OdeModel,
+    Options,
+    Parameter,
+    Record,
+    Sensor,
+    State,
+    Verdict,
+    diagnose,
+)
+from feltmb.gap.acceptance import posterior
+from feltmb.gap.criteria import NO_EFFECT, NOT_LISTED
+from feltmb.gap.law_errors import SHARES, law_errors
+from feltmb.gap.refine import tighten
+from feltmb.gap.search import search
+
+SIGMA, START, COUNT, SEGMENTS = 2e-3, 0.01, 101, 5
+TIME = np.linspace(0.0, 1.0, COUNT)
+EDGES = np.linspace(0, COUNT - 1, SEGMENTS + 1).astype(int)
+RATE = Parameter(name="rate", value=1.0, sd=0.05, unit="1/s")
+DRIFT = OdeModel(
+    states=[State(name="x", start=0.0, start_sd=START, scale=0.1)],
+    inputs=["u"],
+    parameters=[RATE],
+    rates=lambda t, x, u, p: (p["rate"] * u["u"],),
+    outputs={"x": lambda t, x, u, p: x["x"]},
+    name="drift",
+)
+
+
+def drift(seed, share):
+    """A record of x' = rate u; the rate deviates between segments by a share of its tolerance."""
+    generator = np.random.default_rng(seed)
+    u = 1.0 + 0.5 * np.sin(9.0 * TIME)
+    rate = 1.03 + share * RATE.sd * np.repeat(generator.standard_normal(SEGMENTS), 20)
+    step = 0.5 * (u[1:] + u[:-1]) * np.diff(TIME)
+    x = np.concatenate([[0.0], np.cumsum(rate * step)]) + START * generator.standard_normal()
+    return Record(
+        name=f"r{seed}",
+        time=TIME,
+        inputs={"u": u},
+        outputs={"x": x + SIGMA * generator.standard_normal(COUNT)},
+        sensors={"x": Sensor(name="x", sigma=SIGMA)},
+    )
+
+
+def fitted(records):
+    segments = np.column_stack([EDGES[:-1], EDGES[1:]])
+    made = tuple(segment_record(DRIFT, r, {"x": Noise(SIGMA)}, None, segments) for r in records)
+    fit = fit_problem(Problem(DRIFT, made))
+    return tighten(fit, FitSettings()) or fit
+
+
+def steps(record):
+    """Integral of the input between samples."""
+    u = record.inputs["u"]
+    return 0.5 * (u[1:] + u[:-1]) * np.diff(TIME)
+
+
+def covariance(records, share, defect):
+    """Covariance of the readings; every unknown number is normal, and the model is linear."""
+    total = np.concatenate([np.concatenate([[0.0], np.cumsum(s)]) for s in map(steps, records)])
+    cover = SIGMA**2 * np.eye(total.size) + RATE.sd**2 * np.outer(total, total)
+    for k, step in enumerate(map(steps, records)):
+        own = cover[k * COUNT : (k + 1) * COUNT, k * COUNT : (k + 1) * COUNT]
+        own += START**2
+        for w in range(SEGMENTS):
+            inside = np.where(np.arange(COUNT - 1) // 20 == w, step, 0.0)
+            column = np.concatenate([[0.0], np.cumsum(inside)])
+            own += (share * RATE.sd) ** 2 * np.outer(column, column)
+            after = (np.arange(COUNT) > EDGES[w]) * (defect if w else 0.0)
+            own += np.outer(after, after)
+    return cover
+
+
+def exact(records, share, defect):
+    """Log marginal likelihood of the model whose law has an error of form."""
+    total = np.concatenate([np.concatenate([[0.0], np.cumsum(s)]) for s in map(steps, records)])
+    seen = np.concatenate([r.outputs["x"] for r in records])
+    cover = covariance(records, share, defect)
+    return multivariate_normal(total * RATE.value, cover).logpdf(seen)
+
+
+def mean(values):
+    return logsumexp(values) - np.log(len(values))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_the_gain_is_the_ratio_of_the_marginal_likelihoods(share):
+    records = [drift(seed, share) for seed in range(3)]
+    fit = fitted(records)
+    found = law_errors(fit, FitSettings())
+    (defect,) = fit.gap_sd
+    gains = [exact(records, s, defect) - exact(records, 0.0, defect) for s in SHARES]
+    assert found.tested == 1
+    assert found.gain == pytest.approx(mean(gains), abs=0.02)
+    if share == 0.0:
+        assert found.gain < 0.0
+        assert not found.laws
+    else:
+        (law,) = found.laws
+        assert law.parameter == "rate"
+        assert law.sd == pytest.approx(share * RATE.sd)
+
+
+def ramp(t, *others):
+    return {"x": others[3] * t}
+
+
+RAMP = Effect(name="ramp", component="x", unit="1/s^2", scale=0.5, rate=ramp)
+
+
+def with_ramp(records, share, defect):
+    """As :func:`exact`, with the effect, whose magnitude has the prior N(0, scale^2)."""
+    column = np.concatenate([0.5 * TIME**2 for _ in records])
+    total = np.concatenate([np.concatenate([[0.0], np.cumsum(s)]) for s in map(steps, records)])
+    cover = covariance(records, share, defect) + RAMP.scale**2 * np.outer(column, column)
+    seen = np.concatenate([r.outputs["x"] for r in records])
+    return multivariate_normal(total * RATE.value, cover).logpdf(seen)
+
+
+@pytest.mark.parametrize("seed", [4, 9, 14])
+def test_the_posterior_contains_the_errors_of_form(seed):
+    records = [drift(seed + k, 0.2) for k in range(2)]
+    settings = FitSettings(restarts=0)
+    found = search(fitted(records), [RAMP], settings, most=1)
+    (defect,) = found.model_fit.gap_sd
+    assert found.tight_fit is None
+    # One effect, one law: the library and the laws share 0.4.
+    each = 0.5 * (1.0 - NO_EFFECT - NOT_LISTED)
+    without = [exact(records, s, defect) for s in (0.0, *SHARES)]
+    beside = [with_ramp(records, s, defect) for s in (0.0, *SHARES)]
+    belief = posterior(found, settings)
+    values = np.array([without[0], mean(without[1:]), beside[0], mean(beside[1:])])
+    prior = np.array([NO_EFFECT, each, each, each**2 / NO_EFFECT])
+    weights = np.exp((values - np.max(values)) / belief.inflation) * prior
+    none, other, named, both = weights / np.sum(weights)
+    assert (belief.none, belief.other) == pytest.approx((none, other), abs=0.01)
+    assert sum(belief.sets) == pytest.approx(named + both, abs=0.01)
+
+
+def test_a_law_that_is_not_exact_is_told():
+    records = [drift(seed, 1.0) for seed in range(4)]
+    report = diagnose(DRIFT, [RAMP], records, options=Options(bootstrap=0, advice=False))
+    assert report.verdict == Verdict.UNKNOWN
+    assert [law.parameter for law in report.where.varying] == ["rate"]
+    text = "If rate (±0.05 1/s) varied within the records"
+    assert text in report.statement
+    assert text in str(report)
+    assert report.which.other > 0.9
