@@ -73,10 +73,9 @@ def posterior(
     (:func:`~feltmb.gap.law_errors.law_errors`), by continuity defects between the segments, and in
     fits without such defects by a smooth signal in the outputs
     (:func:`~feltmb.gap.smooth.smooth_discrepancy`). "None" is the model without it, or with
-    an unknown cause that gains no more than the :func:`~feltmb.gap.misfit.allowance`. An error of
-    form of a law has the same prior probability as an effect of the library with the weight 1. An
-    unknown cause may also act beside effects: a true effect explains most, and the unknown cause
-    the rest.
+    an unknown cause that gains no more than the :func:`~feltmb.gap.misfit.allowance`. Two
+    representations have half of the prior probability each. An unknown cause may also act beside
+    effects: a true effect explains most, and the unknown cause the rest.
 
     All log evidences are divided by the inflation: the smallest residual sum of squares of all fits
     over its degrees of freedom, at least 1. If even the best fit leaves more than noise, no set may
@@ -85,35 +84,30 @@ def posterior(
     fits = [search.model_fit, *(c.fit for c in search.sets)]
     tight = search.tight_fit or search.model_fit
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
-    laws = law_errors(tight, settings).tested
-    causes = (1.0 - none - other) / max(search.total + laws, 1.0)
+    share = 0.5 * other if law_errors(tight, settings).tested else other
 
-    def unknown(fit: Fit) -> list[tuple[float, float]]:
-        """Gains of log evidence by an unknown cause beside a fit, with prior probabilities."""
-        out = []
-        if laws:
-            out.append((law_errors(fit, settings).gain, causes * laws))
+    def gain(fit: Fit) -> float:
+        """Gain of log evidence by an unknown cause beside a fit, without continuity defects."""
+        parts = [law_errors(fit, settings).gain]
         if not fit.gap_sd.size:
-            out.append((smooth_discrepancy(fit).mean, other))
-        return out
+            parts.append(smooth_discrepancy(fit).mean)
+        return float(np.logaddexp.reduce(np.array(parts) / inflation))
 
-    def odds(fit: Fit) -> float:
-        """Log posterior odds of an unknown cause beside a fit."""
-        parts = [gain / inflation + math.log(prior / none) for gain, prior in unknown(fit)]
-        return float(np.logaddexp.reduce(parts)) if parts else -math.inf
+    def beside(fit: Fit) -> float:
+        """Log of the posterior odds of an unknown cause beside a fit, plus one."""
+        return float(np.logaddexp(0.0, gain(fit) + math.log(share / none)))
 
-    gains = [search.model_evidence - search.tight_evidence, *(g for g, _ in unknown(tight))]
-    within = float(np.clip(max(gains), 0.0, allowance(tight)))
-    base = search.tight_evidence / inflation + math.log(none)
-    alone, beyond = base + within / inflation, base + odds(tight)
-    if search.tight_fit is not None:
-        loose = search.model_evidence / inflation + math.log(other)
-        beyond = float(np.logaddexp(beyond, loose))
-    sets = [c.evidence / inflation + math.log(causes * search.total) for c in search.sets]
+    exact = search.tight_evidence / inflation
+    loose = -math.inf if search.tight_fit is None else search.model_evidence / inflation
+    unknown = float(np.logaddexp(exact + gain(tight), loose))
+    small = min(unknown, exact + allowance(tight) / inflation)
+    alone, beyond = max(exact, small) + math.log(none), unknown + math.log(share)
+    known = math.log(1.0 - none - other)
+    sets = [c.evidence / inflation + known for c in search.sets]
     best = max(sets, default=-math.inf)
     if beyond > best - RIVAL:
         sets = [
-            v + float(np.logaddexp(0.0, odds(c.fit))) if v > best - RIVAL else v
+            v + beside(c.fit) if v > best - RIVAL else v
             for v, c in zip(sets, search.sets, strict=True)
         ]
     values = np.array([alone, beyond, *sets])
