@@ -17,6 +17,7 @@ from feltmb.fit.model import Effect, Model
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, fit_problem, with_variability
+from feltmb.fit.starts import from_other_starts
 from feltmb.fit.watch import FIT, PROOF, REPORT, Tell, Watch, watching
 from feltmb.gap.acceptance import Accepted, accept, refutes, shapley
 from feltmb.gap.advise import advise
@@ -779,6 +780,7 @@ def _fitted(
     watch.enter(FIT)
     problem = Problem(model, segmented_records, store=store)
     fit = fit_problem(problem, settings, progress=watch.say)
+    fit = from_other_starts(fit, settings or FitSettings())
     fit = with_variability(fit, settings or FitSettings())
     watch.fitted(fit.chi2 / fit.dof)
     told = prior_deviations_told(fit)

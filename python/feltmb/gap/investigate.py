@@ -16,6 +16,7 @@ from feltmb.fit.model import Effect, Model
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish, with_variability
+from feltmb.fit.starts import from_other_starts
 from feltmb.fit.watch import FIT, SEARCH, current
 from feltmb.gap.checks import DataChecks
 from feltmb.gap.criteria import COLOR_GAIN
@@ -160,7 +161,7 @@ def _search(
         other = fit_problem(problem, way, progress=progress, label=label)
         fit = other if fit is None or other.log_evidence > fit.log_evidence else fit
     if not watch.stopping():
-        fit = without_several(fit, settings)
+        fit = from_other_starts(without_several(fit, settings), settings)
     if known is None:
         near = led[0] if led and led[0].plausible and not fit.explains else None
         way = replace(settings, worth=worth_of(near))

@@ -24,6 +24,7 @@ from feltmb.fit.observe import machine_candidates
 from feltmb.fit.problem import Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, estimate_states, polish
+from feltmb.fit.starts import from_other_starts
 
 __all__ = [
     "HeldOut",
@@ -149,6 +150,7 @@ def evaluate(
     )
     way = replace(settings, chain=True)
     fit = polish(base, _converge(base, model), model.level, way)
+    fit = from_other_starts(fit, way)
     density = _density(base, fit, model)
     found = Outcome(fit, density, settings, model)
     if not fit.gap_sd.size:

@@ -14,6 +14,7 @@ from feltmb.fit.model import Batch, Candidate, Effect, Jobs, Model
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import SAME, Fit, FitSettings, finish, model_with_variability, polish
+from feltmb.fit.starts import from_other_starts
 from feltmb.fit.watch import current
 from feltmb.gap.criteria import FAINT_SCORE, NEAR_BEST, NEAR_SHAPE, RIVAL, SMALL_SHARE
 from feltmb.gap.refine import (
@@ -105,6 +106,8 @@ def search(
     """
     while True:
         better: Fit | None = tighten(model, settings)
+        if better is not None:
+            better = from_other_starts(better, settings)
         hunt = _Hunt(model, better, effects, settings, most, width, progress)
         for fit in led:
             if fit.included:
@@ -643,7 +646,7 @@ class _Hunt:
         if not fit.explains:
             fit = polish(fit.problem, fit.point, fit.level, replace(self.settings, chain=True))
         fit = refit_at(fit.problem, fit.point, fit.level, self.settings, patient=True)
-        self._keep(from_priors(fit, self.quick))
+        self._keep(from_other_starts(from_priors(fit, self.quick), self.quick))
 
     def _nest(self) -> None:
         """Refit every set whose sum of squares exceeds that of a set that it contains.
