@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -123,7 +123,8 @@ class Accepted:
     """Result of the held-out proof."""
 
     belief: Posterior
-    """Posterior of the search, before the proof."""
+    """Posterior of the search, before the proof; with the held-out records if these refuse the best
+    set and confirm another one."""
     best: CandidateSet | None
     """The accepted set of effects; None: no effect is accepted."""
     before: Outcome
@@ -373,6 +374,41 @@ class _Attempt:
                 return max(standing, key=lambda s: (s[0].evidence, s[0].key))
         return None, proof
 
+    def another(self, first: CandidateSet) -> tuple[CandidateSet | None, dict[str, Paired]]:
+        """Find another set that held-out records confirm, if they refuse the best one.
+
+        An effect that resembles the cause may explain the fitted records best, and others not at
+        all. All records together must prefer the other set by the odds of a confirmation.
+        """
+        others = [c for c in self.search.sets if c.evidence > self.search.model_evidence]
+        least = self._total(first) + self.odds
+        for c in [c for c in others if c.key != first.key][: self.options.width]:
+            proof, wrong = self.faults(c)
+            if not wrong and self._total(c) > least:
+                return c, proof
+        return None, {}
+
+    def _total(self, c: CandidateSet) -> float:
+        """Log evidence of a set for the fitted and the held-out records."""
+        return (c.evidence + float(np.sum(self.outcome(c.fit).density))) / self.inflation
+
+    def belief(self, before: Posterior) -> Posterior:
+        """The posterior with the held-out records, for the sets that were compared with them."""
+        none = float(np.sum(self.before.density))
+        known = [self.outcomes.get(c.key) for c in self.search.sets]
+        gains = [-math.inf if o is None else float(np.sum(o.density)) - none for o in known]
+        with np.errstate(divide="ignore"):
+            values = np.log([before.none, before.other, *before.sets])
+        values[2:] += np.array(gains) / self.inflation
+        weights = np.exp(values - np.max(values))
+        weights /= weights.sum()
+        return replace(
+            before,
+            none=float(weights[0]),
+            other=float(weights[1]),
+            sets=tuple(float(w) for w in weights[2:]),
+        )
+
     def rivals(self, best: CandidateSet) -> list[CandidateSet]:
         """Other sets that these records cannot distinguish from the best set."""
         after = self.outcome(best.fit)
@@ -471,6 +507,9 @@ def accept(
         if bad:
             without = "does not stand without " + " and ".join(bad)
             best, proof = attempt.standing(first, proof, bad)
+            if best is None and (other := attempt.another(first))[0] is not None:
+                best, proof = other
+                belief = attempt.belief(belief)
             kept = () if best is None else best.names
             rejected = [(n, bad.get(n, without)) for n in first.names if n not in kept]
         sure = None
