@@ -28,11 +28,12 @@ __all__ = ["from_other_starts", "scattered"]
 NEAR = 0.1
 #: Level of continuity defects from which the states are tightened again.
 LOOSE = 1e-3
-#: Largest number of draws, and of draws that reach the best states before the search ends.
+#: Largest number of starts of a record, and of those that reach the best states before the search
+#: ends.
 MOST, REACHED = 8, 2
 
 
-def from_other_starts(fit: Fit, settings: FitSettings) -> Fit:
+def from_other_starts(fit: Fit, settings: FitSettings, most: int = MOST) -> Fit:
     """The fit, or the fit from other start states of its records if that is better.
 
     Parameters
@@ -41,8 +42,10 @@ def from_other_starts(fit: Fit, settings: FitSettings) -> Fit:
         A fit with continuity defects; another fit is returned unchanged.
     settings
         Settings of the fit.
+    most
+        Largest number of starts of a record; 1: the expected first state only.
     """
-    point = scattered(fit.problem, fit.point, fit.level, settings)
+    point = scattered(fit.problem, fit.point, fit.level, settings, most)
     if point is fit.point:
         return fit
     other = polish(fit.problem, point, fit.level, settings)
@@ -50,7 +53,9 @@ def from_other_starts(fit: Fit, settings: FitSettings) -> Fit:
     return replace(other, notes=fit.notes) if better else fit
 
 
-def scattered(problem: Problem, point: Point, level: float, settings: FitSettings) -> Point:
+def scattered(
+    problem: Problem, point: Point, level: float, settings: FitSettings, most: int = MOST
+) -> Point:
     """The point with better states of its records at the same parameters, or the point itself.
 
     Parameters
@@ -63,6 +68,8 @@ def scattered(problem: Problem, point: Point, level: float, settings: FitSetting
         Level of its continuity defects.
     settings
         Settings of the fit.
+    most
+        Largest number of starts of a record; 1: the expected first state only.
     """
     scale = problem.scale(point)
     if not scale.size:
@@ -84,7 +91,9 @@ def scattered(problem: Problem, point: Point, level: float, settings: FitSetting
         expected = np.where(known, mean, places[i].starts[0])
         width = NEAR * np.where(known, sd, scale)
         if np.any(width > 0.0):
-            found = _searched(one, point, places[i], expected, width, level, settings, generator)
+            found = _searched(
+                one, point, places[i], expected, width, level, settings, generator, most
+            )
             places[i] = places[i] if found is None else found
     if all(a is b for a, b in zip(places, point.places, strict=True)):
         return point
@@ -100,6 +109,7 @@ def _searched(
     level: float,
     settings: FitSettings,
     generator: np.random.Generator,
+    most: int,
 ) -> Place | None:
     """Better states of one record than ``place``, or None."""
 
@@ -117,7 +127,7 @@ def _searched(
     at = replace(point, places=(place,), memo={})
     best = finish(one, at, level, level * one.scale(at)).log_evidence
     reached, found = 0, None
-    for k in range(MOST):
+    for k in range(most):
         near = expected if k % 4 == 0 else place.starts[0]
         drawn = width * generator.standard_normal(width.size) if k else 0.0
         tried = polished(near + drawn, whole=k % 2 == 0)

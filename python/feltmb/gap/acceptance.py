@@ -383,9 +383,10 @@ class _Attempt:
         others = [c for c in self.search.sets if c.evidence > self.search.model_evidence]
         least = self._total(first) + self.odds
         for c in [c for c in others if c.key != first.key][: self.options.width]:
-            proof, wrong = self.faults(c)
-            if not wrong and self._total(c) > least:
-                return c, proof
+            if self._total(c) > least:
+                proof, wrong = self.faults(c)
+                if not wrong:
+                    return c, proof
         return None, {}
 
     def _total(self, c: CandidateSet) -> float:

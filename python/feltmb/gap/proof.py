@@ -150,7 +150,7 @@ def evaluate(
     )
     way = replace(settings, chain=True)
     fit = polish(base, _converge(base, model), model.level, way)
-    fit = from_other_starts(fit, way)
+    fit = from_other_starts(fit, way) if like is None else from_other_starts(fit, way, most=1)
     density = _density(base, fit, model)
     found = Outcome(fit, density, settings, model)
     if not fit.gap_sd.size:
