@@ -21,7 +21,7 @@ from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import SAME, Fit, FitSettings, chained, finish, polish
 from feltmb.fit.watch import current
 
-__all__ = ["from_other_starts", "scattered"]
+__all__ = ["from_other_starts"]
 
 #: Standard deviation of the drawn states, as a share of their prior standard deviation (without a
 #: prior, of their spread).
@@ -44,8 +44,13 @@ def from_other_starts(fit: Fit, settings: FitSettings, most: int = MOST) -> Fit:
         Settings of the fit.
     most
         Largest number of starts of a record; 1: the expected first state only.
+
+    Returns
+    -------
+    Fit
+        The fit with the larger log evidence.
     """
-    point = scattered(fit.problem, fit.point, fit.level, settings, most)
+    point = _scattered(fit.problem, fit.point, fit.level, settings, most)
     if point is fit.point:
         return fit
     other = polish(fit.problem, point, fit.level, settings)
@@ -53,28 +58,13 @@ def from_other_starts(fit: Fit, settings: FitSettings, most: int = MOST) -> Fit:
     return replace(other, notes=fit.notes) if better else fit
 
 
-def scattered(
+def _scattered(
     problem: Problem, point: Point, level: float, settings: FitSettings, most: int = MOST
 ) -> Point:
-    """The point with better states of its records at the same parameters, or the point itself.
-
-    Parameters
-    ----------
-    problem
-        Problem with segments.
-    point
-        A minimum, or a point near one.
-    level
-        Level of its continuity defects.
-    settings
-        Settings of the fit.
-    most
-        Largest number of starts of a record; 1: the expected first state only.
-    """
+    """The point with better states of its records at the same parameters, or the point itself."""
     scale = problem.scale(point)
     if not scale.size:
         return point
-    generator = np.random.default_rng(settings.seed)
     places = list(point.places)
     for i, segmented in enumerate(problem.segmented_records):
         if current().stopping():
@@ -84,16 +74,13 @@ def scattered(
             segmented_records=(segmented,),
             frozen=True,
             state_scale=scale,
-            store=None,
         )
         mean, sd = problem.start_prior(segmented)
         known = np.isfinite(sd)
         expected = np.where(known, mean, places[i].starts[0])
         width = NEAR * np.where(known, sd, scale)
         if np.any(width > 0.0):
-            found = _searched(
-                one, point, places[i], expected, width, level, settings, generator, most
-            )
+            found = _searched(one, point, places[i], expected, width, level, settings, i, most)
             places[i] = places[i] if found is None else found
     if all(a is b for a, b in zip(places, point.places, strict=True)):
         return point
@@ -108,7 +95,7 @@ def _searched(
     width: Array,
     level: float,
     settings: FitSettings,
-    generator: np.random.Generator,
+    number: int,
     most: int,
 ) -> Place | None:
     """Better states of one record than ``place``, or None."""
@@ -123,11 +110,15 @@ def _searched(
             at = replace(polish(one, at, LOOSE, way).point, memo={})
         return polish(one, at, level, way)
 
+    # The draws of a record do not depend on those of the others.
+    generator = np.random.default_rng((settings.seed, number))
     way = replace(settings, iterations=15, chain=False, worth=np.inf)
     at = replace(point, places=(place,), memo={})
     best = finish(one, at, level, level * one.scale(at)).log_evidence
     reached, found = 0, None
     for k in range(most):
+        if current().stopping():
+            break
         near = expected if k % 4 == 0 else place.starts[0]
         drawn = width * generator.standard_normal(width.size) if k else 0.0
         tried = polished(near + drawn, whole=k % 2 == 0)

@@ -47,6 +47,8 @@ from feltmb.gap.smooth import smooth_discrepancy
 __all__ = ["Accepted", "Posterior", "accept", "posterior", "refutes", "shapley"]
 
 Progress = Callable[[str, int, int], None]
+#: Number of sets, in the order of their evidence, beside which an unknown cause is considered.
+IN_PLAY = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +75,8 @@ def posterior(
     (:func:`~feltmb.gap.law_errors.law_errors`), by continuity defects between the segments, and in
     fits without such defects by a smooth signal in the outputs
     (:func:`~feltmb.gap.smooth.smooth_discrepancy`). "None" is the model without it, or with
-    an unknown cause that gains no more than the :func:`~feltmb.gap.misfit.allowance`. Two
-    representations have half of the prior probability each. An unknown cause may also act beside
+    an unknown cause that gains no more than the :func:`~feltmb.gap.misfit.allowance`. Laws and
+    defects have half of the prior probability of an unknown cause each. It may also act beside
     effects: a true effect explains most, and the unknown cause the rest.
 
     All log evidences are divided by the inflation: the smallest residual sum of squares of all fits
@@ -85,31 +87,30 @@ def posterior(
     tight = search.tight_fit or search.model_fit
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
     share = 0.5 * other if law_errors(tight, settings).tested else other
+    least = allowance(tight) / inflation
 
     def gain(fit: Fit) -> float:
-        """Gain of log evidence by an unknown cause beside a fit, without continuity defects."""
-        parts = [law_errors(fit, settings).gain]
-        if not fit.gap_sd.size:
-            parts.append(smooth_discrepancy(fit).mean)
-        return float(np.logaddexp.reduce(np.array(parts) / inflation))
+        """Gain of log evidence by an unknown cause beside a fit, with the same defects."""
+        laws = law_errors(fit, settings)
+        return (laws.gain if laws.tested else smooth_discrepancy(fit).mean) / inflation
 
     def beside(fit: Fit) -> float:
-        """Log of the posterior odds of an unknown cause beside a fit, plus one."""
-        return float(np.logaddexp(0.0, gain(fit) + math.log(share / none)))
+        """Change of the log evidence of a fit if an unknown cause may act in addition."""
+        own = gain(fit)
+        return float(np.logaddexp(np.clip(own, 0.0, least), own + math.log(share / none)))
 
     exact = search.tight_evidence / inflation
     loose = -math.inf if search.tight_fit is None else search.model_evidence / inflation
     unknown = float(np.logaddexp(exact + gain(tight), loose))
-    small = min(unknown, exact + allowance(tight) / inflation)
-    alone, beyond = max(exact, small) + math.log(none), unknown + math.log(share)
-    known = math.log(1.0 - none - other)
-    sets = [c.evidence / inflation + known for c in search.sets]
+    alone = max(exact, min(unknown, exact + least)) + math.log(none)
+    beyond = unknown + math.log(share)
+    sets = [c.evidence / inflation + math.log(1.0 - none - other) for c in search.sets]
+    # An unknown cause gains most where nothing else explains its part: beside no effects.
+    most = max(0.0, unknown - exact)
     best = max(sets, default=-math.inf)
-    if beyond > best - RIVAL:
-        sets = [
-            v + beside(c.fit) if v > best - RIVAL else v
-            for v, c in zip(sets, search.sets, strict=True)
-        ]
+    for k, c in enumerate(search.sets[:IN_PLAY]):
+        if sets[k] + most > best - RIVAL:
+            sets[k] += beside(c.fit)
     values = np.array([alone, beyond, *sets])
     weights = np.exp(values - np.max(values))
     weights /= weights.sum()
@@ -396,10 +397,17 @@ class _Attempt:
     def belief(self, before: Posterior) -> Posterior:
         """The posterior with the held-out records, for the sets that were compared with them."""
         none = float(np.sum(self.before.density))
+        laws = law_errors(self.search.tight_fit or self.search.model_fit, self.settings).fit
+        other = (
+            none
+            if laws is None
+            else float(np.sum(evaluate(self.held, laws, self.settings, like=self.before).density))
+        )
         known = [self.outcomes.get(c.key) for c in self.search.sets]
         gains = [-math.inf if o is None else float(np.sum(o.density)) - none for o in known]
         with np.errstate(divide="ignore"):
             values = np.log([before.none, before.other, *before.sets])
+        values[1] += max(0.0, other - none) / self.inflation
         values[2:] += np.array(gains) / self.inflation
         weights = np.exp(values - np.max(values))
         weights /= weights.sum()

@@ -286,6 +286,10 @@ class ComponentRow:
         return f"{force} would explain {self.explained:.0%} of the gap of the model"
 
 
+#: Gain of log evidence above which its size does not matter.
+MUCH = 1000.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class VaryingLaw:
     """A parameter that varies between the segments of the records: its law is not exact."""
@@ -296,7 +300,7 @@ class VaryingLaw:
     """Its name in sentences."""
     unit: str
     sd: float
-    """Standard deviation of its deviations [unit]."""
+    """Standard deviation of its deviations, beside the given ``process_sd`` [unit]."""
 
     @property
     def text(self) -> str:
@@ -321,7 +325,8 @@ class Where:
     remains: tuple[LedgerCell, ...] = ()
     """The residuals of the model with the named effects; empty if no effect is named."""
     varying: tuple[VaryingLaw, ...] = ()
-    """Laws of the model with an error of form that would explain the gap, the strongest first."""
+    """Laws of the model without effects with an error of form that would explain the gap, the
+    strongest first."""
     varying_gain: float = 0.0
     """Gain of log evidence if these laws vary [1]."""
 
@@ -332,10 +337,13 @@ class Where:
         if not names:
             return ""
         listed = " and ".join([", ".join(names[:-1]), names[-1]] if names[:-1] else names)
+        gain = self.varying_gain
+        size = f"{gain:.0f}" if gain < MUCH else f"more than {MUCH:.0f}"
+        one = len(names) == 1
         return (
-            f"If {listed} varied within the records, the model would gain {self.varying_gain:.0f} "
-            f"units of log evidence: the form of {'its law' if len(names) == 1 else 'their laws'} "
-            "may be wrong, or a number that the model does not have."
+            f"If {listed} varied within the records, the model would gain {size} units of log "
+            f"evidence: the form of {'its law' if one else 'their laws'} may be wrong, or "
+            f"{'it depends' if one else 'they depend'} on a quantity that the model does not have."
         )
 
 

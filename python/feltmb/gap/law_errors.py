@@ -7,9 +7,10 @@ parameter p is therefore represented by deviations from p that are independent b
     p_w = p + q u d_w,    d_w ~ N(0, 1),
 
 with u the prior standard deviation of p (or its scale, if it has no prior) and q unknown. The log
-Bayes factor of such an error against the exact law is averaged over all parameters and over a few
-values of q, because nobody knows which law is not exact, and by how much. A linear model gives the
-average; the best case is fitted again, and corrects it. Further laws are added while this helps.
+Bayes factor of such an error against the exact law is averaged over the fitted parameters and over
+a few values of q, because nobody knows which law is not exact, and by how much. A linear model
+gives the average; the best case is fitted again, and corrects it. Further laws are added, beside
+the best ones, while this average becomes larger.
 
 The model with an error of form is the strongest alternative to an effect of the library. It stands
 for every cause that the library does not have and that acts where a law of the model acts.
@@ -28,7 +29,9 @@ from scipy.special import logsumexp
 from feltmb.data import Array
 from feltmb.fit.linearize import varying
 from feltmb.fit.model import VARIABILITY, Model, Parameter
+from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.solve import Fit, FitSettings, evidence_at, polish, relaxed
+from feltmb.fit.watch import current
 from feltmb.gap.findings import VaryingLaw
 from feltmb.gap.refine import full_evidence, posterior_volume
 
@@ -40,22 +43,34 @@ SHARES = (0.1, 0.3, 1.0)
 MOST = 3
 
 
+#: Mean square of a residual above which differences of sums of squares are rounding.
+FAR = 1e8
+
+
 @dataclass(frozen=True)
 class LawErrors:
     """Errors of form of the laws of a model, compared with exact laws."""
 
     gain: float
-    """Log Bayes factor of errors of form, averaged over laws and sizes [1]; minus infinity: the
-    model has no states or its records no segments, so that nothing can vary between segments."""
+    """Log Bayes factor of errors of form, averaged over laws and sizes [1]; minus infinity if they
+    cannot be tested."""
     laws: tuple[VaryingLaw, ...] = ()
     """Laws with an error, the one that explains most first; empty: the records show none."""
-    tested: int = 0
-    """Number of laws that were tested."""
+    fit: Fit | None = None
+    """The model with these errors, fitted again; None: the records show none."""
+
+    @property
+    def tested(self) -> bool:
+        """Whether errors of form can be tested."""
+        return self.gain > -math.inf
 
 
 @functools.lru_cache(maxsize=16)
 def law_errors(fit: Fit, settings: FitSettings) -> LawErrors:
     """Compare a fit with the same model whose laws have errors of form.
+
+    They cannot be tested if nothing can vary between segments (no states, or one segment), if no
+    parameter is fitted, or if the fit is so far from the records that the gain would be rounding.
 
     Parameters
     ----------
@@ -64,14 +79,21 @@ def law_errors(fit: Fit, settings: FitSettings) -> LawErrors:
         errors of form as well.
     settings
         Settings of the fit.
+
+    Returns
+    -------
+    LawErrors
+        The gain, and the laws with an error.
     """
-    laws = [p for p in _free(fit) if p.component != VARIABILITY and _unit(p) > 0.0]
-    segments = max(s.count for s in fit.problem.segmented_records)
-    if not laws or not fit.gap_sd.size or segments < 2 or not np.isfinite(fit.log_evidence):
+    laws = [p for p in _free(fit) if _of_the_machine(p) and _unit(p) > 0.0]
+    segments = max((s.count for s in fit.problem.segmented_records), default=0)
+    if not laws or not fit.gap_sd.size or segments < 2:
+        return LawErrors(-math.inf)
+    if not np.isfinite(fit.log_evidence) or not fit.chi2 < FAR * fit.dof:
         return LawErrors(-math.inf)
     way = replace(settings, worth=math.inf)
     now, gain, found = fit, 0.0, list[VaryingLaw]()
-    for _ in range(MOST):
+    while len(found) < MOST and not current().stopping():
         names = {law.parameter for law in found}
         tried = _screened(now, [p for p in laws if p.name not in names])
         if not tried:
@@ -79,16 +101,26 @@ def law_errors(fit: Fit, settings: FitSettings) -> LawErrors:
         best, linear = max(tried, key=lambda t: t[1])
         step = float(logsumexp([value for _, value in tried])) - math.log(len(tried))
         if step > 0.0:
-            model = _varied(now.problem.model, {best.parameter: best.sd})
-            problem = replace(now.problem, model=model)
+            problem = replace(
+                now.problem,
+                model=_varied(now.problem.model, {best.parameter: best.sd}),
+                state_scale=fit.gap_sd / fit.level,
+            )
             fitted = polish(problem, replace(now.point, memo={}), now.level, way)
             step += full_evidence(fitted, 1.0) - full_evidence(now, 1.0) - linear
+            if not (0.0 <= fitted.cost < math.inf and step > 0.0):
+                step = min(step, 0.0) if math.isfinite(step) else 0.0
         if not step > 0.0:
             gain = gain if found else step
             break
         now, gain = fitted, gain + step
         found.append(best)
-    return LawErrors(gain, tuple(found), len(laws))
+    return LawErrors(gain, tuple(found), now if found else None)
+
+
+def _of_the_machine(parameter: Parameter) -> bool:
+    """Whether a parameter is not one of the simulation or of the run-to-run variability."""
+    return parameter.component != VARIABILITY and not parameter.name.startswith(BETWEEN)
 
 
 def _free(fit: Fit) -> list[Parameter]:

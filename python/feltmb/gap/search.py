@@ -646,7 +646,17 @@ class _Hunt:
         if not fit.explains:
             fit = polish(fit.problem, fit.point, fit.level, replace(self.settings, chain=True))
         fit = refit_at(fit.problem, fit.point, fit.level, self.settings, patient=True)
-        self._keep(from_other_starts(from_priors(fit, self.quick), self.quick))
+        fit = from_priors(fit, self.quick)
+        better = from_other_starts(fit, self.quick)
+        self._keep(better)
+        if better is fit:
+            return
+        # The other sets get the start states that were found.
+        others = sorted(self.done.values(), key=lambda c: -c.evidence)
+        for c in [c for c in others if c.key != _key(fit.included)][: self.width]:
+            start = fit.problem.carry(better.point, c.fit.included, c.fit.point.magnitudes)
+            start = replace(start, theta=c.fit.point.theta, memo={})
+            self._keep(polish(c.fit.problem, start, c.fit.level, self.quick))
 
     def _nest(self) -> None:
         """Refit every set whose sum of squares exceeds that of a set that it contains.

@@ -123,7 +123,7 @@ def _log_factors(u: Array, gram: Array, whole: Array, omega: Array, length: floa
     values, vectors = np.linalg.eigh(spread[:, None] * gram * spread)
     kept = values > ROUNDING * float(np.max(spread**2 * whole))
     if not kept.any():
-        return np.zeros(1)
+        return np.zeros(AMPLITUDES.size)
     values, along = values[kept], ((vectors.T @ (spread * u)) ** 2)[kept]
     s2 = AMPLITUDES[:, None] / float(values[-1])
     return np.asarray(
