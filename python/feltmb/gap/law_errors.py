@@ -41,8 +41,6 @@ __all__ = ["LawErrors", "law_errors"]
 SHARES = (0.1, 0.3, 1.0)
 #: Largest number of laws with an error.
 MOST = 3
-
-
 #: Mean square of a residual above which differences of sums of squares are rounding.
 FAR = 1e8
 
@@ -108,10 +106,10 @@ def law_errors(fit: Fit, settings: FitSettings) -> LawErrors:
             )
             fitted = polish(problem, replace(now.point, memo={}), now.level, way)
             step += full_evidence(fitted, 1.0) - full_evidence(now, 1.0) - linear
-            if not (0.0 <= fitted.cost < math.inf and step > 0.0):
-                step = min(step, 0.0) if math.isfinite(step) else 0.0
+            if not (0.0 <= fitted.cost < math.inf and math.isfinite(step)):
+                step = 0.0  # the refit diverged
         if not step > 0.0:
-            gain = gain if found else step
+            gain = gain if found or math.isnan(step) else step
             break
         now, gain = fitted, gain + step
         found.append(best)
