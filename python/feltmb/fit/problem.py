@@ -46,6 +46,10 @@ class Normal:
     shared: int
     """Number of globals that are common to all records."""
 
+    def gain(self, delta: Array) -> float:
+        """Reduction of the sum of squares by a step of the globals, to second order."""
+        return float(2.0 * self.right @ delta - delta @ self.matrix @ delta)
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -368,8 +372,7 @@ class Problem:
     ) -> tuple[Point, float]:
         """Point after a Levenberg step of :meth:`newton`, and its predicted gain."""
         delta = self.newton(point, normal, damping)
-        gain = float(2.0 * normal.right @ delta - delta @ normal.matrix @ delta)
-        return self.moved(point, normal, delta, linears), gain
+        return self.moved(point, normal, delta, linears), normal.gain(delta)
 
     def moved(
         self,

@@ -378,7 +378,7 @@ def _minimize_whole(
         if current().stopping():
             return point, cost, linears, False
         normal = problem.normal(point, linears, gap_sd)
-        promised = _gain(normal, problem.newton(point, normal))
+        promised = normal.gain(problem.newton(point, normal))
         least = max(settings.decrement, COARSE * max(cost - 4.0 * problem.samples, 0.0))
         if promised < least:
             return point, cost, linears, True
@@ -388,7 +388,7 @@ def _minimize_whole(
         best: tuple[float, Point, float, float] | None = None
         while radius > NARROWEST:
             delta, length = _within(problem, point, normal, radius)
-            gain = _gain(normal, delta)
+            gain = normal.gain(delta)
             if gain < least:
                 break
             attempt = problem.moved(point, normal, delta, linears)
@@ -416,11 +416,6 @@ def _minimize_whole(
         if done:
             return point, cost, linears, True
     return point, cost, linears, False
-
-
-def _gain(normal: Normal, delta: Array) -> float:
-    """Reduction of the sum of squares by a step of the globals, to second order."""
-    return float(2.0 * normal.right @ delta - delta @ normal.matrix @ delta)
 
 
 def _within(problem: Problem, point: Point, normal: Normal, radius: float) -> tuple[Array, float]:

@@ -59,7 +59,7 @@ def from_other_starts(fit: Fit, settings: FitSettings, most: int = MOST) -> Fit:
 
 
 def _scattered(
-    problem: Problem, point: Point, level: float, settings: FitSettings, most: int = MOST
+    problem: Problem, point: Point, level: float, settings: FitSettings, most: int
 ) -> Point:
     """The point with better states of its records at the same parameters, or the point itself."""
     scale = problem.scale(point)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from feltmb.data import Array
 from feltmb.fit.solve import SAME, Fit, FitSettings
 from feltmb.gap.criteria import (
     CLOSES_ALL,
@@ -84,7 +85,7 @@ def posterior(
     get a high probability.
     """
     fits = [search.model_fit, *(c.fit for c in search.sets)]
-    tight = search.tight_fit or search.model_fit
+    tight = search.tightest
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
     share = 0.5 * other if law_errors(tight, settings).tested else other
     least = allowance(tight) / inflation
@@ -111,12 +112,14 @@ def posterior(
     for k, c in enumerate(search.sets[:IN_PLAY]):
         if sets[k] + most > best - RIVAL:
             sets[k] += beside(c.fit)
-    values = np.array([alone, beyond, *sets])
-    weights = np.exp(values - np.max(values))
-    weights /= weights.sum()
-    return Posterior(
-        float(weights[0]), float(weights[1]), tuple(float(w) for w in weights[2:]), inflation
-    )
+    return _posterior([alone, beyond, *sets], inflation)
+
+
+def _posterior(values: Sequence[float] | Array, inflation: float) -> Posterior:
+    """Posterior from log weights: of the model alone, of an unknown cause, and of every set."""
+    weights = np.exp(np.asarray(values) - np.max(values))
+    none, other, *sets = (float(w) for w in weights / weights.sum())
+    return Posterior(none, other, tuple(sets), inflation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -397,7 +400,7 @@ class _Attempt:
     def belief(self, before: Posterior) -> Posterior:
         """The posterior with the held-out records, for the sets that were compared with them."""
         none = float(np.sum(self.before.density))
-        laws = law_errors(self.search.tight_fit or self.search.model_fit, self.settings).fit
+        laws = law_errors(self.search.tightest, self.settings).fit
         other = (
             none
             if laws is None
@@ -409,14 +412,7 @@ class _Attempt:
             values = np.log([before.none, before.other, *before.sets])
         values[1] += max(0.0, other - none) / self.inflation
         values[2:] += np.array(gains) / self.inflation
-        weights = np.exp(values - np.max(values))
-        weights /= weights.sum()
-        return replace(
-            before,
-            none=float(weights[0]),
-            other=float(weights[1]),
-            sets=tuple(float(w) for w in weights[2:]),
-        )
+        return _posterior(values, before.inflation)
 
     def rivals(self, best: CandidateSet) -> list[CandidateSet]:
         """Other sets that these records cannot distinguish from the best set."""
@@ -516,9 +512,10 @@ def accept(
         if bad:
             without = "does not stand without " + " and ".join(bad)
             best, proof = attempt.standing(first, proof, bad)
-            if best is None and (other := attempt.another(first))[0] is not None:
-                best, proof = other
-                belief = attempt.belief(belief)
+            if best is None:
+                best, confirmed = attempt.another(first)
+                if best is not None:
+                    proof, belief = confirmed, attempt.belief(belief)
             kept = () if best is None else best.names
             rejected = [(n, bad.get(n, without)) for n in first.names if n not in kept]
         sure = None

@@ -56,7 +56,7 @@ def advise(search: Search, accepted: Accepted) -> tuple[Advice, ...]:
         if own and other:
             pairs.append((own[0], other[0]))
     sizes = {n: abs(float(s)) for n, s in zip(best.names, best.fit.point.magnitudes, strict=True)}
-    return _advice(search.tight_fit or search.model_fit, pairs, sizes) if pairs else ()
+    return _advice(search.tightest, pairs, sizes) if pairs else ()
 
 
 def _advice(

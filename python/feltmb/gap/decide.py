@@ -17,7 +17,7 @@ from feltmb.gap.criteria import (
     refuted,
     unknown_gain,
 )
-from feltmb.gap.findings import Calibrated, Closest, GivenValue, HowFar, Verdict, Where
+from feltmb.gap.findings import Calibrated, Closest, GivenValue, HowFar, Verdict, Where, listed
 from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.options import Options
 from feltmb.gap.proof import explained_share
@@ -108,7 +108,7 @@ def decide(facts: Facts) -> Decision:
         facts = replace(facts, belief=_with_a_gap(facts.belief))
     if not gap and facts.beyond is not None:
         # The held-out records contradict what the fitted records say about a gap.
-        with_set = f" with {_list(best.names)}" if best is not None else ""
+        with_set = f" with {listed(best.names)}" if best is not None else ""
         return _silent(
             replace(facts, belief=_with_a_gap(facts.belief)),
             Verdict.UNKNOWN,
@@ -348,7 +348,7 @@ def _name(facts: Facts) -> Decision:
             )
     else:
         rest = " What is left is noise."
-    told, others = _list(map(facts.sizes.text, sure)), _list(map(facts.sizes.text, unsure))
+    told, others = listed(map(facts.sizes.text, sure)), listed(map(facts.sizes.text, unsure))
     if not sure:
         verdict = Verdict.ONE_OF
         text = f"One of {others}; these records cannot tell which. {closed}"
@@ -364,7 +364,7 @@ def _name(facts: Facts) -> Decision:
         text += f" In addition, one of {others}, which these records cannot tell apart."
         rest = rest if left else " What is left with it is noise."
     if possible:
-        which = ("one of " if len(possible) > 1 else "") + _list(map(facts.sizes.text, possible))
+        which = ("one of " if len(possible) > 1 else "") + listed(map(facts.sizes.text, possible))
         text += f" These records do not determine whether {which} acts in addition."
     if left:
         rest += _noise(facts)
@@ -442,8 +442,9 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
         one = len(weak) == 1
         least = f"{min(gains[n] for n in weak):.2g} units of log evidence"
         doubt = (
-            f"Held-out records hardly show {_list(weak)} ({least}{'' if one else ' or more each'}):"
-            f" they neither confirm nor contradict {'it' if one else 'them'}. "
+            f"Held-out records hardly show {listed(weak)} "
+            f"({least}{'' if one else ' or more each'}): "
+            f"they neither confirm nor contradict {'it' if one else 'them'}. "
             f"Hold out a record in which {'it acts' if one else 'they act'}."
         )
         if len(weak) == len(gains):
@@ -465,7 +466,7 @@ def _unsure(
         return _data_problem(facts, hinted)
     if _refuted(facts):
         text = (
-            f"There is a gap ({_signs(facts)}), but no effect is sure; nearest {_list(hinted)} "
+            f"There is a gap ({_signs(facts)}), but no effect is sure; nearest {listed(hinted)} "
             f"({why})."
         )
         closest = facts.closest and replace(facts.closest, why=facts.closest.why or why)
@@ -473,7 +474,7 @@ def _unsure(
             text = f"There is a gap ({_signs(facts)}), but no effect is sure."
         text += _closest(closest) + (_noise(facts) or _place(facts))
         return replace(_silent(facts, Verdict.UNKNOWN, text, refused), closest=closest)
-    return _too_weak(facts, f": nearest {_list(hinted)} ({why})", refused)
+    return _too_weak(facts, f": nearest {listed(hinted)} ({why})", refused)
 
 
 def _too_weak(facts: Facts, why: str, refused: tuple[str, ...] = ()) -> Decision:
@@ -524,8 +525,3 @@ def _place(facts: Facts) -> str:
     if strong:
         text = f" {strong[0].text}."
     return f"{text} {where.varying_text}" if where.varying else text
-
-
-def _list(names: Iterable[str]) -> str:
-    items = list(names)
-    return ", ".join(items[:-1]) + " and " + items[-1] if len(items) > 1 else "".join(items)

@@ -323,7 +323,7 @@ class _Diagnosis:
         tight = None if self.model.chaotic else first.tight_fit
         seen = tight or first.bare
         cells, onset = ledger(seen, self.options.alpha)
-        laws = law_errors(first.tight_fit or first.model_fit, self.task.settings)
+        laws = law_errors(first.tightest, self.task.settings)
         told = laws.gain > unknown_gain(self.options.alpha)
         return Where(
             ledger=cells,

@@ -120,7 +120,7 @@ def color_of_discrepancy(
     the color is in question, and first-order noise with the correlation of neighboring samples is
     assumed.
     """
-    fit = search.tight_fit or search.model_fit
+    fit = search.tightest
     parts = residuals_by_segment(fit)
     out = {}
     for c, name in enumerate(fit.problem.model.outputs):
@@ -154,7 +154,7 @@ def noise_factors(search: Search) -> dict[str, float]:
     the prior permits, are omitted.
     """
     best = search.best
-    fit = (search.tight_fit or search.model_fit) if best is None else best.fit
+    fit = search.tightest if best is None else best.fit
     out = {}
     shapes = [s.measured.shape for s in fit.problem.segmented_records]
     white = [x.residual.reshape(shape) for x, shape in zip(fit.linears, shapes, strict=True)]

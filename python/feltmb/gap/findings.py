@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -39,6 +39,7 @@ __all__ = [
     "Verdict",
     "Where",
     "Which",
+    "listed",
 ]
 
 
@@ -286,6 +287,12 @@ class ComponentRow:
         return f"{force} would explain {self.explained:.0%} of the gap of the model"
 
 
+def listed(names: Iterable[str]) -> str:
+    """Names as a part of a sentence: "a", "a and b", "a, b and c"."""
+    items = list(names)
+    return ", ".join(items[:-1]) + " and " + items[-1] if len(items) > 1 else "".join(items)
+
+
 #: Gain of log evidence above which its size does not matter.
 MUCH = 1000.0
 
@@ -336,13 +343,12 @@ class Where:
         names = [law.text for law in self.varying]
         if not names:
             return ""
-        listed = " and ".join([", ".join(names[:-1]), names[-1]] if names[:-1] else names)
         gain = self.varying_gain
         size = f"{gain:.0f}" if gain < MUCH else f"more than {MUCH:.0f}"
         one = len(names) == 1
         return (
-            f"If {listed} varied within the records, the model would gain {size} units of log "
-            f"evidence: the form of {'its law' if one else 'their laws'} may be wrong, or "
+            f"If {listed(names)} varied within the records, the model would gain {size} units of "
+            f"log evidence: the form of {'its law' if one else 'their laws'} may be wrong, or "
             f"{'it depends' if one else 'they depend'} on a quantity that the model does not have."
         )
 

@@ -162,8 +162,7 @@ def _screened(fit: Fit, laws: Sequence[Parameter]) -> list[tuple[VaryingLaw, flo
             for x in linears
         ]
         normal = problem.normal(point, mixed, fit.gap_sd)
-        step = problem.newton(point, normal)
-        gain = float(2.0 * normal.right @ step - step @ normal.matrix @ step)
+        gain = normal.gain(problem.newton(point, normal))
         cost = relaxed(problem, point, normal) - gain
         volume = posterior_volume(problem, point, normal)
         return evidence_at(problem, normal, cost, fit.gap_sd) + volume

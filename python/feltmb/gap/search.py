@@ -72,6 +72,11 @@ class Search:
         return self.held or self.model_fit
 
     @property
+    def tightest(self) -> Fit:
+        """The fit of the model with the tightest continuity defects that it has."""
+        return self.tight_fit or self.model_fit
+
+    @property
     def tight_evidence(self) -> float:
         """Log evidence of the model with the tightest continuity defects."""
         if self.tight_fit is None:
