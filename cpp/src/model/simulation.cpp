@@ -212,7 +212,7 @@ class Run {
         mechanism_(mechanism),
         system_(mechanism, input, options.ledger, monitors, options.events),
         locator_(system_),
-        modal_(options.method != Method::kCvode && !options.on_step && !mechanism->strings.empty()),
+        modal_(options.method != Method::kCvode && !mechanism->strings.empty()),
         whole_size_(system_.size()),
         string_heat_(mechanism->strings.size(), 0.0),
         begin_(Clock::now()) {
@@ -296,7 +296,7 @@ class Run {
     if (!broken_.empty()) {
       throw InvalidParameter("start state: " + broken_ + "; is the run that it is from damaged?");
     }
-    if (options_.on_step) options_.on_step(0.0, y_, largest());
+    if (options_.on_step) options_.on_step(0.0, y_, largest(), system_.strings_apart());
 
     std::size_t next_stop = 0;
     bool going = true;
@@ -337,12 +337,17 @@ class Run {
         record_event(*integrator, crossing);
       }
       if (options_.diagnose && steps % 4 == 0) diagnose(*integrator);
-      if (reversal.contact >= 0) restart_at(*integrator, reversal);
-      if (options_.on_step) options_.on_step(now, integrator->state(), largest());
+      const bool free = system_.strings_apart();
       if (reversal.contact >= 0) {
-        // has been started anew
+        restart_at(*integrator, reversal);
       } else if (struck) {
         integrator = meet_strings(*integrator, strike);
+      }
+      if (options_.on_step) {
+        options_.on_step(now, whole_state(now, integrator->state()), largest(), free);
+      }
+      if (reversal.contact >= 0 || struck) {
+        // has been started anew
       } else if (status == StepStatus::kStop) {
         const bool restart = stops_[next_stop].restart;
         ++next_stop;
@@ -461,6 +466,14 @@ class Run {
   /// The part of a whole state that is integrated now.
   std::span<const double> state_of(const std::vector<double>& y) const {
     return std::span<const double>(y).first(system_.size());
+  }
+
+  /// The whole state at t, with the strings where they are.
+  std::span<const double> whole_state(double t, std::span<const double> state) {
+    if (!system_.strings_apart()) return state;
+    std::copy(state.begin(), state.end(), y_.begin());
+    system_.fill_strings(t, y_);
+    return y_;
   }
 
   /// Moment of the last step at which a contact meets a free string; infinity if there is none.

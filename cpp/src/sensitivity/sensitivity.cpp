@@ -131,9 +131,8 @@ class SegmentRun {
     o.ledger = o.states = o.diagnose = false;
     o.outputs = false;
     o.finger_reference = models_.base().finger_reference();
-    o.on_step = [&](double t, std::span<const double> y, std::span<const double> memory) {
-      trajectory.add(t, y, memory);
-    };
+    o.on_step = [&](double t, std::span<const double> y, std::span<const double> memory,
+                    bool free) { trajectory.add(t, y, memory, free); };
     std::vector<Monitor> monitors;
     for (std::size_t r = 0; r < options_.rules.size(); ++r) {
       const auto& rule = options_.rules[r];
@@ -189,7 +188,7 @@ class SegmentRun {
   }
 
   std::span<const double> place(Trajectory& trajectory, double t) {
-    const std::size_t node = trajectory.interpolate(t, y_);
+    const std::size_t node = trajectory.interpolate_all(t, y_);
     return trajectory.memory(node);
   }
 

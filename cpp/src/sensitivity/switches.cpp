@@ -67,14 +67,14 @@ class Finder {
   };
 
   void look_at(double t, Look& out) {
-    trajectory_.interpolate(t, y_);
+    trajectory_.interpolate_all(t, y_);
     look_at_state(t, y_, out);
   }
 
   /// Looks at entry i of root or piece (both begin with the contacts) alone.
   void look_at_one(double t, std::size_t i, Look& out) {
     if (i >= mechanism_.contacts.size()) return look_at(t, out);
-    trajectory_.interpolate(t, y_);
+    trajectory_.interpolate_all(t, y_);
     probe_.locate_only(t, y_, {&i, 1});
     look_at_contact(i, out);
   }
@@ -233,12 +233,10 @@ std::vector<Switch> find_switches(Trajectory& trajectory, ShiftedModels& models,
     }
   }
   const double origin = models.probe().origin();
+  // At other knots of the profile only a derivative of the input jumps, and no column does.
   const auto& breakpoints = input.profile.breakpoints();
-  const auto& knots = input.profile.knots();
-  for (std::size_t i = 0; i < breakpoints.size() + knots.size(); ++i) {
-    const double on_profile =
-        i < breakpoints.size() ? breakpoints[i] : knots[i - breakpoints.size()];
-    const double t = on_profile - origin;
+  for (std::size_t i = 0; i < breakpoints.size(); ++i) {
+    const double t = breakpoints[i] - origin;
     if (t > 0.0 && t < end) out.push_back({t, SwitchKind::kStop, static_cast<int>(i), 1});
   }
   std::stable_sort(out.begin(), out.end(),

@@ -10,13 +10,15 @@ Trajectory::Trajectory(MechanismSystem& system) : system_(system), width_(system
     remembers_ = remembers_ || contact.law.has_memory();
   }
   for (auto& s : slopes_) s.value.resize(width_);
+  if (system.modes() > 0) strings_.emplace(system.mechanism());
   // Room for most strokes: what is not used is never touched.
   constexpr std::size_t usual = 16384;
   time_.reserve(usual);
   states_.reserve(usual * width_);
 }
 
-void Trajectory::add(double t, std::span<const double> y, std::span<const double> memory) {
+void Trajectory::add(double t, std::span<const double> y, std::span<const double> memory,
+                     bool free) {
   if (!time_.empty() && t <= time_.back()) {
     // A restart at the same time: the state is the same, the memory may be new.
     if (remembers_) {
@@ -26,6 +28,7 @@ void Trajectory::add(double t, std::span<const double> y, std::span<const double
     return;
   }
   time_.push_back(t);
+  free_.push_back(free ? 1 : 0);
   states_.insert(states_.end(), y.begin(), y.end());
   if (remembers_) memory_.insert(memory_.end(), memory.begin(), memory.end());
 }
@@ -106,6 +109,19 @@ std::size_t Trajectory::interpolate(double t, std::span<double> y) {
   for (std::size_t k = 0; k < width_; ++k) {
     y[k] = wa * a[k] + wb * b[k] + va * fa[k] + vb * fb[k];
   }
+  return i;
+}
+
+std::size_t Trajectory::interpolate_all(double t, std::span<double> y) {
+  const std::size_t i = interpolate(t, y);
+  if (!strings_ || i + 1 >= free_.size() || free_[i + 1] == 0) return i;
+  const auto modes = static_cast<std::size_t>(system_.modes());
+  const auto from = state(i).last(2 * modes);
+  strings_->start(time_[i], from.first(modes), from.last(modes));
+  strings_->move(t);
+  const auto to = y.last(2 * modes);
+  std::copy(strings_->eta().begin(), strings_->eta().end(), to.begin());
+  std::copy(strings_->rate().begin(), strings_->rate().end(), to.last(modes).begin());
   return i;
 }
 

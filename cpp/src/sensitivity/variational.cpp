@@ -61,8 +61,7 @@ Variational::Variational(ShiftedModels& models, Trajectory& trajectory, double t
 }
 
 bool Variational::touched(double t) {
-  const std::size_t node = trajectory_.interpolate(t, y_);
-  static_cast<void>(node);
+  trajectory_.interpolate_all(t, y_);
   MechanismSystem& probe = models_.probe();
   probe.locate(t, y_);
   for (const auto& c : models_.mechanism().string_contacts) {
@@ -152,7 +151,7 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
   rows_ = static_cast<Eigen::Index>(apart ? models_.first_mode() : y_.size());
   measure(columns_.state.topRows(rows_), present_);  // a switch may have changed them
   const double begin = time_;
-  if (apart) trajectory_.interpolate(begin, start_);
+  if (apart) trajectory_.interpolate_all(begin, start_);
   const FlushToZero flush;
   while (time_ < end) {
     double h = std::min(h_, end - time_);

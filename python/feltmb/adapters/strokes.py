@@ -55,6 +55,8 @@ __all__ = ["RunVariability", "StrokeModel"]
 POINTS = 8
 #: Number of cached simulated motions.
 RUNS = 64
+#: Number of cached versions of the mechanism: all of one linearization.
+VERSIONS = 400
 #: Smallest step of the magnitude of an effect with states of its own, as a share of its scale.
 EFFECT_STEP = 0.2
 #: Directions of the variability with a noncentrality below this are omitted, if there are more than
@@ -104,6 +106,7 @@ class StrokeModel(MechanismModel):
         self.variabilities: dict[str, RunVariability] = {}
         self._runs: Latest[tuple[object, ...], Array | None] = Latest(RUNS)
         self._points: Latest[tuple[object, ...], dict[object, Array]] = Latest(POINTS)
+        self._versions: Latest[tuple[object, ...], Variant] = Latest(VERSIONS)
         self.passes = 0
         """Number of integrations of derivatives so far."""
 
@@ -389,9 +392,17 @@ class StrokeModel(MechanismModel):
         self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
     ) -> Variant:
         """See :class:`~feltmb.adapters.differentiable.DifferentiableMechanism`."""
-        chosen = self._chosen(theta[: self.mechanical], included, magnitudes)
-        config = self._shifter.config(chosen, record.conditions)
-        return self._base() if config is self.action.config else self._workshop.assemble(config)
+        own = theta[: self.mechanical]
+
+        def make() -> Variant:
+            chosen = self._chosen(own, included, magnitudes)
+            config = self._shifter.config(chosen, record.conditions)
+            return self._base() if config is self.action.config else self._workshop.assemble(config)
+
+        # All records of one linearization need the same versions.
+        conditions = tuple(sorted(record.conditions.items()))
+        key = (self._key(record, own, included, magnitudes), conditions)
+        return self._versions.get(key, make)
 
     def _with_own_variability(
         self, record: Record, mechanical: Array, wanted: Sequence[int]

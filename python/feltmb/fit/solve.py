@@ -61,8 +61,8 @@ class FitSettings:
     decrement: float = 0.02
     """The search ends if a step can reduce the sum of squares by less than this."""
     restarts: int = 3
-    """Number of other starts of a poor fit with continuity defects. A fit without such defects that
-    is not plausible is repeated once from the priors, unless this is 0."""
+    """Number of other starts of a poor fit with continuity defects. If this is 0, a fit without
+    defects takes only its first path along the records."""
     seed: int = 0
     chain: bool = False
     """Whether a poor fit with continuity defects below a tenth is also started from one simulation
@@ -584,23 +584,29 @@ def at_level(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Pace:
+class _Path:
     """How a fit to the beginnings of records proceeds along them."""
 
     followed: float
     """Largest mean square of the innovations up to which the model follows a record."""
-    iterations: int
+    iterations: int = 4
     """Iterations per stage."""
-    onward: float
+    onward: float = 1.0 / 32.0
     """Smallest extension per stage, as a share of the record."""
 
 
-PACE = _Pace(followed=9.0, iterations=4, onward=1.0 / 32.0)
-#: A stage of ``PACE`` may contain two events, for example let-off and impact.
-SLOWER = _Pace(followed=4.0, iterations=8, onward=1.0 / 64.0)
+#: Each path loses some fits of a mechanism that the others find: a stage may contain two events, or
+#: the parameters may follow noise. The search ends when two paths reach the same minimum.
+PATHS = (
+    _Path(followed=25.0),
+    _Path(followed=9.0),
+    _Path(followed=4.0, iterations=8, onward=1.0 / 64.0),
+)
+#: Log evidence by which two ends of the same minimum may differ.
+REACHED = 2.0
 
 
-def _led(problem: Problem, point: Point, settings: FitSettings, pace: _Pace = PACE) -> Point:
+def _led(problem: Problem, point: Point, settings: FitSettings, path: _Path) -> Point:
     """Start point from which a fit without continuity defects reaches the right local minimum.
 
     If a mechanism releases a part earlier or later than the machine did, or strikes at another
@@ -612,13 +618,13 @@ def _led(problem: Problem, point: Point, settings: FitSettings, pace: _Pace = PA
     gap_sd = np.zeros(0)
     way = settings.coarser(0.5)
     lengths = np.array([s.record.samples for s in problem.segmented_records])
-    until, onward = np.zeros_like(lengths), pace.onward
+    until, onward = np.zeros_like(lengths), path.onward
     while not current().stopping():
         followed = [
-            _agrees_until(s, x, pace.followed)
+            _agrees_until(s, x, path.followed)
             for s, x in zip(problem.segmented_records, problem.linear(point), strict=True)
         ]
-        onward = pace.onward if np.all(followed >= until) else 2.0 * onward
+        onward = path.onward if np.all(followed >= until) else 2.0 * onward
         least = np.maximum(2.0, onward * lengths)
         until = np.minimum(lengths, np.maximum(until, followed) + least.astype(int))
         if np.all(until == lengths):
@@ -631,7 +637,7 @@ def _led(problem: Problem, point: Point, settings: FitSettings, pace: _Pace = PA
             replace(point, memo={}),
             gap_sd,
             way,
-            pace.iterations,
+            path.iterations,
         )[0]
         point = replace(point, memo={})
     return point
@@ -660,15 +666,6 @@ def _descend(
 
     Also returns the point and the sum of squares at the loosest level.
     """
-    if not problem.model.states(machine_candidates(problem.included)):
-        if problem.has_priors:
-            fit = polish(problem, _led(problem, point, settings), 1.0, settings)
-        else:  # a beginning may contain no information about a parameter without a prior
-            fit = polish(problem, point, 1.0, settings)
-            if not fit.explains:
-                led = polish(problem, _led(problem, point, settings), 1.0, settings)
-                fit = led if led.cost < fit.cost else fit
-        return fit, fit.point, fit.cost
     levels = settings.levels
     if all(s.count == 1 for s in problem.segmented_records):
         levels = levels[-1:]  # there are no continuity defects
@@ -809,17 +806,34 @@ def _across_jumps(fit: Fit, settings: FitSettings) -> Fit:
     return fit
 
 
-def _repeated(fit: Fit, first: Point, settings: FitSettings) -> Fit:
-    """A fit without continuity defects, continued across jumps and, if needed, from the priors."""
-    fit = _across_jumps(fit, settings)
-    problem = fit.problem
-    # A beginning may contain no information about a parameter without a prior.
-    again = problem.has_priors and settings.restarts
-    if fit.plausible or not again or current().stopping():
-        return fit
-    start = _led(problem, problem.start(magnitudes=first.magnitudes), settings, SLOWER)
-    other = _across_jumps(polish(problem, start, 1.0, settings), settings)
-    return other if other.cost < fit.cost - SAME else fit
+def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
+    """Fit records that are simulated as a whole, along several paths, and keep the best end.
+
+    The search ends when the best end is reached a second time.
+    """
+    starts: list[Point] = []
+    ends: list[Fit] = []
+
+    def descend(start: Point) -> None:
+        if not any(np.array_equal(start.theta, known.theta) for known in starts):
+            starts.append(start)
+            fit = _across_jumps(polish(problem, start, 1.0, settings), settings)
+            ends.append(fit if fit.cost >= 0.0 else replace(fit, cost=np.inf))
+
+    def best() -> Fit:
+        return min(ends, key=lambda fit: fit.cost)
+
+    if not problem.has_priors:
+        # A beginning may contain no information about a parameter without a prior.
+        descend(point)
+        if best().explains:
+            return best()
+    for path in PATHS if settings.restarts and problem.has_priors else PATHS[:1]:
+        reached = [fit for fit in ends if fit.cost < best().cost + 2.0 * REACHED]
+        if len(reached) > 1 or (ends and current().stopping()):
+            break
+        descend(_led(problem, point, settings, path))
+    return best()
 
 
 def fit_problem(
@@ -833,8 +847,7 @@ def fit_problem(
     """Fit a problem, starting from its priors.
 
     Records that are simulated as a whole are first fitted as far as the model follows them (see
-    :func:`_led`), and fits that explain them continue across jumps (see :func:`_across_jumps`). A
-    fit that is not plausible is repeated from the priors with shorter stages.
+    :func:`_led`), and fits that explain them continue across jumps (see :func:`_across_jumps`).
     With segments, continuity defects decrease from loose to tight, and the level with the largest
     marginal likelihood is used. If such a fit is poor, it is repeated from other starts, so that a
     local minimum is not mistaken for a gap: from one simulation through all segments, and segments
@@ -843,9 +856,9 @@ def fit_problem(
     """
     settings = replace(settings or FitSettings(), chain=True)
     first = point or problem.start()
+    if not problem.model.states(machine_candidates(problem.included)):
+        return _fit_whole(problem, first, settings)
     fit, loose, loosest = _descend(problem, first, settings, progress, label)
-    if not fit.gap_sd.size:
-        return _repeated(fit, first, settings)
     fit = _rescue(fit, settings)
     if fit.explains and fit.converged:
         return fit

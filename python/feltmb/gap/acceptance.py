@@ -127,8 +127,8 @@ class Accepted:
     """Result of the held-out proof."""
 
     belief: Posterior
-    """Posterior of the search, before the proof; with the held-out records if these refuse the best
-    set and confirm another one."""
+    """Posterior of the search, with what held-out records say against rivals of the accepted set;
+    with all that they say if they refuse the best set and confirm another one."""
     best: CandidateSet | None
     """The accepted set of effects; None: no effect is accepted."""
     before: Outcome
@@ -143,6 +143,20 @@ class Accepted:
     outcomes: dict[tuple[str, ...], Outcome] = field(default_factory=dict)
     tightest: Fit | None = None
     """The accepted set, fitted with the tightest continuity defects; None: it already has them."""
+
+    @property
+    def p(self) -> float:
+        """Bound on the probability that held-out records gain as much if nothing is missing.
+
+        The mean of a likelihood ratio is 1 under its denominator, so that the probability of a
+        ratio above exp(g) is at most exp(-g) (Markov's inequality). Any of the sets that were
+        compared could have been accepted. 1 without an accepted set.
+        """
+        if self.best is None:
+            return 1.0
+        gain = self.after.density - self.before.density
+        total = float(np.sum(gain[np.isfinite(gain)])) / self.belief.inflation
+        return min(1.0, max(1, len(self.outcomes) - 1) * math.exp(-max(0.0, total)))
 
 
 class _Attempt:
@@ -415,21 +429,33 @@ class _Attempt:
         return _posterior(values, before.inflation)
 
     def rivals(self, best: CandidateSet) -> list[CandidateSet]:
-        """Other sets that these records cannot distinguish from the best set."""
-        after = self.outcome(best.fit)
+        """Other sets that all records together cannot distinguish from the best set."""
         found = []
         for c in self.search.sets:
             if c.key == best.key or len(c.names) > len(best.names):
                 continue
             if (best.evidence - c.evidence) / self.inflation > RIVAL:
                 continue
-            own = self.outcome(c.fit)
-            if self._contradicted(own):
+            if self._contradicted(self.outcome(c.fit)):
                 continue
-            if self._improves(self._compared(own, after)):
-                continue  # the best one predicts better than it
-            found.append(c)
+            if self._total(best) - self._total(c) <= RIVAL:
+                found.append(c)
         return found
+
+    def weighed(self, before: Posterior, best: CandidateSet) -> Posterior:
+        """The posterior with what held-out records say against the rivals of an accepted set.
+
+        Records that the accepted set does not explain do not tell which of several sets is wrong.
+        """
+        if not self.outcome(best.fit).fit.explains:
+            return before
+        own = float(np.sum(self.outcome(best.fit).density))
+        known = [self.outcomes.get(c.key) for c in self.search.sets]
+        lost = [0.0 if o is None else min(0.0, float(np.sum(o.density)) - own) for o in known]
+        with np.errstate(divide="ignore"):
+            values = np.log([before.none, before.other, *before.sets])
+        values[2:] += np.array(lost) / self.inflation
+        return _posterior(values, before.inflation)
 
     def _compared(self, old: Outcome, new: Outcome) -> Paired:
         return compare(
@@ -530,13 +556,14 @@ def accept(
                 best, proof = part, found
     elif search.sets:
         attempt.outcome(search.sets[0].fit)  # evaluated for the report: how close this set comes
+    rivals = () if best is None else tuple(attempt.rivals(best))
     return Accepted(
-        belief,
+        belief if best is None else attempt.weighed(belief, best),
         best,
         attempt.before,
         attempt.before if best is None else attempt.outcome(best.fit),
         proof,
-        () if best is None else tuple(attempt.rivals(best)),
+        rivals,
         tuple(rejected),
         attempt.outcomes,
         None if best is None else attempt.tightest[best.key],

@@ -99,7 +99,8 @@ def decide(facts: Facts) -> Decision:
     """Derive the verdict from the facts; docs/explanation/gap.md states the rules."""
     search, accepted = facts.search, facts.accepted
     p = facts.p
-    hint = p < facts.options.alpha
+    # The largest score is linear. It misses effects that act only beyond a size.
+    hint = min(p, accepted.p) < facts.options.alpha
     best = accepted.best
     gap = not facts.enough and (_refuted(facts) or (hint and best is not None))
     if gap and (_refuted(facts) or facts.unexplained):
@@ -117,7 +118,8 @@ def decide(facts: Facts) -> Decision:
             + FIT_OTHERS,
         )
     if not gap:
-        if hint and not facts.enough:
+        likely = 1.0 - facts.belief.none >= facts.options.credibility
+        if (hint or likely) and not facts.enough:
             reason = _refusals(accepted) or f"family-wise p = {p:.2g}"
             return _too_weak(facts, f" ({reason})")
         return _calibrated(facts)

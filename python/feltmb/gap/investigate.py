@@ -147,19 +147,23 @@ def _search(
     watch.misfit = None  # the noise has changed, and so has the scale
     watch.enter(FIT)
     if known is None:
-        led = lead(
-            problem, task.effects, settings, most=task.options.max_effects, progress=progress
-        )
-        fit = _alone(led, problem, settings, progress, label)
+        fit = fit_problem(problem, settings, progress=progress, label=label)
+        led: list[Fit] = []
+        if not fit.plausible and not watch.stopping():
+            most = task.options.max_effects
+            led = lead(problem, task.effects, settings, most=most, progress=progress)
+            for alone in (f for f in led if not f.included):
+                way = replace(settings, worth=worth_of(led[0]))
+                again = polish(problem, replace(alone.point, memo={}), 1.0, way)
+                fit = again if again.log_evidence > fit.log_evidence else fit
     else:
         led = _best_of_each_size(known, problem)
         point = replace(known.model_fit.point, memo={})
         brief = replace(settings, restarts=0)
         fit = fit_problem(problem, brief, point=point, progress=progress, label=label)
-    if fit is None or (known is not None and not fit.explains):
-        way = settings if fit is None else replace(settings, restarts=0)
-        other = fit_problem(problem, way, progress=progress, label=label)
-        fit = other if fit is None or other.log_evidence > fit.log_evidence else fit
+        if not fit.explains:
+            other = fit_problem(problem, brief, progress=progress, label=label)
+            fit = other if other.log_evidence > fit.log_evidence else fit
     if not watch.stopping():
         fit = from_other_starts(without_several(fit, settings), settings)
     if known is None:
@@ -181,13 +185,17 @@ def _search(
         progress=progress,
         led=led,
     )
-    return found if watch.stopping() else _completed(found, task)
+    if watch.stopping():
+        return found
+    if known is None and fit.problem.model is model:
+        # No fit explained the records before the search.
+        found = at_its_variability(found, settings, progress=progress)
+    return _completed(found, task)
 
 
 def _completed(found: Search, task: Task) -> Search:
-    """A search with the variability and the steps of its fits, compared within the tolerances."""
+    """A search with the steps that its fits need, compared within the tolerances."""
     settings, progress = task.settings, task.progress
-    found = at_its_variability(found, settings, progress=progress)
     return within_tolerance(in_refined_steps(found, settings, progress=progress), settings)
 
 
@@ -198,30 +206,6 @@ def _best_of_each_size(known: Search, problem: Problem) -> list[Fit]:
         if c.evidence > known.model_evidence:
             best.setdefault(len(c.names), c.fit)
     return [fit.in_problem(problem.with_candidates(fit.included)) for fit in best.values()]
-
-
-def _alone(
-    led: Sequence[Fit],
-    problem: Problem,
-    settings: FitSettings,
-    progress: Progress | None,
-    label: str,
-) -> Fit | None:
-    """The fit of the model alone; None: ``lead`` gave no fits.
-
-    No further starts are tried in two cases: the model explains the records, or a set of effects
-    explains them and the model alone, started there, does not.
-    """
-    if not led:
-        return None
-    (alone,) = [f for f in led if not f.included]
-    if led[0].included and led[0].plausible and alone.cost > worth_of(led[0]):
-        return alone
-    if alone.plausible:
-        return polish(problem, replace(alone.point, memo={}), 1.0, settings)
-    return fit_problem(
-        problem, settings, point=replace(alone.point, memo={}), progress=progress, label=label
-    )
 
 
 def _explained(first: Search, found: Search, checks: DataChecks, task: Task) -> Search | None:

@@ -171,8 +171,7 @@ class _Stage:
     def repeat(self) -> None:
         """Fit the model alone also from its priors."""
         problem = self._here(self.begins[()][0])
-        way = replace(self.way, restarts=1)
-        self.keep(fit_problem(problem, way, point=replace(self.found[()].fit.point, memo={})))
+        self.keep(fit_problem(problem, replace(self.way, restarts=1)))
 
     def keep(self, fit: Fit) -> None:
         """Store a fit unless its set has a better one."""

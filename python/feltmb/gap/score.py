@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
+from scipy.linalg import eigh
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Linear
@@ -355,7 +356,7 @@ def family_threshold(
     if usable.size == 0:
         return math.inf, np.zeros(1)
     rho = scores.correlation()[np.ix_(usable, usable)]
-    values, vectors = np.linalg.eigh(rho)
+    values, vectors = eigh(rho)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     signs = np.array([scores.candidates[i].effect.sign for i in usable])
     generator = np.random.default_rng(seed)

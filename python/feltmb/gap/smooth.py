@@ -21,6 +21,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import eigh
 from scipy.special import logsumexp
 
 from feltmb.data import Array
@@ -74,7 +75,7 @@ def smooth_discrepancy(fit: Fit) -> SmoothDiscrepancy:
     step, free = problem.newton_within(fit.point, normal)
     matrix = normal.matrix[np.ix_(free, free)]
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    values, vectors = eigh(matrix / np.outer(size, size))
     root = np.zeros((free.size, size.size))
     root[free] = (vectors / np.sqrt(np.maximum(values, 1e-11 * values[-1:]))) / size[:, None]
     cells = sum(s.count for s in problem.segmented_records) * len(problem.model.outputs)
@@ -120,7 +121,8 @@ def _log_factors(u: Array, gram: Array, whole: Array, omega: Array, length: floa
     can absorb a signal completely, the remainder is rounding.
     """
     spread = 1.0 / (1.0 + (omega * length) ** 2 / 3.0)  # square root of the spectrum
-    values, vectors = np.linalg.eigh(spread[:, None] * gram * spread)
+    # NumPy's driver (divide and conquer) failed to converge on such a matrix of 396 rows.
+    values, vectors = eigh(spread[:, None] * gram * spread)
     kept = values > ROUNDING * float(np.max(spread**2 * whole))
     if not kept.any():
         return np.zeros(AMPLITUDES.size)

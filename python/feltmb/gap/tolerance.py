@@ -153,6 +153,8 @@ def released(
     if not freed or not found.model_fit.explains:
         return None
     fit = without_tolerances(found.model_fit, freed, taken_over(start), settings)
+    if not np.isfinite(fit.cost):
+        return None
     tight = tighten(fit, settings)
     if misfit(fit, tight, alpha=alpha, estimated=estimated).left:
         return None

@@ -10,9 +10,10 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Parameter, Record, Sensor, SimulatorModel, library
 from feltmb.gap.checks import check_records
-from feltmb.gap.investigate import _alone
+from feltmb.gap.investigate import Task
 from feltmb.gap.judged_data import prepare
 from feltmb.gap.lead import _Stage, lead
+from feltmb.gap.options import Options
 from feltmb.gap.refine import worth_of
 from feltmb.gap.search import search
 
@@ -83,17 +84,16 @@ def test_a_model_that_can_explain_all_is_led_alone():
     assert lead(near, effects, FitSettings())  # far off by its other parameters still
 
 
-def test_a_model_that_explains_is_not_started_again(monkeypatch):
-    problem, effects = parts()
-    led = lead(problem, effects, FitSettings())
-
-    def never(*_, **__):
-        raise AssertionError("fitted from its priors")
-
-    monkeypatch.setattr(sys.modules["feltmb.gap.investigate"], "fit_problem", never)
-    fit = _alone(led, problem, FitSettings(), None, "")
-    assert fit.plausible
-    assert fit.cost <= led[0].cost
+def test_a_model_that_explains_is_not_led(monkeypatch):
+    module = sys.modules["feltmb.gap.investigate"]
+    led = []
+    monkeypatch.setattr(module, "lead", lambda *a, **k: led.append(1) or lead(*a, **k))
+    for bend, times in ((0.0, 0), (0.2, 1)):
+        problem, effects = parts(bend=bend)
+        task = Task(effects, Options(), FitSettings(), None, None)
+        found = module._search(problem.model, problem.segmented_records, task)
+        assert found.model_fit.plausible == (times == 0)
+        assert len(led) == times
 
 
 def test_a_search_goes_on_from_where_records_are_explained(bent):

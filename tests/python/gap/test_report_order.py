@@ -407,7 +407,7 @@ def test_a_weak_hint_does_not_hide_what_calibration_moved():
     belief = Posterior(none=0.3, other=0.7, sets=(), inflation=1.0)
     facts = SimpleNamespace(
         search=SimpleNamespace(best=None, sets=()),
-        accepted=SimpleNamespace(best=None, rejected=()),
+        accepted=SimpleNamespace(best=None, rejected=(), p=1.0),
         p=0.005,
         options=Options(),
         enough=False,

@@ -19,7 +19,7 @@ from feltmb.fit.problem import Problem, _by_input_noise
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
-from feltmb.gap.acceptance import _Attempt, _certainty, sure_part
+from feltmb.gap.acceptance import Posterior, _Attempt, _certainty, sure_part
 from feltmb.gap.decide import _probable, decide
 from feltmb.gap.digits import digits
 from feltmb.gap.investigate import Task, _explained
@@ -335,6 +335,81 @@ def test_held_out_records_that_do_not_excite_an_effect_do_not_refuse_it():
     assert report.how_far.closed < 0.05
     assert "Held-out records hardly show power 3" in report.statement
     assert "neither confirm nor contradict it" in report.statement
+
+
+def test_held_out_records_can_show_an_effect_that_the_linear_score_misses(monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        importlib.import_module("feltmb.gap.diagnosis"),
+        "decide",
+        lambda facts: seen.append(facts) or decide(facts),
+    )
+    diagnose(LINE, [power(3)], records(lambda u: u + 0.05 * u**3), options=Options(bootstrap=0))
+    facts = seen[-1]
+    accepted = facts.accepted
+    gain = float(np.sum(accepted.after.density - accepted.before.density))
+    clean = replace(facts, p=0.5, misfit=replace(facts.misfit, left=False), uncorrelated=())
+    assert accepted.p == pytest.approx(np.exp(-gain / accepted.belief.inflation))
+    assert decide(clean).named == ("power 3",)
+
+    def gaining(much):
+        """The same facts with another held-out gain."""
+        density = accepted.before.density.copy()
+        density[0] += much
+        after = replace(accepted.after, density=density)
+        return replace(clean, accepted=replace(accepted, after=after))
+
+    assert gaining(5.0).accepted.p == pytest.approx(np.exp(-5.0))
+    assert decide(gaining(5.0)).named == ("power 3",)  # p below 0.01
+    weak = decide(gaining(4.0))
+    assert weak.verdict is Verdict.TOO_WEAK  # the posterior alone says that something is missing
+    assert weak.named == ()
+    # If it is not that probable either, nothing is missing.
+    faint = gaining(4.0)
+    faint = replace(faint, belief=replace(faint.belief, none=0.2))
+    assert decide(faint).verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)
+
+
+def test_a_likelihood_ratio_is_rarely_large_without_an_effect():
+    """``Accepted.p`` is not below the share of such gains: 20 000 null records."""
+    generator = np.random.default_rng(5)
+    # Predictive distributions with and without an effect whose magnitude is known to 0.3.
+    shape, size, sd = generator.standard_normal(30) * 0.5, 1.0, 0.3
+    null = generator.standard_normal((20_000, 30))
+    cover = np.eye(30) + sd**2 * np.outer(shape, shape)
+    left = null - size * shape
+    with_it = -0.5 * np.einsum("ki,ij,kj->k", left, np.linalg.inv(cover), left)
+    with_it -= 0.5 * np.linalg.slogdet(cover)[1]
+    gain = with_it + 0.5 * np.sum(null**2, axis=1)
+    for level in (0.1, 0.01):
+        assert np.mean(np.exp(-np.maximum(gain, 0.0)) <= level) <= level
+
+
+def test_held_out_records_take_weight_from_the_rivals_that_they_refute():
+    names = (("a",), ("b",), ("c",))
+    sets = [SimpleNamespace(key=n, fit=n, names=n, evidence=0.0) for n in names]
+    outcomes = {("a",): 3.0, ("b",): 1.0, ("c",): 7.0}
+    fit = SimpleNamespace(explains=True)
+    outcomes = {
+        k: SimpleNamespace(density=np.array([v, 1.0]), fit=fit) for k, v in outcomes.items()
+    }
+    attempt = SimpleNamespace(
+        search=SimpleNamespace(sets=sets),
+        outcomes={k: v for k, v in outcomes.items() if k != ("c",)},
+        inflation=2.0,
+        outcome=lambda fit: outcomes[fit],
+    )
+    before = Posterior(0.1, 0.1, (0.4, 0.2, 0.2), 2.0)
+    after = _Attempt.weighed(attempt, before, sets[0])
+    total = 1.0 - 0.2 + 0.2 * np.exp(-1.0)  # b loses 2 units over an inflation of 2
+    assert np.sum([after.none, after.other, *after.sets]) == pytest.approx(1.0)
+    assert after.sets == pytest.approx(np.array([0.4, 0.2 * np.exp(-1.0), 0.2]) / total)
+    # What was not compared, and what predicts better, keeps its weight.
+    attempt.outcomes = outcomes
+    assert _Attempt.weighed(attempt, before, sets[0]).sets == pytest.approx(after.sets)
+    # Records that the accepted set does not explain say nothing about its rivals.
+    fit.explains = False
+    assert _Attempt.weighed(attempt, before, sets[0]) is before
 
 
 def test_two_effects_that_held_out_records_do_not_excite_are_both_named(monkeypatch):

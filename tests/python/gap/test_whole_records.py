@@ -9,7 +9,7 @@ from feltmb.fit import VARIABILITY, solve
 from feltmb.fit.noise import Noise
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import segment_record
-from feltmb.fit.solve import PACE, SLOWER, FitSettings, _agrees_until, _within, fit_problem
+from feltmb.fit.solve import PATHS, FitSettings, _agrees_until, _within, fit_problem
 from feltmb.gap import Parameter, Record, Sensor, SimulatorModel
 
 NOISE = 1e-2
@@ -62,7 +62,7 @@ def test_a_record_counts_as_far_as_the_motion_follows_it(problem):
     def agrees(theta):
         linears = problem.linear(problem.start(theta=theta))
         return [
-            _agrees_until(s, x, PACE.followed)
+            _agrees_until(s, x, PATHS[1].followed)
             for s, x in zip(problem.segmented_records, linears, strict=True)
         ]
 
@@ -204,30 +204,42 @@ def test_a_fit_along_the_records_extends_little_beyond_what_the_model_follows(pr
         begun = end
 
 
-def test_an_implausible_fit_is_repeated_from_the_priors_in_shorter_stages(problem, monkeypatch):
-    """The first stages end at a ball that never reaches the wall, where no derivative shows it."""
-    along, paces = solve._led, []
+def test_a_fit_ends_when_two_paths_reach_the_same_minimum(problem, monkeypatch):
+    """The first path ends at a ball that never reaches the wall, where no derivative shows it."""
+    along, paths, lost = solve._led, [], [PATHS[0]]
 
-    def led(part, point, settings, pace=PACE):
-        paces.append(pace)
-        if pace is SLOWER:
-            assert np.array_equal(point.theta, problem.start().theta)
-            return along(part, point, settings, pace)
-        return problem.start(theta=np.array([0.06, 9.0, 0.8, 0.0]))
+    def led(part, point, settings, path):
+        paths.append(path)
+        assert np.array_equal(point.theta, problem.start().theta)
+        if path in lost:
+            return problem.start(theta=np.array([0.06, 9.0, 0.8, 0.0]))
+        found = along(part, point, settings, path)
+        # Two paths never end at exactly the same start.
+        return replace(found, theta=found.theta * (1.0 + 1e-9 * len(paths)))
 
     monkeypatch.setattr(solve, "_led", led)
     stuck = fit_problem(problem, FitSettings(restarts=0))
     assert not stuck.plausible
-    assert paces == [PACE]
+    assert paths == [PATHS[0]]
+    paths.clear()
     fit = fit_problem(problem, FitSettings())
     assert fit.plausible
-    assert paces == [PACE, PACE, SLOWER]
     assert fit.cost < stuck.cost
-    # A plausible fit is not repeated.
-    paces.clear()
-    monkeypatch.setattr(solve, "_led", lambda *a: paces.append(1) or along(*a))
-    assert fit_problem(problem, FitSettings()).plausible
-    assert paces == [1]
+    assert paths == list(PATHS)
+    paths.clear()
+    lost.clear()
+    assert fit_problem(problem, FitSettings()).cost == pytest.approx(fit.cost, abs=0.1)
+    assert paths == list(PATHS[:2])
+
+
+def test_a_start_that_two_paths_give_is_fitted_once(problem, monkeypatch):
+    ends = []
+    minimize = solve.polish
+    truth = np.array([TRUTH[p.name] for p in problem.model.parameters])
+    monkeypatch.setattr(solve, "_led", lambda *_: problem.start(theta=truth))
+    monkeypatch.setattr(solve, "polish", lambda *a: ends.append(1) or minimize(*a))
+    assert fit_problem(problem, FitSettings(jumps=False)).plausible
+    assert ends == [1]
 
 
 def test_a_fit_without_priors_is_plausible_if_it_explains_and_is_not_repeated(problem, monkeypatch):

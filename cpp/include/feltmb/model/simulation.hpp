@@ -16,9 +16,10 @@ namespace feltmb {
 
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// Called with every accepted step: time [s], state, largest compression remembered by each contact
-/// from there on [m].
-using StepObserver = std::function<void(double, std::span<const double>, std::span<const double>)>;
+/// Called with every accepted step: time [s], whole state, largest compression remembered by each
+/// contact from there on [m], whether the strings were free since the last step (kModal).
+using StepObserver =
+    std::function<void(double, std::span<const double>, std::span<const double>, bool)>;
 
 /// Integration method of a run.
 enum class Method {
@@ -64,7 +65,7 @@ struct SimulationOptions {
   /// Position of the finger's point along the finger's direction at which its pad just touches [m];
   /// motion input is relative to it. NaN: the position at the start of the run.
   double finger_reference = std::numeric_limits<double>::quiet_NaN();
-  StepObserver on_step = {};  ///< none: empty; with one, all states are CVODES's (kCvode)
+  StepObserver on_step = {};  ///< none: empty
 };
 
 /// Complete state from which a run can continue.

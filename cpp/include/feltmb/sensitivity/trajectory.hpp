@@ -1,9 +1,11 @@
 /// Recorded steps of a run, as a function of time.
 #pragma once
 
+#include <optional>
 #include <span>
 #include <vector>
 
+#include "feltmb/model/free_strings.hpp"
 #include "feltmb/model/mechanism_system.hpp"
 #include "feltmb/model/simulation.hpp"
 
@@ -17,7 +19,9 @@ class Trajectory {
   explicit Trajectory(MechanismSystem& system);
 
   /// Takes one accepted step; times must not fall. Memory as in Dynamics::largest_compression.
-  void add(double t, std::span<const double> y, std::span<const double> memory);
+  /// @param free  whether the strings were free since the last step, so that it did not resolve
+  ///   their vibration
+  void add(double t, std::span<const double> y, std::span<const double> memory, bool free);
 
   std::size_t size() const { return time_.size(); }
   double time(std::size_t node) const { return time_[node]; }
@@ -32,7 +36,11 @@ class Trajectory {
   std::size_t interval(double t) const;
 
   /// State at t; sets the memory of `system` (given at construction) and returns the interval.
+  /// Between two steps, strings that are free are not valid: nothing touches them.
   std::size_t interpolate(double t, std::span<double> y);
+
+  /// The same with free strings where they are, which costs more.
+  std::size_t interpolate_all(double t, std::span<double> y);
 
  private:
   std::span<const double> slope(std::size_t node, bool left);
@@ -42,6 +50,8 @@ class Trajectory {
   std::vector<double> time_;
   std::vector<double> states_;
   std::vector<double> memory_;  ///< one row a node; empty if no law remembers
+  std::vector<char> free_;      ///< whether strings are free in the interval before each node
+  std::optional<FreeStrings> strings_;
   mutable std::size_t last_ = 0;
   struct Slope {
     std::size_t node = static_cast<std::size_t>(-1);
