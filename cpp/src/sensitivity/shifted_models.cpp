@@ -537,9 +537,12 @@ void ShiftedModels::stop_time(std::size_t index, Eigen::VectorXd& out) const {
   for (std::size_t j = 0; j < parameters_.size(); ++j) {
     for (const Node& node : parameters_[j]) {
       const auto& breakpoints = node.input.profile.breakpoints();
+      const auto& knots = node.input.profile.knots();
       // A shift that removes or adds a breakpoint has no derivative; it then moves none.
-      if (breakpoints.size() != input_.profile.breakpoints().size()) continue;
-      out[static_cast<Eigen::Index>(j)] += node.weight * (breakpoints[index] - node.input.origin);
+      const std::size_t count = input_.profile.breakpoints().size();
+      if (breakpoints.size() != count) continue;
+      const double t = index < count ? breakpoints[index] : knots[index - count];
+      out[static_cast<Eigen::Index>(j)] += node.weight * (t - node.input.origin);
     }
   }
 }

@@ -233,10 +233,16 @@ std::vector<Switch> find_switches(Trajectory& trajectory, ShiftedModels& models,
     }
   }
   const double origin = models.probe().origin();
-  // At other knots of the profile only a derivative of the input jumps, and no column does.
+  // At the knots of a force, or of a motion that a contact transmits, only a derivative of the
+  // right hand side jumps. A prescribed coordinate has the acceleration of its profile, which jumps
+  // there.
   const auto& breakpoints = input.profile.breakpoints();
-  for (std::size_t i = 0; i < breakpoints.size(); ++i) {
-    const double t = breakpoints[i] - origin;
+  const auto& knots = input.profile.knots();
+  const std::size_t inner = is_prescribed(input.kind) ? knots.size() : 0;
+  for (std::size_t i = 0; i < breakpoints.size() + inner; ++i) {
+    const double on_profile =
+        i < breakpoints.size() ? breakpoints[i] : knots[i - breakpoints.size()];
+    const double t = on_profile - origin;
     if (t > 0.0 && t < end) out.push_back({t, SwitchKind::kStop, static_cast<int>(i), 1});
   }
   std::stable_sort(out.begin(), out.end(),

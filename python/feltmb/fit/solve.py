@@ -818,7 +818,9 @@ def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
         if not any(np.array_equal(start.theta, known.theta) for known in starts):
             starts.append(start)
             fit = _across_jumps(polish(problem, start, 1.0, settings), settings)
-            ends.append(fit if fit.cost >= 0.0 else replace(fit, cost=np.inf))
+            if not fit.cost >= 0.0:
+                fit = replace(fit, cost=np.inf, log_evidence=-np.inf)
+            ends.append(fit)
 
     def best() -> Fit:
         return min(ends, key=lambda fit: fit.cost)

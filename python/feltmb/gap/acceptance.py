@@ -32,6 +32,7 @@ from feltmb.gap.law_errors import law_errors
 from feltmb.gap.misfit import allowance
 from feltmb.gap.options import Options
 from feltmb.gap.proof import (
+    NO_DENSITY,
     HeldOut,
     Outcome,
     Paired,
@@ -154,8 +155,13 @@ class Accepted:
         """
         if self.best is None:
             return 1.0
+        # A simulation that fails proves nothing.
+        if not (np.isfinite(self.before.fit.cost) and np.isfinite(self.after.fit.cost)):
+            return 1.0
         gain = self.after.density - self.before.density
-        total = float(np.sum(gain[np.isfinite(gain)])) / self.belief.inflation
+        if not np.all(np.isfinite(gain)) or np.any(self.before.density <= NO_DENSITY):
+            return 1.0
+        total = float(np.sum(gain)) / self.belief.inflation
         return min(1.0, max(1, len(self.outcomes) - 1) * math.exp(-max(0.0, total)))
 
 
@@ -532,6 +538,7 @@ def accept(
     )
     proof: dict[str, Paired] = {}
     rejected: list[tuple[str, str]] = []
+    all_records = False  # whether ``belief`` contains the held-out records
     best = first = search.best
     if first is not None:
         proof, bad = attempt.faults(first)
@@ -542,6 +549,7 @@ def accept(
                 best, confirmed = attempt.another(first)
                 if best is not None:
                     proof, belief = confirmed, attempt.belief(belief)
+                    all_records = True
             kept = () if best is None else best.names
             rejected = [(n, bad.get(n, without)) for n in first.names if n not in kept]
         sure = None
@@ -558,7 +566,7 @@ def accept(
         attempt.outcome(search.sets[0].fit)  # evaluated for the report: how close this set comes
     rivals = () if best is None else tuple(attempt.rivals(best))
     return Accepted(
-        belief if best is None else attempt.weighed(belief, best),
+        belief if best is None or all_records else attempt.weighed(belief, best),
         best,
         attempt.before,
         attempt.before if best is None else attempt.outcome(best.fit),

@@ -27,6 +27,7 @@ from feltmb.fit.solve import Fit, FitSettings, estimate_states, polish
 from feltmb.fit.starts import from_other_starts
 
 __all__ = [
+    "NO_DENSITY",
     "HeldOut",
     "Outcome",
     "Paired",
@@ -42,6 +43,8 @@ __all__ = [
 ]
 
 
+#: Log predictive density of a segment that cannot be linearized.
+NO_DENSITY = -1e6
 #: Continuity defect of the segmented gap, as a share of the spread of the states.
 SEGMENTED_LEVEL = 0.01
 
@@ -288,7 +291,7 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
             # All data so far, with this segment as the last one of its record.
             high = height + mine.T @ head[:-1, :-1] @ mine
             if not np.all(np.isfinite(high)):
-                return np.full(sum(s.count for s in base.segmented_records), -1e6)
+                return np.full(sum(s.count for s in base.segmented_records), NO_DENSITY)
             side = right + mine.T @ head[:-1, -1]
             seen = known_so_far - 0.5 * head[-1, -1] - head_log_det
             seen += 0.5 * float(side @ solve_scaled(high, side) - np.linalg.slogdet(high)[1])

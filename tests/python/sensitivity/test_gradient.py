@@ -415,6 +415,18 @@ def test_a_felt_of_fibers_by_its_own_numbers(rigid):
         assert np.all(np.abs(got - by_runs) < 5e-3 * np.abs(by_runs) + room), parameter.path
 
 
+def test_a_delay_of_a_prescribed_motion_whose_acceleration_jumps_at_its_knots():
+    action = feltmb.load_action("steinway45")
+    time = np.array([0.0, 0.01, 0.02, 0.03, 0.04, 0.06])
+    travel = 9e-3 * np.array([0.0, 0.0, 0.3, 0.5, 0.9, 1.0])  # at rest up to the second knot
+    stroke = feltmb.motion_stroke(time, travel, of="key", duration=0.03, interpolation="monotone")
+    outputs = ["key.angle", "key.angle.rate"]
+    g = gradient(action, stroke, ["stroke.delay"], outputs, tolerance=1e-4, output_rate=1000.0)
+    rate = g.values[:, 1]
+    error = np.abs(g.of("key.angle", "stroke.delay") + rate)
+    assert error.max() < 5e-3 * np.abs(rate).max()
+
+
 def test_key_that_follows_a_prescribed_motion():
     """The reaction takes part in every column; a heavier key starts lower."""
     action = feltmb.load_action("steinway45")
