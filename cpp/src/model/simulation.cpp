@@ -344,7 +344,8 @@ class Run {
         integrator = meet_strings(*integrator, strike);
       }
       if (options_.on_step) {
-        options_.on_step(now, whole_state(now, integrator->state()), largest(), free);
+        write_whole(now, integrator->state(), y_);
+        options_.on_step(now, y_, largest(), free);
       }
       if (reversal.contact >= 0 || struck) {
         // has been started anew
@@ -468,12 +469,10 @@ class Run {
     return std::span<const double>(y).first(system_.size());
   }
 
-  /// The whole state at t, with the strings where they are.
-  std::span<const double> whole_state(double t, std::span<const double> state) {
-    if (!system_.strings_apart()) return state;
-    std::copy(state.begin(), state.end(), y_.begin());
-    system_.fill_strings(t, y_);
-    return y_;
+  /// Writes the whole state at t: the part that is integrated, and free strings where they are.
+  void write_whole(double t, std::span<const double> state, std::span<double> to) {
+    std::copy(state.begin(), state.end(), to.begin());
+    if (system_.strings_apart()) system_.fill_strings(t, to);
   }
 
   /// Moment of the last step at which a contact meets a free string; infinity if there is none.
@@ -713,9 +712,7 @@ class Run {
     const auto row = static_cast<Eigen::Index>(rows_);
     result_.time[row] = t;
     if (options_.states) {
-      double* to = result_.states.row(row).data();
-      std::copy(y.begin(), y.end(), to);
-      if (system_.strings_apart()) system_.fill_strings(t, {to, whole_size_});
+      write_whole(t, y, {result_.states.row(row).data(), whole_size_});
     }
     channels_.observe(
         system_, t, y,
@@ -883,8 +880,7 @@ class Run {
     result_.reached = integrator.time();
     result_.end.time = integrator.time();
     result_.end.y.assign(whole_size_, 0.0);
-    std::copy(y.begin(), y.end(), result_.end.y.begin());
-    if (system_.strings_apart()) system_.fill_strings(result_.reached, result_.end.y);
+    write_whole(result_.reached, y, result_.end.y);
     result_.end.largest_compression = largest();
     for (const auto* each : {whole_.get(), apart_.get()}) {
       if (each != nullptr) result_.counts += each->counts();

@@ -63,6 +63,12 @@ class Posterior:
     """Probability of each set, in the order of ``Search.sets``."""
     inflation: float
 
+    def updated(self, other: float, sets: Sequence[float]) -> Posterior:
+        """After further records, by their log likelihood ratios to the model alone."""
+        with np.errstate(divide="ignore"):
+            before = np.log([self.none, self.other, *self.sets])
+        return _posterior(before + np.array([0.0, other, *sets]) / self.inflation, self.inflation)
+
 
 def posterior(
     search: Search,
@@ -415,24 +421,18 @@ class _Attempt:
 
     def _total(self, c: CandidateSet) -> float:
         """Log evidence of a set for the fitted and the held-out records."""
-        return (c.evidence + float(np.sum(self.outcome(c.fit).density))) / self.inflation
+        return (c.evidence + self.outcome(c.fit).total) / self.inflation
 
     def belief(self, before: Posterior) -> Posterior:
         """The posterior with the held-out records, for the sets that were compared with them."""
-        none = float(np.sum(self.before.density))
+        none = self.before.total
         laws = law_errors(self.search.tightest, self.settings).fit
-        other = (
-            none
-            if laws is None
-            else float(np.sum(evaluate(self.held, laws, self.settings, like=self.before).density))
-        )
+        other = none
+        if laws is not None:
+            other = evaluate(self.held, laws, self.settings, like=self.before).total
         known = [self.outcomes.get(c.key) for c in self.search.sets]
-        gains = [-math.inf if o is None else float(np.sum(o.density)) - none for o in known]
-        with np.errstate(divide="ignore"):
-            values = np.log([before.none, before.other, *before.sets])
-        values[1] += max(0.0, other - none) / self.inflation
-        values[2:] += np.array(gains) / self.inflation
-        return _posterior(values, before.inflation)
+        gains = [-math.inf if o is None else o.total - none for o in known]
+        return before.updated(max(0.0, other - none), gains)
 
     def rivals(self, best: CandidateSet) -> list[CandidateSet]:
         """Other sets that all records together cannot distinguish from the best set."""
@@ -455,13 +455,9 @@ class _Attempt:
         """
         if not self.outcome(best.fit).fit.explains:
             return before
-        own = float(np.sum(self.outcome(best.fit).density))
         known = [self.outcomes.get(c.key) for c in self.search.sets]
-        lost = [0.0 if o is None else min(0.0, float(np.sum(o.density)) - own) for o in known]
-        with np.errstate(divide="ignore"):
-            values = np.log([before.none, before.other, *before.sets])
-        values[2:] += np.array(lost) / self.inflation
-        return _posterior(values, before.inflation)
+        own = self.outcome(best.fit).total
+        return before.updated(0.0, [0.0 if o is None else min(0.0, o.total - own) for o in known])
 
     def _compared(self, old: Outcome, new: Outcome) -> Paired:
         return compare(

@@ -60,6 +60,11 @@ class Outcome:
     model: Fit
     """The fit of the model to the fitted records."""
 
+    @property
+    def total(self) -> float:
+        """Log predictive density of all records."""
+        return float(np.sum(self.density))
+
     @cached_property
     def segmented(self) -> tuple[Array, ...]:
         """Residual by record, (n, ny) in units of the channels, with re-estimated start states."""
@@ -195,7 +200,7 @@ def _better(found: Outcome, start: Point, level: float) -> Outcome:
     way = replace(found.settings, chain=True)
     fit = polish(found.fit.problem, start, level, way)
     density = _density(fit.problem, fit, found.model)
-    if not np.sum(density) > np.sum(found.density):
+    if not np.sum(density) > found.total:
         return found
     return replace(found, fit=fit, density=density)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from dataclasses import replace
 
@@ -165,15 +164,11 @@ def test_calibrated_parameters_contain_the_form_of_the_named_laws():
     assert wide.beyond
 
 
-def test_a_name_needs_the_credibility_that_the_user_asks_for(monkeypatch):
-    seen = []
-    monkeypatch.setattr(
-        importlib.import_module("feltmb.gap.diagnosis"),
-        "decide",
-        lambda facts: seen.append(facts) or decide(facts),
-    )
+def test_a_name_needs_the_credibility_that_the_user_asks_for(decided):
     diagnose(LINE, [CUBIC], records(lambda u: 0.2 * u**3), options=Options(bootstrap=0))
-    facts = replace(seen[-1], belief=replace(seen[-1].belief, none=0.0, other=0.05, sets=(0.95,)))
+    facts = replace(
+        decided[-1], belief=replace(decided[-1].belief, none=0.0, other=0.05, sets=(0.95,))
+    )
     for credibility, verdict in ((0.9, Verdict.NAMED), (0.96, Verdict.UNKNOWN)):
         decision = decide(replace(facts, options=Options(credibility=credibility)))
         assert decision.verdict == verdict

@@ -71,17 +71,11 @@ def records(law, noise=NOISE):
     return [record(f"r{i}", i, law, role, noise=noise) for i, role in enumerate(roles)]
 
 
-def test_the_statement_tells_what_held_out_records_say(monkeypatch):
-    seen = []
-    monkeypatch.setattr(
-        importlib.import_module("feltmb.gap.diagnosis"),
-        "decide",
-        lambda facts: seen.append(facts) or decide(facts),
-    )
+def test_the_statement_tells_what_held_out_records_say(decided):
     report = diagnose(
         LINE, [power(3)], records(lambda u: u + 0.05 * u**3), options=Options(bootstrap=0)
     )
-    facts = seen[-1]
+    facts = decided[-1]
     assert report.named == ("power 3",)
     assert f"closes {report.how_far.closed:.0%} of the held-out gap" in report.statement
     far = facts.how_far
@@ -337,15 +331,9 @@ def test_held_out_records_that_do_not_excite_an_effect_do_not_refuse_it():
     assert "neither confirm nor contradict it" in report.statement
 
 
-def test_held_out_records_can_show_an_effect_that_the_linear_score_misses(monkeypatch):
-    seen = []
-    monkeypatch.setattr(
-        importlib.import_module("feltmb.gap.diagnosis"),
-        "decide",
-        lambda facts: seen.append(facts) or decide(facts),
-    )
+def test_held_out_records_can_show_an_effect_that_the_linear_score_misses(decided):
     diagnose(LINE, [power(3)], records(lambda u: u + 0.05 * u**3), options=Options(bootstrap=0))
-    facts = seen[-1]
+    facts = decided[-1]
     accepted = facts.accepted
     gain = float(np.sum(accepted.after.density - accepted.before.density))
     clean = replace(facts, p=0.5, misfit=replace(facts.misfit, left=False), uncorrelated=())
@@ -390,9 +378,7 @@ def test_held_out_records_take_weight_from_the_rivals_that_they_refute():
     sets = [SimpleNamespace(key=n, fit=n, names=n, evidence=0.0) for n in names]
     outcomes = {("a",): 3.0, ("b",): 1.0, ("c",): 7.0}
     fit = SimpleNamespace(explains=True)
-    outcomes = {
-        k: SimpleNamespace(density=np.array([v, 1.0]), fit=fit) for k, v in outcomes.items()
-    }
+    outcomes = {k: SimpleNamespace(total=v + 1.0, fit=fit) for k, v in outcomes.items()}
     attempt = SimpleNamespace(
         search=SimpleNamespace(sets=sets),
         outcomes={k: v for k, v in outcomes.items() if k != ("c",)},
@@ -412,14 +398,8 @@ def test_held_out_records_take_weight_from_the_rivals_that_they_refute():
     assert _Attempt.weighed(attempt, before, sets[0]) is before
 
 
-def test_two_effects_that_held_out_records_do_not_excite_are_both_named(monkeypatch):
+def test_two_effects_that_held_out_records_do_not_excite_are_both_named(decided):
     """Neither is small beside the other: their held-out gains are of chance."""
-    seen = []
-    monkeypatch.setattr(
-        importlib.import_module("feltmb.gap.diagnosis"),
-        "decide",
-        lambda facts: seen.append(facts) or decide(facts),
-    )
 
     def law(u):
         return u + 0.05 * u**3 + 0.05 * u**2
@@ -434,7 +414,7 @@ def test_two_effects_that_held_out_records_do_not_excite_are_both_named(monkeypa
     assert "neither confirm nor contradict them" in report.statement
     assert "a record in which they act" in report.statement
     # One of them shows: the statement tells what it closes, and which one does not show.
-    facts = seen[-1]
+    facts = decided[-1]
     proof = facts.accepted.proof
     proof = {**proof, "power 2": replace(proof["power 2"], gain=50.0)}
     shown = replace(facts, accepted=replace(facts.accepted, proof=proof))

@@ -36,7 +36,7 @@ class Trajectory {
   std::size_t interval(double t) const;
 
   /// State at t; sets the memory of `system` (given at construction) and returns the interval.
-  /// Between two steps, strings that are free are not valid: nothing touches them.
+  /// Between two steps, the vibration of free strings is not valid.
   std::size_t interpolate(double t, std::span<double> y);
 
   /// The same with free strings where they are, which costs more.
