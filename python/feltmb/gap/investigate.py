@@ -42,7 +42,7 @@ from feltmb.gap.search import (
     search,
     with_larger_noise,
 )
-from feltmb.gap.tolerance import within_tolerance, without_several
+from feltmb.gap.tolerance import evidence_of_release, within_tolerance, without_several
 
 __all__ = ["Investigation", "Task", "investigate"]
 
@@ -164,8 +164,25 @@ def _search(
         if not fit.explains:
             other = fit_problem(problem, brief, progress=progress, label=label)
             fit = other if other.log_evidence > fit.log_evidence else fit
+    found = _search_from(fit, led, task, known)
+    if known is not None or watch.stopping():
+        return found
+    fit = found.model_fit
+    freed = without_several(fit, settings)
+    best = found.model_evidence if found.best is None else found.best.evidence
+    if freed is fit or not evidence_of_release(fit, freed) > best:
+        return found
+    # Several wrong values explain the records better than any set of effects.
+    watch.enter(SEARCH)
+    return _search_from(freed, [], task, known)
+
+
+def _search_from(fit: Fit, led: list[Fit], task: Task, known: Search | None) -> Search:
+    """Search for effects from a fit of the model."""
+    settings, progress, watch = task.settings, task.progress, current()
+    tabulated = fit.problem.model
     if not watch.stopping():
-        fit = from_other_starts(without_several(fit, settings), settings)
+        fit = from_other_starts(fit, settings)
     if known is None:
         near = led[0] if led and led[0].plausible and not fit.explains else None
         way = replace(settings, worth=worth_of(near))
@@ -187,7 +204,7 @@ def _search(
     )
     if watch.stopping():
         return found
-    if known is None and fit.problem.model is model:
+    if known is None and fit.problem.model is tabulated:
         # No fit explained the records before the search.
         found = at_its_variability(found, settings, progress=progress)
     return _completed(found, task)

@@ -24,6 +24,7 @@ __all__ = [
     "beyond_prior",
     "beyond_tolerance",
     "by_few_numbers",
+    "evidence_of_release",
     "more_of_tolerances",
     "of_the_machine",
     "prior_deviations_told",
@@ -158,11 +159,7 @@ def released(
     tight = tighten(fit, settings)
     if misfit(fit, tight, alpha=alpha, estimated=estimated).left:
         return None
-    own = level = full_evidence(fit, 1.0)
-    known = found.model_fit.problem.model.parameters
-    for p, x in zip(known, fit.point.theta, strict=True):
-        if p.name in freed:  # as if the change were the magnitude of an effect
-            level -= 0.5 + math.log(max(1.0, abs(x - p.value) / p.sd)) + math.log(len(known))
+    own, level = full_evidence(fit, 1.0), evidence_of_release(found.model_fit, fit)
     if start is not found.model_fit:  # the best set is an equivalent explanation
         assert found.best is not None
         level = max(level, found.best.evidence)
@@ -184,6 +181,20 @@ def released(
     )
 
 
+def evidence_of_release(held: Fit, freed: Fit) -> float:
+    """Log evidence of a fit without some tolerances, comparable with that of a set of effects.
+
+    The change of a parameter counts as the magnitude of an effect, one of as many as there are
+    parameters. ``held``: the fit with all tolerances.
+    """
+    known = held.problem.model.parameters
+    level = full_evidence(freed, 1.0)
+    for p, x in zip(known, freed.point.theta, strict=True):
+        if p.name in freed.problem.refuted and math.isfinite(p.sd):
+            level -= 0.5 + math.log(max(1.0, abs(x - p.value) / p.sd)) + math.log(len(known))
+    return level
+
+
 def by_few_numbers(fit: Fit, most: int) -> bool:
     """Whether a fit explains the records, with only some parameters beyond their tolerances.
 
@@ -202,8 +213,8 @@ def by_few_numbers(fit: Fit, most: int) -> bool:
 def without_several(fit: Fit, settings: FitSettings) -> Fit:
     """The fit of the model; without tolerances if the records contradict several of them.
 
-    The records then belong to another machine, or to another state of it. Effects are searched from
-    this fit, because no set of effects can correct several wrong values at once.
+    The records then belong to another machine, or to another state of it, or an effect is missing
+    that these parameters imitate. Only a search for effects can tell which.
     """
     far = beyond_prior(fit)
     # Continuity defects could explain the records instead of the model.

@@ -18,6 +18,8 @@ from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Candidate, Effect, LinearModel, Parameter, Record, Sensor
 from feltmb.gap.acceptance import refutes
 from feltmb.gap.criteria import ALPHA, RIVAL, SURE, TOLERATED, least_odds
+from feltmb.gap.investigate import Task, _search
+from feltmb.gap.options import Options
 from feltmb.gap.proof import HeldOut, evaluate
 from feltmb.gap.refine import CandidateSet, full_evidence, refit
 from feltmb.gap.score import score_fit
@@ -25,6 +27,7 @@ from feltmb.gap.search import Search
 from feltmb.gap.tolerance import (
     beyond_prior,
     by_few_numbers,
+    evidence_of_release,
     refuted_tolerances,
     released,
     without_several,
@@ -170,6 +173,43 @@ def test_tolerances_stay_where_the_fit_explains_nothing_or_is_torn():
     loose = 2.0 * SETTINGS.levels[-1]
     torn = replace(fit, gap_sd=np.ones(1), level=loose)
     assert without_several(torn, SETTINGS) is torn
+
+
+def both(scale=1.0):
+    """An effect that moves the first block up and the second one down."""
+    return Effect(
+        name="both", component="c", scale=scale,
+        regressor=lambda r, s: (r.inputs["block"] == 0.0) * 1.0 - (r.inputs["block"] == 1.0) * 1.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("means", "named"),
+    [
+        ((8.0, -8.0, 0.0), True),  # what one effect does, two tolerances imitate
+        ((8.0, 0.0, -8.0), False),  # no effect does this
+    ],
+)
+def test_an_effect_competes_with_several_refuted_tolerances(means, named):
+    """Log evidence of both in closed form; the better one is searched from."""
+    means = NARROW * np.array(means)
+    model = blocks(3, NARROW)
+    segmented = (segment_record(model, measured(means), {"y": Noise(SIGMA)}, None),)
+    task = Task([both()], Options(), SETTINGS, None, None)
+    found = _search(model, segmented, task)
+    fit = fitted(means, NARROW)
+    freed = without_several(fit, SETTINGS)
+    assert freed is not fit
+    assert bool(refuted_tolerances(found.model_fit)) is not named
+    # Released, nothing of the refuted ones is left. Each is charged as an effect.
+    far = [m / NARROW for m in means if abs(m) / NARROW > 5.0]
+    charged = sum(0.5 + math.log(abs(z)) + math.log(3) for z in far)
+    assert evidence_of_release(fit, freed) == pytest.approx(
+        full_evidence(freed, 1.0) - charged, abs=1e-6
+    )
+    assert (found.best is not None and found.best.names == ("both",)) is named
+    if named:
+        assert found.best.evidence > evidence_of_release(fit, freed)
 
 
 # ---------------------------------------------------------------- released
