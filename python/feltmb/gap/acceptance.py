@@ -20,7 +20,6 @@ from feltmb.gap.criteria import (
     NO_EFFECT,
     NOISE_ERROR,
     NOT_LISTED,
-    PAIRED_P,
     PAIRED_P_INFLATED,
     RIVAL,
     SMALL_SHARE,
@@ -451,13 +450,16 @@ class _Attempt:
     def weighed(self, before: Posterior, best: CandidateSet) -> Posterior:
         """The posterior with what held-out records say against the rivals of an accepted set.
 
+        The model alone is one of them. An unknown cause is not: it could gain on these records too.
         Records that the accepted set does not explain do not tell which of several sets is wrong.
         """
         if not self.outcome(best.fit).fit.explains:
             return before
-        known = [self.outcomes.get(c.key) for c in self.search.sets]
         own = self.outcome(best.fit).total
-        return before.updated(0.0, [0.0 if o is None else min(0.0, o.total - own) for o in known])
+        none = min(0.0, self.before.total - own)
+        known = [self.outcomes.get(c.key) for c in self.search.sets]
+        sets = [0.0 if o is None else min(0.0, o.total - own) for o in known]
+        return before.updated(-none, [value - none for value in sets])
 
     def _compared(self, old: Outcome, new: Outcome) -> Paired:
         return compare(
@@ -466,8 +468,8 @@ class _Attempt:
 
     def _improves(self, paired: Paired) -> bool:
         """Whether a gain is significant; if the noise model is doubtful, in many segments."""
-        least_p = PAIRED_P if self.inflation < INFLATED else PAIRED_P_INFLATED
-        return paired.gain > self.odds and paired.p < least_p
+        valid = self.inflation < INFLATED
+        return paired.gain > self.odds and (valid or paired.p < PAIRED_P_INFLATED)
 
     def _contradicted(self, own: Outcome) -> bool:
         """Whether held-out records show less gain over the model than a true set would."""

@@ -326,12 +326,6 @@ FITTED_SHAPE = _number(
 
 # ---------------------------------------------------------------- which effects are accepted
 
-PAIRED_P = _number(
-    "PAIRED_P", 0.4, "1",
-    "largest p of the gain over held-out segments if the noise model is valid; the gain "
-    "itself decides",
-    _JUDGED, "gap/test_rules.py",
-)  # fmt: skip
 PAIRED_P_INFLATED = _number(
     "PAIRED_P_INFLATED", 0.05, "1",
     "largest p of the gain over held-out segments if the noise model is doubtful",

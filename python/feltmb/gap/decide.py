@@ -120,7 +120,10 @@ def decide(facts: Facts) -> Decision:
     if not gap:
         likely = 1.0 - facts.belief.none >= facts.options.credibility
         if (hint or likely) and not facts.enough:
-            reason = _refusals(accepted) or f"family-wise p = {p:.2g}"
+            sign = f"family-wise p = {min(p, accepted.p):.2g}"
+            if not hint:
+                sign = f"it is missing with a probability of {1.0 - facts.belief.none:.2g}"
+            reason = _refusals(accepted) or sign
             return _too_weak(facts, f" ({reason})")
         return _calibrated(facts)
     if best is None and not facts.first.model_fit.converged and not hint:

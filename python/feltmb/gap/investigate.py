@@ -87,7 +87,7 @@ class Investigation:
 
 def investigate(model: Model, data: JudgedData, task: Task) -> Investigation:
     """Search for effects, with the noise of the sensors and with what no effect explains."""
-    watch = current()
+    watch, tabulated = current(), model
     first = _search(model, data.fitted, task)
     model = first.model_fit.problem.model
     color = None
@@ -101,6 +101,8 @@ def investigate(model: Model, data: JudgedData, task: Task) -> Investigation:
     if factor is not None:
         data = data.noisier(model, factor)
         first = with_larger_noise(first, data.fitted, task.settings, progress=task.progress)
+        if first.model_fit.problem.model is tabulated:  # no fit explained the records so far
+            first = at_its_variability(first, task.settings, progress=task.progress)
         first = _completed(first, task)
     return _with_discrepancy(Investigation(first, first, data, data), task)
 

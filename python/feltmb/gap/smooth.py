@@ -66,8 +66,11 @@ def smooth_discrepancy(fit: Fit) -> SmoothDiscrepancy:
     Returns
     -------
     SmoothDiscrepancy
-        Zeros if the number of channels times segments exceeds ``IN_ALL``.
+        Zeros if the number of channels times segments exceeds ``IN_ALL``, or if the records could
+        not be simulated.
     """
+    if not np.isfinite(fit.cost):
+        return SmoothDiscrepancy(0.0, 0.0)
     problem = fit.problem
     normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
     # What a limit stops cannot absorb a signal. The same quantities must be free in the residual
@@ -75,9 +78,10 @@ def smooth_discrepancy(fit: Fit) -> SmoothDiscrepancy:
     step, free = problem.newton_within(fit.point, normal)
     matrix = normal.matrix[np.ix_(free, free)]
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    values, vectors = eigh(matrix / np.outer(size, size))
     root = np.zeros((free.size, size.size))
-    root[free] = (vectors / np.sqrt(np.maximum(values, 1e-11 * values[-1:]))) / size[:, None]
+    if size.size:
+        values, vectors = eigh(matrix / np.outer(size, size))
+        root[free] = (vectors / np.sqrt(np.maximum(values, 1e-11 * values[-1]))) / size[:, None]
     cells = sum(s.count for s in problem.segmented_records) * len(problem.model.outputs)
     most = min(MOST, IN_ALL // max(cells, 1))
     pulls, grams, crosses, periods = [], [], [], []

@@ -384,11 +384,15 @@ def test_held_out_records_take_weight_from_the_rivals_that_they_refute():
         outcomes={k: v for k, v in outcomes.items() if k != ("c",)},
         inflation=2.0,
         outcome=lambda fit: outcomes[fit],
+        before=SimpleNamespace(total=0.0),
     )
     before = Posterior(0.1, 0.1, (0.4, 0.2, 0.2), 2.0)
     after = _Attempt.weighed(attempt, before, sets[0])
-    total = 1.0 - 0.2 + 0.2 * np.exp(-1.0)  # b loses 2 units over an inflation of 2
+    # Over an inflation of 2, b loses 2 units, and the model alone 4. An unknown cause loses none.
+    total = 0.1 * np.exp(-2.0) + 0.1 + 0.4 + 0.2 * np.exp(-1.0) + 0.2
     assert np.sum([after.none, after.other, *after.sets]) == pytest.approx(1.0)
+    assert after.none == pytest.approx(0.1 * np.exp(-2.0) / total)
+    assert after.other == pytest.approx(0.1 / total)
     assert after.sets == pytest.approx(np.array([0.4, 0.2 * np.exp(-1.0), 0.2]) / total)
     # What was not compared, and what predicts better, keeps its weight.
     attempt.outcomes = outcomes
@@ -443,8 +447,7 @@ def test_two_effects_that_held_out_records_do_not_excite_are_both_named(decided)
     ("gain", "p", "expected", "level", "refused"),
     [
         (5.0, 0.01, 50.0, 0.01, False),
-        (5.0, 0.5, 50.0, 0.01, True),  # it should show in many segments
-        (5.0, 0.5, 0.1, 0.01, False),
+        (5.0, 0.5, 50.0, 0.01, False),  # the gain decides, in however many segments
         (-0.7, 0.9, 0.0, 0.01, False),  # a record at rest: two fits differ by chance
         (-3.0, 0.9, 0.0, 0.01, True),
         (1.9, 0.2, 0.0, 0.1, True),  # its states follow records that it does not explain
@@ -463,12 +466,12 @@ def test_what_held_out_records_refuse(gain, p, expected, level, refused):
     assert attempt._refused(paired, None, after) is refused
 
 
-def _fault_of(monkeypatch, paired, *, expected, level=0.01, parameter=""):
+def _fault_of(monkeypatch, paired, *, expected, level=0.01, parameter="", inflation=1.0):
     """Reason against the only effect of a set, whose held-out gain is given."""
     own = SimpleNamespace(level=level, cost=1.0, gap_sd=np.ones(2))
     after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
     attempt = object.__new__(_Attempt)
-    attempt.alone, attempt.inflation, attempt.options = {"a": 99.0}, 1.0, Options()
+    attempt.alone, attempt.inflation, attempt.options = {"a": 99.0}, inflation, Options()
     for name, value in {
         "unexplained": lambda c: 0.0,
         "_outcome_without": lambda c, name: None,
@@ -482,16 +485,17 @@ def _fault_of(monkeypatch, paired, *, expected, level=0.01, parameter=""):
 
 
 @pytest.mark.parametrize(
-    ("gain", "level", "told"),
+    ("gain", "level", "inflation", "told"),
     [
-        (1.9, 0.1, "only with larger continuity defects"),
-        (5.0, 0.1, "p = 0.5"),
-        (-9.0, 0.01, "40.0 would be expected of it"),
+        (1.9, 0.1, 1.0, "only with larger continuity defects"),
+        (5.0, 0.1, 2.0, "p = 0.5"),  # a doubtful noise model
+        (-9.0, 0.01, 1.0, "40.0 would be expected of it"),
     ],
 )
-def test_the_reason_of_a_refusal(monkeypatch, gain, level, told):
+def test_the_reason_of_a_refusal(monkeypatch, gain, level, inflation, told):
     paired = Paired(gain=gain, p=0.5)
-    why = _fault_of(monkeypatch, paired, expected=(40.0, 9.0), level=level)
+    given = {"expected": (40.0, 9.0), "level": level, "inflation": inflation}
+    why = _fault_of(monkeypatch, paired, **given)
     assert why.startswith(f"held-out gain {gain:.1f} units of log evidence")
     assert told in why
 
