@@ -621,8 +621,10 @@ def _led(problem: Problem, point: Point, settings: FitSettings, path: _Path) -> 
     until, onward = np.zeros_like(lengths), path.onward
     while not current().stopping():
         followed = [
-            _agrees_until(s, x, path.followed)
-            for s, x in zip(problem.segmented_records, problem.linear(point), strict=True)
+            _agrees_until(s, residual, path.followed)
+            for s, (_, residual, _) in zip(
+                problem.segmented_records, problem.predict(point), strict=True
+            )
         ]
         onward = path.onward if np.all(followed >= until) else 2.0 * onward
         least = np.maximum(2.0, onward * lengths)
@@ -643,19 +645,21 @@ def _led(problem: Problem, point: Point, settings: FitSettings, path: _Path) -> 
     return point
 
 
-def _agrees_until(segmented: SegmentedRecord, linear: Linear, followed: float) -> int:
-    """Number of samples from the first one up to which the model follows a record."""
+def _agrees_until(segmented: SegmentedRecord, residual: Array, followed: float) -> int:
+    """Number of samples from the first one up to which the model follows a record.
+
+    ``residual``: whitened residual, (W, m); NaN or infinite where the simulation failed.
+    """
     samples = segmented.record.samples
     at = segmented.segments[:, :1] + np.arange(segmented.measured.shape[1])
     at = np.minimum(at, samples - 1).ravel()
-    squares = linear.residual.reshape(segmented.measured.shape) ** 2
+    with np.errstate(invalid="ignore", over="ignore"):
+        squares = residual.reshape(segmented.measured.shape) ** 2
     row = np.ones(ROW)
     total = np.convolve(np.bincount(at, squares.sum(axis=2).ravel(), samples), row)[:samples]
     seen = (segmented.weight > 0.0).sum(axis=2).ravel()
     count = np.convolve(np.bincount(at, seen, samples), row)[:samples]
     lost = np.flatnonzero(~(total <= followed * np.maximum(count, 1.0)))
-    if not linear.good.all():
-        lost = np.append(lost, segmented.segments[np.argmin(linear.good), 0])
     return int(lost.min()) if lost.size else samples
 
 

@@ -456,7 +456,9 @@ class _Attempt:
         if not self.outcome(best.fit).fit.explains:
             return before
         own = self.outcome(best.fit).total
-        none = min(0.0, self.before.total - own)
+        # A simulation that fails proves nothing.
+        failed = np.any(self.before.density <= NO_DENSITY)
+        none = 0.0 if failed else min(0.0, self.before.total - own)
         known = [self.outcomes.get(c.key) for c in self.search.sets]
         sets = [0.0 if o is None else min(0.0, o.total - own) for o in known]
         return before.updated(-none, [value - none for value in sets])

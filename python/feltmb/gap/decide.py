@@ -122,7 +122,7 @@ def decide(facts: Facts) -> Decision:
         if (hint or likely) and not facts.enough:
             sign = f"family-wise p = {min(p, accepted.p):.2g}"
             if not hint:
-                sign = f"it is missing with a probability of {1.0 - facts.belief.none:.2g}"
+                sign = f"probability that nothing is missing: {facts.belief.none:.2g}"
             reason = _refusals(accepted) or sign
             return _too_weak(facts, f" ({reason})")
         return _calibrated(facts)

@@ -167,16 +167,16 @@ def _search(
             other = fit_problem(problem, brief, progress=progress, label=label)
             fit = other if other.log_evidence > fit.log_evidence else fit
     found = _search_from(fit, led, task, known)
-    if known is not None or watch.stopping():
+    if watch.stopping():
         return found
     fit = found.model_fit
     freed = without_several(fit, settings)
     best = found.model_evidence if found.best is None else found.best.evidence
-    if freed is fit or not evidence_of_release(fit, freed) > best:
+    if freed is fit or watch.stopping() or not evidence_of_release(fit, freed) > best:
         return found
     # Several wrong values explain the records better than any set of effects.
-    watch.enter(SEARCH)
-    return _search_from(freed, [], task, known)
+    released = _search_from(freed, led, task, known)
+    return found if watch.stopping() else released  # the first search is complete
 
 
 def _search_from(fit: Fit, led: list[Fit], task: Task, known: Search | None) -> Search:

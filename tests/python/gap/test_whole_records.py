@@ -60,10 +60,10 @@ def test_a_record_counts_as_far_as_the_motion_follows_it(problem):
     truth = np.array([TRUTH[p.name] for p in problem.model.parameters])
 
     def agrees(theta):
-        linears = problem.linear(problem.start(theta=theta))
+        seen = problem.predict(problem.start(theta=theta))
         return [
-            _agrees_until(s, x, PATHS[1].followed)
-            for s, x in zip(problem.segmented_records, linears, strict=True)
+            _agrees_until(s, residual, PATHS[1].followed)
+            for s, (_, residual, _) in zip(problem.segmented_records, seen, strict=True)
         ]
 
     assert agrees(truth) == [200, 200]
@@ -181,8 +181,8 @@ def test_a_fit_along_the_records_extends_little_beyond_what_the_model_follows(pr
     followed, ends = [], []
     agrees, optimize = solve._agrees_until, solve._optimize
 
-    def watched_agrees(segmented, linear, limit):
-        count = agrees(segmented, linear, limit)
+    def watched_agrees(segmented, residual, limit):
+        count = agrees(segmented, residual, limit)
         followed.append(count)
         return count
 
