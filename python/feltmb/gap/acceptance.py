@@ -31,7 +31,6 @@ from feltmb.gap.law_errors import law_errors
 from feltmb.gap.misfit import allowance
 from feltmb.gap.options import Options
 from feltmb.gap.proof import (
-    NO_DENSITY,
     HeldOut,
     Outcome,
     Paired,
@@ -160,13 +159,9 @@ class Accepted:
         """
         if self.best is None:
             return 1.0
-        # A simulation that fails proves nothing.
-        if not (np.isfinite(self.before.fit.cost) and np.isfinite(self.after.fit.cost)):
+        if not (self.before.simulated and self.after.simulated):
             return 1.0
-        gain = self.after.density - self.before.density
-        if not np.all(np.isfinite(gain)) or np.any(self.before.density <= NO_DENSITY):
-            return 1.0
-        total = float(np.sum(gain)) / self.belief.inflation
+        total = (self.after.total - self.before.total) / self.belief.inflation
         return min(1.0, max(1, len(self.outcomes) - 1) * math.exp(-max(0.0, total)))
 
 
@@ -456,9 +451,7 @@ class _Attempt:
         if not self.outcome(best.fit).fit.explains:
             return before
         own = self.outcome(best.fit).total
-        # A simulation that fails proves nothing.
-        failed = np.any(self.before.density <= NO_DENSITY)
-        none = 0.0 if failed else min(0.0, self.before.total - own)
+        none = min(0.0, self.before.total - own) if self.before.simulated else 0.0
         known = [self.outcomes.get(c.key) for c in self.search.sets]
         sets = [0.0 if o is None else min(0.0, o.total - own) for o in known]
         return before.updated(-none, [value - none for value in sets])

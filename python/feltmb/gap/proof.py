@@ -27,7 +27,6 @@ from feltmb.fit.solve import Fit, FitSettings, estimate_states, polish
 from feltmb.fit.starts import from_other_starts
 
 __all__ = [
-    "NO_DENSITY",
     "HeldOut",
     "Outcome",
     "Paired",
@@ -64,6 +63,12 @@ class Outcome:
     def total(self) -> float:
         """Log predictive density of all records."""
         return float(np.sum(self.density))
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the simulations succeeded; one that fails proves nothing."""
+        seen = np.isfinite(self.density) & (self.density > NO_DENSITY)
+        return bool(np.isfinite(self.fit.cost) and np.all(seen))
 
     @cached_property
     def segmented(self) -> tuple[Array, ...]:

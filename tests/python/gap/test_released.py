@@ -175,10 +175,10 @@ def test_tolerances_stay_where_the_fit_explains_nothing_or_is_torn():
     assert without_several(torn, SETTINGS) is torn
 
 
-def both(scale=1.0):
+def both():
     """An effect that moves the first block up and the second one down."""
     return Effect(
-        name="both", component="c", scale=scale,
+        name="both", component="c", scale=1.0,
         regressor=lambda r, s: (r.inputs["block"] == 0.0) * 1.0 - (r.inputs["block"] == 1.0) * 1.0,
     )  # fmt: skip
 

@@ -23,7 +23,7 @@ from feltmb.gap.acceptance import Posterior, _Attempt, _certainty, sure_part
 from feltmb.gap.decide import _probable, decide
 from feltmb.gap.digits import digits
 from feltmb.gap.investigate import Task, _explained
-from feltmb.gap.proof import NO_DENSITY, Paired
+from feltmb.gap.proof import Paired
 from feltmb.gap.refine import refit
 from feltmb.gap.report import write_report
 from feltmb.gap.search import search
@@ -384,7 +384,7 @@ def test_held_out_records_take_weight_from_the_rivals_that_they_refute():
         outcomes={k: v for k, v in outcomes.items() if k != ("c",)},
         inflation=2.0,
         outcome=lambda fit: outcomes[fit],
-        before=SimpleNamespace(total=0.0, density=np.zeros(1)),
+        before=SimpleNamespace(total=0.0, simulated=True),
     )
     before = Posterior(0.1, 0.1, (0.4, 0.2, 0.2), 2.0)
     after = _Attempt.weighed(attempt, before, sets[0])
@@ -398,7 +398,7 @@ def test_held_out_records_take_weight_from_the_rivals_that_they_refute():
     attempt.outcomes = outcomes
     assert _Attempt.weighed(attempt, before, sets[0]).sets == pytest.approx(after.sets)
     # A simulation of the model alone that fails proves nothing.
-    attempt.before = SimpleNamespace(total=NO_DENSITY, density=np.array([NO_DENSITY]))
+    attempt.before = SimpleNamespace(total=-1e6, simulated=False)
     assert _Attempt.weighed(attempt, before, sets[0]).none > 0.1
     # Records that the accepted set does not explain say nothing about its rivals.
     fit.explains = False
