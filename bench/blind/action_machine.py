@@ -13,6 +13,7 @@ import numpy as np
 
 from blind import action_truth as truth
 from blind.action_calibration import packaged_scales, to_record
+from blind.action_lookalikes import of_outside
 from blind.action_strength import noncentralities
 from blind.machine import Machine
 from feltmb import gap
@@ -112,7 +113,7 @@ def _answer(case: truth.Case, library: Any, moments: dict[str, list[float]]) -> 
     can act, apart from showing, is not defined.
     """
     parts = []
-    strengths = noncentralities(case)
+    strengths, alike = noncentralities(case), of_outside(case)
     for k, part in enumerate(case.parts):
         data = False
         if part.form == "outside":
@@ -129,5 +130,7 @@ def _answer(case: truth.Case, library: Any, moments: dict[str, list[float]]) -> 
             told["second"] = second
         if strengths[k] is not None:
             told["nc"] = strengths[k]
+        if alike[k]:
+            told["alike"] = alike[k]
         parts.append({**asdict(part), **told})
     return {"number": case.number, "mode": case.view, "parts": parts}

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,7 +28,7 @@ from feltmb.data import Array
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.run.stroke import Stroke, table_stroke
 
-__all__ = ["noncentralities"]
+__all__ = ["Compensation", "noncentralities"]
 
 #: Samples of the force that the sensor shows [1/s].
 FINE = 16000.0
@@ -37,6 +37,8 @@ FINE = 16000.0
 ITERATIONS, RENEWALS = 20, 8
 #: Damping of a step after one that failed, and the one beyond which the columns do not hold.
 LEAST_DAMPING, MOST_DAMPING = 1e-4, 1e3
+#: Step of the difference by the magnitude of an effect, of its natural magnitude.
+DIFFERENCE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,20 @@ def noncentralities(case: truth.Case) -> list[float | None]:
     the view "whole" only the part until shortly after the blow counts: what follows is chaotic, and
     the number is what the view "force" would have.
     """
+    out: list[float | None] = []
+    for fit in compensations(case):
+        try:
+            out.append(None if fit is None else math.sqrt(max(fit().fit()[0], 0.0)))
+        except Exception:
+            out.append(None)
+    return out
+
+
+def compensations(case: truth.Case) -> list[Callable[[], Compensation] | None]:
+    """For every part of a case, what makes its fit, without the other parts.
+
+    None for all of them if the case is not a valid mechanism: it has no records either.
+    """
     if not case.parts:
         return []
     if case.view == "whole":
@@ -76,15 +92,12 @@ def noncentralities(case: truth.Case) -> list[float | None]:
     bare = replace(case, parts=())
     try:
         strokes = [_stroke(bare, name) for name in truth.FIT]
-    except Exception:  # not a valid mechanism: the case has no records either
+    except Exception:
         return [None for _ in case.parts]
-    out: list[float | None] = []
-    for part in case.parts:
-        try:
-            out.append(_strength(replace(case, parts=(part,)), bare, strokes))
-        except Exception:
-            out.append(None)
-    return out
+    return [
+        functools.partial(Compensation, replace(case, parts=(part,)), bare, strokes)
+        for part in case.parts
+    ]
 
 
 def _view(
@@ -136,73 +149,119 @@ def _columns(case: truth.Case, segmented: SegmentedRecord) -> Array:
     return white_columns(model, segmented, theta)
 
 
-def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> float:
-    library = _fixed(case.view)[1]
-    targets = [_outputs(case, _view(case, s.name, s.length)) for s in strokes]
-    # An error of the force sensor leaves the machine as it is. The fitted machine gets the force
-    # that the sensor shows.
-    shown = [_shown(case, s.name) for s in strokes]
-    magnitudes = np.array([e.magnitude for e in library.tolerances])
-    names = [e.name for e in library.tolerances]
-    own = np.array([bare.tolerances.get(n, 0.0) for n in names])
-    count = magnitudes.size
-    variability = _diagonal([s.variability for s in strokes])
-    clean = np.linalg.inv(variability.T @ variability + np.eye(variability.shape[1]))
+class Compensation:
+    """Fit of the generator's machine without a part to the machine with it.
 
-    def at(p: Array) -> truth.Case:
-        return replace(bare, tolerances=dict(zip(names, own + p * magnitudes, strict=True)))
+    All tolerances are free, and the magnitude of one effect of the library if one is told.
+    ``case``: with the part alone; ``bare``: without; ``strokes``: of ``bare``.
+    """
 
-    def residual(p: Array) -> Array:
-        parts = []
-        for s, y, force in zip(strokes, targets, shown, strict=True):
-            left = y - _outputs(bare, _view(at(p), s.name, s.length, force))
+    def __init__(self, case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> None:
+        self.bare, self.strokes, self.part = bare, strokes, case.parts[0]
+        self.library = _fixed(case.view)[1]
+        self.targets = [_outputs(case, _view(case, s.name, s.length)) for s in strokes]
+        # An error of the force sensor leaves the machine as it is. The fitted machine gets the
+        # force that the sensor shows.
+        self.shown = [_shown(case, s.name) for s in strokes]
+        self.magnitudes = np.array([e.magnitude for e in self.library.tolerances])
+        self.names = [e.name for e in self.library.tolerances]
+        self.own = np.array([bare.tolerances.get(n, 0.0) for n in self.names])
+        self.variability = _diagonal([s.variability for s in strokes])
+        self.clean = np.linalg.inv(
+            self.variability.T @ self.variability + np.eye(self.variability.shape[1])
+        )
+
+    def _at(self, p: Array, rival: truth.Part | None) -> truth.Case:
+        moved = dict(zip(self.names, self.own + p * self.magnitudes, strict=True))
+        return replace(self.bare, tolerances=moved, parts=() if rival is None else (rival,))
+
+    def residual(self, p: Array, rival: truth.Part | None = None) -> Array:
+        """Whitened difference at tolerances moved by ``p`` standard deviations, all strokes."""
+        case, parts = self._at(p, rival), []
+        for s, y, shown in zip(self.strokes, self.targets, self.shown, strict=True):
+            left = y - _outputs(case, _view(case, s.name, s.length, _played(case, s.name, shown)))
             parts.append(s.segmented.whiten(left[None]).reshape(-1))
         return np.concatenate(parts)
 
-    def cost(r: Array, p: Array) -> float:
-        pull = variability.T @ r  # the variability is linear: it is eliminated at every point
-        return float(r @ r - pull @ clean @ pull + p @ p)
+    def cost(self, r: Array, p: Array) -> float:
+        """Sum of squares after run-to-run variability, which is linear, plus the priors."""
+        pull = self.variability.T @ r
+        return float(r @ r - pull @ self.clean @ pull + p @ p)
 
-    p: Array = np.zeros(count)
-    r = residual(p)
-    best = cost(r, p)
-    columns = np.vstack([s.columns for s in strokes])
-    same = _same(case.parts[0], library)
-    if same is not None:  # the tolerance of the same value compensates the effect exactly
-        moved = case.parts[0].size / magnitudes[same] * np.eye(count)[same]
-        other = residual(moved)
-        if cost(other, moved) < best:
-            p, r, best = moved, other, cost(other, moved)
-            columns = np.vstack([_columns(at(p), s.segmented) for s in strokes])
-    for renewal in range(1 + RENEWALS):
-        if renewal:
-            columns = np.vstack([_columns(at(p), s.segmented) for s in strokes])
-        before, damping = best, 0.0
-        root = np.hstack([columns, variability])
-        normal = root.T @ root + np.eye(root.shape[1])
-        for _ in range(ITERATIONS):
-            z = clean @ (variability.T @ r)
-            left = np.concatenate([columns.T @ (r - variability @ z) - p, np.zeros(z.size)])
-            damped = normal + damping * np.diag(np.diag(normal))
-            moved = p + np.linalg.solve(damped, left)[:count]
-            try:
-                other = residual(moved)
-                value = cost(other, moved)
-            except Exception:  # these values define no valid mechanism
-                value = math.inf
-            if value < best:
-                done = best - value < 1e-3 * best + 0.05
-                p, r, best = moved, other, value
-                damping *= 0.1
-                if done:
-                    break
+    def _columns(self, p: Array, rival: truth.Part | None, r: Array, unit: float) -> Array:
+        """Derivatives of the machine by tolerances, and by the rival's magnitude in units."""
+        columns = np.vstack([_columns(self._at(p, rival), s.segmented) for s in self.strokes])
+        if rival is None:
+            return columns
+        step = math.copysign(DIFFERENCE * unit, rival.size)
+        further = self.residual(p, replace(rival, size=rival.size + step))
+        return np.column_stack([columns, (r - further) / step * unit])
+
+    def fit(self, rival: truth.Part | None = None, unit: float = 1.0) -> tuple[float, float]:
+        """Smallest cost that was found, and the magnitude of the rival there.
+
+        ``rival``: with the magnitude from which the fit starts; ``unit``: its natural magnitude.
+        """
+        count, free = self.magnitudes.size, 0 if rival is None else 1
+        root = np.concatenate([np.ones(count), np.zeros(free)])  # a magnitude has no prior
+        p: Array = np.zeros(count)
+        r = self.residual(p, rival)
+        best = self.cost(r, p)
+        same = None if rival else _same(self.part, self.library)
+        if same is not None:  # the tolerance of the same value compensates the effect exactly
+            moved = self.part.size / self.magnitudes[same] * np.eye(count)[same]
+            other = self.residual(moved)
+            if self.cost(other, moved) < best:
+                p, r, best = moved, other, self.cost(other, moved)
+        for renewal in range(1 + RENEWALS):
+            if not renewal and rival is None and not p.any():
+                columns = np.vstack([s.columns for s in self.strokes])
             else:
-                damping = max(10.0 * damping, LEAST_DAMPING)
-                if damping > MOST_DAMPING:
-                    break
-        if before - best < 0.02 * best + 0.1:
-            break
-    return math.sqrt(max(best, 0.0))
+                columns = self._columns(p, rival, r, unit)
+            before, damping = best, 0.0
+            joint = np.hstack([columns, self.variability])
+            prior = np.concatenate([root, np.ones(self.variability.shape[1])])
+            normal = joint.T @ joint + np.diag(prior)
+            for _ in range(ITERATIONS):
+                z = self.clean @ (self.variability.T @ r)
+                pull = columns.T @ (r - self.variability @ z)
+                pull[:count] -= p
+                left = np.concatenate([pull, np.zeros(z.size)])
+                damped = normal + damping * np.diag(np.diag(normal))
+                step = np.linalg.solve(damped, left)
+                moved = p + step[:count]
+                try:
+                    there = rival and replace(rival, size=rival.size + unit * step[count])
+                    other = self.residual(moved, there)
+                    value = self.cost(other, moved)
+                except Exception:  # these values define no valid mechanism
+                    value = math.inf
+                if value < best:
+                    done = best - value < 1e-3 * best + 0.05
+                    p, r, best, rival = moved, other, value, there
+                    damping *= 0.1
+                    if done:
+                        break
+                else:
+                    damping = max(10.0 * damping, LEAST_DAMPING)
+                    if damping > MOST_DAMPING:
+                        break
+            if before - best < 0.02 * best + 0.1:
+                break
+        return best, 0.0 if rival is None else rival.size
+
+
+def _played(case: truth.Case, name: str, shown: Stroke | None) -> Stroke | None:
+    """Stroke whose force the sensor of a case shows as ``shown``; None: the one of that name."""
+    size = {p.name: p.size for p in case.parts}
+    errors = [size.get(f"input_{kind}", 0.0) for kind in ("gain", "offset", "delay")]
+    if not any(errors):
+        return shown
+    gain, offset, delay = errors
+    plain = shown or truth.command(name, replace(case, parts=()))[0]
+    time = np.linspace(0.0, plain.duration, int(plain.duration * FINE) + 1)
+    force = (plain.at(time + delay) - offset) / (1.0 + gain)
+    return table_stroke(time.tolist(), force.tolist(), duration=plain.duration, name=name)
 
 
 def _same(part: truth.Part, library: Any) -> int | None:

@@ -20,6 +20,8 @@ __all__ = ["BINS", "Figure", "markdown", "read", "read_truth", "score"]
 
 #: Bins of noncentrality.
 BINS = ((0.5, 1.5), (1.5, 3.0), (3.0, 5.0), (5.0, 10.0), (10.0, 20.0), (20.0, 50.1))
+#: Noncentrality from which a cause is expected to be found.
+SEEN = 5.0
 DATA = ("input", "hammer camera", "key camera")
 UNKNOWN = ("UNKNOWN", "NAMED + RESIDUAL REMAINS")
 SILENT = ("NO GAP", "NO STRUCTURAL GAP, CALIBRATED", "TOO WEAK")
@@ -91,6 +93,24 @@ class Scored:
         return self.truth | {str(p["second"]) for p in self.parts if "second" in p}
 
     @property
+    def alike(self) -> dict[str, float]:
+        """Noncentrality that an effect of the library leaves of an outside cause, by name.
+
+        Of the most similar effects only, where the bench has computed them.
+        """
+        return {str(a["effect"]): float(a["left"]) for p in self.parts for a in p.get("alike", ())}
+
+    @property
+    def distinct(self) -> float:
+        """Strength of an outside cause beside the most similar effect of the library."""
+        return min([self.strength, *self.alike.values()])
+
+    @property
+    def substitutes(self) -> set[str]:
+        """Effects that leave less of an outside cause than can be told apart."""
+        return {name for name, left in self.alike.items() if left < SEEN}
+
+    @property
     def kind(self) -> int:
         """0 none, 1 to 3 effects of the library, 4 outside."""
         return 4 if self.outside else len(self.parts)
@@ -124,24 +144,31 @@ class Scored:
         return any(r["effect"] in self.truth for r in self.ranking[:k])
 
     def in_class(self) -> bool:
-        """Whether the offered effects (names, class, first, its confusable ones) include it."""
-        if self.failed:
-            return False
-        offered = set(self.result["named"]) | set(self.result["one_of"])
+        """Whether names, class, or else the first and its confusable ones include it."""
+        offered = self.offered()
         if not offered and self.ranking:
             offered = {self.ranking[0]["effect"], *self.ranking[0]["confusable"]}
         return bool(offered & self.truth)
 
-    def wrong(self) -> bool:
-        """Whether the diagnosis makes a wrong claim."""
+    def offered(self) -> set[str]:
+        """Effects that are named, and those of the class."""
+        return set() if self.failed else set(self.result["named"]) | set(self.result["one_of"])
+
+    def wrong(self, substitutes: bool = False) -> bool:
+        """Whether the diagnosis makes a wrong claim.
+
+        With ``substitutes`` an effect is right in the place of an outside cause that it reproduces.
+        """
         if self.failed or not self.claims:
             return False
-        if self.named - self.present:
+        present = self.present | (self.substitutes if substitutes else set())
+        if self.named - present:
             return True
         if self.result["one_of"]:
-            return not set(self.result["one_of"]) & self.present
+            return not set(self.result["one_of"]) & present
         if self.verdict == "DATA PROBLEM":
-            return not any(p.get("data", p["component"] in DATA) for p in self.parts)
+            data = any(p.get("data", p["component"] in DATA) for p in self.parts)
+            return not data and not self.named & present
         return False
 
     def commits(self) -> bool:
@@ -277,7 +304,7 @@ def score(cases: Sequence[Scored]) -> list[Figure]:
 
     null = [c for c in cases if c.kind == 0]
     single = [c for c in cases if c.kind == 1]
-    strong = [c for c in single if c.strength >= 5.0]
+    strong = [c for c in single if c.strength >= SEEN]
     pairs = [c for c in cases if c.kind == 2]
     many = [c for c in cases if c.kind in (2, 3)]
     outside = [c for c in cases if c.kind == 4]
@@ -285,9 +312,21 @@ def score(cases: Sequence[Scored]) -> list[Figure]:
 
     share("false alarm, no effect", null, lambda c: c.claims, 5.0, 1.0, above=False)
     share("top-1, one effect, nc >= 5", strong, lambda c: c.top(1), 80.0, 95.0)
-    seen = [c for c in outside if c.strength >= 5.0]
+    seen = [c for c in outside if c.strength >= SEEN]
     share("unknown flagged, outside, nc >= 5", seen, Scored.flagged, 80.0, 95.0)
+    share(
+        "unknown flagged, outside, nc >= 5 beside every effect of the library",
+        [c for c in seen if c.distinct >= SEEN], Scored.flagged, 80.0, 95.0,
+    )  # fmt: skip
+    share(
+        "outside, an effect leaves nc < 5: it is named or in the class",
+        [c for c in seen if c.substitutes], lambda c: bool(c.offered() & c.substitutes),
+    )  # fmt: skip
     share("confident and wrong, of all cases", cases, Scored.wrong, 5.0, 1.0, above=False)
+    share(
+        "confident and wrong, effects that leave nc < 5 of an outside cause are right", cases,
+        lambda c: c.wrong(substitutes=True), 5.0, 1.0, above=False,
+    )  # fmt: skip
     share("selective risk: wrong, of those that commit", committed, Scored.wrong)
     share("diagnosis failed with an error", cases, lambda c: c.failed)
     for low, high in BINS:

@@ -1,13 +1,15 @@
 """The blind bench of the full action: what is drawn, what is sealed, what the machine is."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from blind import action_machine, action_truth
 from blind.action_calibration import packaged_scales
-from blind.action_strength import noncentralities
+from blind.action_lookalikes import lookalikes
+from blind.action_strength import compensations, noncentralities
 from blind.bench import MACHINES, Bench
 from blind.score import Scored, read, score
 from feltmb.errors import InvalidParameter
@@ -317,6 +319,32 @@ def mechanism_model_of(action, library):
         action, library=library, channels=library.default_channels,
         effects=["pivot_clearance.whippen"], workers=1,
     )  # fmt: skip
+
+
+def test_an_effect_in_its_own_place_leaves_little():
+    library = action_truth.setup()[2]
+    for name in ("viscous_friction.butt", "input_gain"):
+        unit = library.effect(name).magnitude
+        part = action_truth.Part(name, "A", unit, 0.0)
+        (make,) = compensations(action_truth.plain_case((part,)))
+        fit = make()
+        left, size = fit.fit(replace(part, size=0.3 * unit), unit)
+        zero = np.zeros(fit.magnitudes.size)
+        assert left < 0.1 * fit.cost(fit.residual(zero), zero)
+        assert size == pytest.approx(unit, rel=0.3)
+        assert fit.fit(part, unit)[0] < 1e-3
+
+
+def test_a_displaced_marker_resembles_another_angle_of_the_head():
+    part = action_truth.Part("head_angle", "outside", 1.0, 0.0)
+    case = action_truth.plain_case((part,))
+    (make,) = compensations(case)
+    names = ("point_offset_x.hammer_tip", "viscous_friction.butt")
+    marker, friction = lookalikes(make(), names)
+    assert [marker.effect, friction.effect] == [*names]
+    (alone,) = noncentralities(case)
+    assert marker.left < 0.3 * alone
+    assert 0.7 * alone < friction.left <= alone
 
 
 def test_no_effect_or_tolerance_of_the_library_is_a_cause_from_outside():

@@ -96,6 +96,26 @@ def test_a_cause_from_outside_that_no_record_shows_cannot_be_flagged():
     assert f["outside: silent (NO GAP, TOO WEAK)"].value == 75.0
 
 
+def test_an_effect_may_take_the_place_of_an_outside_cause():
+    """It is wrong of all cases, and right of those that no diagnosis can tell apart."""
+    strange = part("strange", form="outside")
+    hidden = {**strange, "alike": [{"effect": "a", "left": 3.0}, {"effect": "b", "left": 6.0}]}
+    told = {**strange, "alike": [{"effect": "a", "left": 7.0}]}
+    cases = [((hidden,), result())] * 2  # named is a
+    cases += [((hidden,), result(ranking=(("b", 0.9),)))]
+    cases += [((hidden,), result("DATA PROBLEM", named=["a"]))]
+    cases += [((told,), result("UNKNOWN", (("a", 0.2),)))] * 3
+    cases += [((told,), result())]
+    f = figures(cases)
+    beside = f["unknown flagged, outside, nc >= 5 beside every effect of the library"]
+    assert (beside.value, beside.n) == (75.0, 4)
+    place = f["outside, an effect leaves nc < 5: it is named or in the class"]
+    assert (place.value, place.n) == (75.0, 4)
+    assert f["confident and wrong, of all cases"].value == 100.0 * 5 / 8
+    fair = f["confident and wrong, effects that leave nc < 5 of an outside cause are right"]
+    assert fair.value == 100.0 * 2 / 8
+
+
 def test_bad_engine():
     wrong = result(ranking=(("b", 0.95), ("a", 0.02)))
     cases = [((part(),), wrong)] * 6
