@@ -5,9 +5,11 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+import tempfile
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -83,19 +85,21 @@ class Machine(ABC):
         records = self.read_records(folder / "records" / f"{number}.npz")
         clock = time.process_time()
         found: dict[str, Any] = {"number": number, "engine": self.engine_hash}
-        try:
-            report = self.diagnose(records)
-        except Exception as error:  # a crash counts as a bad result
-            found["error"] = f"{type(error).__name__}: {error}"
-        else:
-            found |= summarize(report)
-        found["cpu_seconds"] = time.process_time() - clock
-        if oracle and "error" not in found:
-            found["oracle"] = self._oracle(folder, number, records)
+        with tempfile.TemporaryDirectory() as store:  # the oracle repeats the fits of the model
+            options = replace(self.options, resume=Path(store) if oracle else None)
+            try:
+                report = self.diagnose(records, options=options)
+            except Exception as error:  # a crash counts as a bad result
+                found["error"] = f"{type(error).__name__}: {error}"
+            else:
+                found |= summarize(report)
+            found["cpu_seconds"] = time.process_time() - clock
+            if oracle and "error" not in found:
+                found["oracle"] = self._oracle(folder, number, records, options)
         return found
 
     def _oracle(
-        self, folder: Path, number: int, records: Sequence[Record]
+        self, folder: Path, number: int, records: Sequence[Record], options: Options
     ) -> dict[str, Any] | None:
         """Diagnosis with the true structure; None without an effect or with one from outside.
 
@@ -106,7 +110,7 @@ class Machine(ABC):
         if not names or any(p["form"] == "outside" for p in answer["parts"]):
             return None
         try:
-            report = self.diagnose(records, names)
+            report = self.diagnose(records, names, options)
         except Exception as error:
             return {"error": f"{type(error).__name__}: {error}", "closed": None, "named": []}
         return {"closed": float(report.how_far.closed), "named": list(report.named)}

@@ -115,6 +115,18 @@ class StrokeModel(MechanismModel):
         """Whether the records have a run-to-run variability; it contains the noise of the force."""
         return bool(self.variabilities)
 
+    @property
+    def variability_is_tabulated(self) -> bool:  # type: ignore[override]
+        """Whether the variability of a record is that of the tabulated parameters."""
+        return any(
+            not included and np.array_equal(theta, self._tabulated)
+            for theta, included, _ in (v.place for v in self.variabilities.values())
+        )
+
+    @property
+    def _tabulated(self) -> Array:
+        return np.array([p.value for p in self.parameters[: self.mechanical]])
+
     def forget(self) -> None:
         """See :class:`~feltmb.fit.Model`: clears the cached derivatives."""
         self._points = Latest(POINTS)
@@ -143,7 +155,7 @@ class StrokeModel(MechanismModel):
         variation = self.variation if variation is None else variation
         if variation is None:
             return self
-        tabulated = np.array([p.value for p in self.parameters[: self.mechanical]])
+        tabulated = self._tabulated
         out = copy.copy(self)
         out.variabilities = {}
         for r in records:

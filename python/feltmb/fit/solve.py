@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -583,30 +583,14 @@ def at_level(
     return tried if tried.cost < cost else fit
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Path:
-    """How a fit to the beginnings of records proceeds along them."""
-
-    followed: float
-    """Largest mean square of the innovations up to which the model follows a record."""
-    iterations: int = 4
-    """Iterations per stage."""
-    onward: float = 1.0 / 32.0
-    """Smallest extension per stage, as a share of the record."""
-
-
-#: Each path loses some fits of a mechanism that the others find: a stage may contain two events, or
-#: the parameters may follow noise. The search ends when two paths reach the same minimum.
-PATHS = (
-    _Path(followed=25.0),
-    _Path(followed=9.0),
-    _Path(followed=4.0, iterations=8, onward=1.0 / 64.0),
-)
+#: Largest mean square of the innovations up to which the model follows a record; iterations per
+#: stage of a path along the records; and the smallest extension per stage, as a share of a record.
+FOLLOWED, STAGE, ONWARD = 9.0, 8, 1.0 / 64.0
 #: Log evidence by which two ends of the same minimum may differ.
 REACHED = 2.0
 
 
-def _led(problem: Problem, point: Point, settings: FitSettings, path: _Path) -> Point:
+def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
     """Start point from which a fit without continuity defects reaches the right local minimum.
 
     If a mechanism releases a part earlier or later than the machine did, or strikes at another
@@ -618,15 +602,15 @@ def _led(problem: Problem, point: Point, settings: FitSettings, path: _Path) -> 
     gap_sd = np.zeros(0)
     way = settings.coarser(0.5)
     lengths = np.array([s.record.samples for s in problem.segmented_records])
-    until, onward = np.zeros_like(lengths), path.onward
+    until, onward = np.zeros_like(lengths), ONWARD
     while not current().stopping():
         followed = [
-            _agrees_until(s, residual, path.followed)
+            _agrees_until(s, residual, FOLLOWED)
             for s, (_, residual, _) in zip(
                 problem.segmented_records, problem.predict(point), strict=True
             )
         ]
-        onward = path.onward if np.all(followed >= until) else 2.0 * onward
+        onward = ONWARD if np.all(followed >= until) else 2.0 * onward
         least = np.maximum(2.0, onward * lengths)
         until = np.minimum(lengths, np.maximum(until, followed) + least.astype(int))
         if np.all(until == lengths):
@@ -639,7 +623,7 @@ def _led(problem: Problem, point: Point, settings: FitSettings, path: _Path) -> 
             replace(point, memo={}),
             gap_sd,
             way,
-            path.iterations,
+            STAGE,
         )[0]
         point = replace(point, memo={})
     return point
@@ -810,10 +794,40 @@ def _across_jumps(fit: Fit, settings: FitSettings) -> Fit:
     return fit
 
 
+def _led_without(problem: Problem, point: Point, settings: FitSettings, left_out: int) -> Point:
+    """As :func:`_led`, but one record only joins when the others are fitted.
+
+    A record whose events the model has at other times can hold a fit in a wrong local minimum. The
+    other records determine most parameters; then the model follows that record too.
+    """
+    records = problem.segmented_records
+    part = replace(
+        problem, segmented_records=tuple(s for i, s in enumerate(records) if i != left_out)
+    )
+    places = tuple(p for i, p in enumerate(point.places) if i != left_out)
+    start = _led(part, replace(point, places=places, memo={}), settings)
+    others = polish(part, replace(start, memo={}), 1.0, settings.coarser(0.5)).point
+    joined = replace(point, theta=others.theta, magnitudes=others.magnitudes, memo={})
+    return _led(problem, joined, settings)
+
+
+def _worst_record(fit: Fit, left_out: Sequence[int]) -> int | None:
+    """Number of the record with the largest mean square of the residual; None: all are left out."""
+    squares = []
+    pairs = zip(fit.problem.segmented_records, fit.problem.predict(fit.point), strict=True)
+    for i, (segmented, (_, residual, _)) in enumerate(pairs):
+        value = float(np.sum(residual**2)) / max(np.count_nonzero(segmented.weight), 1)
+        if i not in left_out:
+            squares.append((value if np.isfinite(value) else np.inf, -i))
+    return -max(squares)[1] if squares else None
+
+
 def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
     """Fit records that are simulated as a whole, along several paths, and keep the best end.
 
-    The search ends when the best end is reached a second time.
+    The first path leads along all records. On each further one, the record that the best end
+    explains worst joins last. The search ends when an end that explains the records is the best one
+    a second time.
     """
     starts: list[Point] = []
     ends: list[Fit] = []
@@ -834,11 +848,16 @@ def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
         descend(point)
         if best().explains:
             return best()
-    for path in PATHS if settings.restarts and problem.has_priors else PATHS[:1]:
+    descend(_led(problem, point, settings))
+    left_out: list[int] = []
+    while settings.restarts and problem.has_priors and len(problem.segmented_records) > 1:
         reached = [fit for fit in ends if fit.cost < best().cost + 2.0 * REACHED]
-        if len(reached) > 1 or (ends and current().stopping()):
+        worst = _worst_record(best(), left_out)
+        again = len(reached) > 1 and best().explains
+        if again or worst is None or current().stopping():
             break
-        descend(_led(problem, point, settings, path))
+        left_out.append(worst)
+        descend(_led_without(problem, point, settings, worst))
     return best()
 
 

@@ -87,7 +87,7 @@ class Investigation:
 
 def investigate(model: Model, data: JudgedData, task: Task) -> Investigation:
     """Search for effects, with the noise of the sensors and with what no effect explains."""
-    watch, tabulated = current(), model
+    watch = current()
     first = _search(model, data.fitted, task)
     model = first.model_fit.problem.model
     color = None
@@ -101,7 +101,7 @@ def investigate(model: Model, data: JudgedData, task: Task) -> Investigation:
     if factor is not None:
         data = data.noisier(model, factor)
         first = with_larger_noise(first, data.fitted, task.settings, progress=task.progress)
-        if first.model_fit.problem.model is tabulated:  # no fit explained the records so far
+        if first.model_fit.problem.model.variability_is_tabulated:  # no fit explained the records
             first = at_its_variability(first, task.settings, progress=task.progress)
         first = _completed(first, task)
     return _with_discrepancy(Investigation(first, first, data, data), task)
@@ -182,7 +182,6 @@ def _search(
 def _search_from(fit: Fit, led: list[Fit], task: Task, known: Search | None) -> Search:
     """Search for effects from a fit of the model."""
     settings, progress, watch = task.settings, task.progress, current()
-    tabulated = fit.problem.model
     if not watch.stopping():
         fit = from_other_starts(fit, settings)
     if known is None:
@@ -206,7 +205,7 @@ def _search_from(fit: Fit, led: list[Fit], task: Task, known: Search | None) -> 
     )
     if watch.stopping():
         return found
-    if known is None and fit.problem.model is tabulated:
+    if known is None and fit.problem.model.variability_is_tabulated:
         # No fit explained the records before the search.
         found = at_its_variability(found, settings, progress=progress)
     return _completed(found, task)
