@@ -816,7 +816,8 @@ def _worst_record(fit: Fit, left_out: Sequence[int]) -> int | None:
     squares = []
     pairs = zip(fit.problem.segmented_records, fit.problem.predict(fit.point), strict=True)
     for i, (segmented, (_, residual, _)) in enumerate(pairs):
-        value = float(np.sum(residual**2)) / max(np.count_nonzero(segmented.weight), 1)
+        with np.errstate(invalid="ignore", over="ignore"):
+            value = float(np.sum(residual**2)) / max(int(np.count_nonzero(segmented.weight)), 1)
         if i not in left_out:
             squares.append((value if np.isfinite(value) else np.inf, -i))
     return -max(squares)[1] if squares else None
