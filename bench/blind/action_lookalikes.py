@@ -8,8 +8,9 @@ machine, together with all tolerances. What is left is the noncentrality of the 
     nc^2 = min over e, m, p, z of |W (y(cause) - y(e, m, p) - D z)|^2 + |(p - p0) / sd|^2 + |z|^2,
 
 m the magnitude of effect e, without a prior and without bounds but that of its sign; the rest as in
-:mod:`blind.action_strength`. One linearization at the tolerances of the case compares all effects;
-the most similar ones are fitted. One effect at a time: two together may come closer.
+:mod:`blind.action_strength`. One linearization at the tolerances that compensate the cause best
+compares all effects. The most similar ones are fitted, from there and from the tolerances of the
+case. One effect at a time: two together may come closer.
 
     PYTHONPATH=bench python -m blind.action_lookalikes FOLDER NUMBER...     cases of a bench folder
 """
@@ -28,12 +29,11 @@ import numpy as np
 
 from blind import action_truth as truth
 from blind.action_strength import Compensation, compensations
-from feltmb.data import Array
 
 __all__ = ["Lookalike", "lookalikes", "of_outside"]
 
 SHARE = 0.3  # of the natural magnitude of an effect: the step of its difference
-FITTED = 3  # effects that are fitted, the most similar ones by the linearization
+FITTED = 4  # effects that are fitted, the most similar ones by the linearization
 
 
 @dataclass(frozen=True)
@@ -52,40 +52,44 @@ class Lookalike:
 def lookalikes(fit: Compensation, names: Sequence[str] = ()) -> list[Lookalike]:
     """Most similar effects of a part, the best first; ``names``: only of these."""
     *_, library, outputs = truth.setup()
-    zero: Array = np.zeros(fit.magnitudes.size)
-    r = fit.residual(zero)
-    columns = np.vstack([s.columns for s in fit.strokes])
-    joint = np.hstack([columns, fit.variability])
+    bare = fit.fit()
+    r = fit.residual(bare.moved)
+    joint = np.hstack([fit.columns(bare.moved), fit.variability])
     height = np.linalg.inv(joint.T @ joint + np.eye(joint.shape[1]))
+    pull = joint.T @ r
+    pull[: bare.moved.size] -= bare.moved
 
-    def left(x: Array, y: Array) -> float:
-        return float(x @ y - (joint.T @ x) @ height @ (joint.T @ y))
-
-    alone, found = left(r, r), []
+    found = []
     for rival, unit in _rivals(fit, library, outputs):
         if names and rival.name not in names:
             continue
         try:
-            d = (r - fit.residual(zero, rival)) / SHARE
+            d = (r - fit.residual(bare.moved, rival)) / SHARE
         except Exception:  # this magnitude defines no valid mechanism
             continue
-        size = left(d, r) / max(left(d, d), 1e-12)  # in natural magnitudes
+        own = joint.T @ d
+        gain = float(d @ r - own @ height @ pull)
+        size = gain / max(float(d @ d - own @ height @ own), 1e-12)  # in natural magnitudes
         sign = library.effect(rival.name).sign
         size = 0.0 if size * sign < 0.0 else size
-        found.append((alone - size * left(d, r), size, rival, unit))
+        found.append((bare.cost - size * gain, size, rival, unit))
     found.sort(key=lambda f: f[0])
     out = []
     for linear, size, rival, unit in found[:FITTED]:
         # A large magnitude is outside the linearization: the fit starts within it.
         start = math.copysign(min(max(abs(size), 0.1), 1.0) * unit, size or rival.size)
-        try:
-            cost, there = fit.fit(truth.Part(rival.name, rival.form, start, 0.0), unit)
-        except Exception:
-            continue
-        out.append(
-            Lookalike(rival.name, there, math.sqrt(max(cost, 0.0)), math.sqrt(max(linear, 0.0)))
-        )
-    return sorted(out, key=lambda o: o.left)
+        part, promised = truth.Part(rival.name, rival.form, start, 0.0), math.sqrt(max(linear, 0.0))
+        for moved in (bare.moved, None):  # either may be the start of the lower minimum
+            try:
+                end = fit.fit(part, unit, moved)
+            except Exception:
+                continue
+            assert end.rival is not None
+            out.append(Lookalike(rival.name, end.rival.size, end.noncentrality, promised))
+    best: dict[str, Lookalike] = {}
+    for o in sorted(out, key=lambda o: o.left):
+        best.setdefault(o.effect, o)
+    return [*best.values()]
 
 
 def _rivals(fit: Compensation, library: Any, outputs: Any) -> Iterator[tuple[truth.Part, float]]:

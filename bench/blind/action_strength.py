@@ -74,7 +74,7 @@ def noncentralities(case: truth.Case) -> list[float | None]:
     out: list[float | None] = []
     for fit in compensations(case):
         try:
-            out.append(None if fit is None else math.sqrt(max(fit().fit()[0], 0.0)))
+            out.append(None if fit is None else fit().fit().noncentrality)
         except Exception:
             out.append(None)
     return out
@@ -149,6 +149,23 @@ def _columns(case: truth.Case, segmented: SegmentedRecord) -> Array:
     return white_columns(model, segmented, theta)
 
 
+@dataclass(frozen=True, eq=False)
+class Compensated:
+    """End of a fit: what tolerances, and one effect, leave of what a part does."""
+
+    cost: float
+    """Smallest sum of squares that was found [1]."""
+    moved: Array
+    """Change of the tolerances [standard deviations]."""
+    rival: truth.Part | None
+    """The effect with its fitted magnitude."""
+
+    @property
+    def noncentrality(self) -> float:
+        """Root of the sum of squares [1]."""
+        return math.sqrt(max(self.cost, 0.0))
+
+
 class Compensation:
     """Fit of the generator's machine without a part to the machine with it.
 
@@ -188,23 +205,27 @@ class Compensation:
         pull = self.variability.T @ r
         return float(r @ r - pull @ self.clean @ pull + p @ p)
 
-    def _columns(self, p: Array, rival: truth.Part | None, r: Array, unit: float) -> Array:
+    def columns(
+        self, p: Array, rival: truth.Part | None = None, r: Array | None = None, unit: float = 1.0
+    ) -> Array:
         """Derivatives of the machine by tolerances, and by the rival's magnitude in units."""
         columns = np.vstack([_columns(self._at(p, rival), s.segmented) for s in self.strokes])
-        if rival is None:
+        if rival is None or r is None:
             return columns
         step = math.copysign(DIFFERENCE * unit, rival.size)
         further = self.residual(p, replace(rival, size=rival.size + step))
         return np.column_stack([columns, (r - further) / step * unit])
 
-    def fit(self, rival: truth.Part | None = None, unit: float = 1.0) -> tuple[float, float]:
-        """Smallest cost that was found, and the magnitude of the rival there.
+    def fit(
+        self, rival: truth.Part | None = None, unit: float = 1.0, start: Array | None = None
+    ) -> Compensated:
+        """Fit from tolerances moved by ``start`` standard deviations, default 0.
 
         ``rival``: with the magnitude from which the fit starts; ``unit``: its natural magnitude.
         """
         count, free = self.magnitudes.size, 0 if rival is None else 1
         root = np.concatenate([np.ones(count), np.zeros(free)])  # a magnitude has no prior
-        p: Array = np.zeros(count)
+        p: Array = np.zeros(count) if start is None else start
         r = self.residual(p, rival)
         best = self.cost(r, p)
         same = None if rival else _same(self.part, self.library)
@@ -217,7 +238,7 @@ class Compensation:
             if not renewal and rival is None and not p.any():
                 columns = np.vstack([s.columns for s in self.strokes])
             else:
-                columns = self._columns(p, rival, r, unit)
+                columns = self.columns(p, rival, r, unit)
             before, damping = best, 0.0
             joint = np.hstack([columns, self.variability])
             prior = np.concatenate([root, np.ones(self.variability.shape[1])])
@@ -248,7 +269,7 @@ class Compensation:
                         break
             if before - best < 0.02 * best + 0.1:
                 break
-        return best, 0.0 if rival is None else rival.size
+        return Compensated(best, p, rival)
 
 
 def _played(case: truth.Case, name: str, shown: Stroke | None) -> Stroke | None:

@@ -328,11 +328,11 @@ def test_an_effect_in_its_own_place_leaves_little():
         part = action_truth.Part(name, "A", unit, 0.0)
         (make,) = compensations(action_truth.plain_case((part,)))
         fit = make()
-        left, size = fit.fit(replace(part, size=0.3 * unit), unit)
+        end = fit.fit(replace(part, size=0.3 * unit), unit)
         zero = np.zeros(fit.magnitudes.size)
-        assert left < 0.1 * fit.cost(fit.residual(zero), zero)
-        assert size == pytest.approx(unit, rel=0.3)
-        assert fit.fit(part, unit)[0] < 1e-3
+        assert end.cost < 0.1 * fit.cost(fit.residual(zero), zero)
+        assert end.rival.size == pytest.approx(unit, rel=0.3)
+        assert fit.fit(part, unit).cost < 1e-3
 
 
 def test_a_displaced_marker_resembles_another_angle_of_the_head():
