@@ -7,7 +7,7 @@ machine, together with all tolerances. What is left is the noncentrality of the 
 
     nc^2 = min over e, m, p, z of |W (y(cause) - y(e, m, p) - D z)|^2 + |(p - p0) / sd|^2 + |z|^2,
 
-m the magnitude of effect e, without a prior and without bounds but that of its sign; the rest as in
+m the magnitude of effect e, without a prior and within the bounds of a diagnosis; the rest as in
 :mod:`blind.action_strength`. One linearization at the tolerances that compensate the cause best
 compares all effects. The most similar ones are fitted, from there and from the tolerances of the
 case. One effect at a time: two together may come closer.
@@ -64,7 +64,7 @@ def lookalikes(fit: Compensation, names: Sequence[str] = ()) -> list[Lookalike]:
         if names and rival.name not in names:
             continue
         try:
-            d = (r - fit.residual(bare.moved, rival)) / SHARE
+            d = (r - fit.residual(bare.moved, rival)) / math.copysign(SHARE, rival.size)
         except Exception:  # this magnitude defines no valid mechanism
             continue
         own = joint.T @ d

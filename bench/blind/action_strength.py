@@ -200,6 +200,13 @@ class Compensation:
             parts.append(s.segmented.whiten(left[None]).reshape(-1))
         return np.concatenate(parts)
 
+    def _allowed(self, rival: truth.Part | None) -> bool:
+        """Whether a diagnosis allows the magnitude of an effect."""
+        if rival is None:
+            return True
+        entry = self.library.effect(rival.name)
+        return bool(rival.size * entry.sign >= 0.0 and entry.lower <= rival.size <= entry.upper)
+
     def cost(self, r: Array, p: Array) -> float:
         """Sum of squares after run-to-run variability, which is linear, plus the priors."""
         pull = self.variability.T @ r
@@ -213,6 +220,8 @@ class Compensation:
         if rival is None or r is None:
             return columns
         step = math.copysign(DIFFERENCE * unit, rival.size)
+        if not self._allowed(replace(rival, size=rival.size + step)):
+            step = -step
         further = self.residual(p, replace(rival, size=rival.size + step))
         return np.column_stack([columns, (r - further) / step * unit])
 
@@ -254,7 +263,7 @@ class Compensation:
                 try:
                     there = rival and replace(rival, size=rival.size + unit * step[count])
                     other = self.residual(moved, there)
-                    value = self.cost(other, moved)
+                    value = self.cost(other, moved) if self._allowed(there) else math.inf
                 except Exception:  # these values define no valid mechanism
                     value = math.inf
                 if value < best:
@@ -273,7 +282,7 @@ class Compensation:
 
 
 def _played(case: truth.Case, name: str, shown: Stroke | None) -> Stroke | None:
-    """Stroke whose force the sensor of a case shows as ``shown``; None: the one of that name."""
+    """Stroke whose force the sensor of a case shows as ``shown``; None: the commanded stroke."""
     size = {p.name: p.size for p in case.parts}
     errors = [size.get(f"input_{kind}", 0.0) for kind in ("gain", "offset", "delay")]
     if not any(errors):

@@ -85,7 +85,7 @@ class Machine(ABC):
         records = self.read_records(folder / "records" / f"{number}.npz")
         clock = time.process_time()
         found: dict[str, Any] = {"number": number, "engine": self.engine_hash}
-        with tempfile.TemporaryDirectory() as store:  # the oracle repeats the fits of the model
+        with tempfile.TemporaryDirectory() as store:  # the oracle reads the fits of the model
             options = replace(self.options, resume=Path(store) if oracle else None)
             try:
                 report = self.diagnose(records, options=options)

@@ -168,7 +168,7 @@ class Scored:
             return not set(self.result["one_of"]) & present
         if self.verdict == "DATA PROBLEM":
             data = any(p.get("data", p["component"] in DATA) for p in self.parts)
-            return not data and not self.named & present
+            return not data and not (substitutes and self.named & self.substitutes)
         return False
 
     def commits(self) -> bool:
@@ -316,7 +316,7 @@ def score(cases: Sequence[Scored]) -> list[Figure]:
     share("unknown flagged, outside, nc >= 5", seen, Scored.flagged, 80.0, 95.0)
     share(
         "unknown flagged, outside, nc >= 5 beside every effect of the library",
-        [c for c in seen if c.distinct >= SEEN], Scored.flagged, 80.0, 95.0,
+        [c for c in seen if c.alike and c.distinct >= SEEN], Scored.flagged, 80.0, 95.0,
     )  # fmt: skip
     share(
         "outside, an effect leaves nc < 5: it is named or in the class",

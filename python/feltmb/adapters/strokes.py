@@ -117,7 +117,7 @@ class StrokeModel(MechanismModel):
 
     @property
     def variability_is_tabulated(self) -> bool:  # type: ignore[override]
-        """Whether the variability of a record is that of the tabulated parameters."""
+        """Whether the variability of at least one record is that of the tabulated parameters."""
         return any(
             not included and np.array_equal(theta, self._tabulated)
             for theta, included, _ in (v.place for v in self.variabilities.values())

@@ -127,6 +127,7 @@ class Including(Model):
         self.chaotic = model.chaotic
         self.from_rest = model.from_rest
         self.variability_has_input_noise = model.variability_has_input_noise
+        self.variability_is_tabulated = model.variability_is_tabulated
         self.input_modes = model.input_modes
         self.input_names = model.input_names
         self.any_inputs = model.any_inputs

@@ -523,7 +523,8 @@ class Model(ABC):
     variability_has_input_noise: bool = False
     """Whether the noise of the inputs is a part of the run-to-run variability of the records."""
     variability_is_tabulated: bool = False
-    """Whether the run-to-run variability of a record is that of the tabulated parameters."""
+    """Whether the run-to-run variability of at least one record is that of the tabulated
+    parameters."""
 
     @abstractmethod
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:

@@ -61,8 +61,8 @@ class FitSettings:
     decrement: float = 0.02
     """The search ends if a step can reduce the sum of squares by less than this."""
     restarts: int = 3
-    """Number of other starts of a poor fit with continuity defects. If this is 0, a fit without
-    defects takes only its first path along the records."""
+    """Largest number of other starts of a poor fit with continuity defects, and of other paths
+    along the records of a fit without defects."""
     seed: int = 0
     chain: bool = False
     """Whether a poor fit with continuity defects below a tenth is also started from one simulation
@@ -583,14 +583,16 @@ def at_level(
     return tried if tried.cost < cost else fit
 
 
-#: Largest mean square of the innovations up to which the model follows a record; iterations per
-#: stage of a path along the records; and the smallest extension per stage, as a share of a record.
-FOLLOWED, STAGE, ONWARD = 9.0, 8, 1.0 / 64.0
+#: Largest mean square of the innovations up to which the model follows a record, on the first path
+#: and on the second path along a single record.
+FOLLOWED, FOLLOWED_FURTHER = 9.0, 25.0
+#: Iterations per stage of a path, and the smallest extension per stage, as a share of a record.
+STAGE, ONWARD = 8, 1.0 / 64.0
 #: Log evidence by which two ends of the same minimum may differ.
 REACHED = 2.0
 
 
-def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
+def _led(problem: Problem, point: Point, settings: FitSettings, limit: float = FOLLOWED) -> Point:
     """Start point from which a fit without continuity defects reaches the right local minimum.
 
     If a mechanism releases a part earlier or later than the machine did, or strikes at another
@@ -605,7 +607,7 @@ def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
     until, onward = np.zeros_like(lengths), ONWARD
     while not current().stopping():
         followed = [
-            _agrees_until(s, residual, FOLLOWED)
+            _agrees_until(s, residual, limit)
             for s, (_, residual, _) in zip(
                 problem.segmented_records, problem.predict(point), strict=True
             )
@@ -795,9 +797,9 @@ def _across_jumps(fit: Fit, settings: FitSettings) -> Fit:
 
 
 def _led_without(problem: Problem, point: Point, settings: FitSettings, left_out: int) -> Point:
-    """As :func:`_led`, but one record only joins when the others are fitted.
+    """As :func:`_led`, but one record joins only when the others are fitted.
 
-    A record whose events the model has at other times can hold a fit in a wrong local minimum. The
+    A record whose events the model puts at other times can hold a fit in a wrong local minimum. The
     other records determine most parameters; then the model follows that record too.
     """
     records = problem.segmented_records
@@ -807,8 +809,9 @@ def _led_without(problem: Problem, point: Point, settings: FitSettings, left_out
     places = tuple(p for i, p in enumerate(point.places) if i != left_out)
     start = _led(part, replace(point, places=places, memo={}), settings)
     others = polish(part, replace(start, memo={}), 1.0, settings.coarser(0.5)).point
-    joined = replace(point, theta=others.theta, magnitudes=others.magnitudes, memo={})
-    return _led(problem, joined, settings)
+    joined = [*others.places]
+    joined.insert(left_out, point.places[left_out])
+    return _led(problem, replace(others, places=tuple(joined), memo={}), settings)
 
 
 def _worst_record(fit: Fit, left_out: Sequence[int]) -> int | None:
@@ -827,8 +830,9 @@ def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
     """Fit records that are simulated as a whole, along several paths, and keep the best end.
 
     The first path leads along all records. On each further one, the record that the best end
-    explains worst joins last. The search ends when an end that explains the records is the best one
-    a second time.
+    explains worst joins last. The search ends when two paths reach the best end and it explains the
+    records, or when every record has joined last once. A single record has a second path with
+    another limit.
     """
     starts: list[Point] = []
     ends: list[Fit] = []
@@ -850,12 +854,17 @@ def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
         if best().explains:
             return best()
     descend(_led(problem, point, settings))
+    if settings.restarts == 0 or not problem.has_priors:
+        return best()
+    if len(problem.segmented_records) == 1:
+        if not current().stopping():
+            descend(_led(problem, point, settings, FOLLOWED_FURTHER))
+        return best()
     left_out: list[int] = []
-    while settings.restarts and problem.has_priors and len(problem.segmented_records) > 1:
+    while len(left_out) < settings.restarts and not current().stopping():
         reached = [fit for fit in ends if fit.cost < best().cost + 2.0 * REACHED]
         worst = _worst_record(best(), left_out)
-        again = len(reached) > 1 and best().explains
-        if again or worst is None or current().stopping():
+        if worst is None or (len(reached) > 1 and best().explains):
             break
         left_out.append(worst)
         descend(_led_without(problem, point, settings, worst))

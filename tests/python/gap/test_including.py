@@ -86,6 +86,17 @@ def test_it_is_the_model_with_the_candidate():
     np.testing.assert_array_equal(mine.d_magnitudes[..., 0], both.d_magnitudes[..., 1])
 
 
+@pytest.mark.parametrize(
+    "flag",
+    ["chaotic", "from_rest", "variability_has_input_noise", "variability_is_tabulated"],
+)
+def test_flags_are_those_of_the_model(flag):
+    model = KeyHammer()
+    for value in (True, False):
+        setattr(model, flag, value)
+        assert getattr(including(model, [CREEP], [3e-5]), flag) is value
+
+
 def test_with_the_effect_included_there_is_no_gap():
     data = models.records(1, dry=6e-3)
     options = Options(bootstrap=0)

@@ -1,6 +1,7 @@
 """The fit of records in one go: how far they count, how long its steps are, where it ends."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -229,6 +230,33 @@ def test_a_fit_ends_when_two_paths_reach_the_same_minimum(problem, monkeypatch):
     lost.clear()
     assert fit_problem(problem, FitSettings()).cost == pytest.approx(fit.cost, abs=0.1)
     assert lengths == [2, 1, 2]
+
+
+def test_a_single_record_has_a_second_path(problem, monkeypatch):
+    along, limits = solve._led, []
+
+    def led(part, point, settings, limit=solve.FOLLOWED):
+        limits.append(limit)
+        if len(limits) == 1:
+            return part.start(theta=np.array([0.06, 9.0, 0.8, 0.0]))
+        return along(part, point, settings, limit)
+
+    monkeypatch.setattr(solve, "_led", led)
+    one = replace(problem, segmented_records=problem.segmented_records[1:])
+    assert fit_problem(one, FitSettings()).explains
+    assert limits == [solve.FOLLOWED, solve.FOLLOWED_FURTHER]
+
+
+def test_paths_are_not_more_than_restarts(problem, monkeypatch):
+    left_out = []
+    monkeypatch.setattr(solve, "_led", lambda part, *_: part.start())
+    monkeypatch.setattr(solve, "_led_without", lambda *a: left_out.append(a[-1]) or problem.start())
+    four = replace(problem, segmented_records=problem.segmented_records * 2)
+    monkeypatch.setattr(solve, "polish", lambda p, *_: lost)
+    lost = SimpleNamespace(cost=1e9, explains=False, point=four.start(), problem=four)
+    monkeypatch.setattr(solve, "_across_jumps", lambda fit, _: fit)
+    solve._fit_whole(four, four.start(), FitSettings(restarts=3))
+    assert len(left_out) == 3
 
 
 def test_the_record_that_is_explained_worst_joins_last(problem, monkeypatch):
