@@ -29,6 +29,7 @@ import numpy as np
 
 from blind import action_truth as truth
 from blind.action_strength import Compensation, compensations
+from feltmb.files import read_json
 
 __all__ = ["Lookalike", "lookalikes", "of_outside"]
 
@@ -124,7 +125,7 @@ def of_outside(case: truth.Case) -> list[list[dict[str, Any]]]:
 
 
 def _main(folder: Path, numbers: list[int]) -> None:
-    truths = json.loads((folder / "truths.json").read_text("utf-8"))
+    truths = read_json(folder / "truths.json")
     for n in numbers:
         case = truth.from_dict(truths[n])
         for part, make in zip(case.parts, compensations(case), strict=True):

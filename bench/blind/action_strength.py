@@ -28,7 +28,7 @@ from feltmb.data import Array
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.run.stroke import Stroke, table_stroke
 
-__all__ = ["Compensation", "noncentralities"]
+__all__ = ["Compensated", "Compensation", "compensations", "noncentralities"]
 
 #: Samples of the force that the sensor shows [1/s].
 FINE = 16000.0

@@ -831,8 +831,8 @@ def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
 
     The first path leads along all records. On each further one, the record that the best end
     explains worst joins last. The search ends when two paths reach the best end and it explains the
-    records, or when every record has joined last once. A single record has a second path with
-    another limit.
+    records, or when ``restarts`` records, or all of them, have joined last. A single record has a
+    second path with another limit.
     """
     starts: list[Point] = []
     ends: list[Fit] = []
@@ -863,8 +863,10 @@ def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
     left_out: list[int] = []
     while len(left_out) < settings.restarts and not current().stopping():
         reached = [fit for fit in ends if fit.cost < best().cost + 2.0 * REACHED]
+        if len(reached) > 1 and best().explains:
+            break
         worst = _worst_record(best(), left_out)
-        if worst is None or (len(reached) > 1 and best().explains):
+        if worst is None:
             break
         left_out.append(worst)
         descend(_led_without(problem, point, settings, worst))
