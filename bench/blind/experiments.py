@@ -236,7 +236,18 @@ def run_cases(
         text = json.loads(json.dumps({**found, **more}), parse_constant=lambda _: None)
         write_text(path(case), as_json(text), force=True)
 
+    default: dict[int, tuple[dict[str, Any], gap.Belief]] = {}
+
     def score(own: Case) -> dict[str, Any]:
+        if own.asked:
+            return scored_anew(own)
+        # Without experiments all policies have the same records.
+        if own.truth.number not in default:
+            default[own.truth.number] = (scored_anew(own), own.belief)
+        row, own.belief = default[own.truth.number]
+        return dict(row)
+
+    def scored_anew(own: Case) -> dict[str, Any]:
         clock = time.process_time()
         try:
             seen = player.see(own.records, own.parts)

@@ -386,20 +386,21 @@ def _minimize_whole(
         if trusted and cost - promised > settings.worth:
             return point, cost, linears, False
         best: tuple[float, Point, float, float] | None = None
+        failed = np.inf  # length of the last step that was not accepted
         while radius > NARROWEST:
             delta, length = _within(problem, point, normal, radius)
             gain = normal.gain(delta)
-            if gain < least:
+            if gain < least or (best is not None and length < 1.01 * best[3]):
                 break
             attempt = problem.moved(point, normal, delta, linears)
             new, _ = problem.cost(attempt, gap_sd, linears)
             ratio = (cost - new) / gain
             if best is None and not ratio > TAKEN:
-                radius = min(radius, length) * (0.5 if ratio > -1.0 else 0.2)
+                radius, failed = min(radius, length) * (0.5 if ratio > -1.0 else 0.2), length
                 continue
             if best is None or new < best[0]:
                 best = (new, attempt, ratio, length)
-                if ratio > GOOD and length > 0.9 * radius and radius < WIDEST:
+                if ratio > GOOD and length > 0.9 * radius and radius < min(WIDEST, 0.5 * failed):
                     radius *= 2.0
                     continue
             break
