@@ -26,6 +26,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.fit.noise_of_function import difference_offsets
 
 __all__ = [
+    "INTERPOLATION",
     "LAWS",
     "VARIABILITY",
     "Batch",
@@ -45,6 +46,8 @@ __all__ = [
 
 #: Component name of parameters that represent random variation from record to record.
 VARIABILITY = "run-to-run variability"
+#: Component name of parameters of the interpolation of inputs between samples.
+INTERPOLATION = "interpolation of inputs"
 
 EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
 #: Kinds of effects whose magnitude multiplies a law of force.
@@ -94,6 +97,11 @@ class Parameter:
             raise InvalidParameter(
                 f"parameter {self.name}: process_sd = {self.process_sd!r}, expected finite, >= 0"
             )
+
+    @property
+    def of_the_machine(self) -> bool:
+        """Whether it is a property of the machine: not of the simulation of single records."""
+        return self.component not in (VARIABILITY, INTERPOLATION)
 
     @property
     def size(self) -> float:

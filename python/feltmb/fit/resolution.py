@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data import Record
-from feltmb.fit.model import Batch, Jobs, Model, Parameter, Simulated
+from feltmb.fit.model import INTERPOLATION, Batch, Jobs, Model, Parameter, Simulated
 
 __all__ = ["BETWEEN", "Stepped", "refined", "resolved"]
 
@@ -80,7 +80,13 @@ def resolved(model: M, records: Sequence[Record]) -> tuple[M, list[str]]:
             out.hold = "between"
             out.parameters = model.parameters + tuple(
                 Parameter(
-                    name=f"{BETWEEN}{n}", value=0.5, sd=0.5, lower=-1.0, upper=2.0, component=n
+                    name=f"{BETWEEN}{n}",
+                    value=0.5,
+                    sd=0.5,
+                    lower=-1.0,
+                    upper=2.0,
+                    component=INTERPOLATION,
+                    label=f"interpolation of {n} between samples",
                 )
                 for n in model.inputs
             )

@@ -28,8 +28,7 @@ from scipy.special import logsumexp
 
 from feltmb.data import Array
 from feltmb.fit.linearize import varying
-from feltmb.fit.model import VARIABILITY, Model, Parameter
-from feltmb.fit.resolution import BETWEEN
+from feltmb.fit.model import Model, Parameter
 from feltmb.fit.solve import Fit, FitSettings, evidence_at, polish, relaxed
 from feltmb.fit.watch import current
 from feltmb.gap.findings import VaryingLaw
@@ -83,7 +82,7 @@ def law_errors(fit: Fit, settings: FitSettings) -> LawErrors:
     LawErrors
         The gain, and the laws with an error.
     """
-    laws = [p for p in _free(fit) if _of_the_machine(p) and _unit(p) > 0.0]
+    laws = [p for p in _free(fit) if p.of_the_machine and _unit(p) > 0.0]
     segments = max((s.count for s in fit.problem.segmented_records), default=0)
     if not laws or not fit.gap_sd.size or segments < 2:
         return LawErrors(-math.inf)
@@ -114,11 +113,6 @@ def law_errors(fit: Fit, settings: FitSettings) -> LawErrors:
         now, gain = fitted, gain + step
         found.append(best)
     return LawErrors(gain, tuple(found), now if found else None)
-
-
-def _of_the_machine(parameter: Parameter) -> bool:
-    """Whether a parameter is not one of the simulation or of the run-to-run variability."""
-    return parameter.component != VARIABILITY and not parameter.name.startswith(BETWEEN)
 
 
 def _free(fit: Fit) -> list[Parameter]:

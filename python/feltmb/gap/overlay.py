@@ -260,15 +260,16 @@ def _distance(factor: float, unit: float) -> float:
 def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]) -> str:
     """Description of wrong units in one sentence; empty if there are none.
 
-    Reported only if every parameter has a finite tolerance below a factor. All records of a channel
-    have the wrong unit, or some have it and the others agree with the model.
+    Reported only if every parameter of the machine has a finite tolerance below a factor. All
+    records of a channel have the wrong unit, or some have it and the others agree with the model.
 
     Parameters
     ----------
     runs
         Record, residual of the model (n, ny) and noise by channel.
     """
-    if any(p.sd == np.inf or p.sd > ANY_FACTOR * abs(p.value) > 0.0 for p in model.parameters):
+    own = [p for p in model.parameters if p.of_the_machine]
+    if any(p.sd == np.inf or p.sd > ANY_FACTOR * abs(p.value) > 0.0 for p in own):
         return ""
     found: dict[tuple[str, float, tuple[str, ...]], list[str]] = {}
     for i, name in enumerate(model.outputs):

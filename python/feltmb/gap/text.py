@@ -89,7 +89,8 @@ def _calibration(report: Findings) -> Iterator[Part]:
         yield f"- and {len(report.calibrated) - MOST_MOVED} more, see report.json"
     for g in report.given:
         yield f"A part of the model: {g.text}{g.remark}"
-    at_limit = [i.name for i in report.fit.intervals() if i.at_limit]
+    labels = {p.name: p.label or p.name for p in report.fit.problem.model.parameters}
+    at_limit = [labels[i.name] for i in report.fit.intervals() if i.at_limit]
     if at_limit:
         yield f"At a limit of its range: {', '.join(at_limit)}"
 

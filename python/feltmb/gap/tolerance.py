@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from feltmb.fit.model import VARIABILITY, Effect, Model, Parameter
+from feltmb.fit.model import Effect, Model, Parameter
 from feltmb.fit.problem import Point
-from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.solve import Fit, FitSettings, Interval, polish
 from feltmb.gap.criteria import RIVAL, TOLERATED
 from feltmb.gap.misfit import misfit
@@ -72,7 +71,7 @@ def of_the_machine(
     return [
         (k, i, parameters[i], interval)
         for k, (i, interval) in enumerate(zip(fit.problem.free, intervals, strict=False))
-        if parameters[i].component != VARIABILITY and not parameters[i].name.startswith(BETWEEN)
+        if parameters[i].of_the_machine
     ]
 
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from feltmb.fit.model import VARIABILITY
 from feltmb.gap.confusion import confused_groups, confusion_if_detected
 from feltmb.gap.criteria import BEST_PART, CONFUSED, WORTH_TELLING
 from feltmb.gap.information import Knowledge
@@ -216,7 +215,7 @@ def helpful_parts(knowledge: Knowledge) -> tuple[HelpfulPart, ...]:
     found: dict[str, tuple[float, HelpfulPart]] = {}
     for p, spread in zip(knowledge.model.parameters, knowledge.spread(), strict=True):
         known_to = max(0.5 * spread, BEST_PART * p.sd if math.isfinite(p.sd) else 0.0)
-        if not 0.0 < known_to < p.sd or p.component == VARIABILITY:
+        if not 0.0 < known_to < p.sd or not p.of_the_machine:
             continue
         then = knowledge.plus(knowledge.part(p.name, known_to)).smallest()
         for i in np.flatnonzero(then < 0.9 * smallest):

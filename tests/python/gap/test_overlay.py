@@ -252,6 +252,42 @@ def test_no_length_is_labeled_as_a_force():
         gap.diagnose(model, [], newtons)
 
 
+def test_an_estimated_interpolation_does_not_hide_a_wrong_unit():
+    """Its share of 0.5 with a standard deviation of 0.5 is no factor of an output."""
+    rng = np.random.default_rng(3)
+    model = gap.OdeModel(
+        name="lag",
+        states=[gap.State(name="x", unit="m", scale=1.0, start_sd=0.1)],
+        parameters=[gap.Parameter(name="rate", value=30.0, sd=1.0, unit="1/s")],
+        inputs=["u"],
+        rates=lambda t, x, u, p: (p.rate * (u.u - x.x),),
+        outputs={"y": "x", "z": "x"},
+    )
+    time = np.arange(300) * 0.02
+    records = []
+    for i in range(3):
+        u = np.repeat(rng.standard_normal(60), 5)
+        x = np.zeros(300)
+        for k in range(299):
+            x[k + 1] = u[k] + (x[k] - u[k]) * np.exp(-30.0 * 0.02)
+        noise = 1e-3 * rng.standard_normal((2, 300))
+        records.append(
+            Record(
+                name=f"r{i}", time=time, inputs={"u": u},
+                outputs={"y": x + noise[0], "z": 1e3 * (x + noise[1])},
+                sensors={
+                    "y": Sensor(name="y", unit="m", sigma=1e-3),
+                    "z": Sensor(name="z", unit="m", sigma=1.0),
+                },
+            )
+        )  # fmt: skip
+    assert any(p.name == "between.u" for p in model.ready(records).model.parameters)
+    with pytest.raises(
+        DataError, match=r"unit of z: .* times the model in all records \(mm labeled as m"
+    ):
+        gap.diagnose(model, [], records)
+
+
 def test_a_factor_that_a_parameter_may_be_is_no_wrong_unit():
     quick = gap.Options(bootstrap=0, restarts=0, advice=False)
     for factor, sd in ((10.0, 5.0), (1.3, 0.1)):
