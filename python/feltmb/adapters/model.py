@@ -123,6 +123,7 @@ class MechanismModel(DifferentiableMechanism):
     """
 
     difference_step = 0.1
+    many_outputs = True
     input_modes = MappingProxyType({"force": ("force",), "motion": ("displacement",)})
     input_names = MappingProxyType(
         {"force": (FORCE,), "displacement": (DISPLACEMENT,), DISPLACEMENT: ("displacement",)}

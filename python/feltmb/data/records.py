@@ -115,6 +115,18 @@ class StartPrior:
             raise DataError("start: " + "; ".join(faults))
 
 
+def _missing(name: str, column: Array, time: Array) -> str:
+    """Where an input has no number."""
+    at = np.flatnonzero(~np.isfinite(column))
+    where = f"at {time[at[0]]:.10g} s"
+    if at.size > 1:
+        where = f"at {at.size} samples from {time[at[0]]:.10g} s to {time[at[-1]]:.10g} s"
+    return (
+        f"input {name} has no number {where} (first: sample {at[0]} counted from 0); the model "
+        "needs an input at every sample: fill or cut it"
+    )
+
+
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
@@ -165,7 +177,10 @@ class Record:
             faults.append("time holds a number that is not finite")
         elif not np.all(np.diff(time) > 0.0):
             at = int(np.argmax(np.diff(time) <= 0.0)) + 1
-            faults.append(f"time does not rise at sample {at} ({time[at]:g} s)")
+            faults.append(
+                f"time does not increase from {time[at - 1]:.10g} s to {time[at]:.10g} s, sample "
+                f"{at} counted from 0"
+            )
         inputs = {k: _column(v) for k, v in self.inputs.items()}
         outputs = {k: _column(v) for k, v in self.outputs.items()}
         for kind, columns in (("input", inputs), ("output", outputs)):
@@ -173,8 +188,7 @@ class Record:
                 if column.size != n:
                     faults.append(f"{kind} {name} has {column.size} samples, the clock {n}")
                 elif kind == "input" and not np.all(np.isfinite(column)):
-                    at = int(np.argmin(np.isfinite(column)))
-                    faults.append(f"input {name} is missing at sample {at}; the model needs it")
+                    faults.append(_missing(name, column, time))
                 elif kind == "output" and np.any(np.isinf(column)):
                     faults.append(f"output {name} holds an infinite number; NaN means missing")
                 elif column.size and np.any(np.abs(column) > LARGEST):

@@ -503,6 +503,9 @@ class Model(ABC):
     parameters: tuple[Parameter, ...] = ()
     outputs: tuple[str, ...] = ()
     """Names of the outputs; a record may contain only some of them."""
+    many_outputs: bool = False
+    """Whether it has more outputs than one usually records; else data checks list the outputs that
+    no record has."""
     units: Mapping[str, str] = MappingProxyType({})
     """SI units of outputs and inputs by name, if known; records with another unit are rejected."""
     input_modes: Mapping[InputMode, Sequence[str]] = MappingProxyType({})

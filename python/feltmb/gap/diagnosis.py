@@ -49,7 +49,13 @@ from feltmb.gap.profile import profile_of
 from feltmb.gap.proof import HeldOut, Outcome, metric_of, residuals_by_segment
 from feltmb.gap.refine import tighten
 from feltmb.gap.report import Report
-from feltmb.gap.score import all_candidates, family_threshold, refuting_score, score_fit
+from feltmb.gap.score import (
+    NO_SIGNATURE,
+    all_candidates,
+    family_threshold,
+    refuting_score,
+    score_fit,
+)
 from feltmb.gap.search import Search
 from feltmb.gap.sizes import Sizes
 from feltmb.gap.smoke_test import try_effects
@@ -301,17 +307,18 @@ class _Diagnosis:
         """Effects that the search could not test, or had no time for."""
         for name, why in found.failed:
             self.not_tested.append(NotTested(name=name, why=why))
-        testable = zip(found.scores.candidates, found.scores.testable, strict=True)
-        blind = [t for t, ok in testable if not ok]
+        scores = found.scores
         for e in self.task.effects:
-            if all(t in blind for t in found.scores.candidates if t.effect is e):
-                self.not_tested.append(
-                    NotTested(
-                        name=e.name,
-                        why="parameters, start states and sensor errors can reproduce its whole "
-                        "signature in these records",
-                    )
-                )
+            own = [i for i, t in enumerate(scores.candidates) if t.effect is e]
+            if np.any(scores.testable[own]):
+                continue
+            why = (
+                "parameters, start states and sensor errors can reproduce its whole signature in "
+                "these records"
+                if np.any(scores.raw[own] > NO_SIGNATURE)
+                else "it changes no recorded output"
+            )
+            self.not_tested.append(NotTested(name=e.name, why=why))
         self.not_tested += self.skipped
 
     def _where(self, first: Search) -> Where:

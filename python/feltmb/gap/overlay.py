@@ -17,6 +17,7 @@ from feltmb.fit.model import Model
 from feltmb.fit.observe import observe_whole
 from feltmb.gap.checks import DataChecks, check_against, with_sigma
 from feltmb.gap.criteria import ALIKE, ANY_FACTOR, EXPLAINS_MOST, NEAR_UNIT, SAME_DELAY
+from feltmb.gap.smoke_test import divergence
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
 
 if TYPE_CHECKING:
@@ -118,6 +119,8 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         for name in record.outputs:
             if name in outputs:
                 rows.append(_row(record, name, outputs[name], noise[name].sigma))
+        if text := divergence(record, model.outputs, values):
+            notes.append(text)
         failed = [n for n, y in outputs.items() if n in record.outputs and np.isnan(y).all()]
         if failed:
             notes.append(f"{record.name}: the model gives no numbers for {', '.join(failed)}")
@@ -160,7 +163,7 @@ def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:
         spread = float(np.std(x) * np.std(y))
         if count > 2 and spread > 0.0:
             correlation = float(np.mean((x - x.mean()) * (y - y.mean())) / spread)
-        if rms > sigma:
+        if sigma < rms < math.inf:
             factor = _factor(x, y)
             delay = _delay(record.time, measured, model)
     return GapBeforeRow(
@@ -312,7 +315,8 @@ def _hints(rows: Sequence[GapBeforeRow]) -> list[str]:
     for r in rows:
         if text := _unit_of(r):
             notes.append(f"{r.record}: {r.channel} is {r.factor:.4g} times the model: {text}?")
-    late = [r for r in rows if np.isfinite(r.delay)]
+    # A reversed oscillation is also its own half period later.
+    late = [r for r in rows if np.isfinite(r.delay) and not _unit_of(r)]
     by_record: dict[str, list[GapBeforeRow]] = {}
     for r in late:
         by_record.setdefault(r.record, []).append(r)

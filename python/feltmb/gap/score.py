@@ -29,6 +29,7 @@ from feltmb.fit.solve import Fit
 from feltmb.gap.criteria import FITTED_SHAPE
 
 __all__ = [
+    "NO_SIGNATURE",
     "ScoredSet",
     "Scores",
     "all_candidates",
@@ -42,6 +43,8 @@ __all__ = [
 
 #: Share of a signature that must remain after the projection for a test; below it is rounding.
 LEAST_SURVIVING = 1e-7
+#: Squared norm of a signature of one scale, in noise variances, that counts as zero.
+NO_SIGNATURE = 1e-12
 #: Smallest eigenvalue of the correlations of signatures of a set that can be separated.
 DEPENDENT = 1e-4
 
@@ -81,7 +84,7 @@ class Scores:
     def testable(self) -> Array:
         """Whether enough of the signature remains after the projection."""
         diagonal = np.diag(self.gram)
-        return np.asarray((diagonal > LEAST_SURVIVING * self.raw) & (diagonal > 1e-12))
+        return np.asarray((diagonal > LEAST_SURVIVING * self.raw) & (diagonal > NO_SIGNATURE))
 
     def among(self, effects: Sequence[Effect]) -> Scores:
         """Scores of a part of the candidates."""

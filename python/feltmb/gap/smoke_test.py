@@ -13,10 +13,12 @@ from feltmb.fit.calling import calling
 from feltmb.fit.model import Candidate, Effect, Jobs, Model
 from feltmb.fit.observe import machine_candidates, observe_jobs
 
-__all__ = ["try_effects"]
+__all__ = ["divergence", "try_effects"]
 
 #: Number of simulated samples: enough for the filter of a sensor.
 SAMPLES = 32
+#: Ratio of a simulated to the largest measured value above which a simulation has diverged.
+DIVERGED = 1e6
 
 
 def try_effects(model: Model, effects: Sequence[Effect], record: Record) -> None:
@@ -77,6 +79,8 @@ def _fault(model: Model, candidate: Candidate, record: Record, bare: Array) -> s
 
 def _check_numbers(model: Model, record: Record, bare: Array) -> None:
     """Check that the model gives finite numbers at its priors, from a given or estimated start."""
+    if text := divergence(record, model.outputs, bare[0]):
+        raise InvalidParameter(f"model {model.name}, {text}")
     if _runs(bare):
         return
     segments = np.array([[0, min(SAMPLES, record.samples) - 1]])
@@ -88,6 +92,25 @@ def _check_numbers(model: Model, record: Record, bare: Array) -> None:
             f"model {model.name}: at the beginning of record {record.name} all outputs are NaN or "
             "infinite, with the parameters at their priors"
         )
+
+
+def divergence(record: Record, names: Sequence[str], outputs: Array) -> str:
+    """Description of outputs (n, ny) that are far beyond those of the record; empty: none are."""
+    for i, name in enumerate(names):
+        seen = record.outputs.get(name)
+        if seen is None or not np.any(np.isfinite(seen)):
+            continue
+        most = float(np.nanmax(np.abs(seen)))
+        with np.errstate(invalid="ignore"):
+            far = np.flatnonzero(np.abs(outputs[:, i]) > DIVERGED * max(most, 1e-300))
+        if far.size:
+            unit = record.sensors[name].unit
+            return (
+                f"record {record.name}: {name} of the model is beyond {DIVERGED:.0e} times the "
+                f"largest measured value ({most:.3g} {unit}) after {far[0]} samples. The samples "
+                f"are {record.interval:.3g} s apart: is this their unit (--unit time=ms)?"
+            )
+    return ""
 
 
 def _runs(outputs: Array) -> bool:
