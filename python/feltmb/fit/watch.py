@@ -37,7 +37,7 @@ STAGES = (CHECKS, FIT, SEARCH, PROOF, REPORT)
 #: time.
 USUAL = {FIT: 20, SEARCH: 120, PROOF: 20}
 #: Share of the time limit after which no fit is started; the rest is for the proof.
-FOR_FITS = 0.8
+FOR_FITS = 0.6
 #: Shortest time between two calls of the callback within a stage [s].
 PAUSE = 0.1
 
@@ -119,6 +119,11 @@ class Watch:
     def stopping(self) -> bool:
         """Whether fits and searches must end; a proof is still done."""
         return self.stage in (FIT, SEARCH) and self.over()
+
+    def spent(self) -> bool:
+        """Whether the whole budget is spent: what a proof can do without is left out."""
+        late = self._budget is None or self.elapsed > self._budget
+        return self.over() and late
 
     def enter(self, stage: str) -> None:
         """Start a stage."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.solve import SAME, Fit, FitSettings
+from feltmb.fit.watch import current
 from feltmb.gap.criteria import (
     CLOSES_ALL,
     DEEP_GAP,
@@ -384,7 +385,7 @@ class _Attempt:
         for size in range(len(first.names) - 1, 0, -1):
             standing = []
             for names in itertools.combinations(first.names, size):
-                if not needed <= set(names):
+                if not needed <= set(names) or current().spent():
                     continue
                 part = self.part(first, names)
                 if part.evidence < self.search.model_evidence:
@@ -538,7 +539,7 @@ def accept(
         if bad:
             without = "does not stand without " + " and ".join(bad)
             best, proof = attempt.standing(first, proof, bad)
-            if best is None:
+            if best is None and not current().spent():
                 best, confirmed = attempt.another(first)
                 if best is not None:
                     proof, belief = confirmed, attempt.belief(belief)

@@ -115,8 +115,9 @@ def diagnose(
         :class:`feltmb.fit.Progress`.
     budget
         Time limit [s]. The report then has the best result so far and lists what was not tried.
-        Fits stop after four fifths of the time, and the held-out proof follows. Simulations that
-        have started are completed, so that the limit may be exceeded by a few simulations.
+        Fits stop after three fifths of the time, and the held-out proof follows. When the time is
+        over, the proof only compares the best set with its parts of one effect less, so that the
+        limit may be exceeded.
     stop
         Function that is called now and then; when it returns True, the diagnosis ends as if the
         time limit were reached.

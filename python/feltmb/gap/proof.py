@@ -25,6 +25,7 @@ from feltmb.fit.problem import Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, estimate_states, polish
 from feltmb.fit.starts import from_other_starts
+from feltmb.fit.watch import current
 
 __all__ = [
     "HeldOut",
@@ -163,10 +164,11 @@ def evaluate(
     )
     way = replace(settings, chain=True)
     fit = polish(base, _converge(base, model), model.level, way)
-    fit = from_other_starts(fit, way) if like is None else from_other_starts(fit, way, most=1)
+    if not current().spent():
+        fit = from_other_starts(fit, way) if like is None else from_other_starts(fit, way, most=1)
     density = _density(base, fit, model)
     found = Outcome(fit, density, settings, model)
-    if not fit.gap_sd.size:
+    if not fit.gap_sd.size or current().spent():
         return found
     starts = [fit.point]
     if like is not None:
@@ -178,6 +180,8 @@ def evaluate(
         # defects have a cost.
         looser = [v for v in settings.levels if 1.5 * model.level < v < 1.0]
         for start, level in itertools.product(starts, looser):
+            if current().spent():
+                break
             found = _better(found, start, level)
     return found
 
