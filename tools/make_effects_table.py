@@ -1,4 +1,4 @@
-"""Updates the tables of docs/explanation/gap-action.md from the library of effects."""
+"""Updates the tables of docs/reference/gap-effects.md from the library of effects."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,7 @@ import feltmb
 from feltmb.adapters import load_library
 from feltmb.adapters.table import effects_markdown, tolerances_markdown
 
-DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "gap-action.md"
+DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "reference" / "gap-effects.md"
 
 
 def tables() -> dict[str, str]:

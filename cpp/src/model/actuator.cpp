@@ -215,7 +215,8 @@ class Run {
   /// differs from 1.
   double field(double t) const { return field_ + (t - field_time_) * field_rate_; }
 
-  void foretell_field(double from, double to) {
+  /// Sets the line of `field` for the interval from `from` to `to` [s].
+  void predict_field(double from, double to) {
     field_ = field(from);
     field_time_ = from;
     const double angle = hub_.dot(x()) + (to - from) * hub_.dot(v());
@@ -326,7 +327,7 @@ class Run {
   }
 
   void advance(double from, double to) {
-    foretell_field(from, to);
+    predict_field(from, to);
     stepper_->advance();
     // Integrals of T theta' and of the others by parts and the trapezoidal rule with end slopes:
     // what vibrates enters undifferentiated, what drives is straight between its corners.

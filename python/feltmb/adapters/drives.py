@@ -32,7 +32,7 @@ FORCE, DISPLACEMENT = "finger.force", "finger.displacement"
 #: Number of cached smoothed motions; a diagnosis uses each of them thousands of times.
 SMOOTHED = 256
 #: Estimated noise of an input above which a note is given: of a motion [m], of a force [N].
-AUDIBLE = {"displacement": 2e-7, "force": 1e-4}
+NOTED_NOISE = {"displacement": 2e-7, "force": 1e-4}
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ def with_noise(record: Record, notes: list[str]) -> Record:
     sigma = noise_of_record(record.inputs[name])
     if not sigma > 0.0:
         return record
-    if sigma > AUDIBLE[name]:
+    if sigma > NOTED_NOISE[name]:
         unit, what = ("m", "taken out") if name == "displacement" else ("N", "allowed for")
         notes.append(
             f"{record.name}: the noise of {name} is not specified; {sigma:.2g} {unit} are "

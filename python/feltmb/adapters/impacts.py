@@ -37,7 +37,7 @@ from feltmb.fit import (
     State,
 )
 from feltmb.mechanism import Action, load_action
-from feltmb.run.simulate import simulate
+from feltmb.run.simulate import ONE_STRIKE, simulate
 from feltmb.run.stroke import Stroke, load_stroke
 from feltmb.units.quantity import SI, Schema, fault_text, parse_scalar, validated
 
@@ -47,8 +47,6 @@ __all__ = ["ImpactModel", "impact_record", "load_impacts"]
 BEFORE = 3e-3
 #: Duration of the simulation after the speed was set [s].
 AFTER = 13e-3
-#: Contacts that follow each other within this time belong to one impact [s].
-ONE_BLOW = 6e-3
 
 
 def impact_record(
@@ -300,7 +298,7 @@ class ImpactModel(Model):
             return {}
         approach = run.event_approach[:, self._strike_index]
         out = {"impact_speed": float(approach[on[0]])}
-        offs = [(i, t) for i, t, d in changes if d < 0 and on[1] < t <= on[1] + ONE_BLOW]
+        offs = [(i, t) for i, t, d in changes if d < 0 and on[1] < t <= on[1] + ONE_STRIKE]
         if offs:
             out["rebound_speed"] = float(-approach[offs[-1][0]])
             out["string_contact_duration"] = offs[-1][1] - on[1]

@@ -19,9 +19,6 @@ from feltmb.units.quantity import is_quantity
 
 __all__ = ["action_of_findings", "write_mechanism"]
 
-#: Fields of a value in a file that describe it.
-_SAID = ("source", "status", "note")
-
 
 def write_mechanism(
     path: Path,

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.model import Effect, Model
+from feltmb.fit.model import Model
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted, Posterior
@@ -23,12 +22,11 @@ from feltmb.gap.findings import (
     ModelWithEffects,
     Ranked,
     RankedSet,
-    ShapeNumber,
     Which,
 )
 from feltmb.gap.proof import Outcome
 from feltmb.gap.search import Search
-from feltmb.gap.sizes import Sizes, where_refitted
+from feltmb.gap.sizes import Sizes, shape_numbers, where_refitted
 
 __all__ = ["closest_set", "how_far_rows", "ranked", "with_effects"]
 
@@ -143,7 +141,7 @@ def ranked(
                 confusable=confused,
                 named=name in named,
                 remedy=candidate.effect.remedy,
-                numbers=_numbers(candidate.effect, shape, wide),
+                numbers=shape_numbers(candidate.effect, shape, wide),
             )
         )
     # Rounding must not determine the order of equal probabilities.
@@ -184,20 +182,6 @@ def _by_effect(names: Sequence[str], search: Search, belief: Posterior) -> dict[
         for n in one.names:
             weights[n] += weight
     return weights
-
-
-def _numbers(effect: Effect, shape: Any, wide: Mapping[int, float]) -> tuple[ShapeNumber, ...]:
-    """Numbers of a shape. ``wide``: standard deviations of the logarithms of the fitted numbers."""
-    values = shape if isinstance(shape, tuple) else (shape,)
-    out = []
-    for i, value in enumerate(values):
-        if not isinstance(value, (int, float)) or isinstance(value, bool):
-            continue
-        name = effect.shape_names[i] if i < len(effect.shape_names) else "shape"
-        factor = math.exp(min(1.96 * wide.get(i, 0.0), 50.0))
-        low, high = sorted((value / factor, value * factor))
-        out.append(ShapeNumber(name=name, value=float(value), low=float(low), high=float(high)))
-    return tuple(out)
 
 
 def _classes(search: Search) -> tuple[tuple[str, ...], ...]:

@@ -49,7 +49,7 @@ CRITERIA: list[Criterion] = []
 #: The number follows from statistics and needs no data.
 _STATISTICS = "none; the value follows from statistics"
 #: No measurement that determined the value was stored.
-_JUDGED = "judgment; no measurement was stored"
+_JUDGED = "judgment"
 
 
 def _number(name: str, value: float, unit: str, reason: str, data: str, test: str) -> float:
@@ -431,14 +431,15 @@ ONSET_SHARE = _number(
 # ---------------------------------------------------------------- plans and advice
 
 DETECTABLE = _number(
-    "DETECTABLE", 3.7, "noncentrality",
-    "noncentrality that is detected in nine of ten records at one false alarm in a hundred",
+    "DETECTABLE", 3.7, "signal-to-noise ratio",
+    "ratio that is detected in nine of ten records at one false alarm in a hundred: 3.6 for an "
+    "effect of one sign, 3.9 for both signs",
     _STATISTICS,
     "gap/test_planning.py",
 )  # fmt: skip
 CLEAR_SIGNAL = _number(
     "CLEAR_SIGNAL", 5.0, "signal-to-noise ratio",
-    "ratio above which an effect counts as detectable",
+    "ratio above which an effect stands out clearly",
     _JUDGED, "gap/test_withhold.py",
 )  # fmt: skip
 CONFUSED = _number(

@@ -339,7 +339,7 @@ def _name(facts: Facts) -> Decision:
     closed = _closing(facts, sure or tuple(unsure))
     if left:
         what = "that held-out records confirm" if accepted.rejected else "tested"
-        rest = f" What is left is {_variability(facts)}; nothing {what} explains it."
+        rest = f" What is left is {_largest_residual(facts)}; nothing {what} explains it."
         if not fitted and facts.beyond is not None:
             rest = (
                 " What is left of the fitted records is noise, but the held-out ones show more: "
@@ -362,7 +362,7 @@ def _name(facts: Facts) -> Decision:
         verdict = Verdict.DATA_PROBLEM
         text = f"The records, not the machine: {told}. {closed}"
     else:
-        verdict = Verdict.NAMED_UNKNOWN_REST if left or unsure else Verdict.NAMED
+        verdict = Verdict.NAMED_RESIDUAL if left or unsure else Verdict.NAMED
         where = "records show" if all(n in data for n in sure) else "model lacks"
         text = f"The {where}: {told}. {closed}"
     if sure and unsure:
@@ -509,7 +509,7 @@ def _ratio(search: Search) -> float:
     return fit.chi2 / fit.dof
 
 
-def _variability(facts: Facts) -> str:
+def _largest_residual(facts: Facts) -> str:
     """Largest held-out residual of a channel relative to its noise, as text."""
     rows = [r for r in facts.how_far.rows if r.metric == facts.how_far.metric and r.noise > 0.0]
     if not rows:

@@ -56,7 +56,7 @@ class Verdict(StrEnum):
     excite them, which the statement then tells."""
     ONE_OF = "ONE OF"
     """One effect of ``report.one_of`` explains the gap; the records cannot determine which."""
-    NAMED_UNKNOWN_REST = "NAMED + RESIDUAL REMAINS"
+    NAMED_RESIDUAL = "NAMED + RESIDUAL REMAINS"
     """As NAMED, but a significant gap remains that no tested effect explains."""
     UNKNOWN = "UNKNOWN"
     """There is a gap, and no tested effect explains it."""

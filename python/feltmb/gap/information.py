@@ -39,6 +39,7 @@ from feltmb.fit.segmented_records import segment_record
 from feltmb.gap.checks import with_sigma
 from feltmb.gap.confusion import confusion
 from feltmb.gap.criteria import DETECTABLE, NOT_LISTED
+from feltmb.gap.proof import SEGMENTED_LEVEL
 
 __all__ = [
     "Belief",
@@ -54,10 +55,6 @@ __all__ = [
 
 #: Magnitudes of an effect that are assumed before there are data [scales].
 MAGNITUDES = (0.5, 1.0, 2.0)
-#: Permitted continuity defects, as a share of the spread of the states; equal to the segmented
-#: metric. With exact continuity, a linearization of a chaotic machine would predict that a friction
-#: of 1e-7 N is detectable. The linearization is not valid that far.
-LOOSE = 0.01
 #: Largest number of parameters that are told to look like a candidate.
 IMITATORS = 3
 
@@ -274,7 +271,7 @@ def linearized(
     *,
     theta: Array | None = None,
     noise: Mapping[str, Noise] | None = None,
-    level: float = LOOSE,
+    level: float = SEGMENTED_LEVEL,
 ) -> tuple[Information, ...] | None:
     """The same as :func:`informations` without a store, at any parameters.
 

@@ -24,7 +24,7 @@ MARK = {
     Verdict.CALIBRATED: "named",
     Verdict.NAMED: "named",
     Verdict.ONE_OF: "some",
-    Verdict.NAMED_UNKNOWN_REST: "some",
+    Verdict.NAMED_RESIDUAL: "some",
     Verdict.UNKNOWN: "bad",
     Verdict.TOO_WEAK: "none",
     Verdict.DATA_PROBLEM: "bad",

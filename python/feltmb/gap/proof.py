@@ -28,6 +28,7 @@ from feltmb.fit.starts import from_other_starts
 from feltmb.fit.watch import current
 
 __all__ = [
+    "SEGMENTED_LEVEL",
     "HeldOut",
     "Outcome",
     "Paired",
@@ -45,7 +46,9 @@ __all__ = [
 
 #: Log predictive density of a segment that cannot be linearized.
 NO_DENSITY = -1e6
-#: Continuity defect of the segmented gap, as a share of the spread of the states.
+#: Continuity defect of the segmented gap and of predictions, as a share of the spread of the
+#: states. With exact continuity, a linearization of a chaotic machine would predict that a friction of
+#: 1e-7 N is detectable. The linearization is not valid that far.
 SEGMENTED_LEVEL = 0.01
 
 

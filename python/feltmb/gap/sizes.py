@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
-from feltmb.fit.model import Candidate
+from feltmb.fit.model import Candidate, Effect
 from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted
 from feltmb.gap.digits import digits
+from feltmb.gap.findings import ShapeNumber
 from feltmb.gap.refine import CandidateSet
 from feltmb.gap.search import Search
 from feltmb.gap.spread import Spread, spread, with_refused
 from feltmb.units import readable_unit, unit_suffix
 
-__all__ = ["Size", "Sizes", "where_refitted"]
+__all__ = ["Size", "Sizes", "shape_numbers", "where_refitted"]
+
+#: Name and unit of a number of a shape, as in "half width [rad]".
+_NAME_AND_UNIT = re.compile(r"(.*) \[(.*)\]")
 
 
 @dataclass(frozen=True)
@@ -43,19 +49,48 @@ class Size:
 
     @property
     def text(self) -> str:
-        """The effect with its magnitude and interval, small lengths in mm."""
+        """The effect with its magnitude, the fitted numbers of its shape, and their intervals.
+
+        Small lengths are in mm.
+        """
         effect = self.candidate.effect
-        shown = digits(self.magnitude, self.sd, 3)
-        bounded = math.isfinite(self.low) and math.isfinite(self.high)
-        # One unit for all numbers: that of the largest one.
-        ends = (self.low, self.high) if bounded else ()
-        factor, name = readable_unit(max(map(abs, (self.magnitude, *ends))), effect.unit)
-        unit = unit_suffix(name or "1")
-        text = f"{effect.name} of {factor * self.magnitude:.{shown}g}{unit}"
-        if not bounded:
-            return f"{text} (no finite 95% interval)"
-        low, high = (f"{factor * end:.{shown}g}" for end in (self.low, self.high))
-        return f"{text} (95% from {low} to {high}{unit})"
+        ends = (self.magnitude, self.low, self.high)
+        parts = [f"{effect.name} of {_with_interval(*ends, self.sd, effect.unit)}"]
+        for number in shape_numbers(effect, self.candidate.shape, self.shape_sd):
+            if number.low < number.high:
+                found = _NAME_AND_UNIT.fullmatch(number.name)
+                name, unit = (number.name, "1") if found is None else found.groups()
+                sd = (number.high - number.low) / (2.0 * 1.96)
+                ends = (number.value, number.low, number.high)
+                parts.append(f"{name} {_with_interval(*ends, sd, unit)}")
+        return ", ".join(parts)
+
+
+def _with_interval(value: float, low: float, high: float, sd: float, unit: str) -> str:
+    """A number with its 95 % interval, in one unit."""
+    shown = digits(value, sd, 3)
+    bounded = math.isfinite(low) and math.isfinite(high)
+    # One unit for all numbers: that of the largest one.
+    factor, name = readable_unit(max(map(abs, (value, low, high) if bounded else (value,))), unit)
+    suffix = unit_suffix(name or "1")
+    text = f"{factor * value:.{shown}g}{suffix}"
+    if not bounded:
+        return f"{text} (no finite 95% interval)"
+    return f"{text} (95% from {factor * low:.{shown}g} to {factor * high:.{shown}g}{suffix})"
+
+
+def shape_numbers(effect: Effect, shape: Any, wide: Mapping[int, float]) -> tuple[ShapeNumber, ...]:
+    """Numbers of a shape. ``wide``: standard deviations of the logarithms of the fitted numbers."""
+    values = shape if isinstance(shape, tuple) else (shape,)
+    out = []
+    for i, value in enumerate(values):
+        if not isinstance(value, (int, float)) or isinstance(value, bool):
+            continue
+        name = effect.shape_names[i] if i < len(effect.shape_names) else "shape"
+        factor = math.exp(min(1.96 * wide.get(i, 0.0), 50.0))
+        low, high = sorted((value / factor, value * factor))
+        out.append(ShapeNumber(name=name, value=float(value), low=float(low), high=float(high)))
+    return tuple(out)
 
 
 @dataclass(eq=False)

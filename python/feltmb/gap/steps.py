@@ -60,7 +60,7 @@ def next_steps(
     texts += [f"{r.effect}: {r.remedy}" for r in named if r.remedy]
     # A direct test decides between effects that no record can separate.
     texts += [f"If it is {r.effect}: {r.remedy}" for r in one_of if r.remedy]
-    if verdict in (Verdict.UNKNOWN, Verdict.NAMED_UNKNOWN_REST):
+    if verdict in (Verdict.UNKNOWN, Verdict.NAMED_RESIDUAL):
         strong = [c for c in components if c.significant]
         places = {r.component for r in (*named, *one_of)}
         if strong and strong[0].component not in places:

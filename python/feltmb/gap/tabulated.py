@@ -213,8 +213,8 @@ def _alone(p: Parameter, interval: Interval) -> tuple[float, float]:
         return math.nan, math.nan
     moved = interval.value - interval.prior
     alone = float(np.clip(interval.prior + moved / seen, p.lower, p.upper))
-    strained = abs(moved) > MOVED * sd_of_change(interval, interval.prior_sd)
-    if not strained or interval.low <= alone <= interval.high:
+    far = abs(moved) > MOVED * sd_of_change(interval, interval.prior_sd)
+    if not far or interval.low <= alone <= interval.high:
         return math.nan, math.nan
     return alone, interval.sd / math.sqrt(seen)
 

@@ -38,7 +38,7 @@ from feltmb.gap.options import Options
 __all__ = ["OUTCOMES", "Withheld", "WithheldCase", "outcome_of", "withhold"]
 
 #: Possible outcomes of a case, best first.
-OUTCOMES = ("right", "rest", "class", "unknown", "silent", "wrong", "failed")
+OUTCOMES = ("right", "residual", "class", "unknown", "silent", "wrong", "failed")
 
 Progress = Callable[[int, int, "WithheldCase"], None]
 
@@ -138,8 +138,8 @@ def _plain(share: tuple[float, float, float, int]) -> dict[str, float | int | No
 def outcome_of(effect: str, report: Findings) -> str:
     """Classify the result of a diagnosis, given the withheld effect.
 
-    ``right``: only the effect is named; without an effect, no gap is claimed. ``rest``: the effect
-    is named and an unexplained residual remains, although nothing else was withheld. ``class``: the
+    ``right``: only the effect is named; without an effect, no gap is claimed. ``residual``: the
+    effect is named and a residual remains, although nothing else was withheld. ``class``: the
     effect is one of several that cannot be distinguished. ``unknown``: a gap is claimed, but no
     name. ``silent``: no gap is claimed. ``wrong``: a wrong effect is named, or a gap is claimed
     without an effect.
@@ -150,7 +150,7 @@ def outcome_of(effect: str, report: Findings) -> str:
     if report.named:
         if set(report.named) != {effect}:
             return "wrong"
-        return "rest" if report.verdict == Verdict.NAMED_UNKNOWN_REST else "right"
+        return "residual" if report.verdict == Verdict.NAMED_RESIDUAL else "right"
     if report.one_of:
         return "class" if effect in report.one_of else "wrong"
     if silent:

@@ -485,11 +485,6 @@ class SimulatedPress:
         """Smallest distance of hammer and string at rest, i.e. the let-off distance [m]."""
         return float(self.gap[: self.turn].min())
 
-    @property
-    def closest_travel(self) -> float:
-        """Finger travel at the smallest distance [m]."""
-        return float(self.travel[int(self.gap[: self.turn].argmin())])
-
     def gap_when(self, contact: int) -> float | None:
         """Distance of hammer and string [m] when a contact first closes; None if never."""
         table = self.run.event_table

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["Evaluation", "evaluate", "simulate"]
+__all__ = ["ONE_STRIKE", "Evaluation", "evaluate", "simulate"]
 
 _CONTACT_COLUMNS = (
     "compression",
@@ -544,7 +544,7 @@ _TAKEN: dict[str, Callable[[npt.NDArray[np.float64]], Any]] = {
 
 
 #: Contacts of hammer and string that follow each other within this time are one strike [s].
-_ONE_BLOW = 6e-3
+ONE_STRIKE = 6e-3
 
 
 def find_strike(changes: list[Change], contact: int) -> tuple[int | None, int | None]:
@@ -552,7 +552,7 @@ def find_strike(changes: list[Change], contact: int) -> tuple[int | None, int | 
     on = next((i for i, c in enumerate(changes) if c.contact == contact and c.closes), None)
     if on is None:
         return None, None
-    end = changes[on].time + _ONE_BLOW
+    end = changes[on].time + ONE_STRIKE
     offs = [
         i
         for i, c in enumerate(changes)

@@ -98,7 +98,11 @@ def test_mat_and_netcdf_hold_the_same(tmp_path):
         ),
         ("t,q\n0,1\n1,2\n2,3\n", "[outputs.q]\nsigme = 1\n", "did you mean 'sigma'"),
         ("t,q\n0,1\n1,2\n2,3\n", "[outputs.q]\nsigma = -1.0\n", "expected a finite number > 0"),
-        ("t,q,u\n0,1,1\n1,2,\n2,3,1\n", "[inputs.u]\n[outputs.q]\n", "input u is missing"),
+        (
+            "t,q,u\n0,1,1\n1,2,\n2,3,1\n",
+            "[inputs.u]\n[outputs.q]\n",
+            "u has no number at 1 s",
+        ),
         ("t,q\n0,1\n1,2\n2,3\n", "name = 'x'\n", "no table [outputs.NAME]"),
     ],
 )

@@ -179,7 +179,7 @@ def test_what_surely_shrinks_the_gap_is_named_though_something_is_left():
     """A true effect, and a foreign structure that no effect explains: named, with the rest."""
     data = records(lambda u: u + 0.3 * u**3 + 0.02 * np.sin(25.0 * u))
     report = diagnose(line(), [power(3)], data, options=QUICK)
-    assert report.verdict is Verdict.NAMED_UNKNOWN_REST
+    assert report.verdict is Verdict.NAMED_RESIDUAL
     assert report.named == ("power 3",)
     assert 0.5 < report.how_far.closed < 1.0
     assert report.which["power 3"].magnitude == pytest.approx(0.3, rel=0.1)

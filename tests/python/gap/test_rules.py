@@ -103,7 +103,7 @@ def test_the_statement_tells_what_held_out_records_say(decided):
     part = replace(most, after=2.6, closed=0.2, low=0.1, high=0.3)
     assert decide(replace(facts, how_far=part)).verdict == Verdict.NAMED
     said = decide(replace(facts, unexplained=True, how_far=most))
-    assert said.verdict == Verdict.NAMED_UNKNOWN_REST
+    assert said.verdict == Verdict.NAMED_RESIDUAL
     assert said.named == ("power 3",)
     said = decide(replace(facts, unexplained=True, how_far=part))
     assert said.verdict == Verdict.UNKNOWN
@@ -201,7 +201,7 @@ def test_a_data_problem_holds_nothing_of_the_machine():
     said = diagnose(LINE, [cube, square, like], both, options=Options(bootstrap=0))
     assert said.named == ("power 3",)
     assert set(said.one_of) == {"power 2", "square of the machine"}
-    assert said.verdict is Verdict.NAMED_UNKNOWN_REST
+    assert said.verdict is Verdict.NAMED_RESIDUAL
     either = [sized(said, n) for n in said.one_of]
     assert f"In addition, one of {either[0]} and {either[1]}, which" in said.statement
     assert said.statement.startswith(f"The records show: {sized(said, 'power 3')}. It closes ")
@@ -441,7 +441,7 @@ def test_two_effects_that_held_out_records_do_not_excite_are_both_named(decided)
     assert "do not determine whether one of power 3 of 0.0" in maybe.statement
     # If every equally good set has another one beside it, one of these acts.
     maybe = decide(replace(shown, accepted=replace(shown.accepted, rivals=rivals[1:])))
-    assert maybe.verdict is Verdict.NAMED_UNKNOWN_REST
+    assert maybe.verdict is Verdict.NAMED_RESIDUAL
     assert (maybe.named, set(maybe.one_of)) == (("power 2",), {"power 3", "power 4"})
     assert "In addition, one of power 3 of 0.0" in maybe.statement
 
@@ -606,7 +606,7 @@ def test_a_gap_of_held_out_records_alone_is_told_beside_a_name():
     assert "What is left is noise." in said.statement
     said = diagnose(LINE, [power(3)], [*fitted, beyond], options=Options(bootstrap=0))
     assert said.named == ("power 3",)
-    assert said.verdict is Verdict.NAMED_UNKNOWN_REST
+    assert said.verdict is Verdict.NAMED_RESIDUAL
     assert "What is left of the fitted records is noise, but the held-out ones" in said.statement
     # Another value of the parameter or of the magnitude would close the gap: none is told.
     more = replace(beyond, outputs={"y": beyond.inputs["u"] + 0.3 * beyond.inputs["u"] ** 3})

@@ -15,7 +15,7 @@ AT_CART = ComponentRow(
 )
 
 
-def texts(verdict=Verdict.NAMED_UNKNOWN_REST, *, named=(), sd=1.0, tested=(FRICTION,)):
+def texts(verdict=Verdict.NAMED_RESIDUAL, *, named=(), sd=1.0, tested=(FRICTION,)):
     model = LinearModel(
         output="y",
         columns={"k": lambda r: r.time},

@@ -138,7 +138,7 @@ def test_a_sigma_that_is_far_too_small_does_not_hide_a_cause():
         name="sign", component="x", scale=0.1, regressor=lambda r, s: np.sign(r.inputs["x"])
     )
     report = diagnose(LINE, [CUBIC, quintic, sign], records, options=Options(bootstrap=0))
-    assert report.verdict is Verdict.NAMED_UNKNOWN_REST
+    assert report.verdict is Verdict.NAMED_RESIDUAL
     assert report.named == ("cubic",)
     assert "its noise may be 10 times the stated one" in report.statement
     assert report.which["cubic"].magnitude == pytest.approx(0.05, rel=0.25)

@@ -65,9 +65,9 @@ def test_each_effect_in_turn_is_named(tmp_path):
         progress=lambda *given: told.append(given[:2]),
     )  # fmt: skip
     assert [c.effect for c in found.cases] == ["", "dry", "spring", ""]
-    # A rest is told beside the friction, though nothing else was withheld.
-    assert [c.outcome for c in found.cases] == ["right", "rest", "right", "right"]
-    assert found.cases[1].verdict == Verdict.NAMED_UNKNOWN_REST
+    # A residual is told beside the friction, though nothing else was withheld.
+    assert [c.outcome for c in found.cases] == ["right", "residual", "right", "right"]
+    assert found.cases[1].verdict == Verdict.NAMED_RESIDUAL
     assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
     assert found.share("right")[3] == 2
     assert found.false_alarms[0] == 0.0
@@ -104,7 +104,7 @@ def test_finished_cases_are_kept_and_others_refused(tmp_path):
         ("", Verdict.UNKNOWN, (), (), "wrong"),
         ("dry", Verdict.NAMED, ("dry",), (), "right"),
         ("dry", Verdict.NAMED, ("dry", "spring"), (), "wrong"),
-        ("dry", Verdict.NAMED_UNKNOWN_REST, ("dry",), (), "rest"),
+        ("dry", Verdict.NAMED_RESIDUAL, ("dry",), (), "residual"),
         ("dry", Verdict.NAMED, ("spring",), (), "wrong"),
         ("dry", Verdict.ONE_OF, (), ("dry", "spring"), "class"),
         ("dry", Verdict.ONE_OF, (), ("spring", "mass"), "wrong"),
@@ -162,7 +162,7 @@ def test_cases_of_other_equations_or_edited_ones_are_not_believed(tmp_path):
     given = {"cases": 2, "seed": 3, "options": OPTIONS, "folder": str(tmp_path)}
     first = withhold(model(), effects(), records(), **given)
     path = tmp_path / "case_1.json"
-    path.write_text(path.read_text().replace('"rest"', '"wrong"'))
+    path.write_text(path.read_text().replace('"residual"', '"wrong"'))
     with pytest.warns(RuntimeWarning, match="its checksum differs"):
         again = withhold(model(), effects(), records(), **given)
     assert again.cases[1].outcome == first.cases[1].outcome

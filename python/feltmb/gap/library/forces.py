@@ -193,28 +193,31 @@ def polynomial_stiffness(c: Part, power: int, *, scale: float) -> Effect:
 
 
 def backlash(c: Part, *, stiffness: float, travel: float) -> Effect:
-    """Dead zone of a stiffness: within +-b the share s of k q is missing (b: the shapes).
+    """F = -k q within +-b, -k b beyond: a stiffness k of the model that is missing within +-b.
+
+    The magnitude is k, the shape b.
 
     Parameters
     ----------
     c
         Coordinate, or coupling of two coordinates, on which the effect acts.
     stiffness
-        Stiffness outside the dead zone [N/m or N m/rad].
+        Stiffness of the model outside the dead zone, of which a part may be missing within it
+        [N/m or N m/rad].
     travel
         Typical displacement, from which values of b follow.
     """
     return Effect(
         name=f"dead zone {c.name}",
         component=c.name,
-        unit="1",
-        scale=0.3,
+        unit=product((c.unit, 1), (c.travel_unit, -1)),
+        scale=0.3 * stiffness,
         sign=1,
-        mechanism="Within a clearance the spring does not act.",
+        mechanism="Within a clearance this stiffness of the model does not act.",
         shapes=tuple(travel * f for f in (0.03, 0.1, 0.3)),
         shape_names=(f"half width [{c.travel_unit}]",),
         remedy="Model the clearance, or close it.",
-        rate=force_law(c, lambda q, v, b: -stiffness * np.clip(q, -b, b)),
+        rate=force_law(c, lambda q, v, b: -np.clip(q, -b, b)),
     )
 
 
