@@ -174,12 +174,13 @@ def run(
         make_folder(output)
         for name in ("report.html", "report.json", "remains.png"):
             check_writable(output / name, force=force)
-    adapter = load_adapter(model, settings).including(included).measured(measured)
+    adapter = load_adapter(model, settings)
     if written is not None:
         check_writable(written, force=force)
         adapter.model.check_writing(written)
     groups = adapter.read_each(data, reading)
     records = tuple(r for group in groups for r in group)
+    adapter = adapter.with_records(records).including(included).measured(measured)
     held = held_out(hold_out, data, groups) or None
     resume = None if output is None else output / ".resume"
     options = Options(

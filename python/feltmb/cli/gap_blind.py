@@ -112,6 +112,7 @@ def command(
     records = tuple(r for group in groups for r in group)
     if not records:
         raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
+    adapter = adapter.with_records(records)
     found = withhold(
         adapter.model,
         adapter.effects,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Model, including
+from feltmb.fit.calling import calling
 from feltmb.gap import Limits, read_measured, with_measured
 
 __all__ = ["RESOLVERS", "Adapter", "held_out", "load_adapter"]
@@ -31,6 +32,8 @@ class Adapter:
     """Limits of experiments, unless a file states others."""
     kinds: Mapping[str, str] = field(default_factory=dict)
     """Inputs that are strokes of a mechanism, with the kind of the stroke."""
+    made: Callable[[Sequence[Record]], Sequence[Effect]] | None = None
+    """Function that makes the effects from the records; None: ``effects`` are all."""
 
     @property
     def signals(self) -> Signals:
@@ -53,6 +56,28 @@ class Adapter:
     ) -> tuple[tuple[Record, ...], ...]:
         """Read records by file; a file may contain several runs."""
         return read_each(data, self.signals, options)
+
+    def with_records(self, records: Sequence[Record]) -> Adapter:
+        """Copy of the adapter whose effects are made from these records, or from planned ones.
+
+        Raises
+        ------
+        InvalidParameter
+            There is no record, or the function of the effects fails.
+        """
+        if self.made is None:
+            return self
+        records = tuple(records) or self.planned
+        if not records:
+            raise InvalidParameter(
+                f"model {self.model.name}: its effects are a function of the records; give "
+                "measured files, or define planned records"
+            )
+        with calling(f"model {self.model.name}: effects(records)"):
+            effects = self.made(records)
+        if fault := _fault(effects):
+            raise InvalidParameter(f"model {self.model.name}: effects(records) {fault}")
+        return replace(self, effects=tuple(effects), made=None)
 
     def measured(self, path: Path | None) -> Adapter:
         """Copy of the adapter with tests of single parts instead of tolerances."""
@@ -108,7 +133,8 @@ def load_adapter(name: str, settings: Sequence[str] = (), channels: Sequence[str
     ``channels`` are required in addition to the default channels of a mechanism.
 
     The Python file defines ``model`` (a :class:`feltmb.fit.Model`) and ``effects`` (a sequence of
-    :class:`feltmb.fit.Effect`). It may define ``planned`` (possible records) and ``limits`` (a
+    :class:`feltmb.fit.Effect`, or a function of the records that returns one, see
+    :meth:`Adapter.with_records`). It may define ``planned`` (possible records) and ``limits`` (a
     :class:`feltmb.gap.Limits`). The file is executed: only use files that you trust.
     """
     values = {}
@@ -153,20 +179,35 @@ def _from_file(path: Path) -> Adapter:
     faults = []
     if not isinstance(model, Model):
         faults.append(f"model is {type(model).__name__}, expected a feltmb.gap.Model")
+    made = effects if callable(effects) else None
     if effects is None:
         faults.append("effects is missing, expected a sequence of feltmb.gap.Effect")
-    elif not all(isinstance(e, Effect) for e in effects):
-        faults.append("effects holds something that is no feltmb.gap.Effect")
+    elif made is None and (fault := _fault(effects)):
+        faults.append(f"effects {fault}")
     if faults:
         raise InvalidParameter(f"{path}: " + "; ".join(faults))
     assert isinstance(model, Model)
-    assert effects is not None
     limits = getattr(module, "limits", None)
     if limits is not None and not isinstance(limits, Limits):
         raise InvalidParameter(
             f"{path}: limits is {type(limits).__name__}, expected a feltmb.gap.Limits"
         )
-    return Adapter(model, tuple(effects), tuple(getattr(module, "planned", ())), limits=limits)
+    return Adapter(
+        model,
+        () if made else tuple(effects or ()),
+        tuple(getattr(module, "planned", ())),
+        limits=limits,
+        made=made,
+    )
+
+
+def _fault(effects: object) -> str:
+    """Why something is no sequence of effects; empty: it is one."""
+    if not isinstance(effects, Iterable):
+        return f"is {type(effects).__name__}, expected a sequence of feltmb.gap.Effect"
+    if not all(isinstance(e, Effect) for e in effects):
+        return "holds something that is no feltmb.gap.Effect"
+    return ""
 
 
 def held_out(

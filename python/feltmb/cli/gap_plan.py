@@ -178,7 +178,9 @@ def command(
     """
     from feltmb.cli.gap_models import load_adapter
 
-    adapter = load_adapter(model, settings, channels).measured(measured)
+    adapter = load_adapter(model, settings, channels)
+    records = adapter.read(data) if data else ()
+    adapter = adapter.with_records(records).measured(measured)
     if budget is None:
         for option, given in (
             ("--limits", limits_file),
@@ -190,7 +192,7 @@ def command(
                 raise InvalidParameter(
                     f"{option} needs --budget, the number of experiments that may be made"
                 )
-        _compare(model, adapter, data, channels, as_json=as_json)
+        _compare(model, adapter, records, channels, as_json=as_json)
         return
     from feltmb.files import check_writable, make_folder
     from feltmb.gap import Belief, design
@@ -201,7 +203,6 @@ def command(
         check_writable(output / "plan.json", force=force)
     lever = None if arm is None else _lever(arm)
     limits = limits_of(model, adapter, limits_file)
-    records = adapter.read(data) if data else ()
     belief = None if report_folder is None else Belief.of_report(_report(report_folder))
     telling = Telling()
     found = design(
@@ -370,22 +371,27 @@ def _print_effects(
 
 
 def _compare(
-    model: str, adapter: Adapter, data: Sequence[Path], channels: Sequence[str], *, as_json: bool
+    model: str,
+    adapter: Adapter,
+    measured: Sequence[Record],
+    channels: Sequence[str],
+    *,
+    as_json: bool,
 ) -> None:
     """Print which effects planned runs could separate, before any measurement."""
     from feltmb.gap import plan
     from feltmb.gap.report import plain
 
     planned = adapter.planned
-    records = adapter.read(data) if data else planned
+    records = measured or planned
     if not records:
         raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
     found = plan(
         adapter.model,
         adapter.effects,
-        records if data else records[:1],
+        records if measured else records[:1],
         channels=adapter.outputs_of(channels) if channels else None,
-        experiments=planned if data else records[1:],
+        experiments=planned if measured else records[1:],
     )
     if as_json:
         print_json(plain(found))

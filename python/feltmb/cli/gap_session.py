@@ -115,8 +115,9 @@ def command(
 
     call = _Caller(run_command, timeout)
     adapter = load_adapter(model, settings)
-    limits = limits_of(model, adapter, limits_file)
     records = adapter.read(data) if data else ()
+    adapter = adapter.with_records(records)
+    limits = limits_of(model, adapter, limits_file)
     telling, line = Telling(), ProgressLine()
     warned: set[str] = set()
 

@@ -19,7 +19,7 @@ from feltmb.fit.model import (
 from feltmb.fit.observe import machine_candidates, observe_all, observed_sensitivities
 from feltmb.fit.segmented_records import SegmentedRecord
 
-__all__ = ["Linear", "Place", "linearize", "varying", "with_nuisances"]
+__all__ = ["RUNAWAY", "Linear", "Place", "linearize", "varying", "with_nuisances"]
 
 #: Values above this limit count as diverged; their squares would overflow.
 RUNAWAY = 1e100

@@ -13,6 +13,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import DataError
 from feltmb.fit.calling import calling
+from feltmb.fit.linearize import RUNAWAY
 from feltmb.fit.model import Model
 from feltmb.fit.observe import observe_whole
 from feltmb.gap.checks import DataChecks, check_against, with_sigma
@@ -113,14 +114,16 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         notes += said
         with calling(f"model {model.name}: its simulation"):
             values = expected_outputs(model, record)
+        if text := divergence(record, model.outputs, values):
+            notes.append(text)
+            with np.errstate(invalid="ignore"):
+                values = np.where(np.abs(values) < RUNAWAY, values, np.nan)
         outputs = {name: values[:, i] for i, name in enumerate(model.outputs)}
         shown.append(record)
         simulated[record.name] = outputs
         for name in record.outputs:
             if name in outputs:
                 rows.append(_row(record, name, outputs[name], noise[name].sigma))
-        if text := divergence(record, model.outputs, values):
-            notes.append(text)
         failed = [n for n, y in outputs.items() if n in record.outputs and np.isnan(y).all()]
         if failed:
             notes.append(f"{record.name}: the model gives no numbers for {', '.join(failed)}")
@@ -163,7 +166,7 @@ def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:
         spread = float(np.std(x) * np.std(y))
         if count > 2 and spread > 0.0:
             correlation = float(np.mean((x - x.mean()) * (y - y.mean())) / spread)
-        if sigma < rms < math.inf:
+        if rms > sigma:
             factor = _factor(x, y)
             delay = _delay(record.time, measured, model)
     return GapBeforeRow(

@@ -6,18 +6,13 @@ import math
 from importlib import resources
 from typing import Any
 
-import numpy as np
-
 from feltmb._core import __version__
-from feltmb.fit.solve import Fit
 from feltmb.gap.digits import digits
 from feltmb.gap.drawing import bars, force_traces, ledger_map, profile_curve, waterfall
 from feltmb.gap.findings import EXPLAINED, Findings, Verdict
+from feltmb.gap.spread import together
 
-__all__ = ["page", "together"]
-
-#: Least correlation of two numbers that are told to be hardly separate, and most pairs of them.
-TOGETHER, PAIRS = 0.8, 12
+__all__ = ["page"]
 
 MARK = {
     Verdict.NO_GAP: "good",
@@ -41,23 +36,6 @@ def number(value: object, digits: int = 4) -> str:
 def percent(value: float) -> str:
     """Format a share as percent."""
     return f"{value:.0%}" if math.isfinite(value) else "-"
-
-
-def together(fit: Fit) -> list[tuple[str, str, float]]:
-    """Pairs of fitted numbers that the records hardly separate: names and correlation [1]."""
-    names = [i.name for i in fit.intervals()]
-    covariance = fit.covariance
-    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    seen = np.isfinite(sd) & (sd > 0.0)
-    scale = np.where(seen, sd, np.inf)
-    rho = np.where(np.outer(seen, seen), covariance, 0.0) / np.outer(scale, scale)
-    pairs = [
-        (names[i], names[j], float(rho[i, j]))
-        for i in range(len(names))
-        for j in range(i)
-        if abs(rho[i, j]) >= TOGETHER
-    ]
-    return sorted(pairs, key=lambda p: (-abs(p[2]), p[:2]))[:PAIRS]
 
 
 def page(report: Findings, viewers: str = "") -> str:

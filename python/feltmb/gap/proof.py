@@ -47,8 +47,8 @@ __all__ = [
 #: Log predictive density of a segment that cannot be linearized.
 NO_DENSITY = -1e6
 #: Continuity defect of the segmented gap and of predictions, as a share of the spread of the
-#: states. With exact continuity, a linearization of a chaotic machine would predict that a friction of
-#: 1e-7 N is detectable. The linearization is not valid that far.
+#: states. With exact continuity, a linearization of a chaotic machine would predict that a
+#: friction of 1e-7 N is detectable. The linearization is not valid that far.
 SEGMENTED_LEVEL = 0.01
 
 

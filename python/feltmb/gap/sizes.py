@@ -49,34 +49,27 @@ class Size:
 
     @property
     def text(self) -> str:
-        """The effect with its magnitude, the fitted numbers of its shape, and their intervals.
+        """The effect with its magnitude, its 95 % interval, and the fitted numbers of its shape.
 
         Small lengths are in mm.
         """
         effect = self.candidate.effect
-        ends = (self.magnitude, self.low, self.high)
-        parts = [f"{effect.name} of {_with_interval(*ends, self.sd, effect.unit)}"]
+        shown = digits(self.magnitude, self.sd, 3)
+        bounded = math.isfinite(self.low) and math.isfinite(self.high)
+        # One unit for all numbers: that of the largest one.
+        ends = (self.low, self.high) if bounded else ()
+        factor, name = readable_unit(max(map(abs, (self.magnitude, *ends))), effect.unit)
+        unit = unit_suffix(name or "1")
+        text = f"{effect.name} of {factor * self.magnitude:.{shown}g}{unit}"
+        low, high = (f"{factor * end:.{shown}g}" for end in (self.low, self.high))
+        about = [f"95% from {low} to {high}{unit}" if bounded else "no finite 95% interval"]
         for number in shape_numbers(effect, self.candidate.shape, self.shape_sd):
             if number.low < number.high:
                 found = _NAME_AND_UNIT.fullmatch(number.name)
-                name, unit = (number.name, "1") if found is None else found.groups()
-                sd = (number.high - number.low) / (2.0 * 1.96)
-                ends = (number.value, number.low, number.high)
-                parts.append(f"{name} {_with_interval(*ends, sd, unit)}")
-        return ", ".join(parts)
-
-
-def _with_interval(value: float, low: float, high: float, sd: float, unit: str) -> str:
-    """A number with its 95 % interval, in one unit."""
-    shown = digits(value, sd, 3)
-    bounded = math.isfinite(low) and math.isfinite(high)
-    # One unit for all numbers: that of the largest one.
-    factor, name = readable_unit(max(map(abs, (value, low, high) if bounded else (value,))), unit)
-    suffix = unit_suffix(name or "1")
-    text = f"{factor * value:.{shown}g}{suffix}"
-    if not bounded:
-        return f"{text} (no finite 95% interval)"
-    return f"{text} (95% from {factor * low:.{shown}g} to {factor * high:.{shown}g}{suffix})"
+                name, given = (number.name, "1") if found is None else found.groups()
+                factor, better = readable_unit(number.value, given)
+                about.append(f"{name} {factor * number.value:.3g}{unit_suffix(better or '1')}")
+        return f"{text} ({'; '.join(about)})"
 
 
 def shape_numbers(effect: Effect, shape: Any, wide: Mapping[int, float]) -> tuple[ShapeNumber, ...]:

@@ -22,12 +22,14 @@ from feltmb.fit.model import LAWS, Candidate
 from feltmb.fit.solve import Fit, inverse_scaled
 from feltmb.gap.shape import movable, moved_shape, shape_number
 
-__all__ = ["Spread", "spread", "with_refused"]
+__all__ = ["Spread", "spread", "together", "with_refused"]
 
 #: Step of the difference, in the logarithm of a shape.
 STEP = 0.01
 #: Prior standard deviation of that logarithm; the lists of shapes span a few factors.
 WIDE = 1.0
+#: Least correlation of two numbers that are told to be hardly separate, and most pairs of them.
+TOGETHER, PAIRS = 0.8, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,3 +148,20 @@ def _with(linear: Linear, columns: list[tuple[Array, Array]], at: int) -> Linear
         by_global=np.insert(linear.by_global, [at] * len(columns), outputs, axis=2),
         ends_by_global=np.insert(linear.ends_by_global, [at] * len(columns), ends, axis=2),
     )
+
+
+def together(fit: Fit) -> list[tuple[str, str, float]]:
+    """Pairs of fitted numbers that the records hardly separate: names and correlation [1]."""
+    names = [i.name for i in fit.intervals()]
+    covariance = fit.covariance
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    seen = np.isfinite(sd) & (sd > 0.0)
+    scale = np.where(seen, sd, np.inf)
+    rho = np.where(np.outer(seen, seen), covariance, 0.0) / np.outer(scale, scale)
+    pairs = [
+        (names[i], names[j], float(rho[i, j]))
+        for i in range(len(names))
+        for j in range(i)
+        if abs(rho[i, j]) >= TOGETHER
+    ]
+    return sorted(pairs, key=lambda p: (-abs(p[2]), p[:2]))[:PAIRS]

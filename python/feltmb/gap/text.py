@@ -8,15 +8,16 @@ import textwrap
 from collections.abc import Iterator
 
 from feltmb.gap.digits import digits
-from feltmb.gap.findings import EXPLAINED, Findings
+from feltmb.gap.findings import EXPLAINED, Findings, Verdict
+from feltmb.gap.spread import together
 from feltmb.tables import FittingTable, Screen, new_table
 from feltmb.units import pretty, unit_suffix
 
 __all__ = ["parts", "report_text"]
 
 Part = str | FittingTable
-#: Largest numbers of parameters and effects that are listed.
-MOST_MOVED, MOST_EFFECTS = 8, 6
+#: Largest numbers of parameters, effects and correlated pairs that are listed.
+MOST_MOVED, MOST_EFFECTS, MOST_PAIRS = 8, 6, 3
 
 
 def parts(report: Findings, width: int) -> Iterator[Part]:
@@ -87,12 +88,27 @@ def _calibration(report: Findings) -> Iterator[Part]:
         yield f"- {row.text}{row.notes}"
     if len(report.calibrated) > MOST_MOVED:
         yield f"- and {len(report.calibrated) - MOST_MOVED} more, see report.json"
+    told = sum(row.share for row in report.calibrated if math.isfinite(row.share))
+    if "calibration" in fell and told < 0.5:
+        yield from _moved_together(report)
     for g in report.given:
         yield f"A part of the model: {g.text}{g.remark}"
     labels = {p.name: p.label or p.name for p in report.fit.problem.model.parameters}
     at_limit = [labels[i.name] for i in report.fit.intervals() if i.at_limit]
     if at_limit:
         yield f"At a limit of its range: {', '.join(at_limit)}"
+
+
+def _moved_together(report: Findings) -> Iterator[str]:
+    """Parameters whose combination the records determine, but not each of them."""
+    own = {p.name for p in report.fit.problem.model.parameters if p.of_the_machine}
+    pairs = [p for p in together(report.fit) if own >= {*p[:2]}]
+    if pairs:
+        listed = ", ".join(f"{a} and {b} ({rho:.2f})" for a, b, rho in pairs[:MOST_PAIRS])
+        yield (
+            f"The records hardly separate {listed} (correlation); such parameters may have moved "
+            "together. A test of one part determines the other."
+        )
 
 
 def _missing(report: Findings, width: int) -> Iterator[Part]:
@@ -128,6 +144,11 @@ def _missing(report: Findings, width: int) -> Iterator[Part]:
     yield table
     if report.which.form_note:
         yield report.which.form_note
+    if report.verdict == Verdict.NAMED_RESIDUAL:
+        yield (
+            "The intervals do not contain what the cause of the unexplained residual may change in "
+            "magnitudes and parameters."
+        )
     for p in report.profiles:
         yield f"- {p.text}"
     if report.no_profile:

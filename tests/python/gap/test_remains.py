@@ -7,7 +7,7 @@ import pytest
 
 import feltmb
 from feltmb.cli.gap_curves import picture_html, remaining_by_part, remaining_picture
-from feltmb.gap.page import together
+from feltmb.gap.spread import together
 
 ACTION = feltmb.load_action("steinway45")
 

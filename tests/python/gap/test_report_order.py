@@ -308,7 +308,9 @@ def test_units_of_effects_are_written_once():
     assert library.quadratic_friction(arm, scale=1.0).unit == "1/rad"
     assert library.viscous_friction(slide, scale=1.0).unit == "N s/m"
     assert library.viscous_friction(wheel, scale=1.0).unit == "V s/turn"
-    assert library.dry_friction(arm, scale=1.0, speed=1.0).shape_names == ("v_0 [rad/s]",)
+    assert library.dry_friction(arm, scale=1.0, speed=1.0).shape_names == (
+        "transition speed [rad/s]",
+    )
 
 
 # ---------------------------------------------------------------- mechanisms

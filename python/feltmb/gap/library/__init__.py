@@ -9,7 +9,7 @@ docs/howto/add_an_effect.md.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -135,8 +135,8 @@ def for_input(name: str, record: Record, *, unit: str = "1") -> tuple[Effect, ..
         gain_input(name),
         bent_input(name, level=size),
         offset_input(name, unit=unit, scale=0.02 * size),
-        saturation_input(name, levels=tuple(size * f for f in (0.5, 0.8))),
-        dead_zone_input(name, levels=tuple(size * f for f in (0.05, 0.2))),
+        saturation_input(name, levels=tuple(size * f for f in (0.5, 0.8)), unit=unit),
+        dead_zone_input(name, levels=tuple(size * f for f in (0.05, 0.2)), unit=unit),
     )
 
 
@@ -165,7 +165,7 @@ def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effec
 
 def standard_effects(
     outputs: Sequence[str],
-    inputs: Sequence[str],
+    inputs: Mapping[str, str] | Sequence[str],
     coordinates: Sequence[Part],
     record: Record,
     *,
@@ -181,7 +181,7 @@ def standard_effects(
     outputs
         Outputs of the model.
     inputs
-        Inputs of the model with their units.
+        Inputs of the model with their units, ``{"motor": "N"}``; names alone if they have none.
     coordinates
         Coordinates and couplings on which effects act.
     record
@@ -198,8 +198,9 @@ def standard_effects(
     out: list[Effect] = []
     for c in coordinates:
         out.extend(for_coordinate(c, force=force, travel=travel, speed=speed, time=time))
-    for name in inputs:
-        out.extend(for_input(name, record))
+    units = inputs if isinstance(inputs, Mapping) else dict.fromkeys(inputs, "1")
+    for name, unit in units.items():
+        out.extend(for_input(name, record, unit=unit))
     for name in outputs:
         if name in record.outputs:
             out.extend(for_sensor(outputs, name, record))

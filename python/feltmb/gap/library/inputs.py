@@ -108,25 +108,27 @@ def _misread(name: str, error: ReadingError, **fields: Any) -> Effect:
     )
 
 
-def saturation_input(name: str, *, levels: Sequence[float]) -> Effect:
-    """Beyond +-level the input is reduced to the fraction 1 - magnitude."""
+def saturation_input(name: str, *, levels: Sequence[float], unit: str = "1") -> Effect:
+    """Beyond +-level [unit] the input is reduced to the fraction 1 - magnitude."""
     return _part_lost(
         name,
         "saturation of input",
         lambda u, level: u - np.clip(u, -level, level),
         levels,
+        unit,
         mechanism="Large inputs do not arrive in full.",
         remedy="Lower the drive, or model its limit.",
     )
 
 
-def dead_zone_input(name: str, *, levels: Sequence[float]) -> Effect:
-    """Within +-level, only the share 1 - magnitude of the input acts."""
+def dead_zone_input(name: str, *, levels: Sequence[float], unit: str = "1") -> Effect:
+    """Within +-level [unit], only the share 1 - magnitude of the input acts."""
     return _part_lost(
         name,
         "dead zone of input",
         lambda u, level: np.clip(u, -level, level),
         levels,
+        unit,
         mechanism="Small inputs do not arrive in full.",
         remedy="Model the dead zone.",
     )
@@ -137,6 +139,7 @@ def _part_lost(
     label: str,
     part: Callable[[Array, float], Array],
     levels: Sequence[float],
+    unit: str,
     **fields: str,
 ) -> Effect:
     """A drive that loses the share ``size`` of a part of its input, split at a level."""
@@ -149,6 +152,6 @@ def _part_lost(
         sign=1,
         upper=1.0,
         shapes=tuple(levels),
-        shape_names=("level [input unit]",),
+        shape_names=("level" if unit == "1" else f"level [{unit}]",),
         **fields,
     )

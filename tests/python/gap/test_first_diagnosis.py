@@ -1,0 +1,176 @@
+"""What a first user meets: his model file, faults of his data, and the words of the answer."""
+
+import math
+
+import numpy as np
+import pytest
+
+from feltmb import gap
+from feltmb.cli import main as command_line
+from feltmb.cli.gap_models import load_adapter
+from feltmb.data import Record, Sensor, read_record
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.fit.model import Candidate
+from feltmb.fit.watch import Watch
+from feltmb.gap import library
+from feltmb.gap.checks import check_against
+from feltmb.gap.sizes import Size
+from feltmb.gap.smoke_test import divergence
+
+MODEL = """
+from feltmb.gap import Coordinate, OdeModel, Parameter, State, library
+
+table = Coordinate(name="table", position="x", speed="v", inertia="m")
+model = OdeModel(
+    name="table",
+    states=[State(name="x", unit="m", start_sd=1e-4), State(name="v", unit="m/s", start_sd=1e-3)],
+    parameters=[Parameter(name="m", value=2.0, sd=0.1, unit="kg"),
+                Parameter(name="k", value=90.0, sd=3.0, unit="N/m")],
+    inputs=["motor"],
+    rates=lambda t, x, u, p: (x.v, (u.motor - p.k * x.x) / p.m),
+    outputs={"table": "x", "speed": "v"},
+    coordinates=[table],
+)
+"""
+EFFECTS = """
+def effects(records):
+    return library.standard_effects(
+        model.outputs, {"motor": "N"}, [table], records[0], force=4.0, travel=0.04, speed=0.3
+    )
+"""
+
+
+def load(folder, text):
+    path = folder / "model.py"
+    path.write_text(text)
+    return load_adapter(str(path))
+
+
+def record(time=None, **outputs):
+    time = np.arange(100) * 0.01 if time is None else time
+    outputs = outputs or {"table": 1e-2 * np.sin(6.0 * time)}
+    return Record(name="run", time=time, inputs={"motor": np.sin(6.0 * time)}, outputs=outputs,
+                  sensors={n: Sensor(name=n, unit="m") for n in outputs})  # fmt: skip
+
+
+def test_effects_of_a_model_file_may_be_a_function_of_the_records(tmp_path):
+    adapter = load(tmp_path, MODEL + EFFECTS)
+    assert adapter.effects == ()
+    effects = {e.name: e for e in adapter.with_records([record()]).effects}
+    assert effects["offset of input motor"].unit == "N"
+    assert effects["saturation of input motor"].shape_names == ("level [N]",)
+    assert effects["delay of sensor table"].scale == pytest.approx(0.01)
+    with pytest.raises(InvalidParameter, match="give measured files, or define planned records"):
+        adapter.with_records([])
+    for text, told in (
+        ("effects = lambda records: [1]", r"effects\(records\) holds something that is no"),
+        ("effects = lambda records: None", r"effects\(records\) is NoneType, expected a sequence"),
+        ("effects = lambda records: records[7]", r"effects\(records\) raises IndexError"),
+    ):
+        with pytest.raises(InvalidParameter, match=told):
+            load(tmp_path, MODEL + text).with_records([record()])
+    with pytest.raises(InvalidParameter, match="effects is int, expected a sequence"):
+        load(tmp_path, MODEL + "effects = 3")
+
+
+def test_outputs_that_no_record_has_are_told(tmp_path):
+    model = load(tmp_path, MODEL + EFFECTS).model
+    told = check_against(model, [record()]).warnings
+    assert "speed: not compared, because no record has this output of the model" in told
+    whole = record(table=np.zeros(100), speed=np.zeros(100))
+    fast = {n: Sensor(name=n, unit=u) for n, u in (("table", "m"), ("speed", "m/s"))}
+    whole = Record(name="run", time=whole.time, inputs=whole.inputs, outputs=whole.outputs,
+                   sensors=fast)  # fmt: skip
+    assert not any("not compared" in w for w in check_against(model, [whole]).warnings)
+
+
+def test_a_clock_in_another_unit_is_told(tmp_path):
+    """Milliseconds labeled as seconds made the first effect look faulty."""
+    adapter = load(tmp_path, MODEL + EFFECTS)
+    wrong = record(time=np.arange(100) * 10.0)
+    with pytest.raises(InvalidParameter, match=r"10 s apart: is this their unit \(--unit time=ms"):
+        gap.diagnose(adapter.model, adapter.with_records([wrong]).effects, [wrong])
+    assert any("10 s apart" in n for n in gap.check(adapter.model, wrong).notes)
+    outputs = np.array([[0.0], [1.0], [9.9e3]])
+    assert divergence(record(), ["table"], outputs) == ""
+    assert "after 2 samples" in divergence(record(), ["table"], 2.0 * outputs)
+
+
+def test_a_reversed_channel_is_not_called_late(tmp_path):
+    model = load(tmp_path, MODEL + EFFECTS).model
+    time = np.arange(400) * 0.005
+    bare = Record(name="run", time=time, inputs={"motor": np.sin(9.0 * time)},
+                  outputs={"table": np.zeros(400), "speed": np.zeros(400)},
+                  sensors={"table": Sensor(name="table", unit="m", sigma=1e-5),
+                           "speed": Sensor(name="speed", unit="m/s", sigma=1e-4)})  # fmt: skip
+    shown = gap.check(model, bare).simulated["run"]
+    reversed_ = Record(name="run", time=time, inputs=bare.inputs, sensors=bare.sensors,
+                       outputs={n: -v for n, v in shown.items()})  # fmt: skip
+    notes = gap.check(model, reversed_).notes
+    assert sum("the other direction?" in n for n in notes) == 2
+    assert not any("late" in n for n in notes)
+
+
+def test_where_an_input_has_no_number_is_told_by_its_time(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("time [s],motor [N],table [m]\n0,1,0\n0.1,,0\n0.2,,0\n0.3,1,0\n")
+    with pytest.raises(DataError, match=r"no number at 2 samples from 0\.1 s to 0\.2 s"):
+        read_record(path, inputs=["motor"], outputs=["table"])
+
+
+def test_a_statement_gives_the_fitted_numbers_of_a_shape():
+    wheel = gap.Coordinate(name="wheel", position="q", speed="v", inertia="J", unit="N m")
+    effect = library.backlash(wheel, stiffness=40.0, travel=0.1)
+    assert (effect.unit, effect.scale) == ("N m/rad", pytest.approx(12.0))
+    size = Size(Candidate(effect, 0.0069), 38.0, 1.0, {0: 0.01})
+    assert size.text == (
+        "dead zone wheel of 38 N m/rad (95% from 36 to 40 N m/rad; half width 0.0069 rad)"
+    )
+    assert "width" not in Size(Candidate(effect, 0.0069), 38.0, 1.0, {}).text
+
+
+def test_a_budget_is_spent_only_after_its_whole_time(monkeypatch):
+    watch = Watch(budget=10.0)
+    for elapsed, over, spent in ((5.0, False, False), (7.0, True, False), (11.0, True, True)):
+        monkeypatch.setattr(Watch, "elapsed", property(lambda self, now=elapsed: now))
+        assert (watch.over(), watch.spent()) == (over, spent)
+    assert not Watch().spent()
+    assert Watch(stop=lambda: True).spent()
+    assert math.isfinite(watch.elapsed)
+
+
+def test_a_model_file_with_a_function_is_checked_on_the_command_line(tmp_path, capsys):
+    (tmp_path / "model.py").write_text(MODEL + EFFECTS)
+    (tmp_path / "run.csv").write_text(
+        "time [s],motor [N],table [mm]\n" + "".join(f"{0.01 * i},1,{i}\n" for i in range(40))
+    )
+    with pytest.raises(SystemExit) as ended:
+        command_line(["gap", "check", str(tmp_path / "model.py"), str(tmp_path / "run.csv")])
+    assert ended.value.code in (0, None)
+    assert "speed: not compared" in capsys.readouterr().out
+
+
+def test_parameters_that_moved_together_are_told():
+    """Only the ratio of mass and stiffness shows: neither parameter moves by itself."""
+    model = gap.LinearModel(
+        name="sum",
+        output="y",
+        columns={"a": lambda r: r.inputs["u"], "b": lambda r: 1.01 * r.inputs["u"]},
+        parameters=[
+            gap.Parameter(name="a", value=1.0, sd=0.3),
+            gap.Parameter(name="b", value=1.0, sd=0.3),
+        ],
+    )
+    rng = np.random.default_rng(4)
+    records = []
+    for i in range(3):
+        u = rng.standard_normal(200)
+        y = 2.2 * u + 0.01 * rng.standard_normal(200)
+        records.append(
+            Record(
+                name=f"r{i}", time=np.arange(200) * 0.01, inputs={"u": u}, outputs={"y": y},
+                sensors={"y": Sensor(name="y", sigma=0.01)},
+            )
+        )  # fmt: skip
+    report = gap.diagnose(model, [], records, options=gap.Options(advice=False))
+    assert "The records hardly separate b and a (-1.00)" in " ".join(report.text(80).split())
