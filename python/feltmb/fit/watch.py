@@ -61,7 +61,8 @@ class Progress:
     elapsed: float
     """Elapsed time [s]."""
     left: float | None
-    """Estimated remaining time [s]; None: unknown."""
+    """Remaining time if every stage takes its usual number of steps [s]; a difficult fit takes many
+    times as long. None: unknown."""
 
 
 Tell = Callable[[Progress], None]
@@ -111,7 +112,7 @@ class Watch:
             if self._stop is not None and self._stop():
                 self.why = "interrupted"
             elif self._budget is not None and self.elapsed > FOR_FITS * self._budget:
-                self.why = f"the budget of {self._budget:g} s was spent"
+                self.why = f"fits may take {FOR_FITS:.0%} of the budget of {self._budget:g} s"
             if self.why:
                 self.stopped_in = self.stage
         return bool(self.why)
@@ -157,7 +158,8 @@ class Watch:
         made = round(_seen - self._first)
         calls = sum(self._calls.values())
         about, left = 0, None
-        if calls >= 4 and made:
+        # A stage that takes more than its usual number of steps may take any number.
+        if calls >= 4 and made and self._calls[self.stage] <= USUAL.get(self.stage, -1):
             about = max(round(made * (calls + self._calls_left()) / calls), made)
             left = elapsed * (about - made) / made
             if self._budget is not None:
@@ -175,15 +177,10 @@ class Watch:
         )
 
     def _calls_left(self) -> float:
-        """Estimated number of remaining steps.
-
-        If a stage exceeds its usual number, 30 % more are assumed.
-        """
+        """Number of remaining steps if every stage takes its usual number."""
         at = STAGES.index(self.stage)
-        here = self._calls[self.stage]
-        usual = USUAL.get(self.stage, 0)
-        left = max(usual - here, 0.3 * here) if usual and not self.over() else 0.0
-        return left + sum(USUAL.get(s, 0) for s in STAGES[at + 1 :])
+        here = 0 if self.over() else USUAL[self.stage] - self._calls[self.stage]
+        return here + sum(USUAL.get(s, 0) for s in STAGES[at + 1 :])
 
 
 #: Watch of this thread and of the threads that it starts; otherwise an unused watch.

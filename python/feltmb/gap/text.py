@@ -142,6 +142,11 @@ def _missing(report: Findings, width: int) -> Iterator[Part]:
             f"{r.posterior:.0%}",
         )
     yield table
+    if not report.named and not report.one_of:
+        yield (
+            f"Probability that nothing is missing {report.which.none:.0%}, that something else is "
+            f"missing {report.which.other:.0%}."
+        )
     if report.which.form_note:
         yield report.which.form_note
     if report.verdict == Verdict.NAMED_RESIDUAL:

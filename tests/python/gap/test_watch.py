@@ -73,8 +73,9 @@ def test_progress_tells_stage_simulations_misfit_and_what_is_left():
     assert made == sorted(made)
     assert made[-1] == m.simulations
     search = [p for p in told if p.stage == "search"]
-    assert all(p.about >= p.simulations > 0 for p in search)
-    assert all(p.left >= 0.0 for p in search)
+    assert all(p.about >= p.simulations > 0 for p in search if p.about)
+    assert all((p.left is None) == (p.about == 0) for p in search)
+    assert any(p.left is not None and p.left >= 0.0 for p in search)
     assert search[0].misfit > 100.0
     assert search[-1].misfit < 2.0
 
@@ -116,7 +117,7 @@ def test_stopped_in_the_search_the_best_so_far_is_told_with_what_was_not_tried()
 def test_a_budget_is_told_and_must_be_positive():
     m = model()
     report = diagnose(m, m.effects, RECORDS, budget=1e-9)
-    assert "the budget of 1e-09 s was spent" in report.statement
+    assert "fits may take 60% of the budget of 1e-09 s" in report.statement
     with pytest.raises(ValueError, match=r"budget = 0\.0 s, expected > 0"):
         diagnose(m, m.effects, RECORDS, budget=0.0)
 
@@ -167,7 +168,7 @@ def test_the_line_of_progress(capsys):
     line(PROGRESS)  # no terminal: once a stage
     line.close()
     wanted = (
-        "feltmb: search, 241 of about 830 simulations, misfit 1.07, 8 s, about 3:20 min left: "
+        "feltmb: search, 241 of about 830 simulations, misfit 1.07, 8 s, 3:20 min or more left: "
         "refine: dry friction\n"
     )
     assert capsys.readouterr().err == wanted
@@ -223,9 +224,8 @@ def test_budget_of_the_command_line(tmp_path, capsys, monkeypatch):
         return capsys.readouterr()
 
     said = run("gap", "diagnose", "m.py", "r.csv", "--budget", "1us", "-o", "out")
-    assert "Stopped in the fit of the model (the budget of 1e-06 s was spent)" in said.out.replace(
-        "\n", " "
-    )
+    stopped = "Stopped in the fit of the model (fits may take 60% of the budget of 1e-06 s)"
+    assert stopped in said.out.replace("\n", " ")
     assert "feltmb: checks of the data" in said.err
     assert "feltmb: proof on held-out records" in said.err
     said = run("fit", "m.py", "r.csv", "--budget", "1us")
