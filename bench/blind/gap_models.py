@@ -250,7 +250,7 @@ def backlash() -> Case:
         ),
         *library.for_coordinate(shaft, force=1.0, travel=0.025, speed=1.0),
     ]
-    return Case("backlash of 0.004 rad", ("dead zone shaft",), 1.0, model, effects, records)
+    return Case("backlash of 0.004 rad", ("dead zone shaft",), 40.0, model, effects, records)
 
 
 def motor() -> Case:

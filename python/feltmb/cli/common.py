@@ -195,7 +195,7 @@ class ProgressLine:
             parts.append(f"{p.simulations}{about} simulations")
         if p.misfit is not None:
             parts.append(f"misfit {p.misfit:.3g}")
-        left = "" if p.left is None else f", {duration(p.left)} or more left"
+        left = "" if p.left is None else f", about {duration(p.left)} left"
         parts.append(duration(p.elapsed) + left)
         return ", ".join(parts) + (f": {p.detail}" if p.detail else "")
 

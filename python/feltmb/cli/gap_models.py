@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -75,6 +75,8 @@ class Adapter:
             )
         with calling(f"model {self.model.name}: effects(records)"):
             effects = self.made(records)
+            if isinstance(effects, Iterator):
+                effects = tuple(effects)
         if fault := _fault(effects):
             raise InvalidParameter(f"model {self.model.name}: effects(records) {fault}")
         return replace(self, effects=tuple(effects), made=None)

@@ -119,6 +119,7 @@ class Including(Model):
             for t, size in zip(included, magnitudes, strict=True)
         )
         self.outputs = model.outputs
+        self.many_outputs = model.many_outputs
         self.units = model.units
         self.least_samples = model.least_samples
         self.ports = model.ports

@@ -7,7 +7,7 @@ results so far are reported. The proof on held-out records is still done.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -61,8 +61,8 @@ class Progress:
     elapsed: float
     """Elapsed time [s]."""
     left: float | None
-    """Remaining time if every stage takes its usual number of steps [s]; a difficult fit takes many
-    times as long. None: unknown."""
+    """Estimated remaining time if every stage takes its usual number of steps [s]; None: unknown,
+    because this stage has taken more."""
 
 
 Tell = Callable[[Progress], None]
@@ -86,11 +86,14 @@ class Watch:
         tell: Tell | None = None,
         budget: float | None = None,
         stop: Callable[[], bool] | None = None,
+        stages: Sequence[str] = STAGES,
     ):
         self._tell = tell
         self._budget = budget
         self._stop = stop
+        self._stages = stages
         self._begin = clock.perf_counter()
+        self._entered = 0.0
         self._first = _seen
         self._last = -PAUSE
         self._calls = dict.fromkeys(STAGES, 0)
@@ -111,8 +114,11 @@ class Watch:
         if not self.why:
             if self._stop is not None and self._stop():
                 self.why = "interrupted"
-            elif self._budget is not None and self.elapsed > FOR_FITS * self._budget:
-                self.why = f"fits may take {FOR_FITS:.0%} of the budget of {self._budget:g} s"
+            elif self._budget is not None and self.stage in (CHECKS, FIT, SEARCH):
+                if self.elapsed > FOR_FITS * self._budget:
+                    self.why = f"fits may take {FOR_FITS:.0%} of the budget of {self._budget:g} s"
+            elif self._budget is not None and self.elapsed > self._budget:
+                self.why = f"the budget of {self._budget:g} s was spent"
             if self.why:
                 self.stopped_in = self.stage
         return bool(self.why)
@@ -121,14 +127,19 @@ class Watch:
         """Whether fits and searches must end; a proof is still done."""
         return self.stage in (FIT, SEARCH) and self.over()
 
-    def spent(self) -> bool:
-        """Whether the whole budget is spent: what a proof can do without is left out."""
-        late = self._budget is None or self.elapsed > self._budget
-        return self.over() and late
+    def proof_over(self) -> bool:
+        """Whether the proof must end: it may take what the fits leave of the budget."""
+        if self._budget is None or self.stage != PROOF:
+            return False
+        late = self.elapsed - self._entered > (1.0 - FOR_FITS) * self._budget
+        if late and not self.why:
+            self.why, self.stopped_in = f"the budget of {self._budget:g} s was spent", self.stage
+        return late
 
     def enter(self, stage: str) -> None:
         """Start a stage."""
         self.stage, self.detail = stage, ""
+        self._entered = self.elapsed
         self._show(now=True)
 
     def say(self, detail: str, done: int = 0, total: int = 0) -> None:
@@ -180,7 +191,7 @@ class Watch:
         """Number of remaining steps if every stage takes its usual number."""
         at = STAGES.index(self.stage)
         here = 0 if self.over() else USUAL[self.stage] - self._calls[self.stage]
-        return here + sum(USUAL.get(s, 0) for s in STAGES[at + 1 :])
+        return here + sum(USUAL.get(s, 0) for s in STAGES[at + 1 :] if s in self._stages)
 
 
 #: Watch of this thread and of the threads that it starts; otherwise an unused watch.

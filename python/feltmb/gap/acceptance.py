@@ -166,6 +166,10 @@ class Accepted:
         return min(1.0, max(1, len(self.outcomes) - 1) * math.exp(-max(0.0, total)))
 
 
+class _OutOfTime(Exception):
+    """The budget is spent before the comparisons of a proof are complete."""
+
+
 class _Attempt:
     """Sets and parts of sets on the held-out records; each is refitted and evaluated once."""
 
@@ -207,6 +211,8 @@ class _Attempt:
         """Evaluate a fit on the held-out records."""
         key = tuple(sorted(t.name for t in fit.included))
         if key not in self.outcomes:
+            if self.outcomes and current().proof_over():
+                raise _OutOfTime
             if self.progress is not None:
                 self.progress("held-out: " + (" + ".join(key) or "model"), len(self.outcomes), 0)
             self.outcomes[key] = evaluate(
@@ -385,7 +391,7 @@ class _Attempt:
         for size in range(len(first.names) - 1, 0, -1):
             standing = []
             for names in itertools.combinations(first.names, size):
-                if not needed <= set(names) or current().spent():
+                if not needed <= set(names):
                     continue
                 part = self.part(first, names)
                 if part.evidence < self.search.model_evidence:
@@ -530,6 +536,19 @@ def accept(
         discrepancy=discrepancy,
         progress=progress,
     )
+    try:
+        return _compared(search, attempt, belief, options)
+    except _OutOfTime:
+        names = () if search.best is None else search.best.names
+        why = "the budget was spent before the held-out proof was complete"
+        return Accepted(
+            belief, None, attempt.before, attempt.before, {}, (), tuple((n, why) for n in names),
+            attempt.outcomes,
+        )  # fmt: skip
+
+
+def _compared(search: Search, attempt: _Attempt, belief: Posterior, options: Options) -> Accepted:
+    """The effects of the best set that held-out records confirm, and its rivals."""
     proof: dict[str, Paired] = {}
     rejected: list[tuple[str, str]] = []
     all_records = False  # whether ``belief`` contains the held-out records
@@ -539,7 +558,7 @@ def accept(
         if bad:
             without = "does not stand without " + " and ".join(bad)
             best, proof = attempt.standing(first, proof, bad)
-            if best is None and not current().spent():
+            if best is None:
                 best, confirmed = attempt.another(first)
                 if best is not None:
                     proof, belief = confirmed, attempt.belief(belief)

@@ -278,12 +278,16 @@ def check_against(model: Model, records: Sequence[Record]) -> DataChecks:
     problems = [*checks.problems, *faults_against(model, records)]
     if problems:
         raise DataError("records: " + "; ".join(problems))
+    return checks
+
+
+def not_recorded(model: Model, records: Sequence[Record]) -> tuple[str, ...]:
+    """A sentence about outputs of the model that no record has, or none."""
     recorded = {name for r in records for name in r.outputs}
     absent = [n for n in model.outputs if n not in recorded]
     if model.many_outputs or not absent:
-        return checks
-    text = f"{', '.join(absent)}: not compared, because no record has this output of the model"
-    return replace(checks, warnings=(*checks.warnings, text))
+        return ()
+    return (f"{', '.join(absent)}: not compared, because no record has this output of the model",)
 
 
 def with_sigma(record: Record, noise: Mapping[str, Noise]) -> Record:

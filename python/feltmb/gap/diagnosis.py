@@ -18,7 +18,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, fit_problem, with_variability
 from feltmb.fit.starts import from_other_starts
-from feltmb.fit.watch import FIT, PROOF, REPORT, Tell, Watch, watching
+from feltmb.fit.watch import CHECKS, FIT, PROOF, REPORT, Tell, Watch, watching
 from feltmb.gap.acceptance import Accepted, accept, refutes, shapley
 from feltmb.gap.advise import advise
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
@@ -115,9 +115,9 @@ def diagnose(
         :class:`feltmb.fit.Progress`.
     budget
         Time limit [s]. The report then has the best result so far and lists what was not tried.
-        Fits stop after three fifths of the time, and the held-out proof follows. When the time is
-        over, the proof only compares the best set with its parts of one effect less, so that the
-        limit may be exceeded.
+        Fits stop after three fifths of the time, and the held-out proof follows. The
+        proof may take two fifths; if it takes longer, no effect is named. Simulations and single
+        fits that have started are completed, so that the limit may be exceeded.
     stop
         Function that is called now and then; when it returns True, the diagnosis ends as if the
         time limit were reached.
@@ -316,7 +316,7 @@ class _Diagnosis:
             why = (
                 "parameters, start states and sensor errors can reproduce its whole signature in "
                 "these records"
-                if np.any(scores.raw[own] > NO_SIGNATURE)
+                if not np.all(scores.raw[own] <= NO_SIGNATURE)
                 else "it changes no recorded output"
             )
             self.not_tested.append(NotTested(name=e.name, why=why))
@@ -762,7 +762,7 @@ def fit_model(
     stop
         Function that returns True to stop the fit.
     """
-    watch = Watch(progress, budget, stop)
+    watch = Watch(progress, budget, stop, stages=(CHECKS, FIT))
     with watching(watch):
         fit = _fitted(model, records, segment, settings, resume, watch)
     if watch.why:

@@ -15,6 +15,7 @@ from feltmb.gap.checks import (
     DataChecks,
     check_against,
     check_records,
+    not_recorded,
     with_sigma,
     without_constant,
     without_copies,
@@ -124,6 +125,7 @@ def ready(
     """
     records, copies = without_copies(records, hold_out)
     records, inputs = model.driven(records)
+    absent = not_recorded(model, records)
     records, constant = without_constant(records, model.outputs)
     checks = check_against(model, records)
     prepared = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
@@ -133,7 +135,7 @@ def ready(
         replace(c, sigma=max(c.sigma, known[c.record][c.channel].sigma or 0.0))
         for c in checks.channels
     ]
-    warnings = (*copies, *inputs, *constant, *checks.warnings, *prepared.notes)
+    warnings = (*copies, *inputs, *absent, *constant, *checks.warnings, *prepared.notes)
     checks = replace(checks, channels=tuple(channels), warnings=warnings)
     return prepared.model, prepared.records, checks, copies
 

@@ -25,7 +25,6 @@ from feltmb.fit.problem import Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, estimate_states, polish
 from feltmb.fit.starts import from_other_starts
-from feltmb.fit.watch import current
 
 __all__ = [
     "SEGMENTED_LEVEL",
@@ -167,11 +166,10 @@ def evaluate(
     )
     way = replace(settings, chain=True)
     fit = polish(base, _converge(base, model), model.level, way)
-    if not current().spent():
-        fit = from_other_starts(fit, way) if like is None else from_other_starts(fit, way, most=1)
+    fit = from_other_starts(fit, way) if like is None else from_other_starts(fit, way, most=1)
     density = _density(base, fit, model)
     found = Outcome(fit, density, settings, model)
-    if not fit.gap_sd.size or current().spent():
+    if not fit.gap_sd.size:
         return found
     starts = [fit.point]
     if like is not None:
@@ -183,8 +181,6 @@ def evaluate(
         # defects have a cost.
         looser = [v for v in settings.levels if 1.5 * model.level < v < 1.0]
         for start, level in itertools.product(starts, looser):
-            if current().spent():
-                break
             found = _better(found, start, level)
     return found
 

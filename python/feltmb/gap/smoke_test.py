@@ -18,7 +18,7 @@ __all__ = ["divergence", "try_effects"]
 #: Number of simulated samples: enough for the filter of a sensor.
 SAMPLES = 32
 #: Ratio of a simulated to the largest measured value above which a simulation has diverged.
-DIVERGED = 1e6
+DIVERGED = 1e9
 
 
 def try_effects(model: Model, effects: Sequence[Effect], record: Record) -> None:
@@ -79,15 +79,17 @@ def _fault(model: Model, candidate: Candidate, record: Record, bare: Array) -> s
 
 def _check_numbers(model: Model, record: Record, bare: Array) -> None:
     """Check that the model gives finite numbers at its priors, from a given or estimated start."""
-    if text := divergence(record, model.outputs, bare[0]):
-        raise InvalidParameter(f"model {model.name}, {text}")
-    if _runs(bare):
+    fault = divergence(record, model.outputs, bare[0])
+    if _runs(bare) and not fault:
         return
     segments = np.array([[0, min(SAMPLES, record.samples) - 1]])
     theta = np.array([p.value for p in model.parameters])
     starts = model.guess([record], [segments])[0]
     jobs = Jobs.at_point(theta, segments, starts, (), np.zeros(0))
-    if not _runs(observe_jobs(model, record, jobs).outputs):
+    bare = observe_jobs(model, record, jobs).outputs
+    if _runs(bare) and fault and (fault := divergence(record, model.outputs, bare[0])):
+        raise InvalidParameter(f"model {model.name}, {fault}")
+    if not _runs(bare):
         raise InvalidParameter(
             f"model {model.name}: at the beginning of record {record.name} all outputs are NaN or "
             "infinite, with the parameters at their priors"
@@ -95,20 +97,24 @@ def _check_numbers(model: Model, record: Record, bare: Array) -> None:
 
 
 def divergence(record: Record, names: Sequence[str], outputs: Array) -> str:
-    """Description of outputs (n, ny) that are far beyond those of the record; empty: none are."""
+    """Description of outputs (n, ny) that are far beyond those of the record; empty: none are.
+
+    The first sample may be infinite: a start that is not yet estimated can be a singular point.
+    """
     for i, name in enumerate(names):
         seen = record.outputs.get(name)
         if seen is None or not np.any(np.isfinite(seen)):
             continue
         most = float(np.nanmax(np.abs(seen)))
         with np.errstate(invalid="ignore"):
-            far = np.flatnonzero(np.abs(outputs[:, i]) > DIVERGED * max(most, 1e-300))
-        if far.size:
+            far = np.flatnonzero(np.abs(outputs[1:, i]) > DIVERGED * most)
+        if most > 0.0 and far.size:
             unit = record.sensors[name].unit
             return (
                 f"record {record.name}: {name} of the model is beyond {DIVERGED:.0e} times the "
-                f"largest measured value ({most:.3g} {unit}) after {far[0]} samples. The samples "
-                f"are {record.interval:.3g} s apart: is this their unit (--unit time=ms)?"
+                f"largest measured value ({most:.3g} {unit}) after {far[0] + 1} samples. The "
+                f"samples are {record.interval:.3g} s apart: is this their unit (--unit time=ms)? "
+                "Or the model is unstable."
             )
     return ""
 

@@ -7,6 +7,7 @@ import math
 import textwrap
 from collections.abc import Iterator
 
+from feltmb.gap.criteria import NO_GAP_RATIO
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import EXPLAINED, Findings, Verdict
 from feltmb.gap.spread import together
@@ -89,7 +90,8 @@ def _calibration(report: Findings) -> Iterator[Part]:
     if len(report.calibrated) > MOST_MOVED:
         yield f"- and {len(report.calibrated) - MOST_MOVED} more, see report.json"
     told = sum(row.share for row in report.calibrated if math.isfinite(row.share))
-    if "calibration" in fell and told < 0.5:
+    fell_by = report.how_far.tabulated / max(report.how_far.before, 1.0)
+    if "calibration" in fell and fell_by > NO_GAP_RATIO and told < 0.5:
         yield from _moved_together(report)
     for g in report.given:
         yield f"A part of the model: {g.text}{g.remark}"
@@ -101,10 +103,12 @@ def _calibration(report: Findings) -> Iterator[Part]:
 
 def _moved_together(report: Findings) -> Iterator[str]:
     """Parameters whose combination the records determine, but not each of them."""
-    own = {p.name for p in report.fit.problem.model.parameters if p.of_the_machine}
-    pairs = [p for p in together(report.fit) if own >= {*p[:2]}]
+    parameters = report.fit.problem.model.parameters
+    labels = {p.name: p.label or p.name for p in parameters if p.of_the_machine}
+    pairs = [p for p in together(report.fit) if labels.keys() >= {*p[:2]}]
     if pairs:
-        listed = ", ".join(f"{a} and {b} ({rho:.2f})" for a, b, rho in pairs[:MOST_PAIRS])
+        rows = [f"{labels[a]} and {labels[b]} ({rho:.2f})" for a, b, rho in pairs[:MOST_PAIRS]]
+        listed = ", ".join(rows)
         yield (
             f"The records hardly separate {listed} (correlation); such parameters may have moved "
             "together. A test of one part determines the other."
@@ -142,10 +146,10 @@ def _missing(report: Findings, width: int) -> Iterator[Part]:
             f"{r.posterior:.0%}",
         )
     yield table
-    if not report.named and not report.one_of:
+    if not (report.named or report.one_of or report.stopped):
         yield (
-            f"Probability that nothing is missing {report.which.none:.0%}, that something else is "
-            f"missing {report.which.other:.0%}."
+            f"The probability is {report.which.none:.0%} that nothing is missing, and "
+            f"{report.which.other:.0%} that something else is missing."
         )
     if report.which.form_note:
         yield report.which.form_note

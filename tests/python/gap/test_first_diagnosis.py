@@ -13,7 +13,7 @@ from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.model import Candidate
 from feltmb.fit.watch import Watch
 from feltmb.gap import library
-from feltmb.gap.checks import check_against
+from feltmb.gap.checks import not_recorded
 from feltmb.gap.sizes import Size
 from feltmb.gap.smoke_test import divergence
 
@@ -65,23 +65,27 @@ def test_effects_of_a_model_file_may_be_a_function_of_the_records(tmp_path):
     for text, told in (
         ("effects = lambda records: [1]", r"effects\(records\) holds something that is no"),
         ("effects = lambda records: None", r"effects\(records\) is NoneType, expected a sequence"),
+        ("def effects(records):\n    yield 1", r"effects\(records\) holds something that is no"),
         ("effects = lambda records: records[7]", r"effects\(records\) raises IndexError"),
     ):
         with pytest.raises(InvalidParameter, match=told):
             load(tmp_path, MODEL + text).with_records([record()])
+    one_by_one = MODEL + EFFECTS.replace("return ", "yield from ")
+    assert len(load(tmp_path, one_by_one).with_records([record()]).effects) == len(effects)
     with pytest.raises(InvalidParameter, match="effects is int, expected a sequence"):
         load(tmp_path, MODEL + "effects = 3")
 
 
 def test_outputs_that_no_record_has_are_told(tmp_path):
     model = load(tmp_path, MODEL + EFFECTS).model
-    told = check_against(model, [record()]).warnings
-    assert "speed: not compared, because no record has this output of the model" in told
+    told = "speed: not compared, because no record has this output of the model"
+    assert not_recorded(model, [record()]) == (told,)
+    assert told in gap.check(model, record()).notes
     whole = record(table=np.zeros(100), speed=np.zeros(100))
     fast = {n: Sensor(name=n, unit=u) for n, u in (("table", "m"), ("speed", "m/s"))}
     whole = Record(name="run", time=whole.time, inputs=whole.inputs, outputs=whole.outputs,
                    sensors=fast)  # fmt: skip
-    assert not any("not compared" in w for w in check_against(model, [whole]).warnings)
+    assert not_recorded(model, [whole]) == ()
 
 
 def test_a_clock_in_another_unit_is_told(tmp_path):
@@ -91,9 +95,11 @@ def test_a_clock_in_another_unit_is_told(tmp_path):
     with pytest.raises(InvalidParameter, match=r"10 s apart: is this their unit \(--unit time=ms"):
         gap.diagnose(adapter.model, adapter.with_records([wrong]).effects, [wrong])
     assert any("10 s apart" in n for n in gap.check(adapter.model, wrong).notes)
-    outputs = np.array([[0.0], [1.0], [9.9e3]])
+    outputs = np.array([[math.inf], [1.0], [9.9e6]])  # the record stays below 0.01
     assert divergence(record(), ["table"], outputs) == ""
     assert "after 2 samples" in divergence(record(), ["table"], 2.0 * outputs)
+    still = record(table=np.zeros(100))
+    assert divergence(still, ["table"], outputs) == ""
 
 
 def test_a_reversed_channel_is_not_called_late(tmp_path):
@@ -129,14 +135,45 @@ def test_a_statement_gives_the_fitted_numbers_of_a_shape():
     assert "width" not in Size(Candidate(effect, 0.0069), 38.0, 1.0, {}).text
 
 
-def test_a_budget_is_spent_only_after_its_whole_time(monkeypatch):
+def test_fits_and_proof_have_their_parts_of_a_budget(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(Watch, "elapsed", property(lambda self: now[0]))
     watch = Watch(budget=10.0)
-    for elapsed, over, spent in ((5.0, False, False), (7.0, True, False), (11.0, True, True)):
-        monkeypatch.setattr(Watch, "elapsed", property(lambda self, now=elapsed: now))
-        assert (watch.over(), watch.spent()) == (over, spent)
-    assert not Watch().spent()
-    assert Watch(stop=lambda: True).spent()
-    assert math.isfinite(watch.elapsed)
+    watch.enter("search")
+    now[0] = 5.9
+    assert not watch.over()
+    watch.enter("proof on held-out records")
+    for time, over in ((6.5, False), (9.8, False), (9.95, True)):
+        now[0] = time
+        assert watch.proof_over() == over
+    assert watch.why == "the budget of 10 s was spent"
+    late = Watch(budget=10.0)
+    late.enter("search")
+    now[0] = 14.0  # a fit that had started
+    assert late.over()
+    assert "60% of the budget" in late.why
+    late.enter("proof on held-out records")
+    now[0] = 17.9
+    assert not late.proof_over()
+    interrupted = Watch(stop=lambda: True)
+    interrupted.enter("proof on held-out records")
+    assert interrupted.over()
+    assert not interrupted.proof_over()
+
+
+def test_a_proof_without_time_names_nothing(monkeypatch):
+    model, records = sum_of_two(noise=0.01)
+    cube = gap.Effect(name="cube", component="drive", scale=0.1, sign=0, kind="force",
+                      regressor=lambda r, shape: r.inputs["u"] ** 3)  # fmt: skip
+    for i, r in enumerate(records):
+        records[i] = Record(name=r.name, time=r.time, inputs=r.inputs, sensors=r.sensors,
+                            outputs={"y": r.outputs["y"] + 0.3 * r.inputs["u"] ** 3})  # fmt: skip
+    quick = gap.Options(advice=False, bootstrap=0)
+    assert gap.diagnose(model, [cube], records, options=quick).named == ("cube",)
+    monkeypatch.setattr(Watch, "proof_over", lambda self: True)
+    report = gap.diagnose(model, [cube], records, options=quick)
+    assert report.named == report.one_of == ()
+    assert "the budget was spent before the held-out proof was complete" in report.statement
 
 
 def test_a_model_file_with_a_function_is_checked_on_the_command_line(tmp_path, capsys):
@@ -150,14 +187,14 @@ def test_a_model_file_with_a_function_is_checked_on_the_command_line(tmp_path, c
     assert "speed: not compared" in capsys.readouterr().out
 
 
-def test_parameters_that_moved_together_are_told():
-    """Only the ratio of mass and stiffness shows: neither parameter moves by itself."""
+def sum_of_two(noise):
+    """A model of which only the sum of two parameters shows, and records of another sum."""
     model = gap.LinearModel(
         name="sum",
         output="y",
         columns={"a": lambda r: r.inputs["u"], "b": lambda r: 1.01 * r.inputs["u"]},
         parameters=[
-            gap.Parameter(name="a", value=1.0, sd=0.3),
+            gap.Parameter(name="a", value=1.0, sd=0.3, label="the first"),
             gap.Parameter(name="b", value=1.0, sd=0.3),
         ],
     )
@@ -165,12 +202,22 @@ def test_parameters_that_moved_together_are_told():
     records = []
     for i in range(3):
         u = rng.standard_normal(200)
-        y = 2.2 * u + 0.01 * rng.standard_normal(200)
+        y = 2.2 * u + noise * rng.standard_normal(200)
         records.append(
             Record(
                 name=f"r{i}", time=np.arange(200) * 0.01, inputs={"u": u}, outputs={"y": y},
-                sensors={"y": Sensor(name="y", sigma=0.01)},
+                sensors={"y": Sensor(name="y", sigma=noise)},
             )
         )  # fmt: skip
+    return model, records
+
+
+def test_parameters_that_moved_together_are_told():
+    """Only the sum shows: neither parameter moves by itself."""
+    told = "The records hardly separate b and the first (-1.00)"
+    model, records = sum_of_two(noise=0.01)
     report = gap.diagnose(model, [], records, options=gap.Options(advice=False))
-    assert "The records hardly separate b and a (-1.00)" in " ".join(report.text(80).split())
+    assert told in " ".join(report.text(80).split())
+    model, records = sum_of_two(noise=1.0)  # calibration explains next to nothing
+    report = gap.diagnose(model, [], records, options=gap.Options(advice=False))
+    assert told not in " ".join(report.text(80).split())

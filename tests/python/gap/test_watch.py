@@ -168,7 +168,7 @@ def test_the_line_of_progress(capsys):
     line(PROGRESS)  # no terminal: once a stage
     line.close()
     wanted = (
-        "feltmb: search, 241 of about 830 simulations, misfit 1.07, 8 s, 3:20 min or more left: "
+        "feltmb: search, 241 of about 830 simulations, misfit 1.07, 8 s, about 3:20 min left: "
         "refine: dry friction\n"
     )
     assert capsys.readouterr().err == wanted
