@@ -109,7 +109,17 @@ def _misread(name: str, error: ReadingError, **fields: Any) -> Effect:
 
 
 def saturation_input(name: str, *, levels: Sequence[float], unit: str = "1") -> Effect:
-    """Beyond +-level [unit] the input is reduced to the fraction 1 - magnitude."""
+    """Beyond +-level [unit] the input is reduced to the fraction 1 - magnitude.
+
+    Parameters
+    ----------
+    name
+        Name of the input.
+    levels
+        Values of the level that are tried [unit].
+    unit
+        Unit of the input.
+    """
     return _part_lost(
         name,
         "saturation of input",
@@ -122,7 +132,17 @@ def saturation_input(name: str, *, levels: Sequence[float], unit: str = "1") -> 
 
 
 def dead_zone_input(name: str, *, levels: Sequence[float], unit: str = "1") -> Effect:
-    """Within +-level [unit], only the share 1 - magnitude of the input acts."""
+    """Within +-level [unit], only the share 1 - magnitude of the input acts.
+
+    Parameters
+    ----------
+    name
+        Name of the input.
+    levels
+        Values of the level that are tried [unit].
+    unit
+        Unit of the input.
+    """
     return _part_lost(
         name,
         "dead zone of input",
