@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -74,12 +74,10 @@ class Adapter:
                 "measured files, or define planned records"
             )
         with calling(f"model {self.model.name}: effects(records)"):
-            effects = self.made(records)
-            if isinstance(effects, Iterator):
-                effects = tuple(effects)
-        if fault := _fault(effects):
+            effects, fault = _listed(self.made(records))
+        if fault:
             raise InvalidParameter(f"model {self.model.name}: effects(records) {fault}")
-        return replace(self, effects=tuple(effects), made=None)
+        return replace(self, effects=effects, made=None)
 
     def measured(self, path: Path | None) -> Adapter:
         """Copy of the adapter with tests of single parts instead of tolerances."""
@@ -177,14 +175,15 @@ def _from_file(path: Path) -> Adapter:
     except Exception as error:
         raise InvalidParameter(f"{path}: {type(error).__name__}: {error}") from error
     model = getattr(module, "model", None)
-    effects = getattr(module, "effects", None)
+    given = getattr(module, "effects", None)
+    made = given if callable(given) else None
+    effects, fault = ((), "") if made else _listed(given)
     faults = []
     if not isinstance(model, Model):
         faults.append(f"model is {type(model).__name__}, expected a feltmb.gap.Model")
-    made = effects if callable(effects) else None
-    if effects is None:
+    if given is None:
         faults.append("effects is missing, expected a sequence of feltmb.gap.Effect")
-    elif made is None and (fault := _fault(effects)):
+    elif fault:
         faults.append(f"effects {fault}")
     if faults:
         raise InvalidParameter(f"{path}: " + "; ".join(faults))
@@ -196,20 +195,21 @@ def _from_file(path: Path) -> Adapter:
         )
     return Adapter(
         model,
-        () if made else tuple(effects or ()),
+        effects,
         tuple(getattr(module, "planned", ())),
         limits=limits,
         made=made,
     )
 
 
-def _fault(effects: object) -> str:
-    """Why something is no sequence of effects; empty: it is one."""
-    if not isinstance(effects, Iterable):
-        return f"is {type(effects).__name__}, expected a sequence of feltmb.gap.Effect"
+def _listed(given: object) -> tuple[tuple[Effect, ...], str]:
+    """Effects as a tuple, and why something is no sequence of effects; empty: it is one."""
+    if not isinstance(given, Iterable):
+        return (), f"is {type(given).__name__}, expected a sequence of feltmb.gap.Effect"
+    effects = tuple(given)
     if not all(isinstance(e, Effect) for e in effects):
-        return "holds something that is no feltmb.gap.Effect"
-    return ""
+        return (), "holds something that is no feltmb.gap.Effect"
+    return effects, ""
 
 
 def held_out(

@@ -99,6 +99,11 @@ class Parameter:
             )
 
     @property
+    def title(self) -> str:
+        """Label, or else the name."""
+        return self.label or self.name
+
+    @property
     def of_the_machine(self) -> bool:
         """Whether it is a property of the machine: not of the simulation of single records."""
         return self.component not in (VARIABILITY, INTERPOLATION)

@@ -1,7 +1,7 @@
 """Progress of a long fit or diagnosis, and its early end.
 
 A stop is soft: the running optimization ends at its present point, no other one is started, and the
-results so far are reported. The proof on held-out records is still done.
+results so far are reported. The proof on held-out records still has its part of the time limit.
 """
 
 from __future__ import annotations
@@ -113,18 +113,21 @@ class Watch:
         """Whether the run must end."""
         if not self.why:
             if self._stop is not None and self._stop():
-                self.why = "interrupted"
+                self._end("interrupted")
             elif self._budget is not None and self.stage in (CHECKS, FIT, SEARCH):
                 if self.elapsed > FOR_FITS * self._budget:
-                    self.why = f"fits may take {FOR_FITS:.0%} of the budget of {self._budget:g} s"
+                    self._end(f"fits may take {FOR_FITS:.0%} of the budget of {self._budget:g} s")
             elif self._budget is not None and self.elapsed > self._budget:
-                self.why = f"the budget of {self._budget:g} s was spent"
-            if self.why:
-                self.stopped_in = self.stage
+                self._end(f"the budget of {self._budget:g} s was spent")
         return bool(self.why)
 
+    def _end(self, why: str) -> None:
+        """Keep the first reason for the stop, and its stage."""
+        if not self.why:
+            self.why, self.stopped_in = why, self.stage
+
     def stopping(self) -> bool:
-        """Whether fits and searches must end; a proof is still done."""
+        """Whether fits and searches must end; a proof still has its part of the time limit."""
         return self.stage in (FIT, SEARCH) and self.over()
 
     def proof_over(self) -> bool:
@@ -132,8 +135,8 @@ class Watch:
         if self._budget is None or self.stage != PROOF:
             return False
         late = self.elapsed - self._entered > (1.0 - FOR_FITS) * self._budget
-        if late and not self.why:
-            self.why, self.stopped_in = f"the budget of {self._budget:g} s was spent", self.stage
+        if late:
+            self._end(f"the budget of {self._budget:g} s was spent")
         return late
 
     def enter(self, stage: str) -> None:

@@ -606,6 +606,18 @@ class ModelWithEffects:
         """Magnitude of each effect by name."""
         return {t.name: float(v) for t, v in zip(self.included, self.magnitudes, strict=True)}
 
+    @property
+    def at_limits(self) -> tuple[str, ...]:
+        """Titles of parameters that moved to a limit of their range, names of effects at one."""
+        parameters = zip(self.original.parameters, self.theta, strict=True)
+        titles = [
+            p.title
+            for p, v in parameters
+            if v != p.value and np.isclose(v, (p.lower, p.upper)).any()
+        ]
+        effects = zip(self.included, self.magnitudes, strict=True)
+        return (*titles, *(t.name for t, v in effects if np.isclose(v, t.effect.bounds).any()))
+
     @checked
     def simulate(self, record: Record, start: Array | None = None) -> dict[str, Array]:
         """Simulate a whole record from a start state; returns the outputs by name.

@@ -168,8 +168,6 @@ def _screened(fit: Fit, laws: Sequence[Parameter]) -> list[tuple[VaryingLaw, flo
             sd = given.copy()
             k = order.index(p.name)
             sd[k] = math.hypot(sd[k], share * units[p.name])
-            law = VaryingLaw(
-                parameter=p.name, label=p.label or p.name, unit=p.unit, sd=share * units[p.name]
-            )
+            law = VaryingLaw(parameter=p.name, label=p.title, unit=p.unit, sd=share * units[p.name])
             out.append((law, evidence(sd) - without))
     return out

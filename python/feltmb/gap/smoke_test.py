@@ -79,15 +79,14 @@ def _fault(model: Model, candidate: Candidate, record: Record, bare: Array) -> s
 
 def _check_numbers(model: Model, record: Record, bare: Array) -> None:
     """Check that the model gives finite numbers at its priors, from a given or estimated start."""
-    fault = divergence(record, model.outputs, bare[0])
-    if _runs(bare) and not fault:
+    if _runs(bare) and not divergence(record, model.outputs, bare[0]):
         return
     segments = np.array([[0, min(SAMPLES, record.samples) - 1]])
     theta = np.array([p.value for p in model.parameters])
     starts = model.guess([record], [segments])[0]
     jobs = Jobs.at_point(theta, segments, starts, (), np.zeros(0))
     bare = observe_jobs(model, record, jobs).outputs
-    if _runs(bare) and fault and (fault := divergence(record, model.outputs, bare[0])):
+    if fault := divergence(record, model.outputs, bare[0]):
         raise InvalidParameter(f"model {model.name}, {fault}")
     if not _runs(bare):
         raise InvalidParameter(

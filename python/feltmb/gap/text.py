@@ -95,16 +95,14 @@ def _calibration(report: Findings) -> Iterator[Part]:
         yield from _moved_together(report)
     for g in report.given:
         yield f"A part of the model: {g.text}{g.remark}"
-    labels = {p.name: p.label or p.name for p in report.fit.problem.model.parameters}
-    at_limit = [labels[i.name] for i in report.fit.intervals() if i.at_limit]
-    if at_limit:
-        yield f"At a limit of its range: {', '.join(at_limit)}"
+    if at_limits := report.model.at_limits:
+        yield f"At a limit of its range: {', '.join(at_limits)}"
 
 
 def _moved_together(report: Findings) -> Iterator[str]:
     """Parameters whose combination the records determine, but not each of them."""
     parameters = report.fit.problem.model.parameters
-    labels = {p.name: p.label or p.name for p in parameters if p.of_the_machine}
+    labels = {p.name: p.title for p in parameters if p.of_the_machine}
     pairs = [p for p in together(report.fit) if labels.keys() >= {*p[:2]}]
     if pairs:
         rows = [f"{labels[a]} and {labels[b]} ({rho:.2f})" for a, b, rho in pairs[:MOST_PAIRS]]

@@ -74,6 +74,9 @@ def test_effects_of_a_model_file_may_be_a_function_of_the_records(tmp_path):
     assert len(load(tmp_path, one_by_one).with_records([record()]).effects) == len(effects)
     with pytest.raises(InvalidParameter, match="effects is int, expected a sequence"):
         load(tmp_path, MODEL + "effects = 3")
+    lazy = "\nmade = library.for_coordinate(table, force=4.0, travel=0.04, speed=0.3)\n"
+    lazy += "effects = (e for e in made)\n"
+    assert len(load(tmp_path, MODEL + lazy).effects) > 5
 
 
 def test_outputs_that_no_record_has_are_told(tmp_path):
@@ -161,13 +164,26 @@ def test_fits_and_proof_have_their_parts_of_a_budget(monkeypatch):
     assert not interrupted.proof_over()
 
 
-def test_a_proof_without_time_names_nothing(monkeypatch):
+def with_cube(**limits):
+    """The model of :func:`sum_of_two`, a cubic effect, and records of 0.3 of it."""
     model, records = sum_of_two(noise=0.01)
     cube = gap.Effect(name="cube", component="drive", scale=0.1, sign=0, kind="force",
-                      regressor=lambda r, shape: r.inputs["u"] ** 3)  # fmt: skip
+                      regressor=lambda r, shape: r.inputs["u"] ** 3, **limits)  # fmt: skip
     for i, r in enumerate(records):
         records[i] = Record(name=r.name, time=r.time, inputs=r.inputs, sensors=r.sensors,
                             outputs={"y": r.outputs["y"] + 0.3 * r.inputs["u"] ** 3})  # fmt: skip
+    return model, cube, records
+
+
+def test_an_effect_at_its_limit_is_told():
+    model, cube, records = with_cube(upper=0.2995)
+    report = gap.diagnose(model, [cube], records, options=gap.Options(advice=False, bootstrap=0))
+    assert report.model.effects == {"cube": pytest.approx(0.2995)}
+    assert "At a limit of its range: cube" in report.text(80)
+
+
+def test_a_proof_without_time_names_nothing(monkeypatch):
+    model, cube, records = with_cube()
     quick = gap.Options(advice=False, bootstrap=0)
     assert gap.diagnose(model, [cube], records, options=quick).named == ("cube",)
     monkeypatch.setattr(Watch, "proof_over", lambda self: True)
