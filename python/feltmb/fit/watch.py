@@ -114,12 +114,16 @@ class Watch:
         if not self.why:
             if self._stop is not None and self._stop():
                 self._end("interrupted")
-            elif self._budget is not None and self.stage in (CHECKS, FIT, SEARCH):
+            elif self._before_proof() and self._budget is not None:
                 if self.elapsed > FOR_FITS * self._budget:
                     self._end(f"fits may take {FOR_FITS:.0%} of the budget of {self._budget:g} s")
             elif self._budget is not None and self.elapsed > self._budget:
                 self._end(f"the budget of {self._budget:g} s was spent")
         return bool(self.why)
+
+    def _before_proof(self) -> bool:
+        """Whether a proof follows, which has its own part of the time limit."""
+        return PROOF in self._stages and self.stage in (CHECKS, FIT, SEARCH)
 
     def _end(self, why: str) -> None:
         """Keep the first reason for the stop, and its stage."""

@@ -158,6 +158,12 @@ def test_fits_and_proof_have_their_parts_of_a_budget(monkeypatch):
     late.enter("proof on held-out records")
     now[0] = 17.9
     assert not late.proof_over()
+    alone = Watch(budget=10.0, stages=("checks", "fit"))  # no proof follows
+    alone.enter("fit")
+    now[0] = 9.9
+    assert not alone.over()
+    now[0] = 10.1
+    assert alone.over()
     interrupted = Watch(stop=lambda: True)
     interrupted.enter("proof on held-out records")
     assert interrupted.over()
