@@ -11,7 +11,7 @@ from feltmb.cli.gap_models import load_adapter
 from feltmb.data import Record, Sensor, read_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.model import Candidate
-from feltmb.fit.watch import Watch
+from feltmb.fit.watch import CHECKS, FIT, Watch
 from feltmb.gap import library
 from feltmb.gap.checks import not_recorded
 from feltmb.gap.sizes import Size
@@ -158,8 +158,8 @@ def test_fits_and_proof_have_their_parts_of_a_budget(monkeypatch):
     late.enter("proof on held-out records")
     now[0] = 17.9
     assert not late.proof_over()
-    alone = Watch(budget=10.0, stages=("checks", "fit"))  # no proof follows
-    alone.enter("fit")
+    alone = Watch(budget=10.0, stages=(CHECKS, FIT))  # no proof follows
+    alone.enter(FIT)
     now[0] = 9.9
     assert not alone.over()
     now[0] = 10.1
