@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -244,6 +244,7 @@ def _again(
         hunt._shape(hunt._best())
         hunt._vary(hunt._best())
         hunt._finish()
+        hunt._exchange()
         hunt._nest()
     return hunt.found()
 
@@ -319,6 +320,7 @@ class _Hunt:
             return better
         self._climb()
         self._finish()
+        self._exchange()
         self._nest()
         if may_restart and len(self.done) > first:
             return self._stuck()
@@ -662,6 +664,46 @@ class _Hunt:
             start = fit.problem.carry(better.point, c.fit.included, c.fit.point.magnitudes)
             start = replace(start, theta=c.fit.point.theta, memo={})
             self._keep(polish(c.fit.problem, start, c.fit.level, self.quick))
+
+    def _exchange(self) -> None:
+        """Refit rivals of the best set that are worse than the linear model of its fit predicts.
+
+        The best set was fitted with the most care. A difference to a set with nearly the same
+        signal may otherwise be that of the fits.
+        """
+        tried: set[tuple[tuple[str, ...], tuple[str, ...]]] = set()
+        while self.done and not current().stopping():
+            best = self._best()
+            behind = [b for b in self._behind(best) if (best.key, _key(b[1])) not in tried]
+            if not behind:
+                return
+            _, chosen, magnitudes = max(behind, key=lambda b: b[0])
+            tried.add((best.key, _key(chosen)))
+            self._tell("exchange: " + " + ".join(t.name for t in chosen))
+            start = best.fit.problem.carry(best.fit.point, chosen, magnitudes)
+            problem, level = best.fit.problem.with_candidates(chosen), best.fit.level
+            way = replace(self.settings, worth=self._worth())
+            self._keep(refit_at(problem, replace(start, memo={}), level, way, patient=True))
+
+    def _behind(self, best: CandidateSet) -> Iterator[tuple[float, tuple[Candidate, ...], Array]]:
+        """Rivals with one other effect than the best set that are below their predicted evidence.
+
+        With the difference, the set, and its predicted magnitudes.
+        """
+        for k, old in enumerate(best.fit.included):
+            rest = tuple(t for t in best.fit.included if t is not old)
+            others = np.delete(best.fit.point.magnitudes, k)
+            keys = {_key((*rest, t)): t.name for t in self.candidates if t.name not in best.names}
+            known = [self.done[key] for key in keys if key in self.done]
+            new = [next(t for t in c.fit.included if t.name == keys[c.key]) for c in known]
+            if not new:
+                continue
+            at = score_fit(best.fit, tuple(new), without=k)
+            promised = best.evidence + at.evidence() - at.evidence()[0]
+            for c, t, value, size in zip(known, new, promised[1:], at.one_step()[1:], strict=True):
+                if value > best.evidence - RIVAL and c.evidence < value - SAME:
+                    magnitudes = np.append(others, size * t.effect.scale)
+                    yield value - c.evidence, (*rest, t), magnitudes
 
     def _nest(self) -> None:
         """Refit every set whose sum of squares exceeds that of a set that it contains.

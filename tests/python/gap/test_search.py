@@ -239,6 +239,29 @@ def test_an_equal_effect_at_its_limit_is_a_rival():
     assert evidence["cubic",] - evidence["limited",] < 1.0
 
 
+def test_a_rival_that_is_behind_its_prediction_is_fitted_again(monkeypatch):
+    """Two effects with the same signal; the fit of one of them ends 3 standard deviations off."""
+    cubic = _force("cubic", lambda x, s: x**3)
+    alike = _force("alike", lambda x, s: x**3 + 1e-5 * x**2)
+    once, ended = refine.refit, []
+
+    def refit(base, included, magnitudes, settings):
+        fit = once(base, included, magnitudes, settings)
+        if [t.name for t in included] != ["alike"]:
+            return fit
+        off = fit.point.magnitudes + 3.0 * fit.intervals()[-1].sd
+        ended.append(
+            finish(fit.problem, replace(fit.point, magnitudes=off, memo={}), 1.0, fit.gap_sd)
+        )
+        return ended[-1]
+
+    monkeypatch.setattr("feltmb.gap.search.refit", refit)
+    found = _searched([cubic, alike], lambda x: 0.2 * x**3)
+    by_name = {c.names: c for c in found.sets}
+    assert ended[-1].cost > by_name["cubic",].fit.cost + 8.0
+    assert by_name["alike",].fit.cost == pytest.approx(by_name["cubic",].fit.cost, abs=0.1)
+
+
 def test_shapes_of_one_effect_do_not_displace_other_rivals():
     """Beside a large effect, the eight shapes of an effect are as good as each other effect."""
     large = _force("large", lambda x, s: x**2)
