@@ -19,6 +19,10 @@ from feltmb.fit.watch import current
 
 __all__ = ["Normal", "Point", "Problem"]
 
+#: What is known of an unknown start state beside the records, if they tell nothing of it: one over
+#: its standard deviation [1 / scale of the state].
+FAINT_START = 1e-3
+
 
 @dataclass(frozen=True, eq=False)
 class Point:
@@ -134,6 +138,23 @@ class Problem:
                 if s.name in prior.sd:
                     sd[i] = prior.sd[s.name]
         return mean, sd
+
+    def log_diffuse(self, segmented: SegmentedRecord, linear: Linear) -> float:
+        """Log normalization of a flat prior of unknown start states.
+
+        It is half the log determinant of what the first segment alone tells of them. The evidence
+        then does not depend on the unit of a state, nor on a gain of the sensor that shows it
+        [Francke, Koopman and de Vos, J. Time Series Analysis 31 (2010) 407].
+        """
+        _, sd = self.start_prior(segmented)
+        unknown = np.flatnonzero(np.isinf(sd))
+        if not unknown.size:
+            return 0.0
+        states = self.model.states(machine_candidates(self.included))
+        least = FAINT_START / np.array([states[i].scale for i in unknown])
+        seen = linear.by_state[0][:, unknown]
+        _, log_det = np.linalg.slogdet(seen.T @ seen + np.diag(least**2))
+        return 0.5 * float(log_det)
 
     def cost(
         self, point: Point, gap_sd: Array, linears: Sequence[Linear]

@@ -450,11 +450,16 @@ def relaxed(problem: Problem, point: Point, normal: Normal) -> float:
     return left + problem.prior_cost(point)
 
 
-def evidence_at(problem: Problem, normal: Normal, cost: float, gap_sd: Array) -> float:
+def evidence_at(
+    problem: Problem, normal: Normal, cost: float, gap_sd: Array, linears: Sequence[Linear]
+) -> float:
     """Log marginal likelihood over states and inputs at given parameters (Laplace)."""
     value = -0.5 * cost
-    for segmented, chain in zip(problem.segmented_records, normal.chains, strict=True):
+    for segmented, chain, linear in zip(
+        problem.segmented_records, normal.chains, linears, strict=True
+    ):
         value -= float(np.sum(chain.log_dets))
+        value += problem.log_diffuse(segmented, linear)
         # Normalization of the prior of the first state. Without it, every hidden state with a known
         # start would cost an effect -log(1e-12) = 28 units of log evidence per record.
         _, sd = problem.start_prior(segmented)
@@ -497,7 +502,7 @@ def _finish(
         cost=cost,
         chi2=chi2,
         dof=max(dof, 1.0),
-        log_evidence=evidence_at(problem, normal, cost, gap_sd),
+        log_evidence=evidence_at(problem, normal, cost, gap_sd, linears),
         converged=converged,
         notes=(),
         linears=tuple(linears),
@@ -684,7 +689,8 @@ def _descend(
         cost, _ = problem.cost_at(point, gap_sd, linears)
         if i == 0:
             loose, loosest = point, cost
-        value = evidence_at(problem, problem.normal(point, linears, gap_sd), cost, gap_sd)
+        normal = problem.normal(point, linears, gap_sd)
+        value = evidence_at(problem, normal, cost, gap_sd, linears)
         if best is None or value > best[0]:
             best, poor = (value, level, point), 0
         else:

@@ -159,7 +159,7 @@ def _screened(fit: Fit, laws: Sequence[Parameter]) -> list[tuple[VaryingLaw, flo
         gain = normal.gain(problem.newton(point, normal))
         cost = relaxed(problem, point, normal) - gain
         volume = posterior_volume(problem, point, normal)
-        return evidence_at(problem, normal, cost, fit.gap_sd) + volume
+        return evidence_at(problem, normal, cost, fit.gap_sd, mixed) + volume
 
     without = evidence(given)
     out = []

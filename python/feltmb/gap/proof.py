@@ -259,7 +259,8 @@ def _predicted(held: HeldOut, outcome: Outcome) -> tuple[SegmentedRecord, ...]:
 def _density(base: Problem, fit: Fit, model: Fit) -> Array:
     """Log predictive density by segment, with the posterior distribution of the parameters."""
     loose = replace(base, frozen=False)
-    normal = loose.normal(fit.point, loose.linear(fit.point), fit.gap_sd, keep_heads=True)
+    linears = loose.linear(fit.point)
+    normal = loose.normal(fit.point, linears, fit.gap_sd, keep_heads=True)
     count = normal.shared
     covariance = model.covariance
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
@@ -291,12 +292,13 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
     out = []
     known_so_far, before = 0.0, 0.5 * float(right @ solve_scaled(height, right))
     before -= 0.5 * float(np.linalg.slogdet(height)[1])
-    for segmented, chain, own in zip(
-        base.segmented_records, normal.chains, normal.columns, strict=True
+    for segmented, linear, chain, own in zip(
+        base.segmented_records, linears, normal.chains, normal.columns, strict=True
     ):
         assert chain.heads is not None
         mine = units[own]
         _, sd = base.start_prior(segmented)
+        known_so_far += base.log_diffuse(segmented, linear)
         known_so_far -= float(np.sum(np.log(np.maximum(sd[np.isfinite(sd)], 1e-12))))
         for gram, log_det, head, head_log_det in zip(
             chain.grams, chain.log_dets, *chain.heads, strict=True
