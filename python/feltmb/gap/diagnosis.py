@@ -265,7 +265,7 @@ class _Diagnosis:
             (*self.data.fitted, *self.data.held),
             self.task.settings,
         )
-        _check_units(self.model, tabulated, self.metric)
+        _check_units(self.model, tabulated, self.metric, self.records)
         self._lap("gap as it is")
         return tabulated
 
@@ -638,18 +638,20 @@ def _usable(model: Model, effects: Sequence[Effect]) -> tuple[list[Effect], list
     return good, bad
 
 
-def _check_units(model: Model, tabulated: Outcome, metric: str) -> None:
+def _check_units(model: Model, tabulated: Outcome, metric: str, whole: Sequence[Record]) -> None:
     """Raise an error if records are in a different unit than stated: no fit would be useful.
 
-    Estimated start states may absorb a wrong unit. The expected ones are therefore tried as well.
+    Estimated start states may absorb a wrong unit. The expected ones are therefore tried as well,
+    on ``whole``, the records before they were cut into blocks, whose start may be known.
     """
     records = tabulated.fit.problem.segmented_records
     noise = [{n: x.sigma for n, x in zip(model.outputs, s.noise, strict=True)} for s in records]
     own = [s.record for s in records]
     wrong = wrong_units(model, list(zip(own, getattr(tabulated, metric), noise, strict=True)))
-    if not wrong and model.states() and all(r.start is None or r.start.known for r in own):
-        rest = [r.output_array(model.outputs) - expected_outputs(model, r) for r in own]
-        wrong = wrong_units(model, list(zip(own, rest, noise, strict=True)))
+    known = [r for r in whole if r.start is None or r.start.known]
+    if not wrong and model.states() and known:
+        rest = [r.output_array(model.outputs) - expected_outputs(model, r) for r in known]
+        wrong = wrong_units(model, [(r, x, noise[0]) for r, x in zip(known, rest, strict=True)])
     if wrong:
         raise DataError(
             f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit CHANNEL=UNIT, "

@@ -1,6 +1,7 @@
 """What a first user meets: his model file, faults of his data, and the words of the answer."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,6 +78,62 @@ def test_effects_of_a_model_file_may_be_a_function_of_the_records(tmp_path):
     lazy = "\nmade = library.for_coordinate(table, force=4.0, travel=0.04, speed=0.3)\n"
     lazy += "effects = (e for e in made)\n"
     assert len(load(tmp_path, MODEL + lazy).effects) > 5
+
+
+DOOR = (
+    MODEL.replace("sd=0.1", "sd=0.005")
+    .replace("sd=3.0", "sd=0.2")
+    .replace("u.motor - p.k * x.x", "u.motor - p.k * x.x - 5.0 * x.v")
+    .replace('"speed": "v"', "")
+)
+
+
+def motion(gain, seed):
+    """Motion of the machine in two runs, shown by a sensor with a gain."""
+    rng, records = np.random.default_rng(seed), []
+    t = np.arange(400) * 5e-3
+    for run in range(2):
+        u = (3.0 + run) * (1.0 - np.cos((4.0 + 3.0 * run) * t))
+        state, shown = np.zeros(2), []
+        for k in range(t.size):
+            shown.append(state[0])
+            for i in range(20):
+                force = np.interp(t[k] + i * 2.5e-4, t, u)
+                rate = np.array([state[1], (force - 90.0 * state[0] - 5.0 * state[1]) / 2.0])
+                half = state + 1.25e-4 * rate
+                state = state + 2.5e-4 * np.array(
+                    [half[1], (force - 90.0 * half[0] - 5.0 * half[1]) / 2.0])  # fmt: skip
+        y = gain * np.array(shown) + 1e-4 * rng.standard_normal(t.size)
+        records.append(Record(
+            name=f"run {run}", time=t, inputs={"motor": u + 0.01 * rng.standard_normal(t.size)},
+            outputs={"table": y}, sensors={"table": Sensor(name="table", unit="m", sigma=1e-4)},
+            input_sigma={"motor": 0.01},
+        ))  # fmt: skip
+    return records
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_gain_of_a_sensor_and_of_the_input_are_not_told_apart(tmp_path, seed):
+    """In a linear machine both give the same record. Unknown starts of blocks favored one."""
+    records = motion(1.12, seed)
+    adapter = load(tmp_path, DOOR + EFFECTS).with_records(records)
+    both = {"gain of sensor table", "gain of input motor"}
+    effects = [e for e in adapter.effects if e.name in both]
+    report = gap.diagnose(
+        adapter.model, effects, records, options=gap.Options(advice=False, bootstrap=0)
+    )
+    assert set(report.one_of) == both
+    first, second = (s.evidence for s in report.which.sets[:2])
+    assert first - second < 1.0
+
+
+def test_a_wrong_unit_of_a_single_record_is_refused(tmp_path):
+    """The record is cut into blocks, of which only the first has a known start."""
+    adapter = load(tmp_path, DOOR + EFFECTS)
+    first = motion(1e3, 1)[0]
+    wrong = replace(first, sensors={"table": Sensor(name="table", unit="m", sigma=0.1)})
+    with pytest.raises(DataError, match="times the model in all records"):
+        gap.diagnose(adapter.model, (), [wrong])
 
 
 def test_outputs_that_no_record_has_are_told(tmp_path):
