@@ -15,7 +15,7 @@ from feltmb.data import Record, Sensor
 from feltmb.errors import FeltmbError
 from feltmb.fit.model import Candidate
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.solve import Fit
+from feltmb.fit.solve import Fit, chained
 from feltmb.gap.acceptance import Accepted
 from feltmb.gap.criteria import BETTER_SENSOR, CONFUSED, WORTH_TELLING
 from feltmb.gap.findings import Advice
@@ -55,8 +55,21 @@ def advise(search: Search, accepted: Accepted) -> tuple[Advice, ...]:
         other = [t for t in rival.fit.included if t.name not in best.names]
         if own and other:
             pairs.append((own[0], other[0]))
+    if not pairs:
+        return ()
     sizes = {n: abs(float(s)) for n, s in zip(best.names, best.fit.point.magnitudes, strict=True)}
-    return _advice(search.tightest, pairs, sizes) if pairs else ()
+    return _advice(_without_effects(search.tightest, best.fit), pairs, sizes)
+
+
+def _without_effects(model: Fit, best: Fit) -> Fit:
+    """The fit of the model, moved to the parameters of a set and to states without defects.
+
+    Parameters that compensate a missing effect, and the defects beside it, change the signatures.
+    """
+    point = best.problem.carry(best.point, (), np.zeros(0))
+    if model.gap_sd.size:
+        point = chained(model.problem, point)
+    return replace(model, point=replace(point, memo={}))
 
 
 def _advice(

@@ -36,6 +36,7 @@ from feltmb.fit.noise import Noise, noise_of
 from feltmb.fit.observe import observe_whole
 from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import segment_record
+from feltmb.fit.solve import chained
 from feltmb.gap.checks import with_sigma
 from feltmb.gap.confusion import confusion
 from feltmb.gap.criteria import DETECTABLE, NOT_LISTED
@@ -293,6 +294,8 @@ def linearized(
         if theta is not None:
             at |= zip((p.name for p in model.parameters), theta, strict=True)
         point = problem.start(theta=np.array([at[p.name] for p in own.parameters]))
+        if theta is not None:  # the start states are those of the prior values
+            point = chained(problem, point)
         gap_sd = level * problem.scale(point)
         linears = problem.linear(point, candidates)
         if not all(np.all(x.good) for x in linears):

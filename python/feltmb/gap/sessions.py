@@ -19,6 +19,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from feltmb.arguments import checked
 from feltmb.data import Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
@@ -44,6 +46,9 @@ Outcome = Literal[
 ]
 #: Verdicts that end a session without a cause, because the model explains the records.
 _COMPLETE = (Verdict.NO_GAP.value, Verdict.CALIBRATED.value)
+#: Factor of the duration of a request beyond which a record is no answer to it, share of it below
+#: which a record is short, and relative difference of an input that is told.
+OTHER_DURATION, SHORTER, OTHER_INPUT = 20.0, 0.9, 0.5
 #: Entries of a step that are required to resume.
 _KEYS = ("number", "kind", "name", "cost", "verdict", "named", "one_of", "statement", "expected")
 
@@ -188,7 +193,9 @@ def session(
             if not is_file(answer):
                 run(request, answer)
             if asked["kind"] == "stroke":
-                known += _measured_records(read, answer, number, measuring)
+                found_now = _measured_records(read, answer, number, measuring, limits)
+                warnings = _not_as_asked(found_now, request, answer)
+                known += found_now
             elif asked["kind"] == "sensor":
                 wanted = FurtherSensor(**read_toml(request)["sensor"])
                 sigma = _answered_sigma(answer, model, wanted.output)
@@ -219,7 +226,7 @@ def session(
                 one_of=() if found is None else tuple(found.one_of),
                 statement="" if found is None else found.statement,
                 expected=float(asked["expected"]),
-                warnings=warnings if found is None else tuple(found.checks.warnings),
+                warnings=(*warnings, *(() if found is None else found.checks.warnings)),
             )
             make_folder(here)
             write_text(here / "step.json", json.dumps(asdict(step), indent=1) + "\n", force=True)
@@ -313,26 +320,27 @@ def _same_session(
     seed: int,
 ) -> None:
     """Raise an error if a folder belongs to another session."""
-    digest = digest_of(
-        [(p.name, p.value, p.lower, p.upper, p.sd) for p in model.parameters],
-        [(e.name, e.scale, e.bounds) for e in effects],
-        repr(limits),
-        *(value for r in records for name, value in sorted({**r.inputs, **r.outputs}.items())),
-    )
+    values = [v for r in records for _, v in sorted({**r.inputs, **r.outputs}.items())]
     own = {
         "model": model.name,
-        "records": [r.name for r in records],
+        "parameters": digest_of(
+            [(p.name, p.value, p.lower, p.upper, p.sd) for p in model.parameters]
+        ),
+        "effects": digest_of([(e.name, e.scale, e.bounds) for e in effects]),
+        "limits": digest_of(repr(limits)),
+        "records": [*(r.name for r in records), digest_of(*values)],
         "seed": seed,
-        "digest of parameters, effects, limits and records": digest,
     }
     path = place / "session.json"
     if not is_file(path):
         write_text(path, json.dumps(own, indent=1) + "\n")
         return
     other = read_json(path)
-    if other != own:
+    changed = [k for k in own if not isinstance(other, dict) or other.get(k) != own[k]]
+    if changed:
         raise InvalidParameter(
-            f"{place}: holds another session: got {own}, expected {other}; give another folder"
+            f"{place}: holds another session, with other {', '.join(changed)}; give another "
+            "folder, or what this session was started with"
         )
 
 
@@ -426,13 +434,18 @@ def _measured_records(
     answer: Path,
     number: int,
     sensors: Mapping[str, Sensor] | None,
+    limits: Limits,
 ) -> list[Record]:
+    """Records of an answer; noise that they do not state is that of the limits."""
     if not is_file(answer):
         raise DataError(f"{answer}: missing; expected the record that the command writes")
     try:
         found = read(answer)
     except FeltmbError as error:
-        raise DataError(f"step {number}: {error}") from None
+        raise DataError(
+            f"step {number}: {error}. Correct {answer}, or remove it to measure again"
+        ) from None
+    noise = {n: i.sigma for n, i in limits.inputs.items() if i.sigma > 0.0}
     out = []
     for k, r in enumerate(found):
         name = f"experiment_{number}" + (f"_{k + 1}" if len(found) > 1 else "")
@@ -440,8 +453,45 @@ def _measured_records(
             n: replace(s, sigma=(sensors or {}).get(n, s).sigma) if s.sigma is None else s
             for n, s in r.sensors.items()
         }
-        out.append(replace(r, name=name, sensors=known))
+        driven = {n: v for n, v in noise.items() if n in r.inputs} | dict(r.input_sigma)
+        out.append(replace(r, name=name, sensors=known, input_sigma=driven))
     return out
+
+
+def _not_as_asked(records: Sequence[Record], request: Path, answer: Path) -> tuple[str, ...]:
+    """Warnings that records differ from their request.
+
+    Raises
+    ------
+    DataError
+        The duration is that of another request.
+    """
+    head, *rows = request.read_text().splitlines()
+    asked = np.array([[float(v) for v in row.split(",")] for row in rows]).T
+    names = [column.split(" [")[0] for column in head.split(",")]
+    wanted = float(asked[0, -1] - asked[0, 0])
+    out = []
+    for r in records:
+        lasts = float(r.time[-1] - r.time[0])
+        if not wanted / OTHER_DURATION < lasts < wanted * OTHER_DURATION:
+            raise DataError(
+                f"{answer}: lasts {lasts:.4g} s, expected {wanted:.4g} s as in {request.name}: is "
+                "the unit of the time right? Correct it, or remove it to measure again"
+            )
+        if lasts < SHORTER * wanted:
+            out.append(f"{r.name}: lasts {lasts:.4g} s, {request.name} {wanted:.4g} s")
+        for name, value in zip(names[1:], asked[1:], strict=True):
+            if name not in r.inputs or not np.any(value):
+                continue
+            given = np.interp(r.time - r.time[0], asked[0] - asked[0, 0], value)
+            size = float(np.linalg.norm(given)) or 1.0
+            left = float(np.linalg.norm(r.inputs[name] - given)) / size
+            if left > OTHER_INPUT:
+                out.append(
+                    f"{r.name}: the recorded {name} differs from {request.name} by {left:.0%} of "
+                    "its root mean square"
+                )
+    return tuple(out)
 
 
 def _diagnosed(

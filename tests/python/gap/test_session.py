@@ -295,6 +295,76 @@ def test_faults_are_told(tmp_path):
         session(models.NOMINAL, models.EFFECTS[:1], silent, read, tmp_path / "a", budget=1, **QUICK)
 
 
+def test_a_session_names_what_differs_from_the_one_of_its_folder(tmp_path):
+    def cut(*_request_and_answer):
+        raise KeyboardInterrupt
+
+    def again(**other):
+        session(models.NOMINAL, models.EFFECTS, cut, read, tmp_path, budget=1, **QUICK | other)
+
+    with pytest.raises(KeyboardInterrupt):
+        again()
+    wider = replace(LIMITS, duration=3.0)
+    with pytest.raises(InvalidParameter, match="with other limits, seed; give another folder"):
+        again(limits=wider, seed=4)
+
+
+def answered(folder, change, **options):
+    """A session of one experiment whose answer is changed, as a record."""
+    machine = Machine()
+
+    def run(request, answer):
+        machine(request, answer)
+        write_record(change(read_record(answer)), answer, force=True)
+
+    return session(
+        models.NOMINAL, models.EFFECTS, run, read, folder, budget=1, **QUICK | options
+    )  # fmt: skip
+
+
+def test_a_record_that_is_not_what_was_asked_for_is_told(tmp_path):
+    half = answered(tmp_path / "half", lambda r: r.cut(0, r.samples // 2, "half", r.role))
+    assert any("lasts" in w and "request.csv" in w for w in half.steps[-1].warnings)
+    idle = answered(tmp_path / "idle", lambda r: r.with_inputs({"f": 0.0 * r.inputs["f"]}))
+    assert any("recorded f differs from request.csv by 100%" in w for w in idle.steps[-1].warnings)
+    right = answered(tmp_path / "right", lambda r: r)
+    assert not right.steps[-1].warnings
+    with pytest.raises(DataError, match="is the unit of the time right"):
+        answered(tmp_path / "ms", lambda r: replace(r, time=1e3 * r.time))
+
+
+def test_an_answer_that_cannot_be_read_is_measured_again_after_its_removal(tmp_path):
+    record = tmp_path / "1" / "record.csv"
+
+    def spoil(request, answer):
+        Machine()(request, answer)
+        answer.write_text("nothing\n")
+
+    with pytest.raises(DataError, match=r"record\.csv, or remove it to measure again"):
+        session(models.NOMINAL, models.EFFECTS, spoil, read, tmp_path, budget=1, **QUICK)
+    record.unlink()
+    found = session(models.NOMINAL, models.EFFECTS, Machine(), read, tmp_path, budget=1, **QUICK)
+    assert len(found.steps) == 1
+    assert record.is_file()
+
+
+def test_noise_of_an_input_that_a_record_does_not_state_is_that_of_the_limits(
+    tmp_path, monkeypatch
+):
+    noisy = replace(LIMITS, inputs={"f": replace(LIMITS.inputs["f"], sigma=0.01)})
+    seen = []
+
+    def diagnose(_model, _effects, records, *_rest):
+        seen.extend(records)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("feltmb.gap.sessions.diagnose", diagnose)
+    with pytest.raises(KeyboardInterrupt):
+        session(models.NOMINAL, models.EFFECTS, Machine(), read, tmp_path, budget=1,
+                **QUICK | {"limits": noisy})  # fmt: skip
+    assert seen[0].input_sigma == {"f": 0.01}
+
+
 MODEL = f"""
 import importlib.util
 spec = importlib.util.spec_from_file_location("gap_models", {str(HERE / "models.py")!r})
