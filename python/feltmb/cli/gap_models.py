@@ -7,13 +7,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from feltmb.data import ReadOptions, Record
+import numpy as np
+
+from feltmb.data import ReadOptions, Record, Sensor
 from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Model, including
 from feltmb.fit.calling import calling
-from feltmb.gap import Limits, read_measured, with_measured
+from feltmb.gap import Limits, read_limits, read_measured, with_measured
 
 __all__ = ["RESOLVERS", "Adapter", "held_out", "load_adapter"]
 
@@ -57,8 +59,11 @@ class Adapter:
         """Read records by file; a file may contain several runs."""
         return read_each(data, self.signals, options)
 
-    def with_records(self, records: Sequence[Record]) -> Adapter:
+    def with_records(self, records: Sequence[Record], limits: Path | None = None) -> Adapter:
         """Copy of the adapter whose effects are made from these records, or from planned ones.
+
+        ``limits``: file with the limits of experiments, which describe a record before there is
+        one.
 
         Raises
         ------
@@ -68,10 +73,14 @@ class Adapter:
         if self.made is None:
             return self
         records = tuple(records) or self.planned
+        if not records and (limits is not None or self.limits is not None):
+            known = self.limits if limits is None else read_limits(limits, self.model, None)
+            assert known is not None
+            records = (_at_rest(known, self.model),)
         if not records:
             raise InvalidParameter(
                 f"model {self.model.name}: its effects are a function of the records; give "
-                "measured files, or define planned records"
+                "measured files, or define limits or planned records"
             )
         with calling(f"model {self.model.name}: effects(records)"):
             effects, fault = _listed(self.made(records))
@@ -199,6 +208,22 @@ def _from_file(path: Path) -> Adapter:
         tuple(getattr(module, "planned", ())),
         limits=limits,
         made=made,
+    )
+
+
+def _at_rest(limits: Limits, model: Model) -> Record:
+    """A record of the longest experiment within limits, in which nothing moves."""
+    time = np.arange(round(limits.duration * limits.sample_rate) + 1) / limits.sample_rate
+    sensors = {
+        n: Sensor(name=n, unit=model.units.get(n, "1"), sigma=limits.sensors.get(n))
+        for n in limits.sensors or model.outputs
+    }
+    return Record(
+        name="limits",
+        time=time,
+        inputs={n: np.full(time.size, own.start) for n, own in limits.inputs.items()},
+        outputs={n: np.zeros(time.size) for n in sensors},
+        sensors=sensors,
     )
 
 

@@ -180,7 +180,7 @@ def command(
 
     adapter = load_adapter(model, settings, channels)
     records = adapter.read(data) if data else ()
-    adapter = adapter.with_records(records).measured(measured)
+    adapter = adapter.with_records(records, limits_file).measured(measured)
     if budget is None:
         for option, given in (
             ("--limits", limits_file),
@@ -203,7 +203,9 @@ def command(
         check_writable(output / "plan.json", force=force)
     lever = None if arm is None else _lever(arm)
     limits = limits_of(model, adapter, limits_file)
-    belief = None if report_folder is None else Belief.of_report(_report(report_folder))
+    belief = None
+    if report_folder is not None:
+        belief = Belief.of_report(_report(report_folder, adapter.model.name))
     telling = Telling()
     found = design(
         adapter.model,
@@ -286,10 +288,17 @@ def units_of(adapter: Adapter, limits: Limits) -> dict[str, str]:
     return {**adapter.model.units, **{n: i.unit for n, i in limits.inputs.items()}}
 
 
-def _report(path: Path) -> Any:
+def _report(path: Path, model: str) -> Any:
+    """The report of a diagnosis of this model."""
     from feltmb.files import read_json
 
-    return read_json(path / "report.json" if path.is_dir() else path)
+    file = path / "report.json" if path.is_dir() else path
+    report = read_json(file)
+    if isinstance(report, dict) and report.get("model", model) != model:
+        raise InvalidParameter(
+            f"--report {file}: is of the model {report['model']!r}, expected one of {model!r}"
+        )
+    return report
 
 
 def _lever(arm: str) -> float:

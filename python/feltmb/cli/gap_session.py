@@ -116,7 +116,7 @@ def command(
     call = _Caller(run_command, timeout)
     adapter = load_adapter(model, settings)
     records = adapter.read(data) if data else ()
-    adapter = adapter.with_records(records)
+    adapter = adapter.with_records(records, limits_file)
     limits = limits_of(model, adapter, limits_file)
     telling, line = Telling(), ProgressLine()
     warned: set[str] = set()
@@ -197,7 +197,12 @@ class _Caller:
             )
         except FileNotFoundError:
             raise InvalidParameter(f"--run: there is no command {self.words[0]}") from None
-        except (OSError, subprocess.TimeoutExpired) as error:
+        except subprocess.TimeoutExpired:
+            raise DataError(
+                f"--run {' '.join(self.words)} {request.name}: took more than {self.timeout:g} s "
+                "(--timeout) and was ended"
+            ) from None
+        except OSError as error:
             raise DataError(f"--run {' '.join(self.words)}: {error}") from None
         if done.returncode:
             said = (done.stderr or done.stdout).strip()[-LAST_WORDS:]

@@ -115,7 +115,8 @@ def _column(name: str, spec: ColumnSpec, columns: Columns) -> list[str]:
 
 
 def _sensor(spec: Any, *, output: bool, unit: str) -> list[str]:
-    lines = ["# sigma = 0.0  # standard deviation of its noise [SI]; estimated without it"]
+    without = "estimated without it" if output else "without it estimated, or 0 beside equations"
+    lines = [f"# sigma = 0.0  # standard deviation of its noise [SI]; {without}"]
     if not output:
         return lines
     if spec.delay:

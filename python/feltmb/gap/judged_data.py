@@ -6,7 +6,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from feltmb.data import Record
+from feltmb.data.smoothing import noise_of_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.model import Model
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
@@ -25,6 +28,10 @@ from feltmb.gap.discrepancy import Discrepancy, with_color, with_factor, with_no
 from feltmb.gap.split import split_records
 
 __all__ = ["JudgedData", "judged_data", "prepare", "ready", "with_other_noise"]
+
+#: Scatter of the samples of an input that may be noise of its sensor, as shares of its spread:
+#: less is rounding, and more is an excitation that is random itself.
+SCATTER = 2e-4, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +142,26 @@ def ready(
         replace(c, sigma=max(c.sigma, known[c.record][c.channel].sigma or 0.0))
         for c in checks.channels
     ]
-    warnings = (*copies, *inputs, *absent, *constant, *checks.warnings, *prepared.notes)
+    noisy = _taken_as_exact(prepared.records) if prepared.model.states() else []
+    warnings = (*copies, *inputs, *noisy, *absent, *constant, *checks.warnings, *prepared.notes)
     checks = replace(checks, channels=tuple(channels), warnings=warnings)
     return prepared.model, prepared.records, checks, copies
+
+
+def _taken_as_exact(records: Sequence[Record]) -> list[str]:
+    """Warnings about inputs whose noise is not given although their samples scatter."""
+    found: dict[str, float] = {}
+    for r in records:
+        for name, value in r.inputs.items():
+            noise, spread = noise_of_record(value), float(np.std(value))
+            scatters = SCATTER[0] * spread < noise < SCATTER[1] * spread
+            if scatters and not r.input_sigma.get(name, 0.0) > 0.0:
+                found[name] = max(found.get(name, 0.0), noise)
+    return [
+        f"{name} is taken as exact, but its samples scatter by {noise:.2g} (SI): if this is noise "
+        f"of its sensor, specify it (sigma in [inputs.{name}], in Python input_sigma)"
+        for name, noise in found.items()
+    ]
 
 
 def prepare(

@@ -299,7 +299,7 @@ def _per(unit: str, power: int) -> str:
 
 
 @checked
-def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] = ()) -> Limits:
+def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] | None = ()) -> Limits:
     """Read ``limits.toml``: the limits of experiments with a model.
 
     Numbers are in SI units, or texts with a unit (``"20 N"``, ``"2 kN/s"``, ``"0.02 mm"``; a share
@@ -312,7 +312,8 @@ def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] = ()) 
     model
         Model of the machine that will be measured.
     effects
-        Effects that the model lacks, which a test of a part may measure.
+        Effects that the model lacks, which a test of a part may measure; None: they are not known
+        yet, and tests of parts are not read.
 
     Returns
     -------
@@ -326,6 +327,9 @@ def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] = ()) 
         numbers of an unknown name are not checked, because their unit is unknown.
     """
     read = TableReader(path, _LimitsFile)
+    if effects is None:
+        read.raw.pop("parts", None)
+    effects = effects or ()
     strange = _strangers(model, effects, *_names_in(read.raw))
     read.check(strange.values())
 

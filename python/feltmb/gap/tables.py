@@ -71,7 +71,7 @@ class TableReader:
         try:
             return in_unit(value, unit)
         except (ValueError, InvalidParameter) as error:
-            self.faults.append(f"{where}.{key}: {error}{hint}")
+            self.faults.append(f"{where}.{key}: got {value!r}; {error}{hint}")
             return math.nan
 
     def made(

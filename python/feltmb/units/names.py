@@ -125,7 +125,7 @@ def conversion_factor(unit: str, si_unit: str) -> float:
         factor, dims = _parse(unit)
     except ValueError as error:
         raise InvalidParameter(
-            f"unit {unit!r}: {error}; expected a unit of {si_unit} ({dimension_text(si_unit)})"
+            f"unit {unit!r}: {error}; expected a unit of {_with_examples(si_unit)}"
         ) from None
     try:
         target, wanted = _parse(si_unit)
@@ -135,10 +135,16 @@ def conversion_factor(unit: str, si_unit: str) -> float:
         ) from None
     if any(abs(a - b) > 1e-12 for a, b in zip(dims, wanted, strict=True)):
         raise InvalidParameter(
-            f"unit {unit!r} does not measure this quantity; expected a unit of {si_unit} "
-            f"({dimension_text(si_unit)})"
+            f"unit {unit!r} does not measure this quantity; expected a unit of "
+            f"{_with_examples(si_unit)}"
         )
     return factor / target
+
+
+def _with_examples(si_unit: str) -> str:
+    """An SI unit, and other units of the quantity if there are any."""
+    others = dimension_text(si_unit)
+    return si_unit if others == si_unit else f"{si_unit} ({others})"
 
 
 def convert(value: float, unit: str, si_unit: str) -> float:

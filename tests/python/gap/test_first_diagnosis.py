@@ -15,6 +15,7 @@ from feltmb.fit.model import Candidate
 from feltmb.fit.watch import CHECKS, FIT, Watch
 from feltmb.gap import library
 from feltmb.gap.checks import not_recorded
+from feltmb.gap.judged_data import ready
 from feltmb.gap.sizes import Size
 from feltmb.gap.smoke_test import divergence
 
@@ -134,6 +135,44 @@ def test_a_wrong_unit_of_a_single_record_is_refused(tmp_path):
     wrong = replace(first, sensors={"table": Sensor(name="table", unit="m", sigma=0.1)})
     with pytest.raises(DataError, match="times the model in all records"):
         gap.diagnose(adapter.model, (), [wrong])
+
+
+def test_noise_of_an_input_that_is_not_given_is_told(tmp_path):
+    adapter = load(tmp_path, DOOR + EFFECTS)
+    records = motion(1.0, 1)
+    silent = [replace(r, input_sigma={}) for r in records]
+
+    def warnings(given):
+        checks = ready(adapter.model, given)[2]
+        return [w for w in checks.warnings if "motor is taken as exact" in w]
+
+    (told,) = warnings(silent)
+    assert "scatter by 0.01" in told or "scatter by 0.0099" in told
+    assert not warnings(records)
+    smooth = np.sin(9.0 * records[0].time)
+    drawn = np.random.default_rng(1).standard_normal(smooth.size)
+    for value in (smooth, drawn):  # exact, and random itself
+        assert not warnings([replace(r, inputs={"motor": value}) for r in silent])
+
+
+def test_a_plan_before_any_data_makes_effects_from_the_limits(tmp_path, capsys):
+    (tmp_path / "model.py").write_text(MODEL + EFFECTS)
+    limits = tmp_path / "limits.toml"
+    limits.write_text(
+        'schema = 1\nduration = "1 s"\nsample_rate = "100 Hz"\n'
+        '[inputs.motor]\nunit = "N"\nmost = "5 N"\n[sensors.table]\nsigma = "0.1 mm"\n'
+    )
+    plan = ["gap", "plan", str(tmp_path / "model.py"), "--limits", str(limits), "--budget", "1",
+            "--candidates", "2", "--refine", "0"]  # fmt: skip
+    with pytest.raises(SystemExit) as end:
+        command_line(plan)
+    assert end.value.code == 0
+    assert "press" in capsys.readouterr().out
+    report = tmp_path / "report.json"
+    report.write_text('{"model": "another"}')
+    with pytest.raises(SystemExit):
+        command_line([*plan, "--report", str(report)])
+    assert "is of the model 'another', expected one of 'table'" in capsys.readouterr().err
 
 
 def test_outputs_that_no_record_has_are_told(tmp_path):
