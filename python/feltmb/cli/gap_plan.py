@@ -140,8 +140,8 @@ class Telling:
     help="Key actuator (wood, aluminum or a file) for which torques are also written.",
 )
 @folder_option(
-    "Folder of the strokes (CSV, TOML), their pictures and plan.json. The next plan in "
-    "this folder is faster."
+    "Folder of the strokes (CSV, TOML), their pictures and plan.json. For a mechanism, the next "
+    "plan in it is faster."
 )
 @model_set_option
 @json_option

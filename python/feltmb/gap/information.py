@@ -7,9 +7,12 @@ variability of the record are eliminated:
     H = prior + sum_j H_j,    G = H_ee - H_ep H_pp^-1 H_pe
 
 *Names* (T-optimal): if a is true with magnitude m, the expected log evidence against b, whose
-magnitude is free with the prior N(0, 1), and against the model alone is
+magnitude is free with the prior N(0, w^2), and against the model alone is
 
-    L_ab = m^2/2 (G_aa - G_ab^2 / (G_bb + 1)),    L_a0 = m^2/2 G_aa
+    L_ab = m^2/2 (G_aa - G_ab^2 / (G_bb + w^-2)),    L_a0 = m^2/2 G_aa
+
+The prior of the rival is wide (:data:`WIDE`), because a diagnosis uses priors that are at least as
+wide as the fitted magnitudes. Two effects with equal signatures then stay equally probable.
 
 With prior probability w, the posterior probability of a will be p_a = w_a / (w_a + sum_b w_b
 exp(-L_ab)). The value of the experiment is the mean of p_a over all possible causes. *Sizes*
@@ -56,6 +59,8 @@ __all__ = [
 
 #: Magnitudes of an effect that are assumed before there are data [scales].
 MAGNITUDES = (0.5, 1.0, 2.0)
+#: Standard deviation of the prior of a rival's magnitude [scales].
+WIDE = 10.0
 #: Largest number of parameters that are told to look like a candidate.
 IMITATORS = 3
 
@@ -475,7 +480,7 @@ class Knowledge:
         """Expected log evidence of a (row) at magnitude 1 scale against b (column); last: none."""
         g = self.gram if gram is None else gram
         own = np.diag(g)
-        taken = g**2 / (own + 1.0)[None, :]
+        taken = g**2 / (own + WIDE**-2)[None, :]
         against = 0.5 * np.maximum(own[:, None] - taken, 0.0)
         return np.concatenate([against, 0.5 * own[:, None]], axis=1)
 

@@ -183,7 +183,7 @@ def session(
                     progress=progress,
                 )
                 done = _complete(report) and not _more_to_show(plan, effects)
-                if done or not plan.experiments or plan.reachable - plan.before < WORTH_TELLING:
+                if done or not plan.experiments or plan.after - plan.before < WORTH_TELLING:
                     return ended(*_at_an_end(report, plan, effects, budget - spent))
                 make_folder(here)
                 _ask(plan, here, units or {}, kinds)
@@ -280,9 +280,10 @@ def _at_an_end(
     if open_:
         return (
             "inseparable",
-            f"No experiment within the limits separates {', '.join(open_)} from similar causes: "
-            f"the probability of the correct name would change from {plan.before:.0%} to "
-            f"{plan.reachable:.0%} with all tested experiments." + _would_separate(plan, open_),
+            f"No experiment within limits and budget separates {', '.join(open_)} from similar "
+            f"causes: the probability of the correct name would change from {plan.before:.0%} to "
+            f"{plan.after:.0%} with the remaining budget of {left:g}, and to "
+            f"{plan.reachable:.0%} with all tested ones." + _would_separate(plan, open_),
         )
     if report is not None and _complete(report):
         hidden = _hidden(plan, effects, planned=False)
@@ -296,7 +297,8 @@ def _at_an_end(
         "nothing more to learn",
         "No experiment within the limits is expected to detect a cause that these records do not "
         f"show: {plan.before:.0%} of the effects of the library would be named now, "
-        f"{plan.reachable:.0%} with all tested experiments ({left:g} experiments are left).",
+        f"{plan.after:.0%} with the remaining budget of {left:g}, {plan.reachable:.0%} with "
+        "all tested ones.",
     )
 
 

@@ -347,7 +347,10 @@ def test_an_answer_about_another_sensor_is_refused(tmp_path):
     lookalike = both(1.0, 1.0, 2, "lookalike")
     box = replace(LIMITS, further=(FurtherSensor(output="z", sigma=0.05),))
     for k, (run, told) in enumerate(
-        ((heavy, r"sensors\.y\.sigma: unit 'kg'"), (other, "got y, expected the sensor of z"))
+        (
+            (heavy, r"sensors\.y\.sigma: got .20 kg.; unit .kg."),
+            (other, "got y, expected the sensor of z"),
+        )
     ):
         with pytest.raises(DataError, match=told):
             session(
