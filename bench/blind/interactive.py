@@ -81,6 +81,9 @@ class Interactive(ABC):
         """Result of a test of a part."""
         rng = np.random.default_rng([*case.seed, 4, number])
         value = self.true_value(case, test.parameter) + test.sd * rng.standard_normal()
+        limits = {p.name: (p.lower, p.upper) for p in self.model.parameters}
+        limits |= {e.name: e.bounds for e in self.effects}
+        value = float(np.clip(value, *limits[test.parameter]))  # no gauge shows negative friction
         return gap.Measured(parameter=test.parameter, value=value, sd=test.sd, how=test.how)
 
     def records(self, asked: Sequence[Asked]) -> list[Record]:

@@ -105,9 +105,9 @@ def command(
     (sigma), and all later records have this output. The exit code must be 0. DATA are earlier
     records.
 
-    The session ends when the cause is named, when no experiment within the limits separates the
-    remaining causes, when nothing is missing, when nothing more can be learned, or when the budget
-    is spent. A second call with the same folder continues the session.
+    The session ends when the cause is named, when no experiment within limits and budget separates
+    the remaining causes, when nothing is missing, when nothing more can be learned, or when the
+    budget is spent. A second call with the same folder continues the session.
     """
     from feltmb.cli.gap_models import load_adapter
     from feltmb.gap import Options, read_measured, session
