@@ -16,6 +16,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Model, including
 from feltmb.fit.calling import calling
 from feltmb.gap import Limits, read_limits, read_measured, with_measured
+from feltmb.gap.information import planned
 
 __all__ = ["RESOLVERS", "Adapter", "held_out", "load_adapter"]
 
@@ -76,7 +77,7 @@ class Adapter:
         if not records and (limits is not None or self.limits is not None):
             known = self.limits if limits is None else read_limits(limits, self.model, None)
             assert known is not None
-            records = (_at_rest(known, self.model),)
+            records = (_example(known, self.model),)
         if not records:
             raise InvalidParameter(
                 f"model {self.model.name}: its effects are a function of the records; give "
@@ -186,7 +187,8 @@ def _from_file(path: Path) -> Adapter:
     model = getattr(module, "model", None)
     given = getattr(module, "effects", None)
     made = given if callable(given) else None
-    effects, fault = ((), "") if made else _listed(given)
+    with calling(f"{path}: effects"):
+        effects, fault = ((), "") if made else _listed(given)
     faults = []
     if not isinstance(model, Model):
         faults.append(f"model is {type(model).__name__}, expected a feltmb.gap.Model")
@@ -211,20 +213,18 @@ def _from_file(path: Path) -> Adapter:
     )
 
 
-def _at_rest(limits: Limits, model: Model) -> Record:
-    """A record of the longest experiment within limits, in which nothing moves."""
+def _example(limits: Limits, model: Model) -> Record:
+    """A simulated record within limits: every input goes to its largest value and back."""
     time = np.arange(round(limits.duration * limits.sample_rate) + 1) / limits.sample_rate
+    rise = 0.5 - 0.5 * np.cos(2.0 * np.pi * time / limits.duration)
+    inputs = {n: i.start + (i.most - i.start) * rise for n, i in limits.inputs.items()}
     sensors = {
         n: Sensor(name=n, unit=model.units.get(n, "1"), sigma=limits.sensors.get(n))
         for n in limits.sensors or model.outputs
     }
-    return Record(
-        name="limits",
-        time=time,
-        inputs={n: np.full(time.size, own.start) for n, own in limits.inputs.items()},
-        outputs={n: np.zeros(time.size) for n in sensors},
-        sensors=sensors,
-    )
+    outputs = {n: np.zeros(time.size) for n in sensors}
+    bare = Record(name="limits", time=time, inputs=inputs, outputs=outputs, sensors=sensors)
+    return planned(model, bare, sensors)
 
 
 def _listed(given: object) -> tuple[tuple[Effect, ...], str]:

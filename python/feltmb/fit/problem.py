@@ -142,9 +142,10 @@ class Problem:
     def log_diffuse(self, segmented: SegmentedRecord, linear: Linear) -> float:
         """Log normalization of a flat prior of unknown start states.
 
-        It is half the log determinant of what the first segment alone tells of them. The evidence
-        then does not depend on the unit of a state, nor on a gain of the sensor that shows it
-        [Francke, Koopman and de Vos, J. Time Series Analysis 31 (2010) 407].
+        It is half the log determinant of what the first samples tell of them, in as many segments
+        as have that many values. The evidence then does not depend on the unit of a state, nor on a
+        gain of the sensor that shows it [Francke, Koopman and de Vos, J. Time Series Analysis 31
+        (2010) 407].
         """
         _, sd = self.start_prior(segmented)
         unknown = np.flatnonzero(np.isinf(sd))
@@ -152,9 +153,14 @@ class Problem:
             return 0.0
         states = self.model.states(machine_candidates(self.included))
         least = FAINT_START / np.array([states[i].scale for i in unknown])
-        seen = linear.by_state[0][:, unknown]
-        _, log_det = np.linalg.slogdet(seen.T @ seen + np.diag(least**2))
-        return 0.5 * float(log_det)
+        known = np.diag(least**2)
+        by_start = np.eye(len(states))[:, unknown]
+        values = np.cumsum(segmented.samples.reshape(segmented.count, -1).sum(axis=1))
+        for w in range(1 + min(int(np.sum(values < unknown.size)), segmented.count - 1)):
+            seen = linear.by_state[w] @ by_start
+            known = known + seen.T @ seen
+            by_start = linear.ends_by_state[w] @ by_start
+        return 0.5 * float(np.linalg.slogdet(known)[1])
 
     def cost(
         self, point: Point, gap_sd: Array, linears: Sequence[Linear]

@@ -222,7 +222,7 @@ class Fit:
                     high=float(min(value + 1.96 * s, high)),
                     prior=float(prior),
                     prior_sd=float(prior_sd),
-                    at_limit=bool(np.isclose(value, low) or np.isclose(value, high)),
+                    at_limit=not low < value < high,
                     contraction=(
                         float(1.0 - (noise_sd / prior_sd) ** 2)
                         if prior_sd > 0.0 and np.isfinite(noise_sd)

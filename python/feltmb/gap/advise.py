@@ -15,7 +15,7 @@ from feltmb.data import Record, Sensor
 from feltmb.errors import FeltmbError
 from feltmb.fit.model import Candidate
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.solve import Fit, chained
+from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted
 from feltmb.gap.criteria import BETTER_SENSOR, CONFUSED, WORTH_TELLING
 from feltmb.gap.findings import Advice
@@ -23,6 +23,7 @@ from feltmb.gap.information import (
     Belief,
     Information,
     Knowledge,
+    continuous,
     expected_noise,
     linearized,
     of_normal,
@@ -68,7 +69,7 @@ def _without_effects(model: Fit, best: Fit) -> Fit:
     """
     point = best.problem.carry(best.point, (), np.zeros(0))
     if model.gap_sd.size:
-        point = chained(model.problem, point)
+        point = continuous(model.problem, point)
     return replace(model, point=replace(point, memo={}))
 
 

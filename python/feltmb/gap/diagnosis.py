@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -651,7 +651,9 @@ def _check_units(model: Model, tabulated: Outcome, metric: str, whole: Sequence[
     known = [r for r in whole if r.start is None or r.start.known]
     if not wrong and model.states() and known:
         rest = [r.output_array(model.outputs) - expected_outputs(model, r) for r in known]
-        wrong = wrong_units(model, [(r, x, noise[0]) for r, x in zip(known, rest, strict=True)])
+        sigma = {r.name: _noise_of(r, own, noise) for r in known}
+        runs = [(r, x, sigma[r.name]) for r, x in zip(known, rest, strict=True)]
+        wrong = wrong_units(model, runs)
     if wrong:
         raise DataError(
             f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit CHANNEL=UNIT, "
@@ -659,6 +661,18 @@ def _check_units(model: Model, tabulated: Outcome, metric: str, whole: Sequence[
             "CHANNEL=-1); feltmb gap check shows model "
             "and record"
         )
+
+
+def _noise_of(
+    whole: Record, parts: Sequence[Record], noise: Sequence[Mapping[str, float]]
+) -> dict[str, float]:
+    """Noise of the outputs of a record, from its blocks."""
+    return {
+        name: sigma[name]
+        for part, sigma in zip(parts, noise, strict=True)
+        if part.name == whole.name or part.name.startswith(f"{whole.name}[")
+        for name in part.outputs
+    }
 
 
 def _within(fit: Fit) -> bool:

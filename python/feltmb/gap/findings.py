@@ -610,13 +610,10 @@ class ModelWithEffects:
     def at_limits(self) -> tuple[str, ...]:
         """Titles of parameters that moved to a limit of their range, names of effects at one."""
         parameters = zip(self.original.parameters, self.theta, strict=True)
-        titles = [
-            p.title
-            for p, v in parameters
-            if v != p.value and np.isclose(v, (p.lower, p.upper)).any()
-        ]
+        titles = [p.title for p, v in parameters if v != p.value and not p.lower < v < p.upper]
         effects = zip(self.included, self.magnitudes, strict=True)
-        return (*titles, *(t.name for t, v in effects if np.isclose(v, t.effect.bounds).any()))
+        reached = [t.name for t, v in effects if not t.effect.bounds[0] < v < t.effect.bounds[1]]
+        return (*titles, *reached)
 
     @checked
     def simulate(self, record: Record, start: Array | None = None) -> dict[str, Array]:

@@ -7,9 +7,9 @@ variability of the record are eliminated:
     H = prior + sum_j H_j,    G = H_ee - H_ep H_pp^-1 H_pe
 
 *Names* (T-optimal): if a is true with magnitude m, the expected log evidence against b, whose
-magnitude is free with the prior N(0, w^2), and against the model alone is
+magnitude is free with the prior N(0, s^2), and against the model alone is
 
-    L_ab = m^2/2 (G_aa - G_ab^2 / (G_bb + w^-2)),    L_a0 = m^2/2 G_aa
+    L_ab = m^2/2 (G_aa - G_ab^2 / (G_bb + s^-2)),    L_a0 = m^2/2 G_aa
 
 The prior of the rival is wide (:data:`WIDE`), because a diagnosis uses priors that are at least as
 wide as the fitted magnitudes. Two effects with equal signatures then stay equally probable.
@@ -49,6 +49,7 @@ __all__ = [
     "Belief",
     "Information",
     "Knowledge",
+    "continuous",
     "expected_noise",
     "information",
     "informations",
@@ -59,6 +60,8 @@ __all__ = [
 
 #: Magnitudes of an effect that are assumed before there are data [scales].
 MAGNITUDES = (0.5, 1.0, 2.0)
+#: Distance from its states at which one simulation counts as having left a point [their spread].
+LEFT = 10.0
 #: Standard deviation of the prior of a rival's magnitude [scales].
 WIDE = 10.0
 #: Largest number of parameters that are told to look like a candidate.
@@ -300,7 +303,7 @@ def linearized(
             at |= zip((p.name for p in model.parameters), theta, strict=True)
         point = problem.start(theta=np.array([at[p.name] for p in own.parameters]))
         if theta is not None:  # the start states are those of the prior values
-            point = chained(problem, point)
+            point = continuous(problem, point)
         gap_sd = level * problem.scale(point)
         linears = problem.linear(point, candidates)
         if not all(np.all(x.good) for x in linears):
@@ -320,6 +323,19 @@ def linearized(
     except FeltmbError:
         return None
     return tuple(out)
+
+
+def continuous(problem: Problem, point: Point) -> Point:
+    """The point with segments that start at the end of the previous one.
+
+    It is unchanged if the model is chaotic, or if one simulation leaves the states of the point.
+    """
+    if problem.model.chaotic:
+        return point
+    other, far = chained(problem, point), LEFT * problem.scale(point)
+    pairs = zip(point.places, other.places, strict=True)
+    stays = all(np.all(np.abs(a.starts - b.starts) <= far) for a, b in pairs)
+    return other if stays else point
 
 
 def _read_by(linear: Linear, share: Array) -> Linear:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feltmb.data import Record
+from feltmb.data import Array, Record
 from feltmb.data.smoothing import noise_of_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.model import Model
@@ -153,15 +153,27 @@ def _taken_as_exact(records: Sequence[Record]) -> list[str]:
     found: dict[str, float] = {}
     for r in records:
         for name, value in r.inputs.items():
-            noise, spread = noise_of_record(value), float(np.std(value))
-            scatters = SCATTER[0] * spread < noise < SCATTER[1] * spread
-            if scatters and not r.input_sigma.get(name, 0.0) > 0.0:
+            noise = _scatter(value) if r.even else 0.0
+            if noise > 0.0 and not r.input_sigma.get(name, 0.0) > 0.0:
                 found[name] = max(found.get(name, 0.0), noise)
     return [
         f"{name} is taken as exact, but its samples scatter by {noise:.2g} (SI): if this is noise "
         f"of its sensor, specify it (sigma in [inputs.{name}], in Python input_sigma)"
         for name, noise in found.items()
     ]
+
+
+def _scatter(value: Array) -> float:
+    """Standard deviation of white noise in an input; 0 if it looks smooth, rounded, or random.
+
+    White noise is the same in the fourth and in the sixth difference, a fast signal is not.
+    """
+    noise, spread = noise_of_record(value), float(np.std(value))
+    steps = np.diff(np.unique(value))
+    if not SCATTER[0] * spread < noise < SCATTER[1] * spread or noise < 0.5 * np.min(steps):
+        return 0.0
+    sixth = float(np.median(np.abs(np.diff(value, 6)))) / 0.6745 / math.sqrt(924.0)
+    return noise if 0.8 < sixth / noise < 1.25 else 0.0
 
 
 def prepare(

@@ -115,10 +115,14 @@ class Scores:
 
     def evidence(self) -> Array:
         """Predicted log evidence of each candidate alone, with its prior; limits are kept."""
-        size = np.maximum(1.0, np.abs(self.one_step()))
+        size = np.abs(self.one_step())
+        width = np.maximum(1.0, size)
         gram = np.where(self.testable, np.diag(self.gram), 0.0)
         prior = np.array([prior_of((t,), self.total_weight) for t in self.candidates])
-        return np.asarray(0.5 * self.singles() - 0.5 * np.log1p(gram * size**2) + prior)
+        # The prior of a magnitude with a sign is a half of a normal distribution.
+        prior += np.where([t.effect.sign != 0 for t in self.candidates], math.log(2.0), 0.0)
+        prior -= 0.5 * (size / width) ** 2
+        return np.asarray(0.5 * self.singles() - 0.5 * np.log1p(gram * width**2) + prior)
 
     def robust(self) -> Array:
         """T with the cluster-robust variance over segments."""

@@ -671,14 +671,18 @@ class _Hunt:
         The best set was fitted with the most care. A difference to a set with nearly the same
         signal may otherwise be that of the fits.
         """
-        tried: set[tuple[tuple[str, ...], tuple[str, ...]]] = set()
-        while self.done and not current().stopping():
-            best = self._best()
-            behind = [b for b in self._behind(best) if (best.key, _key(b[1])) not in tried]
-            if not behind:
+        best: CandidateSet | None = None
+        seen: set[tuple[tuple[str, ...], tuple[str, ...]]] = set()
+        left: list[tuple[float, tuple[Candidate, ...], Array]] = []
+        while self.done and self._best().evidence > self.start and not current().stopping():
+            if self._best() is not best:
+                best = self._best()
+                left = sorted(self._behind(best), key=lambda b: b[0])
+            left = [b for b in left if (best.key, _key(b[1])) not in seen]
+            if not left:
                 return
-            _, chosen, magnitudes = max(behind, key=lambda b: b[0])
-            tried.add((best.key, _key(chosen)))
+            _, chosen, magnitudes = left.pop()
+            seen.add((best.key, _key(chosen)))
             self._tell("exchange: " + " + ".join(t.name for t in chosen))
             start = best.fit.problem.carry(best.fit.point, chosen, magnitudes)
             problem, level = best.fit.problem.with_candidates(chosen), best.fit.level
@@ -699,7 +703,8 @@ class _Hunt:
             if not new:
                 continue
             at = score_fit(best.fit, tuple(new), without=k)
-            promised = best.evidence + at.evidence() - at.evidence()[0]
+            gain = at.evidence()
+            promised = best.evidence + gain - gain[0]
             for c, t, value, size in zip(known, new, promised[1:], at.one_step()[1:], strict=True):
                 if value > best.evidence - RIVAL and c.evidence < value - SAME:
                     magnitudes = np.append(others, size * t.effect.scale)

@@ -22,7 +22,7 @@ from typing import Any, Literal
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data import Record, Sensor
+from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import digest_of, is_file, make_folder, read_json, read_toml, write_text
 from feltmb.fit.model import Effect, Model
@@ -46,9 +46,9 @@ Outcome = Literal[
 ]
 #: Verdicts that end a session without a cause, because the model explains the records.
 _COMPLETE = (Verdict.NO_GAP.value, Verdict.CALIBRATED.value)
-#: Factor of the duration of a request beyond which a record is no answer to it, share of it below
-#: which a record is short, and relative difference of an input that is told.
-OTHER_DURATION, SHORTER, OTHER_INPUT = 20.0, 0.9, 0.5
+#: Factor of the duration of a request beyond which a record is no answer to it, shares of it
+#: between which the duration is not told, and relative difference of an input that is told.
+OTHER_DURATION, SHORTER, LONGER, OTHER_INPUT = 20.0, 0.9, 2.0, 0.5
 #: Entries of a step that are required to resume.
 _KEYS = ("number", "kind", "name", "cost", "verdict", "named", "one_of", "statement", "expected")
 
@@ -146,7 +146,7 @@ def session(
     if not 0.0 < budget <= 1000.0:
         raise InvalidParameter(f"budget = {budget!r} experiments, expected in (0, 1000]")
     _same_session(place, with_measured(model, measured, effects), effects, limits, records, seed)
-    known, parts = list(records), list(measured)
+    known, parts = [_with_noise(r, limits) for r in records], list(measured)
     measuring: Mapping[str, Sensor] | None = sensors
     steps: list[SessionStep] = []
     report: Mapping[str, Any] | None = None
@@ -194,7 +194,8 @@ def session(
                 run(request, answer)
             if asked["kind"] == "stroke":
                 found_now = _measured_records(read, answer, number, measuring, limits)
-                warnings = _not_as_asked(found_now, request, answer)
+                if step is None:
+                    warnings = _not_as_asked(found_now, request, answer)
                 known += found_now
             elif asked["kind"] == "sensor":
                 wanted = FurtherSensor(**read_toml(request)["sensor"])
@@ -338,7 +339,11 @@ def _same_session(
         write_text(path, json.dumps(own, indent=1) + "\n")
         return
     other = read_json(path)
-    changed = [k for k in own if not isinstance(other, dict) or other.get(k) != own[k]]
+    if not isinstance(other, dict) or other.keys() != own.keys():
+        raise InvalidParameter(
+            f"{path}: is of another version of feltmb, or damaged; give another folder"
+        )
+    changed = [k for k in own if other[k] != own[k]]
     if changed:
         raise InvalidParameter(
             f"{place}: holds another session, with other {', '.join(changed)}; give another "
@@ -447,7 +452,6 @@ def _measured_records(
         raise DataError(
             f"step {number}: {error}. Correct {answer}, or remove it to measure again"
         ) from None
-    noise = {n: i.sigma for n, i in limits.inputs.items() if i.sigma > 0.0}
     out = []
     for k, r in enumerate(found):
         name = f"experiment_{number}" + (f"_{k + 1}" if len(found) > 1 else "")
@@ -455,9 +459,20 @@ def _measured_records(
             n: replace(s, sigma=(sensors or {}).get(n, s).sigma) if s.sigma is None else s
             for n, s in r.sensors.items()
         }
-        driven = {n: v for n, v in noise.items() if n in r.inputs} | dict(r.input_sigma)
-        out.append(replace(r, name=name, sensors=known, input_sigma=driven))
+        out.append(_with_noise(replace(r, name=name, sensors=known), limits))
     return out
+
+
+def _with_noise(record: Record, limits: Limits) -> Record:
+    """The record with the noise that the limits state for inputs for which it states none."""
+    noise = {n: i.sigma for n, i in limits.inputs.items() if n in record.inputs and i.sigma > 0.0}
+    return replace(record, input_sigma={**noise, **record.input_sigma})
+
+
+def _difference(one: Array, other: Array) -> float:
+    """Norm of the difference relative to the larger one [1]."""
+    size = max(float(np.linalg.norm(one)), float(np.linalg.norm(other)))
+    return float(np.linalg.norm(one - other)) / size if size > 0.0 else 0.0
 
 
 def _not_as_asked(records: Sequence[Record], request: Path, answer: Path) -> tuple[str, ...]:
@@ -468,7 +483,7 @@ def _not_as_asked(records: Sequence[Record], request: Path, answer: Path) -> tup
     DataError
         The duration is that of another request.
     """
-    head, *rows = request.read_text().splitlines()
+    head, *rows = request.read_text(encoding="utf-8").splitlines()
     asked = np.array([[float(v) for v in row.split(",")] for row in rows]).T
     names = [column.split(" [")[0] for column in head.split(",")]
     wanted = float(asked[0, -1] - asked[0, 0])
@@ -480,18 +495,18 @@ def _not_as_asked(records: Sequence[Record], request: Path, answer: Path) -> tup
                 f"{answer}: lasts {lasts:.4g} s, expected {wanted:.4g} s as in {request.name}: is "
                 "the unit of the time right? Correct it, or remove it to measure again"
             )
-        if lasts < SHORTER * wanted:
+        if not SHORTER * wanted < lasts < LONGER * wanted:
             out.append(f"{r.name}: lasts {lasts:.4g} s, {request.name} {wanted:.4g} s")
         for name, value in zip(names[1:], asked[1:], strict=True):
-            if name not in r.inputs or not np.any(value):
+            if name not in r.inputs:
                 continue
-            given = np.interp(r.time - r.time[0], asked[0] - asked[0, 0], value)
-            size = float(np.linalg.norm(given)) or 1.0
-            left = float(np.linalg.norm(r.inputs[name] - given)) / size
+            # The record may begin before the request, or its clock somewhere else.
+            left = min(_difference(r.inputs[name], np.interp(t, asked[0], value))
+                       for t in (r.time, r.time - r.time[0] + asked[0, 0]))  # fmt: skip
             if left > OTHER_INPUT:
                 out.append(
                     f"{r.name}: the recorded {name} differs from {request.name} by {left:.0%} of "
-                    "its root mean square"
+                    "the larger root mean square"
                 )
     return tuple(out)
 

@@ -12,9 +12,13 @@ from feltmb.cli.gap_models import load_adapter
 from feltmb.data import Record, Sensor, read_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.model import Candidate
+from feltmb.fit.problem import Problem
+from feltmb.fit.segmented_records import Noise, segment_record
+from feltmb.fit.solve import fit_problem
 from feltmb.fit.watch import CHECKS, FIT, Watch
 from feltmb.gap import library
 from feltmb.gap.checks import not_recorded
+from feltmb.gap.information import linearized, planned
 from feltmb.gap.judged_data import ready
 from feltmb.gap.sizes import Size
 from feltmb.gap.smoke_test import divergence
@@ -62,7 +66,7 @@ def test_effects_of_a_model_file_may_be_a_function_of_the_records(tmp_path):
     assert effects["offset of input motor"].unit == "N"
     assert effects["saturation of input motor"].shape_names == ("level [N]",)
     assert effects["delay of sensor table"].scale == pytest.approx(0.01)
-    with pytest.raises(InvalidParameter, match="give measured files, or define planned records"):
+    with pytest.raises(InvalidParameter, match="give measured files, or define limits or planned"):
         adapter.with_records([])
     for text, told in (
         ("effects = lambda records: [1]", r"effects\(records\) holds something that is no"),
@@ -113,6 +117,46 @@ def motion(gain, seed):
     return records
 
 
+@pytest.mark.parametrize("missing", [0, 90])
+def test_evidence_does_not_depend_on_the_unit_of_a_state(missing):
+    """States with a flat prior in m and in mm, also if the first segments have no value."""
+    record = motion(1.0, 1)[0]
+    shown = record.outputs["table"].copy()
+    shown[:missing] = np.nan
+    record = replace(record, outputs={"table": shown})
+
+    def fitted(per_meter):
+        model = gap.OdeModel(
+            name="table",
+            states=[gap.State(name="x", scale=0.1 * per_meter),
+                    gap.State(name="v", scale=per_meter)],
+            parameters=[gap.Parameter(name="k", value=90.0, sd=1.0)],
+            inputs=["motor"], outputs={"table": lambda t, x, u, p: x.x / per_meter},
+            rates=lambda t, x, u, p: (
+                x.v, (per_meter * u.motor - p.k * x.x - 5.0 * x.v) / 2.0
+            ),
+        )  # fmt: skip
+        segmented = segment_record(model, record, {"table": Noise(1e-4)}, 0.2)
+        return fit_problem(Problem(model, (segmented,)))
+
+    meters, millimeters = fitted(1.0), fitted(1e3)
+    assert meters.cost == pytest.approx(millimeters.cost, abs=0.01)
+    assert meters.log_evidence == pytest.approx(millimeters.log_evidence, abs=0.02)
+
+
+def test_a_planned_record_at_other_parameters_has_continuous_states(tmp_path):
+    """The signatures of two equal gains are equal, also far from the tabulated parameters."""
+    records = motion(1.0, 1)
+    adapter = load(tmp_path, DOOR + EFFECTS).with_records(records)
+    both = {"gain of sensor table", "gain of input motor"}
+    pair = tuple(Candidate(e) for e in adapter.effects if e.name in both)
+    theta = np.array([2.0, 75.0])
+    plan = planned(adapter.model, records[0], records[0].sensors, theta)
+    (found,) = linearized(adapter.model, plan, pair, [{"table": 1.0}], theta=theta)
+    sizes = np.sqrt(np.diag(found.matrix)[-2:])
+    assert sizes[0] == pytest.approx(sizes[1], rel=1e-3)
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_gain_of_a_sensor_and_of_the_input_are_not_told_apart(tmp_path, seed):
     """In a linear machine both give the same record. Unknown starts of blocks favored one."""
@@ -151,7 +195,8 @@ def test_noise_of_an_input_that_is_not_given_is_told(tmp_path):
     assert not warnings(records)
     smooth = np.sin(9.0 * records[0].time)
     drawn = np.random.default_rng(1).standard_normal(smooth.size)
-    for value in (smooth, drawn):  # exact, and random itself
+    sweep = np.sin(200.0 * records[0].time ** 2)
+    for value in (smooth, drawn, sweep, np.round(smooth, 2)):  # exact, random itself, rounded
         assert not warnings([replace(r, inputs={"motor": value}) for r in silent])
 
 
@@ -164,6 +209,9 @@ def test_a_plan_before_any_data_makes_effects_from_the_limits(tmp_path, capsys):
     )
     plan = ["gap", "plan", str(tmp_path / "model.py"), "--limits", str(limits), "--budget", "1",
             "--candidates", "2", "--refine", "0"]  # fmt: skip
+    effects = load_adapter(str(tmp_path / "model.py")).with_records((), limits).effects
+    offset = next(e for e in effects if e.name == "offset of sensor table")
+    assert 1e-4 < offset.scale < 0.02  # the table moves by 5 N / (90 N/m)
     with pytest.raises(SystemExit) as end:
         command_line(plan)
     assert end.value.code == 0

@@ -246,6 +246,7 @@ def test_what_the_budget_does_not_pay_for_is_no_reason_for_further_experiments(t
         **{**QUICK, "limits": replace(LIMITS, parts=(dear,))},
     )  # fmt: skip
     assert found.outcome == "inseparable"
+    assert found.steps[0].expected < 0.55
     assert len(machine.calls) < 3
     assert "with the remaining budget of" in found.statement
     assert "100% with all tested ones" in found.statement
@@ -343,6 +344,8 @@ def test_a_record_that_is_not_what_was_asked_for_is_told(tmp_path):
     assert any("lasts" in w and "request.csv" in w for w in half.steps[-1].warnings)
     idle = answered(tmp_path / "idle", lambda r: r.with_inputs({"f": 0.0 * r.inputs["f"]}))
     assert any("recorded f differs from request.csv by 100%" in w for w in idle.steps[-1].warnings)
+    longer = answered(tmp_path / "late", lambda r: replace(r, time=r.time - r.time[10]))
+    assert not any("differs" in w for w in longer.steps[-1].warnings)  # another zero of its clock
     right = answered(tmp_path / "right", lambda r: r)
     assert not right.steps[-1].warnings
     with pytest.raises(DataError, match="is the unit of the time right"):
