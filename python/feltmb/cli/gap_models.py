@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from feltmb.data import ReadOptions, Record, Sensor
+from feltmb.data import ReadOptions, Record
 from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Model, including
 from feltmb.fit.calling import calling
 from feltmb.gap import Limits, read_limits, read_measured, with_measured
+from feltmb.gap.designs import sensors_now
 from feltmb.gap.information import planned
 
 __all__ = ["RESOLVERS", "Adapter", "held_out", "load_adapter"]
@@ -218,10 +219,7 @@ def _example(limits: Limits, model: Model) -> Record:
     time = np.arange(round(limits.duration * limits.sample_rate) + 1) / limits.sample_rate
     rise = 0.5 - 0.5 * np.cos(2.0 * np.pi * time / limits.duration)
     inputs = {n: i.start + (i.most - i.start) * rise for n, i in limits.inputs.items()}
-    sensors = {
-        n: Sensor(name=n, unit=model.units.get(n, "1"), sigma=limits.sensors.get(n))
-        for n in limits.sensors or model.outputs
-    }
+    sensors = sensors_now(model, limits, (), None)
     outputs = {n: np.zeros(time.size) for n in sensors}
     bare = Record(name="limits", time=time, inputs=inputs, outputs=outputs, sensors=sensors)
     return planned(model, bare, sensors)

@@ -5,6 +5,7 @@ Used for measured motion, whose second derivative a mechanism has to follow.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from feltmb.errors import InvalidParameter
@@ -15,7 +16,15 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["LEAST_SAMPLES", "NEAR", "WINDOW", "noise_of_record", "smooth_record", "start_of"]
+__all__ = [
+    "LEAST_SAMPLES",
+    "NEAR",
+    "WINDOW",
+    "noise_in_difference",
+    "noise_of_record",
+    "smooth_record",
+    "start_of",
+]
 
 #: Smallest number of samples for an estimate of noise.
 LEAST_SAMPLES = 12
@@ -38,10 +47,15 @@ def noise_of_record(value: npt.ArrayLike) -> float:
     import numpy as np
 
     values = np.asarray(value, dtype=float)
-    if values.size < LEAST_SAMPLES:
-        return 0.0
-    fourth = np.diff(values, 4)
-    return float(np.median(np.abs(fourth)) / 0.6745 / np.sqrt(70.0))
+    return 0.0 if values.size < LEAST_SAMPLES else noise_in_difference(values, 4)
+
+
+def noise_in_difference(values: Array, order: int) -> float:
+    """Standard deviation of white noise that a difference of this order would contain."""
+    import numpy as np
+
+    difference = np.abs(np.diff(values, order))
+    return float(np.median(difference) / 0.6745 / np.sqrt(float(math.comb(2 * order, order))))
 
 
 def start_of(values: npt.ArrayLike, noise: float | None = None) -> float:

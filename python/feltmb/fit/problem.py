@@ -139,28 +139,30 @@ class Problem:
                     sd[i] = prior.sd[s.name]
         return mean, sd
 
-    def log_diffuse(self, segmented: SegmentedRecord, linear: Linear) -> float:
-        """Log normalization of a flat prior of unknown start states.
+    def log_start_prior(self, segmented: SegmentedRecord, linear: Linear) -> float:
+        """Log normalization of the prior of the state at the first sample of a segmented record.
 
-        It is half the log determinant of what the first samples tell of them, in as many segments
-        as have that many values. The evidence then does not depend on the unit of a state, nor on a
-        gain of the sensor that shows it [Francke, Koopman and de Vos, J. Time Series Analysis 31
-        (2010) 407].
+        Without it, every hidden state with a known start would cost an effect -log(1e-12) = 28
+        units of log evidence per record. For unknown states, whose prior is flat, it is half the
+        log determinant of what the first samples tell of them, in as many segments as have that
+        many values. The evidence then does not depend on the unit of a state, nor on a gain of the
+        sensor that shows it [Francke, Koopman and de Vos, J. Time Series Analysis 31 (2010) 407].
         """
         _, sd = self.start_prior(segmented)
+        stated = -float(np.sum(np.log(np.maximum(sd[np.isfinite(sd)], 1e-12))))
         unknown = np.flatnonzero(np.isinf(sd))
         if not unknown.size:
-            return 0.0
+            return stated
         states = self.model.states(machine_candidates(self.included))
         least = FAINT_START / np.array([states[i].scale for i in unknown])
         known = np.diag(least**2)
         by_start = np.eye(len(states))[:, unknown]
-        values = np.cumsum(segmented.samples.reshape(segmented.count, -1).sum(axis=1))
+        values = np.cumsum(segmented.samples.sum(axis=1))
         for w in range(1 + min(int(np.sum(values < unknown.size)), segmented.count - 1)):
             seen = linear.by_state[w] @ by_start
             known = known + seen.T @ seen
             by_start = linear.ends_by_state[w] @ by_start
-        return 0.5 * float(np.linalg.slogdet(known)[1])
+        return stated + 0.5 * float(np.linalg.slogdet(known)[1])
 
     def cost(
         self, point: Point, gap_sd: Array, linears: Sequence[Linear]

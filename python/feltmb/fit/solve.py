@@ -459,11 +459,7 @@ def evidence_at(
         problem.segmented_records, normal.chains, linears, strict=True
     ):
         value -= float(np.sum(chain.log_dets))
-        value += problem.log_diffuse(segmented, linear)
-        # Normalization of the prior of the first state. Without it, every hidden state with a known
-        # start would cost an effect -log(1e-12) = 28 units of log evidence per record.
-        _, sd = problem.start_prior(segmented)
-        value -= float(np.sum(np.log(np.maximum(sd[np.isfinite(sd)], 1e-12))))
+        value += problem.log_start_prior(segmented, linear)
         if gap_sd.size:
             value -= (segmented.count - 1) * float(np.sum(np.log(gap_sd)))
     return value

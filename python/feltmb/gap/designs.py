@@ -476,7 +476,7 @@ class _Work:
             for n in others
         }
         inputs[input_name] = profile.at(time)
-        own = {n: i.sigma for n, i in self.limits.inputs.items() if n in inputs and i.sigma > 0.0}
+        own = {n: s for n, s in self.limits.input_sigma.items() if n in inputs}
         sensors = self.sensors.all
         bare = Record(
             name=name,

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array, Record
-from feltmb.data.smoothing import noise_of_record
+from feltmb.data.smoothing import noise_in_difference, noise_of_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.model import Model
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
@@ -172,8 +172,7 @@ def _scatter(value: Array) -> float:
     steps = np.diff(np.unique(value))
     if not SCATTER[0] * spread < noise < SCATTER[1] * spread or noise < 0.5 * np.min(steps):
         return 0.0
-    sixth = float(np.median(np.abs(np.diff(value, 6)))) / 0.6745 / math.sqrt(924.0)
-    return noise if 0.8 < sixth / noise < 1.25 else 0.0
+    return noise if 0.8 < noise_in_difference(value, 6) / noise < 1.25 else 0.0
 
 
 def prepare(

@@ -165,6 +165,11 @@ class Limits:
         if faults:
             raise InvalidParameter("limits: " + "; ".join(faults))
 
+    @property
+    def input_sigma(self) -> dict[str, float]:
+        """Noise of each recorded input that has noise [its unit]."""
+        return {n: i.sigma for n, i in self.inputs.items() if i.sigma > 0.0}
+
     def check(self, model: Model, effects: Sequence[Effect] = ()) -> None:
         """Check that the model has the inputs, outputs and parameters that the limits name.
 

@@ -16,13 +16,13 @@ import numpy as np
 
 from feltmb._core import __version__
 from feltmb.arguments import checked
-from feltmb.data import Record
+from feltmb.data import Array, Record
 from feltmb.files import make_folder, write_file, write_text
 from feltmb.gap.designs import Design, DesignedExperiment
 from feltmb.gap.report import plain
 from feltmb.style import new_figure, reader_unit, side_legend, style_axes
 
-__all__ = ["design_json", "request_file", "write_design"]
+__all__ = ["design_json", "read_request", "request_file", "write_design"]
 
 
 def design_json(design: Design) -> dict[str, Any]:
@@ -133,6 +133,14 @@ def request_file(
     lines = [",".join(head)]
     lines += [",".join(f"{v:.9g}" for v in row) for row in table]
     return write_text(stem.with_name(stem.name + ".csv"), "\n".join(lines) + "\n", force=force)
+
+
+def read_request(path: Path) -> tuple[Array, dict[str, Array]]:
+    """Times [s] and inputs by name [their units] of a request that :func:`request_file` wrote."""
+    with path.open(encoding="utf-8") as file:
+        _, *names = (column.split(" [")[0] for column in file.readline().strip().split(","))
+        time, *values = np.loadtxt(file, delimiter=",", ndmin=2).T
+    return time, dict(zip(names, values, strict=True))
 
 
 def _stroke(

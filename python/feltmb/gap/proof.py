@@ -297,9 +297,7 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
     ):
         assert chain.heads is not None
         mine = units[own]
-        _, sd = base.start_prior(segmented)
-        known_so_far += base.log_diffuse(segmented, linear)
-        known_so_far -= float(np.sum(np.log(np.maximum(sd[np.isfinite(sd)], 1e-12))))
+        known_so_far += base.log_start_prior(segmented, linear)
         for gram, log_det, head, head_log_det in zip(
             chain.grams, chain.log_dets, *chain.heads, strict=True
         ):

@@ -35,7 +35,7 @@ from feltmb.gap.information import MAGNITUDES, Belief
 from feltmb.gap.limits import FurtherSensor, Limits, read_sensors
 from feltmb.gap.measured import Measured, read_measured, with_measured
 from feltmb.gap.options import Options
-from feltmb.gap.plan_files import request_file, write_design
+from feltmb.gap.plan_files import read_request, request_file, write_design
 from feltmb.gap.report import Report, write_report
 from feltmb.units import unit_suffix
 
@@ -465,7 +465,7 @@ def _measured_records(
 
 def _with_noise(record: Record, limits: Limits) -> Record:
     """The record with the noise that the limits state for inputs for which it states none."""
-    noise = {n: i.sigma for n, i in limits.inputs.items() if n in record.inputs and i.sigma > 0.0}
+    noise = {n: s for n, s in limits.input_sigma.items() if n in record.inputs}
     return replace(record, input_sigma={**noise, **record.input_sigma})
 
 
@@ -483,10 +483,8 @@ def _not_as_asked(records: Sequence[Record], request: Path, answer: Path) -> tup
     DataError
         The duration is that of another request.
     """
-    head, *rows = request.read_text(encoding="utf-8").splitlines()
-    asked = np.array([[float(v) for v in row.split(",")] for row in rows]).T
-    names = [column.split(" [")[0] for column in head.split(",")]
-    wanted = float(asked[0, -1] - asked[0, 0])
+    time, inputs = read_request(request)
+    wanted = float(time[-1] - time[0])
     out = []
     for r in records:
         lasts = float(r.time[-1] - r.time[0])
@@ -497,12 +495,12 @@ def _not_as_asked(records: Sequence[Record], request: Path, answer: Path) -> tup
             )
         if not SHORTER * wanted < lasts < LONGER * wanted:
             out.append(f"{r.name}: lasts {lasts:.4g} s, {request.name} {wanted:.4g} s")
-        for name, value in zip(names[1:], asked[1:], strict=True):
+        for name, value in inputs.items():
             if name not in r.inputs:
                 continue
             # The record may begin before the request, or its clock somewhere else.
-            left = min(_difference(r.inputs[name], np.interp(t, asked[0], value))
-                       for t in (r.time, r.time - r.time[0] + asked[0, 0]))  # fmt: skip
+            clocks = (r.time, r.time - r.time[0] + time[0])
+            left = min(_difference(r.inputs[name], np.interp(t, time, value)) for t in clocks)
             if left > OTHER_INPUT:
                 out.append(
                     f"{r.name}: the recorded {name} differs from {request.name} by {left:.0%} of "
