@@ -9,8 +9,8 @@ differences.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from feltmb import _core
 from feltmb.adapters.differentiable import DifferentiableMechanism
-from feltmb.adapters.drives import follow
+from feltmb.adapters.drives import Drive, follow
 from feltmb.adapters.library import Entry
 from feltmb.adapters.remembered import Remembered, start_state
 from feltmb.adapters.variants import Variant
@@ -32,9 +32,22 @@ __all__ = ["can_differentiate", "forward_sensitivities"]
 #: Shift of a parameter or magnitude as a share of its scale. The errors by curvature and by
 #: rounding of the rest pose are then below 1e-5 of a derivative.
 SHIFT = 1e-5
+#: Share of a change of the inputs by which the input is shifted. A motion enters the equations
+#: through the place of the finger, which is not linear.
+INPUT_SHIFT = 1e-4
 #: Relative tolerance of a derivative. Before a strike, nine of ten derivatives are correct to 1e-3
 #: of their largest value.
 TOLERANCE = 3e-3
+
+
+@dataclass(frozen=True)
+class _Node:
+    """A version of the mechanism with its input, at one shift of a variable."""
+
+    variant: Variant
+    drive: Drive
+    shift: float
+    weight: float
 
 
 @dataclass(frozen=True)
@@ -42,12 +55,12 @@ class _Column:
     """One variable of differentiation: shifted versions of the mechanism with their weights."""
 
     name: str
-    nodes: tuple[tuple[Variant, float, float], ...]
+    nodes: tuple[_Node, ...]
     scale: float
 
-    def rest(self, pick: Any) -> Array:
-        """Derivative of a quantity of the rest pose by this variable."""
-        out: Array = sum(w * np.asarray(pick(v)) for v, _, w in self.nodes)  # type: ignore[assignment]
+    def derivative(self, pick: Callable[[_Node], Any]) -> Array:
+        """Derivative of a quantity of a version by this variable."""
+        out: Array = sum(n.weight * np.asarray(pick(n)) for n in self.nodes)  # type: ignore[assignment]
         return out
 
 
@@ -72,7 +85,7 @@ def forward_sensitivities(
     by_theta, by_starts = request.parameters_of(model), request.by_starts
     try:
         base = model.version(record, request.theta, request.included, request.sizes)
-        columns = _columns(model, request, base)
+        columns = _columns(model, request, base) + _input_columns(model, request, base)
     except FeltmbError:
         return None
     states = () if model.single else model.states(request.included)
@@ -80,7 +93,10 @@ def forward_sensitivities(
     place = np.array([base.place[name] for name in names], dtype=int)
     drive = model.drives.of(record)
     clock = record.time - record.time[0]
-    drive_in = _core.Input(drive.profile(float(record.time[0]), float(clock[-1])), drive.kind)
+
+    def whole(used: Drive) -> _core.Input:
+        return _core.Input(used.profile(float(record.time[0]), float(clock[-1])), used.kind)
+
     options = _core.SensitivityOptions()
     simulation = _core.SimulationOptions()
     simulation.rtol = model.rtol
@@ -109,13 +125,21 @@ def forward_sensitivities(
             if not drive.motion:  # the core finds the rest pose
                 prepared.append(_core.SensitivitySegment(begin, end))
                 continue
-        own = drive.profile(float(record.time[first]), end - begin)
+        window = float(record.time[first]), end - begin
+        own = drive.profile(*window)
         state, compressions = start_of(base, start, own, held)
+
+        def moved(
+            n: _Node,
+            start: Array = start,
+            window: tuple[float, float] = window,
+            held: Remembered | None = held,
+        ) -> Array:
+            return start_of(n.variant, start, n.drive.profile(*window), held)[0]
+
         moves = np.zeros((state.size, len(columns)))
         for c, column in enumerate(columns):
-            moves[:, c] = column.rest(
-                lambda v, start=start, own=own, held=held: start_of(v, start, own, held)[0]
-            )
+            moves[:, c] = column.derivative(moved)
         directions = np.zeros((state.size, place.size if by_starts else 0))
         for i in range(directions.shape[1]):
             if not drive.motion:
@@ -131,7 +155,10 @@ def forward_sensitivities(
     parameters = [
         _core.SensitivityParameter(
             c.name,
-            [_core.Perturbed(v.mechanism, drive_in, s, w) for v, s, w in c.nodes],
+            [
+                _core.Perturbed(n.variant.mechanism, whole(n.drive), n.shift, n.weight)
+                for n in c.nodes
+            ],
             c.scale,
         )
         for c in columns
@@ -143,7 +170,7 @@ def forward_sensitivities(
     span = segments[:, 1].max() if model.single else np.sum(segments[:, 1] - segments[:, 0])
     simulated(float(span) / max(record.samples - 1, 1))
     try:
-        results = _core.sensitivities(base.mechanism, drive_in, parameters, prepared, options)
+        results = _core.sensitivities(base.mechanism, whole(drive), parameters, prepared, options)
     except (FeltmbError, RuntimeError, ValueError):
         return None
     if any(r.run.status != "done" for r in results):
@@ -166,6 +193,7 @@ def _columns(
 ) -> list[_Column]:
     """Variables with one-sided differences: their curvature error is below 1e-5 of a derivative."""
     theta, included, magnitudes = request.theta, request.included, request.sizes
+    drive = model.drives.of(request.record)
 
     def column(
         name: str,
@@ -176,7 +204,7 @@ def _columns(
         scale: float,
     ) -> _Column:
         version = model.version(request.record, moved, more, sizes)
-        return _Column(name, ((version, shift, 1.0 / shift), (base, 0.0, -1.0 / shift)), scale)
+        return _between(name, _Node(version, drive, shift, 1.0 / shift), base, drive, scale)
 
     def side(value: float, h: float, upper: float) -> float:
         return h if value + h <= upper else -h
@@ -198,6 +226,27 @@ def _columns(
         sizes[place] += shift
         out.append(column(candidate.name, theta, more, sizes, shift, scale))
     return out
+
+
+def _input_columns(
+    model: DifferentiableMechanism, request: SensitivityRequest, base: Variant
+) -> list[_Column]:
+    """Changes of the inputs as variables; a noisy motion is smoothed before and after a change."""
+    record = request.record
+    drive = model.drives.of(record)
+    out = []
+    for k, change in enumerate(request.input_changes):
+        added = {name: record.inputs[name] + value for name, value in change.items()}
+        whole = model.drives.of(record.with_inputs(added)).value - drive.value
+        near = replace(drive, value=drive.value + INPUT_SHIFT * whole)
+        node = _Node(base, near, INPUT_SHIFT, 1.0 / INPUT_SHIFT)
+        out.append(_between(f"input change {k}", node, base, drive, 1.0))
+    return out
+
+
+def _between(name: str, node: _Node, base: Variant, drive: Drive, scale: float) -> _Column:
+    """A one-sided difference between a shifted version and the base."""
+    return _Column(name, (node, _Node(base, drive, 0.0, -node.weight)), scale)
 
 
 def _collect(
@@ -229,8 +278,10 @@ def _collect(
         )
     else:
         for k, column in enumerate(columns):
-            rest[:, k] = column.rest(lambda v: v.rest[place])
-            moving[:, k] = column.rest(lambda v: [model.at_rest(v, o) for o in model.outputs])
+            rest[:, k] = column.derivative(lambda n: n.variant.rest[place])
+            moving[:, k] = column.derivative(
+                lambda n: [model.at_rest(n.variant, o) for o in model.outputs]
+            )
     for i, (first, last) in enumerate(segments):
         r = results[0] if model.single else results[i]
         skip = int(first) if model.single else 0
@@ -261,4 +312,6 @@ def _collect(
         d_starts_ends=d_starts_ends,
         d_candidates=d_outputs[..., a + b : a + b + c],
         d_candidates_ends=d_ends[..., a + b : a + b + c],
+        d_inputs=d_outputs[..., a + b + c :],
+        d_inputs_ends=d_ends[..., a + b + c :],
     )

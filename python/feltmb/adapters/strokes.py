@@ -19,7 +19,7 @@ from __future__ import annotations
 import copy
 import fnmatch
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -235,7 +235,7 @@ class StrokeModel(MechanismModel):
         base = self._motion(record, theta, included, magnitudes)
         if base is None:
             return None
-        columns = []
+        which = []
         if variation > 0.0:
             names = [e.name for e in self.tolerances]
             which = [
@@ -243,16 +243,17 @@ class StrokeModel(MechanismModel):
                 for i, (name, e) in enumerate(zip(names, self.tolerances, strict=True))
                 if e.unit == "1" and any(fnmatch.fnmatch(name, v) for v in VARYING)
             ]
-            found, _ = self._slopes(record, base, theta, included, magnitudes, which, ())
-            columns += [variation * found[..., i] for i in range(len(which))]
-
+        changes = [
+            change
+            for name, sigma in record.input_sigma.items()
+            if sigma > 0.0 and name in record.inputs
+            for change in _input_noise(record, name, sigma)
+        ]
+        point = _Point(record, base, theta, included, magnitudes)
+        by, _, by_noise = self._slopes(point, which, (), tuple(changes))
+        columns = [variation * by[..., i] for i in range(len(which))]
+        columns += [by_noise[..., k] for k in range(len(changes))]
         motions = []
-        for name, sigma in record.input_sigma.items():
-            if sigma > 0.0 and name in record.inputs:
-                motions += [
-                    self._motion(r, theta, included, magnitudes)
-                    for r in _with_input_noise(record, name, sigma)
-                ]
         chosen = self._chosen(theta, included, magnitudes)
         for kind in KINDS:
             resolved = refined(self.action, (kind,))
@@ -341,7 +342,7 @@ class StrokeModel(MechanismModel):
     ) -> Array | None:
         """Outputs of the mechanism over the whole record, (n, ny); None if it failed."""
         key = self._key(record, theta, included, magnitudes)
-        inputs = hash(tuple(v.tobytes() for v in record.inputs.values()))
+        inputs = _digest(record.inputs)
 
         def make() -> Array | None:
             chosen = self._chosen(theta, included, magnitudes)
@@ -367,23 +368,25 @@ class StrokeModel(MechanismModel):
         record, theta, segments = request.record, request.theta, request.segments
         included, magnitudes = request.included, request.sizes
         candidates, wanted = request.candidates, request.parameters_of(self)
+        changes = request.input_changes
         own = theta[: self.mechanical]
         w, length = len(segments), int(np.max(segments[:, 1] - segments[:, 0])) + 1
         ny = len(self.outputs)
         base = self._motion(record, own, included, magnitudes)
         none = np.zeros((w, 0))
         if base is None:
-            n = (len(wanted), len(included), len(candidates))
+            n = (len(wanted), len(included), len(candidates), len(changes))
             bad = np.full((w, length, ny), np.nan)
             blank = [np.zeros((w, length, ny, k)) for k in n]
         else:
             shift = self._variability_shift(record, theta)
             bad = _cut(base if shift is None else base + shift, segments, length)
             inner = [i for i in wanted if i < self.mechanical]
-            effects = (*included, *candidates)
-            found, of = self._slopes(record, base, own, included, magnitudes, inner, effects)
+            point = _Point(record, base, own, included, magnitudes)
+            found, of, by_inputs = self._slopes(point, inner, (*included, *candidates), changes)
             by = self._with_own_variability(record, found, wanted)
-            blank = [_cut(c, segments, length) for c in (by, *np.split(of, [len(included)], -1))]
+            columns = (by, *np.split(of, [len(included)], -1), by_inputs)
+            blank = [_cut(c, segments, length) for c in columns]
         ends = [np.zeros((w, 0, c.shape[3])) for c in blank]
         return Sensitivity(
             outputs=bad,
@@ -396,6 +399,8 @@ class StrokeModel(MechanismModel):
             d_starts_ends=np.zeros((w, 0, 0)),
             d_candidates=blank[2],
             d_candidates_ends=ends[2],
+            d_inputs=blank[3],
+            d_inputs_ends=ends[3],
         )
 
     # --- derivatives ------------------------------------------------------------------------------
@@ -432,25 +437,29 @@ class StrokeModel(MechanismModel):
 
     def _slopes(
         self,
-        record: Record,
-        base: Array,
-        theta: Array,
-        included: tuple[Candidate, ...],
-        magnitudes: Array,
+        point: _Point,
         wanted: Sequence[int],
         effects: tuple[Candidate, ...],
-    ) -> tuple[Array, Array]:
-        """Derivatives (n, ny, p) by parameters, and by effects at their magnitude or at zero.
+        changes: tuple[Mapping[str, Array], ...],
+    ) -> tuple[Array, Array, Array]:
+        """Derivatives (n, ny, .) by parameters, by effects, and by changes of the inputs.
 
-        If an effect changes the same values as a tolerance, its derivative is computed from the
-        derivative by the tolerance. Two integrations would differ slightly, and the difference
-        would look like a signature of the effect.
+        Effects are at their magnitude, or at zero if they are not included. If an effect changes
+        the same values as a tolerance, its derivative is computed from the derivative by the
+        tolerance. Two integrations would differ slightly, and the difference would look like a
+        signature of the effect.
         """
-        inputs = hash(tuple(v.tobytes() for v in record.inputs.values()))
-        point = (record.name, inputs, self._key(record, theta, included, magnitudes))
-        known = self._points.get(point, dict)
+        record, theta = point.record, point.theta
+        included, magnitudes = point.included, point.magnitudes
+        place = (
+            record.name,
+            _digest(record.inputs),
+            self._key(record, theta, included, magnitudes),
+        )
+        known = self._points.get(place, dict)
         names = [(c.name, c.shape) for c in effects]
         aliases = [self._alias(c) for c in effects]
+        of_changes = {_digest(change): change for change in changes}
         needed = dict.fromkeys([*wanted, *(a.index for a in aliases if a is not None)])
         lacking = [i for i in needed if i not in known]
         fresh = tuple(
@@ -458,22 +467,22 @@ class StrokeModel(MechanismModel):
             for c, name, alias in zip(effects, names, aliases, strict=True)
             if alias is None and name not in known
         )
-        if lacking or fresh:
+        new_changes = {key: change for key, change in of_changes.items() if key not in known}
+        if lacking or fresh or new_changes:
             live = [
                 k for k, c in enumerate(included) if can_differentiate(c) or magnitudes[k] != 0.0
             ]
-            inside = tuple(included[k] for k in live)
-            sizes = magnitudes[live]
+            inside = replace(
+                point, included=tuple(included[k] for k in live), magnitudes=magnitudes[live]
+            )
             beside = tuple(c for c in fresh if c not in included and can_differentiate(c))
-            known |= self._integrated(record, base, theta, inside, sizes, lacking, beside)
+            known |= self._integrated(inside, lacking, beside, new_changes)
             rough = [c for c in fresh if (c.name, c.shape) not in known]
 
             def one(c: Candidate) -> None:
-                known[c.name, c.shape] = self._difference(record, base, theta, inside, sizes, c)
+                known[c.name, c.shape] = self._difference(inside, c)
 
             self.in_parallel(one, rough)
-        empty = np.zeros((*base.shape, 0))
-        by = [known[i] for i in wanted]
         of = []
         for c, name, alias in zip(effects, names, aliases, strict=True):
             if alias is None:
@@ -481,7 +490,13 @@ class StrokeModel(MechanismModel):
                 continue
             size = float(magnitudes[included.index(c)]) if c in included else 0.0
             of.append(alias.ratio(float(theta[alias.index]), size) * known[alias.index])
-        return np.stack(by, axis=-1) if by else empty, np.stack(of, axis=-1) if of else empty
+        none = np.zeros((*point.base.shape, 0))
+
+        def columns(found: list[Array]) -> Array:
+            return np.stack(found, axis=-1) if found else none
+
+        by_changes = [known[_digest(change)] for change in changes]
+        return columns([known[i] for i in wanted]), columns(of), columns(by_changes)
 
     def _alias(self, candidate: Candidate) -> Alias | None:
         entry = candidate.effect.data
@@ -489,54 +504,64 @@ class StrokeModel(MechanismModel):
 
     def _integrated(
         self,
-        record: Record,
-        base: Array,
-        theta: Array,
-        included: tuple[Candidate, ...],
-        magnitudes: Array,
+        point: _Point,
         wanted: Sequence[int],
         candidates: tuple[Candidate, ...],
+        changes: Mapping[int, Mapping[str, Array]],
     ) -> dict[object, Array]:
-        """Derivatives by parameters and effects, from one pass."""
-        names = [*wanted, *((c.name, c.shape) for c in (*included, *candidates))]
+        """Derivatives by parameters, effects and changes of the inputs, from one pass."""
+        effects = (*point.included, *candidates)
+        names = [*wanted, *((c.name, c.shape) for c in effects), *changes]
         if not names:
             return {}
         self.passes += 1
         s = forward_sensitivities(
             self,
             SensitivityRequest(
-                record,
-                theta,
-                np.array([[0, record.samples - 1]], dtype=np.intp),
+                point.record,
+                point.theta,
+                np.array([[0, point.record.samples - 1]], dtype=np.intp),
                 np.zeros((1, 0)),
-                included,
-                magnitudes,
+                point.included,
+                point.magnitudes,
                 by_theta=wanted,
                 by_starts=False,
                 candidates=candidates,
+                input_changes=tuple(changes.values()),
             ),
         )
         if s is None:
-            return {name: np.full_like(base, np.nan) for name in names}
-        found = np.concatenate([s.d_theta[0], s.d_magnitudes[0], s.d_candidates[0]], axis=-1)
+            return {name: np.full_like(point.base, np.nan) for name in names}
+        assert s.d_inputs is not None
+        parts = (s.d_theta, s.d_magnitudes, s.d_candidates, s.d_inputs)
+        found = np.concatenate([part[0] for part in parts], axis=-1)
         return {name: found[..., k] for k, name in enumerate(names)}
 
-    def _difference(
-        self,
-        record: Record,
-        base: Array,
-        theta: Array,
-        included: tuple[Candidate, ...],
-        magnitudes: Array,
-        candidate: Candidate,
-    ) -> Array:
+    def _difference(self, point: _Point, candidate: Candidate) -> Array:
         """Derivative at zero by an effect with states of its own."""
         step = max(candidate.effect.step, EFFECT_STEP) * candidate.effect.scale
         if step > candidate.effect.bounds[1]:
             step = -step
-        more = (*included, candidate)
-        motion = self._motion(record, theta, more, np.append(magnitudes, step))
-        return np.full_like(base, np.nan) if motion is None else (motion - base) / step
+        more = (*point.included, candidate)
+        sizes = np.append(point.magnitudes, step)
+        motion = self._motion(point.record, point.theta, more, sizes)
+        return np.full_like(point.base, np.nan) if motion is None else (motion - point.base) / step
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Place at which a record is differentiated, with the outputs (n, ny) there."""
+
+    record: Record
+    base: Array
+    theta: Array
+    included: tuple[Candidate, ...]
+    magnitudes: Array
+
+
+def _digest(inputs: Mapping[str, Array]) -> int:
+    """Key of the values of some inputs."""
+    return hash(tuple((name, value.tobytes()) for name, value in inputs.items()))
 
 
 def _cut(whole: Array, segments: NDArray[np.intp], length: int) -> Array:
@@ -547,8 +572,8 @@ def _cut(whole: Array, segments: NDArray[np.intp], length: int) -> Array:
     return out
 
 
-def _with_input_noise(record: Record, name: str, sigma: float) -> list[Record]:
-    """The record with one standard deviation of noise at each knot of an input.
+def _input_noise(record: Record, name: str, sigma: float) -> list[Mapping[str, Array]]:
+    """Changes of an input by one standard deviation of noise, one per knot.
 
     The hat functions have the variance of the integral of the noise.
     """
@@ -560,4 +585,4 @@ def _with_input_noise(record: Record, name: str, sigma: float) -> list[Record]:
     sd = sigma * math.sqrt((record.interval + 2.0 * tau) / max(knots[1], record.interval))
     clock = record.time - record.time[0]
     hats = np.maximum(0.0, 1.0 - np.abs(clock - knots[:, None]) / knots[1])
-    return [record.with_inputs({name: record.inputs[name] + sd * hat}) for hat in hats]
+    return [{name: sd * hat} for hat in hats]

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from feltmb.data import Array
+from feltmb.data import Array, Record
 from feltmb.fit.model import (
-    Batch,
     Candidate,
     Memory,
     Model,
     Sensitivity,
     SensitivityRequest,
 )
-from feltmb.fit.observe import machine_candidates, observe_all, observed_sensitivities
+from feltmb.fit.observe import machine_candidates, observed_sensitivities
 from feltmb.fit.segmented_records import SegmentedRecord
 
 __all__ = ["RUNAWAY", "Linear", "Place", "linearize", "varying", "with_nuisances"]
@@ -140,6 +140,7 @@ def linearize(
     has_states = bool(model.states(machine_candidates(included)))
     # The laws of the model vary between segments in held-out records as well.
     also = [i for i in varying(model, free) if i not in free] if has_states else []
+    noisy = known is None and has_states  # without states, noise is a part of the variability
     requests = [
         SensitivityRequest(
             segmented.record,
@@ -152,13 +153,16 @@ def linearize(
             by_starts=has_states,
             candidates=candidates,
             memory=place.memory,
+            input_changes=tuple(_input_noise(segmented.record, segmented.segments))
+            if noisy
+            else (),
         )
         for segmented, place in zip(segmented_records, places, strict=True)
     ]
     with np.errstate(invalid="ignore", over="ignore"):  # failed segments contain NaN
         found = observed_sensitivities(model, requests)
     if known is None:
-        noise = _noise(model, requests, found)
+        noise = [_noise(model, r, s) for r, s in zip(requests, found, strict=True)]
     else:
         noise = [(np.zeros((*s.outputs.shape, 0)), np.zeros((*s.ends.shape, 0))) for s in found]
     linears = [
@@ -225,46 +229,31 @@ def _tame(values: Array) -> Array:
         return np.where(np.abs(values) < RUNAWAY, values, 0.0)
 
 
-def _noise(
-    model: Model, requests: Sequence[SensitivityRequest], found: Sequence[Sensitivity]
-) -> list[tuple[Array, Array]]:
-    """Derivatives of outputs and ends by standard normal variables for the noise, by record.
+def _noise(model: Model, request: SensitivityRequest, found: Sensitivity) -> tuple[Array, Array]:
+    """Derivatives of outputs and ends by standard normal variables for the noise of a record.
 
     Noise of the inputs, then ``process_sd``, the variation of laws by segment.
     """
-    noisy = [_noisy_inputs(request) for request in requests]
-    runs = iter(observe_all(model, [batch for batches in noisy for batch in batches]))
-    columns = []
-    for request, base, batches in zip(requests, found, noisy, strict=True):
-        by_noise = np.zeros((*base.outputs.shape, len(batches)))
-        ends_by_noise = np.zeros((*base.ends.shape, len(batches)))
-        for k in range(len(batches)):
-            run = next(runs)
-            by_noise[..., k] = run.outputs - base.outputs
-            ends_by_noise[..., k] = run.ends - base.ends
-        if base.ends.shape[1]:  # without states there are no segments between which a law varies
-            sd = np.array([model.parameters[i].process_sd for i in request.parameters_of(model)])
-            own = np.flatnonzero(sd)
-            by_noise = np.concatenate([by_noise, base.d_theta[..., own] * sd[own]], axis=3)
-            ends_by_noise = np.concatenate(
-                [ends_by_noise, base.d_theta_ends[..., own] * sd[own]], axis=2
-            )
-        columns.append((by_noise, ends_by_noise))
-    return columns
+    assert found.d_inputs is not None
+    assert found.d_inputs_ends is not None
+    if not found.ends.shape[1]:  # without states there are no segments between which a law varies
+        return found.d_inputs, found.d_inputs_ends
+    sd = np.array([model.parameters[i].process_sd for i in request.parameters_of(model)])
+    own = np.flatnonzero(sd)
+    return (
+        np.concatenate([found.d_inputs, found.d_theta[..., own] * sd[own]], axis=3),
+        np.concatenate([found.d_inputs_ends, found.d_theta_ends[..., own] * sd[own]], axis=2),
+    )
 
 
-def _noisy_inputs(request: SensitivityRequest) -> list[Batch]:
-    """Jobs with one standard deviation of input noise, one batch per standard normal variable.
+def _input_noise(record: Record, segments: NDArray[np.intp]) -> list[Mapping[str, Array]]:
+    """Changes of the inputs by one standard deviation, one per standard normal variable.
 
     Within a segment, the noise is piecewise linear between knots. A knot represents an interval D
     of noise with standard deviation s and correlation time c, sampled with step h. Its variance is
     s^2 (h + 2 c) / D. The integral over the interval, to which an inertia responds, then has the
     correct variance.
     """
-    record, segments = request.record, request.segments
-    noisy = [n for n, s in record.input_sigma.items() if s > 0.0]
-    if not noisy or not request.starts.shape[1]:
-        return []
     n = record.samples
     phase = np.zeros(n)
     stretch = np.zeros(n)
@@ -272,17 +261,18 @@ def _noisy_inputs(request: SensitivityRequest) -> list[Batch]:
         phase[first:last] = np.arange(last - first) / (last - first) * (INPUT_KNOTS - 1)
         stretch[first:last] = (record.time[last] - record.time[first]) / (INPUT_KNOTS - 1)
     phase[-1], stretch[-1] = INPUT_KNOTS - 1, stretch[-2]
-    jobs = request.jobs()
-    batches = []
-    for name in noisy:
+    changes: list[Mapping[str, Array]] = []
+    for name, sigma in record.input_sigma.items():
+        if not sigma > 0.0:
+            continue
         tau = record.input_correlation_time.get(name, 0.0)
         share = (record.interval + 2.0 * tau) / stretch
-        sd = record.input_sigma[name] * np.sqrt(np.minimum(share, 1.0))
+        sd = sigma * np.sqrt(np.minimum(share, 1.0))
         for k in range(INPUT_KNOTS):
             hat = np.maximum(0.0, 1.0 - np.abs(phase - k)) * sd
             if k == INPUT_KNOTS - 1:  # the sample that a segment shares with the next one
                 hat[segments[:, 1]] = sd[segments[:, 1]]
             if k == 0:
                 hat[segments[1:, 0]] = 0.5 * sd[segments[1:, 0]]
-            batches.append((record.with_inputs({name: record.inputs[name] + hat}), jobs))
-    return batches
+            changes.append({name: hat})
+    return changes

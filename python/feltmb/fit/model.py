@@ -416,6 +416,9 @@ class SensitivityRequest:
     continue from segment to segment."""
     memory: Memory | None = None
     """Memory of the model at the starts, in addition to its states; see :class:`Jobs`."""
+    input_changes: tuple[Mapping[str, Array], ...] = ()
+    """Changes of the inputs, {input: (n,)} [unit of the input], whose derivatives are requested:
+    the derivative of ``inputs + h * change`` by h at zero."""
 
     @property
     def sizes(self) -> Array:
@@ -480,6 +483,11 @@ class Sensitivity:
     """(W, L, ny, c) by the magnitudes of the further candidates, at zero."""
     d_candidates_ends: Array
     """(W, nx, c)"""
+    d_inputs: Array | None = None
+    """(W, L, ny, d) by the requested changes of the inputs; None: the model does not compute them,
+    and they are computed from differences of simulations."""
+    d_inputs_ends: Array | None = None
+    """(W, nx, d)"""
     memory: Memory | None = None
     """Memory of the model at the ends; see :class:`Simulated`."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -246,15 +246,14 @@ def observed_sensitivities(
 ) -> list[Sensitivity]:
     """Derivatives of the sensor readings, one result per request.
 
-    The model differentiates its outputs. These derivatives are transformed with the sensors and
-    sensor effects, which is cheap. Only input effects need simulations of their own.
+    The model differentiates its outputs, also by changes of its inputs. These derivatives are
+    transformed with the sensors and sensor effects, which is cheap.
     """
-    found = model.sensitivities([_of_machine(request) for request in requests])
-    asked = [_of_inputs(request) for request in requests]
-    runs = iter(observe_all(model, [batch for batches in asked for batch in batches]))
+    inner = [_of_machine(request) for request in requests]
+    found = _with_input_changes(model, inner, model.sensitivities(inner))
     return [
-        s if _plain(model, request) else _readings(model, request, s, [next(runs) for _ in batches])
-        for request, s, batches in zip(requests, found, asked, strict=True)
+        s if _plain(model, request) else _readings(model, request, s)
+        for request, s in zip(requests, found, strict=True)
     ]
 
 
@@ -269,62 +268,109 @@ def _plain(model: Model, request: SensitivityRequest) -> bool:
 
 
 def _of_machine(request: SensitivityRequest) -> SensitivityRequest:
-    """The request without sensor effects and with the changed inputs."""
+    """The request without sensor effects, and with the inputs as the input effects change them.
+
+    Derivatives by the magnitudes of input effects are requested as changes of the inputs. They
+    follow those of the request, first for the included effects, then for the candidates.
+    """
     machine = machine_candidates(request.included)
-    record = request.record
-    sizes = []
-    for candidate, size in zip(request.included, request.sizes, strict=True):
-        if candidate in machine:
-            sizes.append(size)
-        elif candidate.effect.excite is not None and size != 0.0:
-            record = _changed(candidate, record, float(size))
+    sizes = [size for t, size in zip(request.included, request.sizes, strict=True) if t in machine]
+    record = _acting(request.record, request.included, request.sizes)
+    by_size = [_by_size(request, record, candidate) for candidate in _input_effects(request)]
     return replace(
         request,
         record=record,
         included=machine,
         magnitudes=np.array(sizes),
         candidates=machine_candidates(request.candidates),
+        input_changes=(*request.input_changes, *by_size),
     )
 
 
-def _changes(candidate: Candidate, at: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Two changes of a magnitude, each with its weight in the derivative."""
-    effect = candidate.effect
-    return difference_offsets(at, effect.step * effect.scale, *effect.bounds)
+def _input_effects(request: SensitivityRequest) -> list[Candidate]:
+    """Input effects of a request: included ones, then candidates."""
+    everything = (*request.included, *request.candidates)
+    return [t for t in everything if t.effect.excite is not None and t.effect.observe is None]
 
 
-def _of_inputs(request: SensitivityRequest) -> list[Batch]:
-    """Jobs with changed magnitudes of the input effects: two batches per effect.
+def _acting(
+    record: Record, included: Sequence[Candidate], sizes: Sequence[float] | Array
+) -> Record:
+    """The record with the inputs as the input effects change them, in the order of the effects."""
+    for candidate, size in zip(included, sizes, strict=True):
+        if candidate.effect.excite is not None and size != 0.0:
+            record = _changed(candidate, record, float(size))
+    return record
 
-    The included effects are followed by the candidates, which are at magnitude zero.
+
+def _by_size(
+    request: SensitivityRequest, acting: Record, candidate: Candidate
+) -> Mapping[str, Array]:
+    """Change of the inputs by a natural step (:func:`_step`) of the magnitude of an input effect.
+
+    ``acting``: the record with the inputs at the magnitudes of the request.
     """
     included, sizes = request.included, request.sizes
-    points = [(included, sizes, k) for k in range(len(included))]
-    points += [((*included, t), np.append(sizes, 0.0), len(included)) for t in request.candidates]
-    batches = []
-    for all_of_them, magnitudes, k in points:
-        candidate = all_of_them[k]
-        if candidate.effect.excite is None or candidate.effect.observe is not None:
-            continue
-        for offset, _ in _changes(candidate, float(magnitudes[k])):
-            row = magnitudes.copy()
-            row[k] += offset
-            changed = replace(request, included=all_of_them, magnitudes=row)
-            batches.append((request.record, changed.jobs()))
-    return batches
+    if candidate not in included:
+        included, sizes = (*included, candidate), np.append(sizes, 0.0)
+    at = included.index(candidate)
+    out = {name: np.zeros_like(value) for name, value in acting.inputs.items()}
+    for offset, weight in _offsets(candidate, float(sizes[at])):
+        moved = sizes.copy()
+        moved[at] += offset
+        for name, value in _acting(request.record, included, moved).inputs.items():
+            out[name] += weight * _step(candidate) * (value - acting.inputs[name])
+    return out
 
 
-def _readings(
-    model: Model, request: SensitivityRequest, s: Sensitivity, runs: list[Simulated]
-) -> Sensitivity:
-    """Derivatives of the readings from those of the outputs, ``s``.
+def _step(candidate: Candidate) -> float:
+    """Step of finite differences by the magnitude of an effect [its unit]."""
+    return candidate.effect.step * candidate.effect.scale
 
-    ``runs``: results of the jobs of :func:`_of_inputs`.
+
+def _offsets(candidate: Candidate, at: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Two changes of a magnitude, each with its weight in the derivative."""
+    return difference_offsets(at, _step(candidate), *candidate.effect.bounds)
+
+
+def _with_input_changes(
+    model: Model, requests: Sequence[SensitivityRequest], found: Sequence[Sensitivity]
+) -> list[Sensitivity]:
+    """Add derivatives by changes of the inputs where the model did not compute them.
+
+    Central differences between simulations with the whole change added and subtracted.
     """
+    batches = [
+        (request.record.with_inputs(_added(request.record, change, sign)), request.jobs())
+        for request, s in zip(requests, found, strict=True)
+        if s.d_inputs is None
+        for change in request.input_changes
+        for sign in (1.0, -1.0)
+    ]
+    runs = iter(model.simulate_all(batches) if batches else [])
+    out = []
+    for request, s in zip(requests, found, strict=True):
+        if s.d_inputs is None:
+            count = len(request.input_changes)
+            by, by_ends = np.zeros((*s.outputs.shape, count)), np.zeros((*s.ends.shape, count))
+            with np.errstate(invalid="ignore", over="ignore"):  # failed segments contain NaN
+                for k in range(count):
+                    more, less = next(runs), next(runs)
+                    by[..., k] = 0.5 * (more.outputs - less.outputs)
+                    by_ends[..., k] = 0.5 * (more.ends - less.ends)
+            s = replace(s, d_inputs=by, d_inputs_ends=by_ends)
+        out.append(s)
+    return out
+
+
+def _added(record: Record, change: Mapping[str, Array], sign: float) -> dict[str, Array]:
+    return {name: record.inputs[name] + sign * value for name, value in change.items()}
+
+
+def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sensitivity:
+    """Derivatives of the readings from those of the outputs, ``s``."""
     record, segments, starts = request.record, request.segments, request.starts
     included, magnitudes, candidates = request.included, request.sizes, request.candidates
-    inner = [k for k, t in enumerate(included) if t in machine_candidates(included)]
-    by_input = iter(runs)
     jobs = replace(request, included=(), magnitudes=np.zeros(0)).jobs()
     observing = [
         (t, float(magnitudes[k])) for k, t in enumerate(included) if t.effect.observe is not None
@@ -361,43 +407,46 @@ def _readings(
             out[rows] = push(columns[rows], rows)
         return out
 
-    def outer(candidate: Candidate, at: float, active: bool) -> tuple[Array, Array]:
-        y, x = np.zeros_like(shown), np.zeros_like(s.ends)
-        for offset, weight in _changes(candidate, at):
-            if candidate.effect.observe is None:
-                run = next(by_input)
-                y += weight * (run.outputs[:, : shown.shape[1]] - shown)
-                x += weight * (run.ends - s.ends)
-                continue
+    def by_sensor(candidate: Candidate) -> Array:
+        """Derivative by the magnitude of a sensor effect."""
+        active = candidate in included
+        at = float(magnitudes[included.index(candidate)]) if active else 0.0
+        out = np.zeros_like(shown)
+        for offset, weight in _offsets(candidate, at):
             if active:
                 value = _swapped(show, observing, candidate, at + offset, s.outputs)
             else:
                 value = show(s.outputs, (candidate, at + offset))
-            y += weight * (value - shown)
-        return y, x
+            out += weight * (value - shown)
+        return out
 
-    d_magnitudes = np.zeros((*shown.shape, len(included)))
-    d_magnitudes_ends = np.zeros((*s.ends.shape, len(included)))
-    pushed = push(s.d_magnitudes)
-    for k, candidate in enumerate(included):
-        if k in inner:
-            d_magnitudes[..., k] = pushed[..., inner.index(k)]
-            d_magnitudes_ends[..., k] = s.d_magnitudes_ends[..., inner.index(k)]
-        else:
-            d_magnitudes[..., k], d_magnitudes_ends[..., k] = outer(
-                candidate, float(magnitudes[k]), active=True
-            )
-    d_candidates = np.zeros((*shown.shape, len(candidates)))
-    d_candidates_ends = np.zeros((*s.ends.shape, len(candidates)))
-    pushed = push(s.d_candidates)
-    at = 0
-    for k, candidate in enumerate(candidates):
-        if machine_candidates((candidate,)):
-            d_candidates[..., k] = pushed[..., at]
-            d_candidates_ends[..., k] = s.d_candidates_ends[..., at]
-            at += 1
-        else:
-            d_candidates[..., k], d_candidates_ends[..., k] = outer(candidate, 0.0, active=False)
+    own = len(request.input_changes)
+    assert s.d_inputs is not None
+    assert s.d_inputs_ends is not None
+    by_input, by_input_ends = push(s.d_inputs[..., own:]), s.d_inputs_ends[..., own:]
+    of_inputs = _input_effects(request)
+
+    def by_magnitudes(
+        wanted: tuple[Candidate, ...], inner: Array, inner_ends: Array
+    ) -> tuple[Array, Array]:
+        """Derivatives by the magnitudes of effects, ``inner``: by those of the machine."""
+        out = np.zeros((*shown.shape, len(wanted)))
+        ends = np.zeros((*s.ends.shape, len(wanted)))
+        pushed, machine = push(inner), machine_candidates(wanted)
+        for k, candidate in enumerate(wanted):
+            if candidate in machine:
+                out[..., k] = pushed[..., machine.index(candidate)]
+                ends[..., k] = inner_ends[..., machine.index(candidate)]
+            elif candidate in of_inputs:
+                column = of_inputs.index(candidate)
+                out[..., k] = by_input[..., column] / _step(candidate)
+                ends[..., k] = by_input_ends[..., column] / _step(candidate)
+            else:
+                out[..., k] = by_sensor(candidate)
+        return out, ends
+
+    d_magnitudes, d_magnitudes_ends = by_magnitudes(included, s.d_magnitudes, s.d_magnitudes_ends)
+    d_candidates, d_candidates_ends = by_magnitudes(candidates, s.d_candidates, s.d_candidates_ends)
     return Sensitivity(
         outputs=shown,
         ends=s.ends,
@@ -409,6 +458,8 @@ def _readings(
         d_starts_ends=s.d_starts_ends,
         d_candidates=d_candidates,
         d_candidates_ends=d_candidates_ends,
+        d_inputs=push_alone(s.d_inputs[..., :own]),
+        d_inputs_ends=s.d_inputs_ends[..., :own],
         memory=s.memory,
     )
 

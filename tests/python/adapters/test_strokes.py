@@ -12,7 +12,7 @@ from feltmb.adapters.variants import changed_config
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Candidate, Jobs, SensitivityRequest
-from feltmb.fit.observe import observe_jobs
+from feltmb.fit.observe import observe_jobs, observed_sensitivities
 
 LENGTH = 0.085  # up to shortly before the impact
 
@@ -253,3 +253,43 @@ def test_refined_changes_what_it_says():
 def test_faults_of_the_variability(settings, message):
     with pytest.raises(InvalidParameter, match=message):
         resolve("steinway45", settings)
+
+
+def test_derivatives_by_the_input_are_exact_and_in_the_same_pass(adapter, monkeypatch):
+    """Delay of the input, and noise at one knot, against differences of tight runs."""
+    monkeypatch.setattr("feltmb.adapters.forward.TOLERANCE", 1e-5)
+    rough, effects, record = adapter
+    model, _ = mechanism_model(
+        rough.action, channels=["key", "whippen", "hammer"], library=rough.library,
+        tolerances=["felt.03"], effects=["input_delay"], shooting="single", rtol=1e-10, workers=1,
+    )  # fmt: skip
+    delay = Candidate(next(e for e in effects if e.name == "input_delay"))
+    hat = np.maximum(0.0, 1.0 - np.abs(record.time - 0.03) / 0.008)
+    at, none = np.zeros(1), np.zeros((1, 0))
+    request = SensitivityRequest(
+        record, at, whole(record), none, candidates=(delay,), input_changes=({"force": 0.1 * hat},)
+    )
+    before = model.passes
+    s = observed_sensitivities(model, [request])[0]
+    assert model.passes == before + 1
+    included = observed_sensitivities(
+        model, [SensitivityRequest(record, at, whole(record), none, (delay,), np.array([1e-3]))]
+    )[0]
+
+    def late(size):
+        jobs = Jobs.at_point(at, whole(record), none, (delay,), np.array([size]))
+        return observe_jobs(model, record, jobs).outputs
+
+    def pushed(size):
+        changed = record.with_inputs({"force": record.inputs["force"] + size * hat})
+        return model.simulate(
+            changed, Jobs.at_point(at, whole(record), none, (), np.zeros(0))
+        ).outputs
+
+    for found, run, place, step, scale in (
+        (s.d_candidates, late, 0.0, 1e-5, 1.0),
+        (included.d_magnitudes, late, 1e-3, 1e-5, 1.0),
+        (s.d_inputs, pushed, 0.0, 1e-4, 0.1),
+    ):
+        want = scale * (run(place + step) - run(place - step)) / (2.0 * step)
+        assert np.abs(found[..., 0] - want).max() < 5e-3 * np.abs(want).max()

@@ -191,3 +191,24 @@ def test_segments_hold_six_time_constants_of_a_slow_sensor():
         # A length that is asked for is kept.
         asked = segment_record(OSCILLATOR, shaken(bandwidth=bandwidth), {}, 0.05).segments
         assert len(asked) == 8
+
+
+@pytest.mark.parametrize("bandwidth", [1.0, 30.0])
+def test_input_noise_of_a_segment_does_not_pass_a_slow_sensor_into_the_next(bandwidth):
+    """A linear model: the columns are exact differences, segment by segment."""
+    r = replace(shaken(bandwidth=bandwidth), input_sigma={"u": 0.1})
+    segments = np.array([[0, 100], [100, 220], [220, 400]])
+    segmented = segment_record(OSCILLATOR, r, {"y": Noise(1e-3)}, None, segments)
+    problem = Problem(OSCILLATOR, (segmented,))
+    point = problem.start()
+    linear = problem.linear(point)[0]
+    assert linear.by_input.shape[2] == 6
+    before = problem.predict(point)[0]
+    for w, (first, last) in enumerate(segments):
+        phase = (np.arange(401) - first) / (last - first) * 5.0
+        change = np.maximum(0.0, 1.0 - abs(phase - 2.0)) * 0.1 * np.sqrt(5.0 / (last - first))
+        changed = r.with_inputs({"u": r.inputs["u"] + change})
+        own = segment_record(OSCILLATOR, changed, {"y": Noise(1e-3)}, None, segments)
+        after = replace(problem, segmented_records=(own,)).predict(point)[0]
+        numeric = before[1][w] - after[1][w]
+        assert np.allclose(linear.by_input[w, :, 2], numeric, atol=1e-6 * np.max(abs(numeric)))
