@@ -58,18 +58,20 @@ double Unit::get(std::uint32_t reference) {
 }
 
 void Unit::set(std::uint32_t reference, double value) {
+  const auto change = [this, value](double& fixed, const std::string& name) {
+    if (stepper_ && stepper_->state().machine.time > 0.0) {
+      throw InvalidParameter(name + " is fixed: it can be set before the first step only");
+    }
+    fixed = value;
+    stepper_.reset();
+  };
   if (reference == kInput) {
     input_ = value;
   } else if (reference == kTolerance) {
-    options_.rtol = value;
-    stepper_.reset();
+    change(options_.rtol, "rtol");
   } else if (reference >= kParameters && reference - kParameters < numbers_.size()) {
-    if (stepper_ && stepper_->state().machine.time > 0.0) {
-      throw InvalidParameter(numbers_[reference - kParameters].path +
-                             " is fixed: it can be set before the first step only");
-    }
-    *numbers_[reference - kParameters].value = value;
-    stepper_.reset();
+    const DescriptionNumber& number = numbers_[reference - kParameters];
+    change(*number.value, number.path);
   } else {
     throw InvalidParameter(format("there is no variable to set with reference %u", reference));
   }

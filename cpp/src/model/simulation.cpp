@@ -363,7 +363,7 @@ class Run {
       } else if (leaving_) {
         integrator = leave_strings(*integrator);
       }
-      if (going && !may_go_on(now, steps)) going = false;
+      if (going && !may_go_on(*integrator, steps)) going = false;
     }
     finish(*integrator);
     return std::move(result_);
@@ -780,12 +780,11 @@ class Run {
     }
     ++state_counts_[state];
     const int contact = system_.stiffest_contact(state);
-    limiting_state_ = state;
-    limiting_contact_ = contact;
     if (contact >= 0) ++contact_counts_[at(contact)];
   }
 
-  bool may_go_on(double now, long steps) {
+  bool may_go_on(Integrator& integrator, long steps) {
+    const double now = integrator.time();
     if (steps >= options_.max_steps) {
       result_.status = RunStatus::kFailed;
       result_.message = format("%ld steps were not enough; reached t = %.6g s", steps, now);
@@ -798,8 +797,9 @@ class Run {
     if (steps - progress_step_ >= window) {
       if (now - progress_time_ < least) {
         result_.status = RunStatus::kFailed;
-        const int contact = limiting_contact_;
-        result_.failed_state = system_.state_name(limiting_state_);
+        const std::size_t state = integrator.limiting_state();
+        const int contact = system_.stiffest_contact(state);
+        result_.failed_state = system_.state_name(state);
         if (contact >= 0) result_.failed_contact = system_.mechanism().contacts[at(contact)].name;
         result_.message = format(
             "no progress: %ld steps moved the time by %.3g s only, at t = %.9g s; state %s limits "
@@ -986,8 +986,6 @@ class Run {
   double next_report_ = 0.05;
   long progress_step_ = 0;
   double progress_time_ = 0.0;
-  std::size_t limiting_state_ = 0;
-  int limiting_contact_ = -1;
   std::vector<long> state_counts_;
   std::vector<long> contact_counts_;
 };

@@ -21,6 +21,7 @@ from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.adapters.drives import Drive, follow
 from feltmb.adapters.library import Entry
 from feltmb.adapters.remembered import Remembered, start_state
+from feltmb.adapters.sampling import at_times, output_rate
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array
 from feltmb.errors import FeltmbError
@@ -102,7 +103,7 @@ def forward_sensitivities(
     simulation.rtol = model.rtol
     options.simulation = simulation
     options.tolerance = TOLERANCE
-    options.output_rate = (record.samples - 1) / float(clock[-1])
+    options.output_rate = output_rate(clock)
     index = {name: i for i, (name, _, _) in enumerate(_core.observables(base.mechanism))}
     options.outputs = [index[o] for o in model.outputs]
     options.threads = model.workers
@@ -177,6 +178,7 @@ def forward_sensitivities(
         return None
     return _collect(
         model,
+        clock,
         segments,
         results,
         columns,
@@ -251,6 +253,7 @@ def _between(name: str, node: _Node, base: Variant, drive: Drive, scale: float) 
 
 def _collect(
     model: DifferentiableMechanism,
+    clock: Array,
     segments: NDArray[np.intp],
     results: Sequence[Any],
     columns: Sequence[_Column],
@@ -282,13 +285,18 @@ def _collect(
             moving[:, k] = column.derivative(
                 lambda n: [model.at_rest(n.variant, o) for o in model.outputs]
             )
+    spans = [(0, int(np.max(segments[:, 1])))] if model.single else segments
+    shown = [
+        [at_times(r.time, np.asarray(v), clock[first : last + 1]) for v in (r.values, r.gradient)]
+        for r, (first, last) in zip(results, spans, strict=True)
+    ]
     for i, (first, last) in enumerate(segments):
         r = results[0] if model.single else results[i]
-        skip = int(first) if model.single else 0
         count = int(last - first) + 1
-        span = slice(skip, skip + count)
-        gradient = np.asarray(r.gradient)[span]
-        outputs[i, :count] = np.asarray(r.values)[span] - still
+        values, gradient = shown[0 if model.single else i]
+        skip = int(first) if model.single else 0
+        gradient = gradient[skip : skip + count]
+        outputs[i, :count] = values[skip : skip + count] - still
         by_column = gradient[..., :n]
         if not model.single:
             end = np.asarray(r.end_state)

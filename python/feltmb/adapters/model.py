@@ -41,6 +41,7 @@ from feltmb.adapters.landmarks import first_turn, landmarks
 from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
 from feltmb.adapters.remembered import Remembered, start_state
+from feltmb.adapters.sampling import at_times, output_rate
 from feltmb.adapters.shifter import Shifter
 from feltmb.adapters.variants import Variant, Workshop, changed_config
 from feltmb.adapters.writing import write_mechanism
@@ -607,8 +608,7 @@ class MechanismModel(DifferentiableMechanism):
         options = _core.SimulationOptions()
         options.duration = float(time[-1])
         options.rtol = self.rtol
-        even = np.ptp(np.diff(time)) < 1e-6 * time[1] if count > 2 else True
-        options.output_rate = (count - 1) / time[-1] if even else 8.0 * (count - 1) / time[-1]
+        options.output_rate = output_rate(time)
         options.ledger = options.events = options.diagnose = False
         options.finger_reference = v.finger_reference
         profile = drive.profile(float(record.time[task.first]), float(time[-1]))
@@ -629,10 +629,8 @@ class MechanismModel(DifferentiableMechanism):
             return None
         if result.time.size < 2 or result.reached < time[-1] * (1.0 - 1e-9):
             return None
-        states, data = result.states, result.data
-        if not even or result.time.size != count:
-            states = _resample(result.time, states, time)
-            data = _resample(result.time, data, time)
+        states = at_times(result.time, result.states, time)
+        data = at_times(result.time, result.data, time)
         x = np.zeros((count, len(names)))
         x[:, known] = states[:, index[known]] - v.rest[index[known]]
         return x, self._columns(result, data, v), result
@@ -649,11 +647,3 @@ class MechanismModel(DifferentiableMechanism):
 def _is_law(entry: Entry) -> bool:
     """Whether a tolerance scales a law of felt or friction."""
     return entry.unit == "1" and any(fnmatch.fnmatch(entry.name, v) for v in VARYING)
-
-
-def _resample(old: Array, values: Array, new: Array) -> Array:
-    from scipy.interpolate import CubicHermiteSpline
-
-    slope = np.gradient(values, old, axis=0)
-    out: Array = CubicHermiteSpline(old, values, slope, axis=0)(new)
-    return out

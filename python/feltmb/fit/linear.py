@@ -10,6 +10,7 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
+from feltmb.fit.calling import calling
 from feltmb.fit.coordinates import Named
 from feltmb.fit.model import Candidate, Effect, Jobs, Model, Parameter, Simulated, State
 from feltmb.fit.watch import simulated
@@ -78,9 +79,9 @@ class FunctionModel(Model):
         columns: list[Array] = []
         for candidate in jobs.included:
             assert candidate.effect.regressor is not None
-            columns.append(
-                self._place(candidate, candidate.effect.regressor(record, candidate.shape))
-            )
+            with calling(f"effect {candidate.name}: its regressor"):
+                column = candidate.effect.regressor(record, candidate.shape)
+            columns.append(self._place(candidate, column))
         key, whole = None, np.zeros(0)
         for b in range(jobs.count):
             now = (jobs.theta[b].tobytes(), jobs.magnitudes[b].tobytes() if jobs.included else b"")

@@ -63,6 +63,12 @@ class Noise:
         share = np.maximum(0.0, 1.0 - np.abs(distance) / self.averaged)
         return np.where(distance == 0, 1.0, (1.0 - WHITE) * share)
 
+    def without_rounding(self, step: float) -> Noise:
+        """The noise before values are rounded to multiples of a step; its white part is smaller."""
+        total = max(self.sigma**2 - rounding_error(step) ** 2, 0.0)
+        fast = max(self.white * self.sigma**2 - rounding_error(step) ** 2, 0.0)
+        return replace(self, sigma=math.sqrt(total), white=fast / total if total > 0.0 else 0.0)
+
     def draw(self, time: Array, generator: np.random.Generator) -> Array:
         """Random noise at given times [unit], stationary from the first sample."""
         n = time.size

@@ -72,7 +72,8 @@ def observe_all(model: Model, batches: Sequence[Batch]) -> list[Simulated]:
     if not batches:
         return []
     excited = [_excited(record, jobs) for record, jobs in batches]
-    runs = iter(model.simulate_all([batch for parts in excited for _, batch in parts]))
+    with calling(f"model {model.name}: its simulation"):
+        runs = iter(model.simulate_all([batch for parts in excited for _, batch in parts]))
     return [
         _observed(model, record, jobs, [(rows, next(runs)) for rows, _ in parts])
         for (record, jobs), parts in zip(batches, excited, strict=True)
@@ -250,7 +251,8 @@ def observed_sensitivities(
     transformed with the sensors and sensor effects, which is cheap.
     """
     inner = [_of_machine(request) for request in requests]
-    found = _with_input_changes(model, inner, model.sensitivities(inner))
+    with calling(f"model {model.name}: its simulation"):
+        found = _with_input_changes(model, inner, model.sensitivities(inner))
     return [
         s if _plain(model, request) else _readings(model, request, s)
         for request, s in zip(requests, found, strict=True)

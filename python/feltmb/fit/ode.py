@@ -10,7 +10,7 @@ import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
-from feltmb.errors import InvalidParameter
+from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fit.calling import calling
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.model import (
@@ -187,7 +187,7 @@ class OdeModel(Stepped):
             return Ready(self, tuple(records))
         try:
             out, notes = resolved(self, records)
-        except Exception:  # the first simulation of the user reports it better
+        except FeltmbError:  # the first simulation of the user reports it better
             return Ready(self, tuple(records))
         out._resolved, out._free_steps = True, self.substeps is None
         return Ready(out, tuple(records), tuple(notes))

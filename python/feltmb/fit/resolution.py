@@ -170,7 +170,8 @@ def _squares(
             sensor = record.sensors.get(name)
             if name in record.outputs and sensor is not None and sensor.sigma:
                 one, other = (run.outputs[:, :, c][inside] for run in (a, b))
-                part = (one - other) / sensor.sigma
-                part[~np.isfinite(one) & ~np.isfinite(other)] = 0.0  # both simulations fail
-                total += float(np.sum(np.where(np.isfinite(part), part, np.inf) ** 2))
+                with np.errstate(over="ignore"):
+                    part = (one - other) / sensor.sigma
+                    part[~np.isfinite(one) & ~np.isfinite(other)] = 0.0  # both simulations fail
+                    total += float(np.sum(np.where(np.isfinite(part), part, np.inf) ** 2))
     return total

@@ -134,9 +134,22 @@ class Watch:
         """Whether fits and searches must end; a proof still has its part of the time limit."""
         return self.stage in (FIT, SEARCH) and self.over()
 
+    def must_end(self) -> bool:
+        """Whether a loop of the present stage must end."""
+        return self.stopping() or self.proof_over()
+
     def proof_over(self) -> bool:
-        """Whether the proof must end: it may take what the fits leave of the budget."""
-        if self._budget is None or self.stage != PROOF:
+        """Whether the proof must end: it was interrupted, or has spent its part of the budget.
+
+        It continues after an interruption of a fit or search, and judges what they found.
+        """
+        if self.stage != PROOF:
+            return False
+        if self._stop is not None and not self.why and self._stop():
+            self._end("interrupted")
+        if self.why == "interrupted" and self.stopped_in == PROOF:
+            return True
+        if self._budget is None:
             return False
         late = self.elapsed - self._entered > (1.0 - FOR_FITS) * self._budget
         if late:

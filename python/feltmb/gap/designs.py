@@ -26,7 +26,6 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import Store
-from feltmb.fit.calling import calling
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.checks import with_sigma
 from feltmb.gap.further_sensors import Sensors, offered
@@ -255,48 +254,47 @@ def design(
     work = _Work(model, limits, measured_now, store, seed, progress)
     work.every = every
     work.sensors = Sensors(measured_now, offered(limits.further, measured_now, model))
-    with calling(f"model {model.name}: its simulation"):
-        known = []
-        for i, r in enumerate(records):
-            work.tell("what the records tell", i, len(records))
-            shown = {n: s for n, s in r.sensors.items() if n in model.outputs}
-            noisy = with_sigma(r, expected_noise(r)) if shown else r
-            found = information(model, noisy, every, store=store)
-            if found is not None:
-                known.append(found)
-        if belief is None and known:
-            belief = Knowledge.start(model, every, Belief.even(every), known).linear_belief()
-        belief = belief or Belief.even(every)
-        knowledge = Knowledge.start(model, every, belief, known)
-        options = work.options(chosen, candidates)
-        options += [
-            _Option(
-                name=f"{t.how or 'test of a part'}: {t.parameter}",
-                cost=t.cost,
-                information=knowledge.part(t.parameter, t.sd),
-                part=t,
-            )
-            for t in limits.parts
-        ]
-        if not options:
-            raise InvalidParameter(
-                f"plan: none of the {work.failed} profiles within the limits can be simulated by "
-                f"{model.name}; hint: lower inputs.most or lengthen the duration"
-            )
-        value = _worth(aim)
-        equipped = _equip(work, knowledge, options, budget, value)
-        options, budget = equipped.options, equipped.budget
-        picked = _greedy(knowledge, options, budget, value)
-        if picked and refinements and picked[0].part is None:
-            first = picked[0]
-            better = work.best_of(knowledge, first, options, refinements, value)
-            if better is not first:
-                picked = [better, *_greedy(
-                    knowledge.plus(better.information),
-                    [*options, better],
-                    budget - better.cost,
-                    value,
-                )]  # fmt: skip
+    known = []
+    for i, r in enumerate(records):
+        work.tell("what the records tell", i, len(records))
+        shown = {n: s for n, s in r.sensors.items() if n in model.outputs}
+        noisy = with_sigma(r, expected_noise(r)) if shown else r
+        found = information(model, noisy, every, store=store)
+        if found is not None:
+            known.append(found)
+    if belief is None and known:
+        belief = Knowledge.start(model, every, Belief.even(every), known).linear_belief()
+    belief = belief or Belief.even(every)
+    knowledge = Knowledge.start(model, every, belief, known)
+    options = work.options(chosen, candidates)
+    options += [
+        _Option(
+            name=f"{t.how or 'test of a part'}: {t.parameter}",
+            cost=t.cost,
+            information=knowledge.part(t.parameter, t.sd),
+            part=t,
+        )
+        for t in limits.parts
+    ]
+    if not options:
+        raise InvalidParameter(
+            f"plan: none of the {work.failed} profiles within the limits can be simulated by "
+            f"{model.name}; hint: lower inputs.most or lengthen the duration"
+        )
+    value = _worth(aim)
+    equipped = _equip(work, knowledge, options, budget, value)
+    options, budget = equipped.options, equipped.budget
+    picked = _greedy(knowledge, options, budget, value)
+    if picked and refinements and picked[0].part is None:
+        first = picked[0]
+        better = work.best_of(knowledge, first, options, refinements, value)
+        if better is not first:
+            picked = [better, *_greedy(
+                knowledge.plus(better.information),
+                [*options, better],
+                budget - better.cost,
+                value,
+            )]  # fmt: skip
     return _result(knowledge, picked, equipped, aim, work)
 
 

@@ -90,7 +90,7 @@ def law_errors(fit: Fit, settings: FitSettings) -> LawErrors:
         return LawErrors(-math.inf)
     way = replace(settings, worth=math.inf)
     now, gain, found = fit, 0.0, list[VaryingLaw]()
-    while len(found) < MOST and not current().stopping():
+    while len(found) < MOST and not current().must_end():
         names = {law.parameter for law in found}
         tried = _screened(now, [p for p in laws if p.name not in names])
         if not tried:

@@ -12,7 +12,6 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import DataError
-from feltmb.fit.calling import calling
 from feltmb.fit.linearize import RUNAWAY
 from feltmb.fit.model import Model
 from feltmb.fit.observe import observe_whole
@@ -112,8 +111,7 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         noise = checks.noise(record.name)
         record, said = model.referred(with_sigma(record, noise))
         notes += said
-        with calling(f"model {model.name}: its simulation"):
-            values = expected_outputs(model, record)
+        values = expected_outputs(model, record)
         if text := divergence(record, model.outputs, values):
             notes.append(text)
             with np.errstate(invalid="ignore"):

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from feltmb.arguments import checked
 from feltmb.data import Record, Sensor
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.fit.calling import calling
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.checks import faults_against
 from feltmb.gap.confusion import confused_groups, confusion_if_detected
@@ -111,9 +110,7 @@ def plan(
             raise InvalidParameter(f"record {record.name}: the model has no derivatives there")
         return found
 
-    with calling(f"model {model.name}: its simulation"):
-        first = expected(records[0])
-    try_effects(model, tested, first)
+    try_effects(model, tested, expected(records[0]))
     start = Knowledge.start(model, every, Belief.even(every))
     now, *with_sensor, everything = (
         start.plus(*found) for found in zip(*(told(r, ways) for r in records), strict=True)

@@ -30,12 +30,11 @@ def try_effects(model: Model, effects: Sequence[Effect], record: Record) -> None
         The model cannot be simulated, or a callable of an effect raises or returns an invalid
         value. All faulty effects are in one message.
     """
-    with calling(f"model {model.name}: its simulation"):
-        bare = observe_jobs(model, record, _begin(model, None, record)).outputs
-        _check_numbers(model, record, bare)
+    bare = observe_jobs(model, record, _begin(model, None, record)).outputs
+    _check_numbers(model, record, bare)
     faults = []
     for e in effects:
-        if e.rate is None and e.observe is None and e.excite is None:
+        if (e.rate, e.observe, e.excite, e.regressor) == (None, None, None, None):
             continue
         for shape in e.shapes:
             fault = _fault(model, Candidate(e, shape), record, bare)

@@ -10,7 +10,7 @@ from scipy import stats
 from feltmb.data import Array
 from feltmb.fit.observe import observe_whole
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.solve import FAR, Fit
+from feltmb.fit.solve import Fit
 from feltmb.gap.criteria import ONSET_SHARE
 from feltmb.gap.findings import EventRow, LedgerCell
 from feltmb.gap.proof import outputs_by_segment
@@ -79,19 +79,23 @@ def ledger(fit: Fit, alpha: float) -> tuple[tuple[LedgerCell, ...], dict[str, fl
 def onset_of(
     segmented: SegmentedRecord, chains: Sequence[object], w: int, c: int, ny: int, fit: Fit
 ) -> float:
-    """First time in a significant cell at which the sum of squares exceeds its expectation [s]."""
+    """Time in a significant cell at which the residual becomes larger than the noise [s].
+
+    Up to the sample n at which the sum of squares exceeds its expectation by most standard
+    deviations, the onset k is the most likely place of a step of the variance from 1 to an unknown
+    s^2 > 1. It maximizes the log likelihood ratio ``(n - k) (s^2 - 1 - log s^2) / 2``, where s^2 is
+    the mean square from k to n.
+    """
     chain = chains[fit.problem.segmented_records.index(segmented)]
     values = chain.rows[w][:, -1].reshape(-1, ny)[:, c]  # type: ignore[attr-defined]
-    excess = np.cumsum(values**2 - 1.0)
-    spread = np.sqrt(2.0 * np.arange(1, values.size + 1))
-    high = np.flatnonzero(excess > FAR * spread)
+    at = np.flatnonzero(segmented.valid[w, :, c])
+    square = values[at] ** 2
+    last = int(np.argmax(np.cumsum(square - 1.0) / np.sqrt(np.arange(1, at.size + 1))))
+    count = np.arange(last + 1, 0, -1)
+    mean = np.maximum(np.cumsum(square[last::-1])[::-1] / count, 1.0)
+    onset = int(at[np.argmax(count * (mean - 1.0 - np.log(mean)))])
     first = int(segmented.segments[w, 0])
-    if high.size == 0:
-        return float(segmented.record.time[first])
-    # From there, go back to the time at which the sum began to rise.
-    at = int(high[0])
-    low = int(np.argmin(excess[: at + 1])) if at > 0 else 0
-    return float(segmented.record.time[min(first + low, segmented.record.samples - 1)])
+    return float(segmented.record.time[min(first + onset, segmented.record.samples - 1)])
 
 
 def first_act(fit: Fit) -> dict[str, float]:

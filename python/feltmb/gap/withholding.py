@@ -398,9 +398,9 @@ class _Machine:
             y = shifted(record, y[None, :], whole, lag)[0]
         y = (1.0 + sensor.gain_sd * rng.standard_normal()) * y
         y = y + sensor.offset_sd * rng.standard_normal()
-        noise = self.noise.noise(record.name)[name]
-        y = y + noise.draw(record.time, rng)
         step = sensor.quantum
+        noise = self.noise.noise(record.name)[name].without_rounding(step)
+        y = y + noise.draw(record.time, rng)
         return np.round(y / step) * step if step > 0.0 else y
 
 

@@ -293,3 +293,25 @@ def test_derivatives_by_the_input_are_exact_and_in_the_same_pass(adapter, monkey
     ):
         want = scale * (run(place + step) - run(place - step)) / (2.0 * step)
         assert np.abs(found[..., 0] - want).max() < 5e-3 * np.abs(want).max()
+
+
+def test_derivatives_belong_to_the_samples_of_an_uneven_clock(adapter):
+    """Every second sample of a stretch is missing; the others are as in the whole record."""
+    model, _, record = adapter
+    kept = np.ones(record.samples, dtype=bool)
+    kept[61:121:2] = False
+    thin = Record(
+        name="thin",
+        time=record.time[kept],
+        inputs={n: v[kept] for n, v in record.inputs.items()},
+        outputs={n: v[kept] for n, v in record.outputs.items()},
+    )
+    at, none = np.zeros(len(model.parameters)), np.zeros((1, 0))
+    found = model.sensitivities([SensitivityRequest(thin, at, whole(thin), none)])[0]
+    every = model.sensitivities([SensitivityRequest(record, at, whole(record), none)])[0]
+    run = model.simulate(thin, Jobs.at_point(at, whole(thin), none, (), np.zeros(0)))
+    assert np.abs(found.outputs - run.outputs).max() < 1e-7
+    for column in range(at.size):
+        want = every.d_theta[0, kept, :, column]
+        error = np.abs(found.d_theta[0, ..., column] - want).max()
+        assert error <= 0.02 * np.abs(want).max(), model.parameters[column].name

@@ -310,8 +310,13 @@ def test_fits_and_proof_have_their_parts_of_a_budget(monkeypatch):
     assert alone.over()
     interrupted = Watch(stop=lambda: True)
     interrupted.enter("proof on held-out records")
-    assert interrupted.over()
-    assert not interrupted.proof_over()
+    assert interrupted.proof_over()
+    assert interrupted.stopped_in == "proof on held-out records"
+    earlier = Watch(stop=lambda: True)
+    earlier.enter("search")
+    assert earlier.over()
+    earlier.enter("proof on held-out records")
+    assert not earlier.proof_over()  # it judges what the search found
 
 
 def with_cube(**limits):

@@ -28,6 +28,7 @@ from feltmb.gap.refine import refit
 from feltmb.gap.report import write_report
 from feltmb.gap.search import search
 from feltmb.gap.sizes import Size
+from feltmb.gap.where import onset_of
 
 _spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
 models = importlib.util.module_from_spec(_spec)
@@ -680,3 +681,19 @@ def test_the_probable_part_of_a_set_is_named(belief, sure, unsure):
     )
     kept, others = _probable(facts, ("a", "b"), [])
     assert ("".join(kept), "".join(others)) == (sure, unsure)
+
+
+def test_missing_samples_do_not_move_the_onset():
+    """The residual grows at 0.5 s; 60 % of the samples before and after it are missing."""
+    time = np.arange(1001) * 1e-3
+    rng = np.random.default_rng(3)
+    values = rng.standard_normal(1001) * np.where(time < 0.5, 1.0, 1.6)
+    valid = rng.random(1001) > 0.6
+    values[~valid] = 0.0
+    segmented = SimpleNamespace(
+        valid=valid[None, :, None], segments=np.array([[0, 1000]]),
+        record=SimpleNamespace(time=time, samples=1001),
+    )  # fmt: skip
+    fit = SimpleNamespace(problem=SimpleNamespace(segmented_records=[segmented]))
+    chain = SimpleNamespace(rows=[values[:, None]])
+    assert onset_of(segmented, [chain], 0, 0, 1, fit) == pytest.approx(0.5, abs=0.05)

@@ -11,6 +11,7 @@ from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import (
     Coordinate,
     Effect,
+    LinearModel,
     OdeModel,
     Options,
     Parameter,
@@ -151,6 +152,14 @@ def test_an_effect_that_is_not_the_model_at_size_zero_is_told():
     assert "lift: at magnitude zero it changes the model" in text
     assert "more: at magnitude zero it changes the input f" in text
     assert "it is called with whole arrays: use np.where" in text
+
+
+def test_a_regressor_that_raises_is_told_with_its_effect():
+    line = LinearModel(output="q", columns={"k": lambda r: r.inputs["f"]},
+                       parameters=[Parameter(name="k", value=1.0, sd=0.5)])  # fmt: skip
+    wrong = Effect(name="square", component="q", regressor=lambda r, shape: r.inputs["nix"] ** 2)
+    text = message(line, [wrong])
+    assert "square: its regressor raises KeyError: 'nix'" in text
 
 
 def test_names_that_are_none_are_told_before_the_fit():

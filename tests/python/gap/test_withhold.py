@@ -10,7 +10,7 @@ import pytest
 from feltmb.cli import main
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import Effect, LinearModel, Options, Parameter, Record, Sensor, Verdict, withhold
-from feltmb.gap.withholding import Withheld, WithheldCase, outcome_of
+from feltmb.gap.withholding import Withheld, WithheldCase, _Machine, outcome_of
 
 OPTIONS = Options(bootstrap=0, restarts=0, max_effects=1, advice=False)
 
@@ -181,3 +181,17 @@ def test_planned_records_need_a_noise():
         withhold(model(), effects(), records(), cases=1, hold_out=["nope"])
     with pytest.raises(InvalidParameter, match="two of them have the same name"):
         withhold(model(), effects() * 2, records(), cases=1)
+
+
+def test_noise_of_simulated_records_is_that_of_the_sensor_with_its_digitizer():
+    """Noise of a total sigma contains the rounding error; it is not added once more."""
+    time = np.arange(20_000) * 1e-3
+    sensor = Sensor(name="force", sigma=1e-3, quantum=1e-2)
+    quiet = Record(name="r", time=time, inputs={"u": np.sin(time)}, sensors={"force": sensor},
+                   outputs={"force": np.zeros(time.size)})  # fmt: skip
+    line = LinearModel(output="force", columns={"k": lambda r: r.inputs["u"]},
+                       parameters=[Parameter(name="k", value=0.3, sd=1e-9)])  # fmt: skip
+    machine = _Machine.of(line, [quiet])
+    shown, _ = machine.records_with(None, 0.0, np.random.default_rng(1))
+    sigma = machine.noise.noise("r")["force"].sigma
+    assert np.std(shown[0].outputs["force"] - 0.3 * np.sin(time)) == pytest.approx(sigma, rel=0.05)

@@ -282,6 +282,9 @@ def test_faults_are_told(loaded):
     unit.doStep(currentCommunicationPoint=0.0, communicationStepSize=STEP)
     with pytest.raises(FMICallException):
         unit.setFloat64([references["bodies.arm.mass"]], [1.0])
+    with pytest.raises(FMICallException):  # fixed as well; it would start anew
+        unit.setFloat64([references["rtol"]], [1e-4])
+    assert unit.getFloat64([references["time"]])[0] == pytest.approx(STEP)
 
 
 @pytest.mark.usefixtures("fmpy")

@@ -67,7 +67,7 @@ def leak(state: str, *, scale: float) -> Effect:
     )
 
 
-def power_outflow(state: str, power: float, *, scale: float) -> Effect:
+def power_outflow(state: str, power: float, *, scale: float, unit: str) -> Effect:
     """A loss proportional to a power of the state that the model does not have.
 
     Parameters
@@ -78,10 +78,13 @@ def power_outflow(state: str, power: float, *, scale: float) -> Effect:
         Power of the state.
     scale
         Magnitude that one would expect.
+    unit
+        Unit of the magnitude: with the unit m of the state and power 2, ``1/(m s)``.
     """
     return Effect(
         name=f"loss ~ {state}^{power:g}",
         component=state,
+        unit=unit,
         scale=scale,
         mechanism=f"The store loses with the power {power:g} of its level.",
         remedy="Use another law of outflow.",
@@ -89,11 +92,22 @@ def power_outflow(state: str, power: float, *, scale: float) -> Effect:
     )
 
 
-def constant_rate(state: str, *, scale: float) -> Effect:
-    """A constant inflow."""
+def constant_rate(state: str, *, scale: float, unit: str) -> Effect:
+    """A constant inflow.
+
+    Parameters
+    ----------
+    state
+        State that gains.
+    scale
+        Magnitude that one would expect.
+    unit
+        Unit of the rate of the state, for example ``m/s``.
+    """
     return Effect(
         name=f"constant inflow {state}",
         component=state,
+        unit=unit,
         scale=scale,
         mechanism="Something flows in (or out) all the time.",
         remedy="Add the constant flow.",
