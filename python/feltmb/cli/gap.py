@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -192,7 +193,7 @@ def run(
         bootstrap=bootstrap,
         seed=seed,
         resume=resume,
-        good_enough=floors(good_enough),
+        good_enough=floors(good_enough, adapter.model.units),
         profile=profile,
     )
     line = ProgressLine()
@@ -228,30 +229,35 @@ def run(
             shutil.rmtree(resume)
 
 
-def floors(texts: tuple[str, ...]) -> dict[str, float]:
-    """Practical accuracies by channel or SI unit, from ``0.2mm`` or ``CHANNEL=0.2mm``."""
-    from feltmb.units import si_value, split_quantity
+def floors(texts: tuple[str, ...], units: Mapping[str, str]) -> dict[str, float]:
+    """Practical accuracies by channel or SI unit, from ``0.2mm`` or ``CHANNEL=0.2mm``.
+
+    ``units``: SI unit of each channel of the model, if it is known. A number without a unit has
+    that of the channel.
+    """
+    from feltmb.units import number_and_unit
     from feltmb.units.names import ACCEPTED_UNITS, conversion_factor
 
     out: dict[str, float] = {}
     for text in texts:
-        channel, _, size = text.rpartition("=")
-        value, found = si_value(size), split_quantity(size)
-        if value is None or found is None or not value > 0.0 or not (found[1] or channel):
+        channel, _, size = (part.strip() for part in text.rpartition("="))
+        value, unit = number_and_unit(size) or (0.0, "")
+        if not value > 0.0 or not (unit or channel):
             raise InvalidParameter(
                 f"--good-enough {text}: expected a size with its unit, such as 0.2mm, or "
                 "CHANNEL=0.2mm"
             )
-        if channel:
-            out[channel.strip()] = value
-            continue
-        for name, (factor, _) in ACCEPTED_UNITS.items():
-            if factor != 1.0:
-                continue
+        same = [units[channel]] if units.get(channel) else []
+        base = [name for name, (factor, _) in ACCEPTED_UNITS.items() if factor == 1.0]
+        for name in same or base:
             try:
-                conversion_factor(found[1], name)
-            except InvalidParameter:
+                factor = conversion_factor(unit or name, name)
+            except InvalidParameter as error:
+                if same:
+                    raise InvalidParameter(f"--good-enough {text}: {error}") from error
                 continue
-            out[name] = value
+            out[channel or name] = value * factor
             break
+        else:
+            raise InvalidParameter(f"--good-enough {text}: unit {unit!r} is not known")
     return out

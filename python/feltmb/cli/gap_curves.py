@@ -65,7 +65,10 @@ def remaining_by_part(report: Report) -> dict[str, float]:
     if action is None:
         return {}
     left: dict[str, float] = {}
+    more_than_noise = {c.channel for c in report.remaining_cells}
     for row in report.how_far.rows:
+        if row.channel not in more_than_noise:
+            continue
         point = action.config.points.get(row.channel.rpartition(".")[0])
         beyond = (row.after / row.noise) ** 2 - 1.0 if row.noise > 0.0 else 0.0
         if row.metric == report.how_far.metric and point is not None and beyond > 0.0:

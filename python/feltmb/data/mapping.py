@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -44,6 +45,10 @@ class Signals:
     def is_input(self, name: str) -> bool:
         """Whether a signal is an input of the model."""
         return name in self.inputs or any(name in names for names in self.modes.values())
+
+
+#: Hint if a column was not recognized.
+WHICH = "--column NAME=COLUMN says which it is, in Python columns of ReadOptions"
 
 
 def clock_column(columns: Columns, specified: str = "") -> str:
@@ -113,15 +118,14 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
     place |= {n: find(n) for n in (*signals.inputs, *signals.outputs)}
     fitting = [m for m, names in signals.modes.items() if all(place[n] for n in names)]
     seen = [n for n in signals.outputs if place[n]]
-    faults = []
+    faults = _unknown_channels(signals, options)
     if signals.modes and not fitting:
         wanted = " or ".join(" and ".join(names) for names in signals.modes.values())
-        faults.append(
-            f"no column {wanted} for the input; there are {columns} (--column NAME=COLUMN says "
-            "which it is, in Python columns of ReadOptions)"
-        )
+        faults.append(f"no column {wanted} for the input; there are {columns} ({WHICH})")
     if not seen:
-        faults.append(f"none of the outputs {', '.join(signals.outputs)}; there are {columns}")
+        faults.append(
+            f"none of the outputs {', '.join(signals.outputs)}; there are {columns} ({WHICH})"
+        )
     mode: InputMode = next(iter([*fitting, *signals.modes]), "force")
     driven = (*signals.inputs, *signals.modes.get(mode, ()))
     if signals.any_inputs:
@@ -157,6 +161,23 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
         inputs={n: InputSpec(column=_other(place[n], n)) for n in driven},
         outputs={n: OutputSpec(column=_other(place[n], n)) for n in seen},
     )
+
+
+def _unknown_channels(signals: Signals, options: ReadOptions) -> list[str]:
+    """Faults of columns that are assigned to channels which the model does not have."""
+    if signals.any_inputs:
+        return []
+    modes = [n for names in signals.modes.values() for n in names]
+    known = ["time", *dict.fromkeys([*signals.inputs, *modes, *signals.outputs])]
+    faults = []
+    for name in options.columns:
+        if name not in known:
+            same = [n for n in known if n.split(".")[0] == name]
+            same = same or [n for n in known if n.startswith(name)][:3]
+            near = same or difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(known)}"
+            faults.append(f"column {options.columns[name]} for {name}: no such channel; {hint}")
+    return faults
 
 
 def _no_input(columns: Columns, column: str) -> str:

@@ -665,7 +665,7 @@ def identify(
             "critical_angles": None,
         }
     )
-    warnings: list[str] = []
+    warnings: list[str] = list(test.notes)
     thickness: _Thickness | None = None
     if test.thickness is not None and not test.reference_known:
         if np.sum(test.loading) < 8:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter
+from feltmb.fiber.cycles import find_branches
 from feltmb.files import LARGEST_TABLE, plain_text, read_text
 from feltmb.units import conversion_factor, dimension_text
 from feltmb.units.quantity import shortened, split_heading
@@ -56,6 +57,8 @@ class CompressionData:
     """Thickness of the sample [m]; None for a test by volume fraction or strain."""
     reference_known: bool = True
     """Whether the unloaded state is stated."""
+    notes: tuple[str, ...] = ()
+    """Sentences about samples of the file that are left out."""
 
     @property
     def thickest_loaded(self) -> float:
@@ -118,6 +121,25 @@ class CompressionData:
             loading=self.loading[keep],
             thickness=None if self.thickness is None else self.thickness[keep],
         )
+
+
+def _by_reversals(test: CompressionData) -> CompressionData:
+    """The test with its branches, which are found from the reversals."""
+    found = find_branches(test.v_f)
+    left_out = len(test.v_f) - len(found.kept)
+    notes = (
+        f"{found.cycles} loadings: what each loads beyond all earlier reversals and the unloading "
+        f"from the largest volume fraction are used; {left_out} samples of inner loops are left "
+        "out (a column branch with the words loading and unloading uses all samples)",
+    )
+    return replace(
+        test,
+        v_f=test.v_f[found.kept],
+        pressure=test.pressure[found.kept],
+        loading=found.loading,
+        thickness=None if test.thickness is None else test.thickness[found.kept],
+        notes=notes if left_out else (),
+    )
 
 
 def _scatter(data: CompressionData) -> float:
@@ -184,8 +206,10 @@ def read_compression(
     The header states quantity and unit. One column is ``v_f [-]``, ``strain [-]`` or ``[%]``
     (engineering, compression positive), or ``thickness [mm]``. Another one is ``pressure [kPa]``
     (Pa, MPa, N/mm^2, bar) or ``force [N]``. An optional column ``branch`` contains the words
-    loading and unloading; without it, the samples up to the largest volume fraction are loading,
-    and the rest unloading. Lines that start with ``#`` are comments. Other columns are ignored.
+    loading and unloading. Without it, the branches are found from the reversals. Of a test with
+    several cycles, loading are the samples of each loading beyond all earlier reversals, and
+    unloading are those from the largest volume fraction to the next reversal; the samples of
+    inner loops are left out. Lines that start with ``#`` are comments. Other columns are ignored.
 
     Parameters
     ----------
@@ -329,12 +353,14 @@ def read_compression(
         fault("no positive pressure, expected compression to be positive")
     if faults:
         raise DataError(_listed(faults))
+    heights = x if fraction == "thickness" else None
     if branches:
         loading = np.array([word == "loading" for word in branches])
+        made = CompressionData(v, p, loading, reference, file.stem, heights, known)
     else:
-        loading = np.arange(len(v)) <= int(np.argmax(v))
-    heights = x if fraction == "thickness" else None
-    made = CompressionData(v, p, loading, reference, file.stem, heights, known)
+        made = _by_reversals(CompressionData(
+            v, p, np.ones(len(v), dtype=np.bool_), reference, file.stem, heights, known
+        ))  # fmt: skip
     slack = slack_fault(made, thickness0) if known else ""
     if slack:
         raise DataError(f"{file}: {slack}")

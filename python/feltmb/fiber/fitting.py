@@ -460,6 +460,7 @@ def _fit(data: CompressionData, each: Sequence[_Asked], branches: Sequence[str])
             u0 = np.clip(u, low, high)
             joint.append(_minimize(optimize, asked.method, residual, u0, low, high))
         fits = _evaluate(curves, places, min(joint, key=lambda p: p[0])[1], spread, agree)
+    fits = [replace(f, warnings=(*data.notes, *f.warnings)) for f in fits]
     return _hold_given(data, asked, branches, fits)
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import sysconfig
+import traceback
+from pathlib import Path
 from types import TracebackType
 
 from feltmb.errors import FeltmbError, InvalidParameter
 
-__all__ = ["calling"]
+__all__ = ["calling", "explained"]
 
 
 class calling:
@@ -33,12 +36,12 @@ class calling:
         trace: TracebackType | None,
     ) -> None:
         if isinstance(error, Exception) and not isinstance(error, FeltmbError):
-            raise InvalidParameter(f"{self._what} raises {_explained(error)}") from error
+            raise InvalidParameter(f"{self._what} raises {explained(error)}") from error
 
 
-def _explained(error: Exception) -> str:
-    """Text of an exception, with its most likely cause."""
-    text = f"{type(error).__name__}: {error}"
+def explained(error: Exception) -> str:
+    """Text of an exception, with its line in the user's code and its most likely cause."""
+    text = f"{type(error).__name__}: {error}{_line_of(error)}"
     if "truth value of an array" in text or "only length-1 arrays" in text:
         return text + " (it is called with whole arrays: use np.where, np.maximum, np.sin)"
     if isinstance(error, (ValueError, ArithmeticError)):
@@ -47,3 +50,14 @@ def _explained(error: Exception) -> str:
             "extreme parameters)"
         )
     return text
+
+
+def _line_of(error: Exception) -> str:
+    """Line and file of the innermost call in code that is not installed; empty: there is none."""
+    installed = {Path(__file__).parents[1], Path(sysconfig.get_paths()["stdlib"])}
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        path = Path(frame.filename)
+        inside = installed & {*path.parents} or "site-packages" in path.parts
+        if path.suffix == ".py" and not inside:
+            return f" in line {frame.lineno} of {path.name}"
+    return ""

@@ -21,6 +21,7 @@ import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.fit.calling import explained
 from feltmb.fit.latest import Latest
 from feltmb.fit.watch import current, simulated
 
@@ -98,7 +99,7 @@ def call(function: Function, run: Run, outputs: tuple[str, ...]) -> Array | str:
     except FeltmbError as error:
         return str(error)
     except Exception as error:
-        return f"{type(error).__name__}: {error}"
+        return explained(error)
     if not isinstance(given, Mapping):
         raise Unusable(
             f"returned {type(given).__name__}, expected a dictionary of arrays by output: "

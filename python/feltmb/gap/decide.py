@@ -174,6 +174,13 @@ def _with_a_gap(belief: Posterior) -> Posterior:
     return replace(belief, none=0.0, other=belief.none + belief.other)
 
 
+#: Statement about parameters of which none moved for certain by itself.
+TOGETHER = (
+    "No single parameter for certain, but all of them together close the gap that the tabulated "
+    "numbers leave."
+)
+
+
 def _calibrated(facts: Facts) -> Decision:
     """Decision without a gap: the model as tabulated, or with calibrated parameters."""
     fit = facts.search.model_fit
@@ -194,10 +201,9 @@ def _calibrated(facts: Facts) -> Decision:
         own = f", with {having}" if having else ""
         text = f"The model explains the records as it is tabulated{own}: what is left is {what}."
         return _silent(facts, Verdict.NO_GAP, text + by_chance + but)
-    text = _moved(facts) or (
-        "No single parameter, but all of them together: each within its tolerance, they close the "
-        "gap that the tabulated numbers leave."
-    )
+    text = _moved(facts)
+    if not sure:
+        text = f"{TOGETHER} {text}".strip()
     having = " and ".join(g.text for g in facts.given if g.differs)
     own = f" The model has {having}." if having else ""
     nothing = f"Nothing {'else ' if having else ''}is missing: what is left is {what}."

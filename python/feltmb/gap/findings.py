@@ -67,8 +67,8 @@ class Verdict(StrEnum):
     machine."""
 
 
-#: Verdicts with which the model and its named effects explain the records.
-EXPLAINED = frozenset({Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.NAMED})
+#: Verdicts with which the model and its effects explain the records.
+EXPLAINED = frozenset({Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.NAMED, Verdict.ONE_OF})
 #: Verdicts that need no cause outside the model.
 QUIET = frozenset({Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.TOO_WEAK})
 
@@ -708,3 +708,9 @@ class Findings:
     alone."""
     stopped: str = ""
     """Stage in which the diagnosis was stopped, and why; empty: it was completed."""
+
+    @property
+    def remaining_cells(self) -> tuple[LedgerCell, ...]:
+        """Channels and times in which the final model leaves more than noise."""
+        cells = self.where.remains if self.model.included else self.where.ledger
+        return tuple(c for c in cells if c.significant)

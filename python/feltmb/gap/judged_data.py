@@ -236,9 +236,11 @@ def _with_factor(checks: DataChecks, factor: Mapping[str, float]) -> DataChecks:
         replace(c, sigma=c.sigma * factor[c.channel]) if c.channel in factor else c
         for c in checks.channels
     )
+    given = {c.channel for c in checks.channels if c.method == "sensor"}
+    known = f"given noise (assumed accurate to {GIVEN_SIGMA:.0%})"
     warnings = tuple(
-        f"{name}: neighboring samples differ by {f:.3g} times the given noise (assumed accurate "
-        f"to {GIVEN_SIGMA:.0%}); the larger noise is used"
+        f"{name}: neighboring samples differ by {f:.3g} times the "
+        f"{known if name in given else 'estimated noise'}; the larger noise is used"
         for name, f in factor.items()
     )
     return replace(checks, channels=channels, warnings=(*checks.warnings, *warnings))

@@ -11,7 +11,7 @@ import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
-from feltmb.errors import DataError
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.linearize import RUNAWAY
 from feltmb.fit.model import Model
 from feltmb.fit.observe import observe_whole
@@ -122,9 +122,7 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         for name in record.outputs:
             if name in outputs:
                 rows.append(_row(record, name, outputs[name], noise[name].sigma))
-        failed = [n for n, y in outputs.items() if n in record.outputs and np.isnan(y).all()]
-        if failed:
-            notes.append(f"{record.name}: the model gives no numbers for {', '.join(failed)}")
+        notes += _undefined(model, record, outputs)
     notes += _hints(rows)
     return GapBefore(
         model=model.name,
@@ -134,6 +132,32 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         simulated=simulated,
         notes=tuple(notes),
     )
+
+
+def _undefined(model: Model, record: Record, outputs: Mapping[str, Array]) -> list[str]:
+    """Notes about outputs that the model does not give to the end of the record.
+
+    Raises
+    ------
+    InvalidParameter
+        It gives no output after the first sample.
+    """
+    last = {
+        name: int(np.max(np.flatnonzero(np.isfinite(values)), initial=-1))
+        for name, values in outputs.items()
+        if name in record.outputs
+    }
+    if last and max(last.values()) < 1:
+        raise InvalidParameter(
+            f"model {model.name}, record {record.name}: it gives no finite values after the first "
+            f"sample of {', '.join(last)}, with the parameters at their priors"
+        )
+    return [
+        f"{record.name}: the model gives no numbers for {name} "
+        + (f"after {record.time[k]:.4g} s" if k >= 0 else "at any time")
+        for name, k in last.items()
+        if k < record.samples - 1
+    ]
 
 
 def expected_outputs(model: Model, record: Record) -> Array:

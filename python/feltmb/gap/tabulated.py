@@ -122,8 +122,12 @@ def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:
 def moved_together(fit: Fit, wide: Spread, alpha: float) -> bool:
     """Whether the fit changed the parameters, jointly, by more than noise and errors of form would.
 
-    A Wald test of the tabulated values with the posterior covariance. Parameters of run-to-run
-    variability are not properties of the machine and are omitted.
+    A Wald test of the tabulated values with the posterior covariance. If they are the true ones, a
+    direction that the records determine counts as one degree of freedom, and one that only its
+    prior determines as none. The statistic is then a sum of chi-square variables weighted with
+    the contraction of each direction. Its distribution is approximated by that of Satterthwaite
+    (1946), a scaled chi-square with equal mean and variance. Parameters of run-to-run variability
+    are not properties of the machine and are omitted.
     """
     rows = of_the_machine(fit, wide)
     interval = np.array([_deviations(i) for _, _, _, i in rows])
@@ -135,9 +139,16 @@ def moved_together(fit: Fit, wide: Spread, alpha: float) -> bool:
     correlation = wide.total[np.ix_(at, at)] / np.outer(sd[known], sd[known])
     values, vectors = np.linalg.eigh(correlation)
     kept = values > 1e-9 * values[-1]
-    along = (vectors.T @ interval[known])[kept]
-    statistic = float(np.sum(along**2 / values[kept]))
-    return bool(stats.chi2.sf(statistic, int(kept.sum())) < alpha)
+    root = vectors[:, kept] * np.sqrt(values[kept])
+    statistic = float(np.sum((root.T @ interval[known] / values[kept]) ** 2))
+    by_prior = (sd / np.array([p.sd for _, _, p, _ in rows]))[known]
+    weight = np.clip(1.0 - np.linalg.eigvalsh(root.T * by_prior**2 @ root), 0.0, 1.0)
+    square = float(weight @ weight)
+    if not square > 0.0:
+        return False
+    scale = square / float(np.sum(weight))
+    freedom = float(np.sum(weight)) ** 2 / square
+    return bool(stats.chi2.sf(statistic / scale, freedom) < alpha)
 
 
 def calibrated_rows(

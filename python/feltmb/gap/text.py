@@ -91,19 +91,27 @@ def _calibration(report: Findings) -> Iterator[Part]:
         yield f"- and {len(report.calibrated) - MOST_MOVED} more, see report.json"
     told = sum(row.share for row in report.calibrated if math.isfinite(row.share))
     fell_by = report.how_far.tabulated / max(report.how_far.before, 1.0)
-    if "calibration" in fell and fell_by > NO_GAP_RATIO and told < 0.5:
-        yield from _moved_together(report)
+    if "calibration" in fell and fell_by > NO_GAP_RATIO:
+        yield from _moved_together(report, all_pairs=told < 0.5)
     for g in report.given:
         yield f"A part of the model: {g.text}{g.remark}"
     if at_limits := report.model.at_limits:
         yield f"At a limit of its range: {', '.join(at_limits)}"
 
 
-def _moved_together(report: Findings) -> Iterator[str]:
-    """Parameters whose combination the records determine, but not each of them."""
+def _moved_together(report: Findings, *, all_pairs: bool) -> Iterator[str]:
+    """Parameters whose combination the records determine, but not each of them.
+
+    ``all_pairs``: also those of which neither parameter moved by itself.
+    """
     parameters = report.fit.problem.model.parameters
     labels = {p.name: p.title for p in parameters if p.of_the_machine}
-    pairs = [p for p in together(report.fit) if labels.keys() >= {*p[:2]}]
+    moved = {row.name for row in report.calibrated}
+    pairs = [
+        p
+        for p in together(report.fit)
+        if labels.keys() >= {*p[:2]} and (all_pairs or moved & {*p[:2]})
+    ]
     if pairs:
         rows = [f"{labels[a]} and {labels[b]} ({rho:.2f})" for a, b, rho in pairs[:MOST_PAIRS]]
         listed = ", ".join(rows)
@@ -196,8 +204,7 @@ def _remains(report: Findings) -> Iterator[Part]:
             f"What is named closes {far.closed_text} of the calibrated gap "
             f"({far.low:.0%} to {far.high:.0%})."
         )
-    named = bool(report.model.included)
-    cells = [c for c in (report.where.remains if named else report.where.ledger) if c.significant]
+    cells = report.remaining_cells
     if not cells:
         yield "No channel differs from that by more than noise at any time."
         return
@@ -207,7 +214,7 @@ def _remains(report: Findings) -> Iterator[Part]:
         f"{worst.end:.4g} s: "
         f"{_in_unit(worst.rms, _unit(report, worst.channel))}"
     )
-    if not named:
+    if not report.model.included:
         for c in [c for c in report.where.components if c.significant][:3]:
             yield f"{c.text}."
         if varying := report.where.varying_text:

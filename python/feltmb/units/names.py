@@ -18,6 +18,7 @@ __all__ = [
     "conversion_factor",
     "convert",
     "dimension_text",
+    "number_and_unit",
     "readable_unit",
     "si_value",
     "split_quantity",
@@ -121,6 +122,8 @@ def conversion_factor(unit: str, si_unit: str) -> float:
         The unit is unknown or has another dimension. Radians are a dimension of their own, because
         an angle is not a plain number; therefore ``1/s`` and ``rad/s`` differ as well.
     """
+    if unit == si_unit:
+        return 1.0
     try:
         factor, dims = _parse(unit)
     except ValueError as error:
@@ -165,17 +168,22 @@ def convert(value: float, unit: str, si_unit: str) -> float:
 _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.{0,40})?$")
 
 
+def number_and_unit(text: str) -> tuple[float, str] | None:
+    """Number and unit of a text, whether or not the unit is known; None if there is no number."""
+    match = _QUANTITY.match(text[:100])
+    return None if match is None else (float(match.group(1)), (match.group(2) or "").strip())
+
+
 def split_quantity(text: str) -> tuple[float, str] | None:
     """Number and unit of a text such as ``"300 ms"``; None if there is no known unit."""
-    match = _QUANTITY.match(text[:100])
-    if match is None:
+    found = number_and_unit(text)
+    if found is None:
         return None
-    unit = (match.group(2) or "").strip()
     try:
-        _parse(unit)
+        _parse(found[1])
     except ValueError:
         return None
-    return float(match.group(1)), unit
+    return found
 
 
 def si_value(text: str) -> float | None:

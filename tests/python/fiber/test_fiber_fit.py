@@ -7,6 +7,7 @@ import pytest
 
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fiber import CompressionData, compare, fit, pressure, read_compression
+from feltmb.fiber.cycles import find_branches
 
 TRUTHS = {
     "van_wyk": {"k_p": 0.02, "E": 2.5e9, "v_f0": 0.13},
@@ -220,3 +221,40 @@ def test_odd_compression_files_give_few_short_lines(tmp_path):
     assert len(lines) == 21
     assert lines[-1] == "... and 81 more"
     assert "\0" not in str(error.value)
+
+
+def cycles_of(depths, rng, noise):
+    """Volume fractions of a test with these largest values, and the branch of each sample."""
+    v, branch, deepest = [], [], 0.1
+    for depth in depths:
+        up = np.linspace(0.1, depth, 41)
+        v += [*up, *up[-2::-1]]
+        branch += ["loading" if x > deepest else "inner" for x in up]
+        branch += ["unloading" if depth == max(depths) else "inner"] * 40
+        deepest = max(deepest, depth)
+    return np.array(v) + noise * rng.standard_normal(len(v)), np.array(branch)
+
+
+@pytest.mark.parametrize("depths", [(0.3,), (0.2, 0.25, 0.3), (0.3, 0.2), (0.2, 0.3, 0.25)])
+def test_branches_of_several_cycles_are_the_envelopes(depths):
+    v, branch = cycles_of(depths, np.random.default_rng(2), 3e-4)
+    found = find_branches(v)
+    assert found.cycles == len(depths)
+    # The first sample of the first loading and samples in the noise of a reversal may differ.
+    kept = np.zeros(v.size, dtype=bool)
+    kept[found.kept] = True
+    assert np.sum(kept != (branch != "inner")) <= 2 + len(depths)
+    assert np.sum(found.loading != (branch[found.kept] == "loading")) <= 2 + len(depths)
+
+
+def test_inner_loops_are_left_out_and_told(tmp_path):
+    v, _ = cycles_of((0.2, 0.3), np.random.default_rng(2), 0.0)
+    rows = "\n".join(f"{x:.6f},{1e6 * x**3:.3f}" for x in v)
+    path = tmp_path / "two.csv"
+    path.write_text(f"v_f [-],pressure [Pa]\n{rows}\n", encoding="utf-8")
+    test = read_compression(path, v_f0=0.1)
+    assert "2 loadings" in test.notes[0]
+    assert np.all(np.diff(test.v_f[test.loading]) > 0.0)
+    assert np.all(np.diff(test.v_f[~test.loading]) < 0.0)
+    fitted = fit(test, "van_wyk", branch="loading")
+    assert test.notes[0] in fitted.warnings

@@ -21,6 +21,7 @@ def report(*rows):
     return SimpleNamespace(
         fit=SimpleNamespace(problem=SimpleNamespace(model=model)),
         how_far=SimpleNamespace(metric="open loop", rows=made),
+        remaining_cells=[SimpleNamespace(channel=row.channel) for row in made if row.after > 1.1],
     )
 
 
@@ -53,6 +54,8 @@ def test_the_parts_are_colored_in_the_picture_and_the_page():
 
 def test_nothing_is_drawn_where_only_noise_remains_or_there_is_no_mechanism():
     assert remaining_picture(report(("open loop", "whippen.y", 1.0))) is None
+    chance = report(("open loop", "whippen.y", 1.05))  # within the scatter of noise
+    assert remaining_picture(chance) is None
     bare = report(("open loop", "whippen.y", 3.0))
     bare.fit.problem.model.core = SimpleNamespace()
     assert remaining_by_part(bare) == {}

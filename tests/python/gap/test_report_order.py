@@ -218,11 +218,21 @@ def test_good_enough_is_a_floor(floor, verdict):
 
 
 def test_good_enough_of_the_command_line():
-    assert floors(("0.2mm", "y=3 mm")) == {"m": pytest.approx(2e-4), "y": pytest.approx(3e-3)}
-    assert floors(("0.1 N",)) == {"N": pytest.approx(0.1)}
+    units = {"y": "m", "level": "V", "bare": ""}
+    assert floors(("0.2mm", "y=3 mm"), units) == {
+        "m": pytest.approx(2e-4),
+        "y": pytest.approx(3e-3),
+    }
+    assert floors(("0.1 N", "y=2"), units) == {"N": pytest.approx(0.1), "y": 2.0}
+    assert floors(("level=5V", "bare=3 mm"), units) == {"level": 5.0, "bare": pytest.approx(3e-3)}
     for text in ("0.2", "mm", "-1mm"):
         with pytest.raises(InvalidParameter, match="expected a size with its unit"):
-            floors((text,))
+            floors((text,), units)
+    for text in ("y=1kg", "level=1mm"):
+        with pytest.raises(InvalidParameter, match="does not measure this quantity"):
+            floors((text,), units)
+    with pytest.raises(InvalidParameter, match="unit 'xyz' is not known"):
+        floors(("bare=3 xyz",), units)
     with pytest.raises(InvalidParameter, match="good_enough: got V, expected an output"):
         diagnose(line(), [], records(lambda u: u), options=replace(QUICK, good_enough={"V": 1.0}))
 

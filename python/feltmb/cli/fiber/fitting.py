@@ -234,12 +234,13 @@ def fit_command(
                     for n, row in zip(f.free, f.correlation, strict=True)
                 ],
             )
-    for f in fits:
-        for warning in f.warnings:
-            # Statements about the sample are the same for all branches.
-            same = [g.branch for g in fits if g.model == f.model and warning in g.warnings]
-            if same[0] == f.branch:
-                say(f"warning: {f.model}, {' and '.join(same)}: {warning}")
+    # Statements about the sample are the same for all laws and branches.
+    for warning in dict.fromkeys(w for f in fits for w in f.warnings):
+        same = [f for f in fits if warning in f.warnings]
+        laws = list(dict.fromkeys(f.model for f in same))
+        branches = list(dict.fromkeys(f.branch for f in same))
+        of = "all laws" if len(same) == len(fits) and len(laws) > 1 else ", ".join(laws)
+        say(f"warning: {of}, {' and '.join(branches)}: {warning}")
     if plot is not None:
         save_figure(plot_fits(fits), plot, force=force)
     # In a comparison, a law that does not fit is a result; alone, its values are meaningless.

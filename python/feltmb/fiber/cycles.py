@@ -1,0 +1,76 @@
+"""Loading and unloading of a compression test with one or several cycles."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Smallest change of the volume fraction between reversals, as a share of its range. Smaller
+#: changes are noise of the thickness.
+LEAST_CYCLE = 0.05
+
+
+@dataclass(frozen=True)
+class Branches:
+    """Samples of a test that belong to the envelopes."""
+
+    kept: NDArray[np.intp]
+    """Indices of the samples."""
+    loading: NDArray[np.bool_]
+    """Whether each of them is on the loading branch."""
+    cycles: int
+    """Number of loadings."""
+
+
+def find_branches(v_f: Array) -> Branches:
+    """Assign the samples of a test to the loading and unloading envelopes, by its reversals.
+
+    The loading envelope consists of the samples of each loading that are beyond all earlier
+    reversals, because a felt follows inner loops below them. The unloading envelope begins at the
+    largest volume fraction and ends at the next reversal. The other samples are on inner loops.
+
+    Parameters
+    ----------
+    v_f
+        Volume fraction of each sample in the order of the test [1].
+    """
+    turns = _reversals(v_f)
+    loading, unloading = [], []
+    highest, cycles = -np.inf, 0
+    densest = int(np.argmax(v_f))
+    for a, b in itertools.pairwise(turns):
+        part = np.arange(a if a == 0 else a + 1, b + 1)
+        if v_f[b] >= v_f[a]:
+            cycles += 1
+            loading.append(part[v_f[part] > highest])
+            highest = max(highest, v_f[b])
+        elif a == densest:
+            unloading.append(part)
+    kept = np.concatenate([*loading, *unloading])
+    number = sum(p.size for p in loading)
+    order = np.argsort(kept, kind="stable")
+    return Branches(kept[order], (np.arange(kept.size) < number)[order], cycles)
+
+
+def _reversals(v_f: Array) -> list[int]:
+    """First sample, reversals that exceed the noise, and last sample."""
+    least = LEAST_CYCLE * float(np.ptp(v_f))
+    turns, extreme, rising = [0], 0, True
+    for i in range(1, v_f.size):
+        change = v_f[i] - v_f[extreme]
+        if (change >= 0.0) == rising:
+            extreme = i
+        elif abs(change) > least:
+            if extreme > 0:
+                turns.append(extreme)
+            extreme, rising = i, not rising
+    if extreme > turns[-1]:
+        turns.append(extreme)
+    if turns[-1] < v_f.size - 1:
+        turns.append(v_f.size - 1)
+    return turns
