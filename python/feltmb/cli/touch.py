@@ -81,6 +81,8 @@ def command(
         screen = console()
         screen.print(touch_table(result, earlier))
         screen.print(strike_table(result))
+        for note in result.static.notes:
+            screen.print(f"Note: {note}")
         for i, source in enumerate(_sources(result), start=1):
             screen.print(f"[{i}] {source}")
         for strike in result.strikes:

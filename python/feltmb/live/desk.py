@@ -303,6 +303,8 @@ def target_rows(
 def touch_curve(action: Action) -> dict[str, Any]:
     """Force against key travel of a slow press and release, mm and N; weights in gf."""
     found = static_touch(action)
+    if found.notes:
+        raise FeltmbError("; ".join(found.notes))
     gram = 1e3 / 9.80665
     return {
         "curves": [

@@ -188,16 +188,26 @@ def test_curve_as_data(measured):
     assert press["hammer_gap"].iloc[0] == pytest.approx(48.23e-3, abs=0.02e-3)
 
 
+def test_an_action_that_cannot_be_measured_is_told_with_a_hint(action):
+    away = action.with_values({"surfaces.Gp10.point.y": 90.0})
+    with pytest.raises(FeltmbError, match=r"does not meet the let-off button.*feltmb regulate"):
+        static_touch(away)
+
+
 @pytest.mark.parametrize(
-    ("setting", "message"),
+    ("setting", "note", "missing"),
     [
-        ({"surfaces.Gp10.point.y": 90.0}, "does not meet the let-off button"),
-        ({"surfaces.Gp3.point.y": -60.0}, "does not reach its front punching"),
+        ({"surfaces.Gp3.point.y": -60.0}, "does not reach its front punching", "key_dip"),
+        ({"surfaces.Gp10.point.y": 77.5}, "the jack does not slip out", "let_off_travel"),
     ],
 )
-def test_what_cannot_be_measured_is_said(action, setting, message):
-    with pytest.raises(FeltmbError, match=message):
-        static_touch(action.with_values(setting))
+def test_an_action_that_is_not_regulated_has_weights_and_notes(action, setting, note, missing):
+    static = static_touch(action.with_values(setting))
+    assert note in " ".join(static.notes)
+    assert "feltmb regulate" in static.notes[-1]
+    assert np.isnan(getattr(static, missing))
+    assert np.isnan(static.aftertouch)
+    assert 0.0 < static.up_weight < static.down_weight < 1.0
 
 
 def test_missing_roles_are_named(action):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -44,27 +45,30 @@ def static_figure(name: str, static: StaticTouch, slow: SimulatedPress) -> Any:
         color=LIFTED,
         fontsize=8,
     )
-    top = 1.5 * s.let_off_force
-    axes.plot([1e3 * s.let_off_travel], [s.let_off_force], "o", color=PRESS, ms=6)
-    axes.annotate(
-        f"let-off\n{s.let_off_force:.2f} N at {1e3 * s.let_off_travel:.2f} mm",
-        (1e3 * s.let_off_travel, s.let_off_force),
-        xytext=(-14, 16),
-        textcoords="offset points",
-        ha="right",
-        fontsize=9,
-        color=PRESS,
-        arrowprops={"arrowstyle": "-", "color": PRESS, "lw": 0.7},
-    )
-    axes.axvline(1e3 * s.key_dip, color="k", lw=0.7, ls="-.")
-    axes.text(
-        1e3 * s.key_dip + 0.08,
-        0.03 * top,
-        "key meets\npunching",
-        fontsize=8,
-        va="bottom",
-        ha="left",
-    )
+    reached = s.let_off_force if math.isfinite(s.let_off_force) else max(s.press.force)
+    top = 1.5 * reached
+    if math.isfinite(s.let_off_travel):
+        axes.plot([1e3 * s.let_off_travel], [s.let_off_force], "o", color=PRESS, ms=6)
+        axes.annotate(
+            f"let-off\n{s.let_off_force:.2f} N at {1e3 * s.let_off_travel:.2f} mm",
+            (1e3 * s.let_off_travel, s.let_off_force),
+            xytext=(-14, 16),
+            textcoords="offset points",
+            ha="right",
+            fontsize=9,
+            color=PRESS,
+            arrowprops={"arrowstyle": "-", "color": PRESS, "lw": 0.7},
+        )
+    if math.isfinite(s.key_dip):
+        axes.axvline(1e3 * s.key_dip, color="k", lw=0.7, ls="-.")
+        axes.text(
+            1e3 * s.key_dip + 0.08,
+            0.03 * top,
+            "key meets\npunching",
+            fontsize=8,
+            va="bottom",
+            ha="left",
+        )
     axes.set_xlim(0.0, 1e3 * s.press.travel[-1] + 0.8)
     axes.set_ylim(0.0, top)
     axes.set_xlabel("travel of the key front [mm]")

@@ -23,13 +23,15 @@ if TYPE_CHECKING:
 #: Row spacing of the static path [m]; margin of the window for the weights [m]; force at its end
 #: [N].
 STEP, MARGIN, BOTTOM_FORCE = 2.5e-5, 5e-4, 10.0
+REGULATE = "the action is not regulated: feltmb regulate sets its screws"
 
 
 @dataclass(frozen=True, eq=False)
 class StaticTouch:
     """Slow press and release without inertia, friction saturated.
 
-    Forces at the finger [N]; travels of the finger's point on the key from rest [m].
+    Forces at the finger [N]; travels of the finger's point on the key from rest [m]; NaN: not
+    reached, see ``notes``.
     """
 
     down_weight: float  #: mean force of the press in the window, damper off the string
@@ -51,6 +53,7 @@ class StaticTouch:
     release: PressPath  #: path of the release
     lifted_press: PressPath  #: path within the window, damper off the string
     lifted_release: PressPath
+    notes: tuple[str, ...] = ()  #: what could not be measured, and why
 
     @property
     def friction(self) -> float:
@@ -112,8 +115,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     ModelError
         There is no equilibrium beyond some travel.
     FeltmbError
-        The jack does not meet the butt or the button, or there is no let-off, so that nothing can
-        be measured.
+        The jack does not meet the butt or the button, so that nothing can be measured.
     """
     import numpy as np
 
@@ -130,11 +132,15 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     dip = down.when(bottom)
     if take_up is None or toe is None:
         what = "the butt" if take_up is None else "the let-off button"
-        raise FeltmbError(f"touch of {action.name!r}: the jack does not meet {what} in a press")
-    if dip is None:
         raise FeltmbError(
-            f"touch of {action.name!r}: the key does not reach its front punching in a press up to "
-            f"{BOTTOM_FORCE:g} N (hammer blocked on the string?)"
+            f"touch of {action.name!r}: the jack does not meet {what} in a press; {REGULATE}"
+        )
+    notes = []
+    if dip is None:
+        dip = math.nan
+        notes.append(
+            f"the key does not reach its front punching in a press up to {BOTTOM_FORCE:g} N "
+            "(hammer blocked on the string?)"
         )
     opened = (roles["damper"],) if "damper" in roles else ()
     lifted = SlowPress(action, friction="saturated", open_contacts=opened)
@@ -151,9 +157,10 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     window = (starts + MARGIN, ends - MARGIN)
     forces = lifted_down.force[_within(lifted_down, window)]
     back = lifted_up.force[_within(lifted_up, window)]
-    row, end, tripped = _let_off(down, toe, dip)
+    row, end, tripped = _let_off(down, toe, dip if dip == dip else float(down.travel[-1]))
     if not tripped:
-        raise FeltmbError(f"touch of {action.name!r}: the jack does not slip out of the butt")
+        notes.append("the jack does not slip out of the butt: there is no let-off")
+    let_off_travel = float(down.travel[row]) if tripped else math.nan
     damper_start, down_damper = None, math.nan
     if "damper" in roles:
         start = down.when(roles["damper"])
@@ -171,15 +178,16 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
         window=window,
         take_up=take_up,
         damper_start=damper_start,
-        let_off_force=float(down.force[row]),
-        let_off_travel=float(down.travel[row]),
-        let_off_gap=float(np.min(down.gap[strike][:end])),
+        let_off_force=float(down.force[row]) if tripped else math.nan,
+        let_off_travel=let_off_travel,
+        let_off_gap=float(np.min(down.gap[strike][:end])) if tripped else math.nan,
         key_dip=dip,
-        aftertouch=dip - float(down.travel[row]),
+        aftertouch=dip - let_off_travel,
         press=down,
         release=release,
         lifted_press=lifted_down,
         lifted_release=lifted_up,
+        notes=(*notes, REGULATE) if notes else (),
     )
 
 

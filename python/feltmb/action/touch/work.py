@@ -144,6 +144,7 @@ class Touch:
             "version": _core.__version__,
             "rows": [{**vars(row), "verdict": row.verdict} for row in self.rows],
             "window": list(self.static.window),
+            "notes": list(self.static.notes),
             "curve": curve,
             "strikes": [dict(vars(strike)) for strike in self.strikes],
             "fits": {
@@ -220,7 +221,8 @@ def touch(
     say = progress or (lambda _text: None)
     say("slow press and release")
     static = static_touch(action)
-    dip = static.key_dip
+    # A key that does not reach its punching is pressed as far as it goes.
+    dip = static.key_dip if math.isfinite(static.key_dip) else float(static.press.travel[-1])
     say(f"{len(forces) + len(speeds)} strikes")
     jobs = [("pressed", f) for f in sorted(forces)] + [("struck", v) for v in sorted(speeds)]
     pool = executor if executor is not None else ThreadPoolExecutor()
