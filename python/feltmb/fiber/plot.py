@@ -371,11 +371,21 @@ def plot_history() -> Any:
 
 def plot_fits(fits: Sequence[Any]) -> Any:
     """Plot a measured curve, fitted laws and residuals."""
+    from matplotlib import colormaps
+
+    from feltmb.style import side_legend
+
     figure = new_figure(7.4, 6.0)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1.4))
     drawn: set[str] = set()
-    for number, f in enumerate(fits):
-        color = COLORS[number % len(COLORS)]
+    laws = list(dict.fromkeys(f.model for f in fits))
+    palette = COLORS
+    if len(laws) > len(COLORS):
+        palette = tuple(colormaps["tab20"](range(20)))
+    named: set[str] = set()
+    for f in fits:
+        color = palette[laws.index(f.model) % len(palette)]
+        line = "--" if f.branch == "unloading" and len(fits) > len(laws) else "-"
         if f.branch not in drawn:
             marker = "o" if f.branch != "unloading" else "s"
             top.plot(
@@ -389,7 +399,9 @@ def plot_fits(fits: Sequence[Any]) -> Any:
             drawn.add(f.branch)
         made = f.law()
         v = np.linspace(max(np.min(f.v_f), made.v_f0), np.max(f.v_f), 300)
-        top.plot(v, made.pressure(v) / 1e3, color=color, label=f"{f.model}, {f.branch}")
+        label = f.model if f.model not in named else "_"
+        named.add(f.model)
+        top.plot(v, made.pressure(v) / 1e3, line, color=color, label=label)
         order = np.argsort(f.v_f)
         bottom.plot(
             f.v_f[order], f.residuals[order] / 1e3, ".-", color=color, markersize=4, linewidth=0.7
@@ -397,7 +409,12 @@ def plot_fits(fits: Sequence[Any]) -> Any:
     bottom.axhline(0, color="black", linewidth=0.8)
     style_axes(top, "", "pressure [kPa]", fits[0].name)
     style_axes(bottom, "volume fraction $v_f$ [-]", "data - law [kPa]")
-    top.legend(frameon=False, fontsize=8)
+    if len(fits) > len(laws):
+        top.plot([], [], "--", color="#777777", label="law, unloading")
+    if len(laws) > 4:
+        side_legend(top)
+    else:
+        top.legend(frameon=False, fontsize=8)
     return figure
 
 

@@ -19,6 +19,7 @@ from feltmb.gap.checks import DataChecks, check_against, not_recorded, with_sigm
 from feltmb.gap.criteria import ALIKE, ANY_FACTOR, EXPLAINS_MOST, NEAR_UNIT, SAME_DELAY
 from feltmb.gap.smoke_test import divergence
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
+from feltmb.units import readable_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -362,11 +363,12 @@ def _figure(gap: GapBefore) -> Figure:
     figure = new_figure(9.0, 0.6 + 2.1 * count)
     axes = figure.subplots(count, 2, squeeze=False, width_ratios=(3, 2))
     by_name = {r.name: r for r in gap.records}
+    clock, shown = readable_unit(max((r.time[-1] for r in gap.records), default=0.0), "s")
     for (left, right), r in zip(axes, rows, strict=False):
         record = by_name[r.record]
         factor, unit = reader_unit(r.unit)
         unit = "" if unit == "1" else f" [{unit}]"
-        time = 1e3 * record.time
+        time = clock * record.time
         model = gap.simulated[r.record][r.channel]
         measured = record.outputs[r.channel]
         style_axes(left, y=plain_text(f"{r.channel}{unit}"))
@@ -387,7 +389,7 @@ def _figure(gap: GapBefore) -> Figure:
     if rows:
         axes[0, 0].legend(frameon=False, fontsize=8, loc="best")
     for ax in axes[-1]:
-        ax.set_xlabel("time [ms]", fontsize=8.5)
+        ax.set_xlabel(f"time [{shown}]", fontsize=8.5)
     figure.suptitle(
         plain_text(f"{gap.model}: the gap before anything is fitted"), fontsize=10.5, x=0.01,
         ha="left",

@@ -45,8 +45,8 @@ def static_figure(name: str, static: StaticTouch, slow: SimulatedPress) -> Any:
         color=LIFTED,
         fontsize=8,
     )
-    reached = s.let_off_force if math.isfinite(s.let_off_force) else max(s.press.force)
-    top = 1.5 * reached
+    # Without a let-off, the weights give the scale: the press ends at a blocked hammer or key.
+    top = 1.5 * s.let_off_force if math.isfinite(s.let_off_force) else 3.0 * s.down_weight_most
     if math.isfinite(s.let_off_travel):
         axes.plot([1e3 * s.let_off_travel], [s.let_off_force], "o", color=PRESS, ms=6)
         axes.annotate(
