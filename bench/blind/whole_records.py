@@ -136,12 +136,16 @@ def _without_process(model: Any, part: Part) -> Part:
     )
 
 
-def _noncentrality(model: Any, parts: list[Part], gap_sd: Array, effects: Sequence[Any]) -> Array:
+def _noncentrality(
+    model: Any, parts: list[Part], defect_sd: Array, effects: Sequence[Any]
+) -> Array:
     sd = np.array([p.sd for p in model.parameters])
     unit = np.concatenate([sd, [e.scale for e in effects]])
-    known = np.zeros(gap_sd.size)
+    known = np.zeros(defect_sd.size)
     gram = sum(
-        np.sum(reduce_chain(linear, gap_sd, known, known).grams, axis=0)[: unit.size, : unit.size]
+        np.sum(reduce_chain(linear, defect_sd, known, known).grams, axis=0)[
+            : unit.size, : unit.size
+        ]
         for _, linear in parts
     )
     gram = unit[:, None] * np.asarray(gram) * unit

@@ -57,7 +57,7 @@ MAY_USE = {
         "run": f"{MODEL} data",
         "fit": f"{GROUND} blas data",
         "gap": f"{GROUND} _core style data fit",
-        "adapters": f"{RUN} fit gap",
+        "adapters": f"{RUN} fit",
         "action": f"{RUN} style",
         "graphics": f"{RUN} style",
         "live": f"{RUN} fit gap adapters action graphics style __init__",

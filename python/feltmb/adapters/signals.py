@@ -1,7 +1,7 @@
 """Sensor and input effects of a mechanism's records: delay, gain, offset, tilt.
 
 Signs: a channel shows (1 + gain) times the true value plus the offset, late by the delay. This also
-holds for the channel of the input (:mod:`feltmb.gap.library.readings`). At magnitude zero, the
+holds for the channel of the input (:mod:`feltmb.data.readings`). At magnitude zero, the
 values are unchanged, bit by bit.
 """
 
@@ -13,8 +13,8 @@ import numpy as np
 
 from feltmb.adapters.library import Signal
 from feltmb.data import Array, Record
+from feltmb.data.readings import acting
 from feltmb.fit.shift import shifted
-from feltmb.gap.library.readings import acting
 
 __all__ = ["columns_of", "excite_by", "observe_by", "partners"]
 

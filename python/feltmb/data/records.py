@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.arguments import checked
+from feltmb.data.readings import true_input
 from feltmb.errors import DataError
 
 __all__ = ["Array", "InputMode", "Record", "Reference", "Role", "Sensor", "StartPrior"]
@@ -280,9 +281,8 @@ class Record:
     ) -> Record:
         """Copy of the record, with an input converted from its sensor reading to the true value.
 
-        The sensor shows ``gain * low_pass(u)(t - delay) + offset``. The low-pass is inverted with
-        the slope of the reading. This increases the noise, and ``input_sigma`` is changed
-        accordingly. Before and after the record, the input is constant.
+        See :func:`feltmb.data.readings.true_input`. Inverting a low-pass increases the noise, and
+        ``input_sigma`` is changed accordingly.
 
         Parameters
         ----------
@@ -304,14 +304,18 @@ class Record:
             )
         # The same limits as for the sensor of an output.
         Sensor(name=name, delay=delay, bandwidth=bandwidth, gain=gain, offset=offset)
-        acted = (self.inputs[name] - offset) / gain
+        acted = true_input(
+            self.time,
+            self.inputs[name],
+            delay=delay,
+            bandwidth=bandwidth,
+            gain=gain,
+            offset=offset,
+        )
         sigma = self.input_sigma.get(name, 0.0) / abs(gain)
         if math.isfinite(bandwidth):
             forget = 1.0 / (2.0 * math.pi * bandwidth)
-            acted = acted + forget * np.gradient(acted, self.time)
             sigma *= math.hypot(1.0, forget / (math.sqrt(2.0) * self.interval))
-        if delay != 0.0:
-            acted = np.interp(self.time + delay, self.time, acted)
         return replace(
             self.with_inputs({name: acted}),
             input_sigma={**self.input_sigma, name: sigma} if sigma > 0.0 else self.input_sigma,

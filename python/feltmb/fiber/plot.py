@@ -373,8 +373,6 @@ def plot_fits(fits: Sequence[Any]) -> Any:
     """Plot a measured curve, fitted laws and residuals."""
     from matplotlib import colormaps
 
-    from feltmb.style import side_legend
-
     figure = new_figure(7.4, 6.0)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1.4))
     drawn: set[str] = set()
@@ -412,7 +410,8 @@ def plot_fits(fits: Sequence[Any]) -> Any:
     if len(fits) > len(laws):
         top.plot([], [], "--", color="#777777", label="law, unloading")
     if len(laws) > 4:
-        side_legend(top)
+        beside = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "borderaxespad": 0.0}
+        top.legend(frameon=False, fontsize=8, **beside)
     else:
         top.legend(frameon=False, fontsize=8)
     return figure

@@ -3,6 +3,7 @@
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.fmu import fmu_model
 from feltmb.fit.inclusion import Including, including
+from feltmb.fit.limits import InputLimits, Limits
 from feltmb.fit.linear import FunctionModel, LinearModel
 from feltmb.fit.model import (
     VARIABILITY,
@@ -34,7 +35,9 @@ __all__ = [
     "Exposed",
     "FunctionModel",
     "Including",
+    "InputLimits",
     "Jobs",
+    "Limits",
     "LinearModel",
     "Memory",
     "Model",

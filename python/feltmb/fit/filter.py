@@ -64,7 +64,7 @@ class Chain:
 
 def reduce_chain(
     linear: Linear,
-    gap_sd: Array,
+    defect_sd: Array,
     start_mean: Array,
     start_sd: Array,
     damping: Array | None = None,
@@ -76,7 +76,7 @@ def reduce_chain(
 
     Parameters
     ----------
-    gap_sd
+    defect_sd
         Standard deviation of the continuity defect, by state [its unit].
     start_mean, start_sd
         Prior of the first state minus its present value, and its standard deviation.
@@ -110,7 +110,7 @@ def reduce_chain(
     carry_x[known, known] = weight
     carry_c[known, -1] = weight * start_mean[known]
     log_dets = np.zeros(count)
-    inverse = 1.0 / gap_sd
+    inverse = 1.0 / defect_sd
     for w in range(count):
         last = w == count - 1
         extra = 0 if last else nx
@@ -134,7 +134,7 @@ def reduce_chain(
             x[at : at + nx, mi : mi + nx] = -inverse[:, None] * linear.ends_by_state[w]
             x[at : at + nx, mi + nx :] = np.diag(inverse)
             y[at : at + nx, :-1] = -inverse[:, None] * linear.ends_by_global[w]
-            y[at : at + nx, -1] = inverse * linear.gap[w]
+            y[at : at + nx, -1] = inverse * linear.defect[w]
             at += nx
         if pulled:
             assert damping is not None

@@ -60,7 +60,7 @@ class Linear:
     """Whitened residual and derivatives of one record at one point; rows: samples x channels.
 
     A step d changes the residual to ``residual - J d``, and the continuity defect to
-    ``gap - (ends' d - d_next)``.
+    ``defect - (ends' d - d_next)``.
     """
 
     residual: Array
@@ -72,7 +72,7 @@ class Linear:
     by_input: Array
     """(W, m, mi): standard normal variables that represent the noise of the inputs, then the
     deviations of parameters between segments (:func:`varying`)."""
-    gap: Array
+    defect: Array
     """Continuity defect: end of a segment minus start of the next, (W - 1, nx)."""
     ends_by_state: Array
     """(W, nx, nx)"""
@@ -214,7 +214,7 @@ def _linear(
         by_state=white[..., :nx],
         by_global=white[..., nx : nx + ng],
         by_input=white[..., nx + ng :],
-        gap=_tame(s.ends[:-1] - place.starts[1:]),
+        defect=_tame(s.ends[:-1] - place.starts[1:]),
         ends_by_state=_tame(s.d_starts_ends) if nx else np.zeros((count, 0, 0)),
         ends_by_global=_tame(ends_by_global),
         ends_by_input=_tame(ends_by_input),

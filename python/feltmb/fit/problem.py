@@ -165,7 +165,7 @@ class Problem:
         return stated + 0.5 * float(np.linalg.slogdet(known)[1])
 
     def cost(
-        self, point: Point, gap_sd: Array, linears: Sequence[Linear]
+        self, point: Point, defect_sd: Array, linears: Sequence[Linear]
     ) -> tuple[float, list[Array]]:
         """Sum of squares, and its part by segment of every record; infinite if a simulation fails.
 
@@ -174,7 +174,9 @@ class Problem:
         """
         current().step()
         seen = self.predict(point)
-        return self._cost(point, gap_sd, linears, [(residual, gap) for _, residual, gap in seen])
+        return self._cost(
+            point, defect_sd, linears, [(residual, defect) for _, residual, defect in seen]
+        )
 
     def predict(self, point: Point) -> list[tuple[Array, Array, Array]]:
         """Outputs, whitened residual and continuity defects of each record.
@@ -200,29 +202,29 @@ class Problem:
         return found
 
     def cost_at(
-        self, point: Point, gap_sd: Array, linears: Sequence[Linear]
+        self, point: Point, defect_sd: Array, linears: Sequence[Linear]
     ) -> tuple[float, list[Array]]:
         """Sum of squares at the point of the linearization, without a simulation."""
-        seen = [(np.where(x.good[:, None], x.residual, np.inf), x.gap) for x in linears]
-        return self._cost(point, gap_sd, linears, seen)
+        seen = [(np.where(x.good[:, None], x.residual, np.inf), x.defect) for x in linears]
+        return self._cost(point, defect_sd, linears, seen)
 
     def _cost(
         self,
         point: Point,
-        gap_sd: Array,
+        defect_sd: Array,
         linears: Sequence[Linear],
         seen: Sequence[tuple[Array, Array]],
     ) -> tuple[float, list[Array]]:
         total, parts = 0.0, []
-        for segmented, place, linear, (residual, gap) in zip(
+        for segmented, place, linear, (residual, defect) in zip(
             self.segmented_records, point.places, linears, seen, strict=True
         ):
             with np.errstate(over="ignore", invalid="ignore"):
                 part = np.sum(residual**2, axis=1)
-                if gap.shape[1]:
-                    tied = np.sum((gap / gap_sd) ** 2, axis=1)
+                if defect.shape[1]:
+                    tied = np.sum((defect / defect_sd) ** 2, axis=1)
                     part[:-1] += tied
-                    part -= _by_input_noise(linear, residual, gap, gap_sd)
+                    part -= _by_input_noise(linear, residual, defect, defect_sd)
                     mean, sd = self.start_prior(segmented)
                     known = np.isfinite(sd)
                     part[0] += np.sum(
@@ -281,7 +283,7 @@ class Problem:
         self,
         point: Point,
         linears: Sequence[Linear],
-        gap_sd: Array,
+        defect_sd: Array,
         damping: Sequence[Array | None] | None = None,
         *,
         keep_rows: bool = False,
@@ -297,7 +299,7 @@ class Problem:
             chains.append(
                 reduce_chain(
                     linear,
-                    gap_sd,
+                    defect_sd,
                     offset,
                     sd,
                     None if damping is None else damping[i],
@@ -495,7 +497,7 @@ class Problem:
                     starts[i][w + 1, base:] = run.ends[0, base:]
 
 
-def _by_input_noise(linear: Linear, residual: Array, gap: Array, gap_sd: Array) -> Array:
+def _by_input_noise(linear: Linear, residual: Array, defect: Array, defect_sd: Array) -> Array:
     """Part of the sum of squares that the noise of the inputs explains, by segment (W,).
 
     |v|^2 - min over u of |v - A u|^2 + |u|^2, where u are standard normal variables.
@@ -503,13 +505,13 @@ def _by_input_noise(linear: Linear, residual: Array, gap: Array, gap_sd: Array) 
     count, _, mi = linear.by_input.shape
     if mi == 0:
         return np.zeros(count)
-    tied = np.zeros((count, gap.shape[1], mi))
-    tied[:-1] = -linear.ends_by_input[:-1] / gap_sd[:, None]
-    full_gap = np.zeros((count, gap.shape[1]))
-    full_gap[:-1] = gap / gap_sd
+    tied = np.zeros((count, defect.shape[1], mi))
+    tied[:-1] = -linear.ends_by_input[:-1] / defect_sd[:, None]
+    full_defect = np.zeros((count, defect.shape[1]))
+    full_defect[:-1] = defect / defect_sd
     with np.errstate(invalid="ignore", over="ignore"):
         pull = np.einsum("wmi,wm->wi", linear.by_input, residual)
-        pull += np.einsum("wni,wn->wi", tied, full_gap)
+        pull += np.einsum("wni,wn->wi", tied, full_defect)
     matrix = np.einsum("wmi,wmj->wij", linear.by_input, linear.by_input, optimize=True)
     matrix += np.einsum("wni,wnj->wij", tied, tied, optimize=True) + np.eye(mi)
     good = np.all(np.isfinite(pull), axis=1) & np.all(np.isfinite(matrix), axis=(1, 2))

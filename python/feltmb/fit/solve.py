@@ -124,7 +124,7 @@ class Fit:
     point: Point
     level: float
     """Continuity defect as a share of the spread of the states."""
-    gap_sd: Array
+    defect_sd: Array
     cost: float
     """Sum of squares including priors and continuity defects."""
     chi2: float
@@ -253,16 +253,16 @@ def inverse_scaled(matrix: Array) -> Array:
 def _optimize(
     problem: Problem,
     point: Point,
-    gap_sd: Array,
+    defect_sd: Array,
     settings: FitSettings,
     iterations: int,
 ) -> tuple[Point, float, list[Linear], bool]:
     """Minimize from a point, or read the result from the store of the problem."""
-    minimize = _minimize if gap_sd.size else _minimize_whole
+    minimize = _minimize if defect_sd.size else _minimize_whole
     if problem.store is None:
-        return minimize(problem, point, gap_sd, settings, iterations)
+        return minimize(problem, point, defect_sd, settings, iterations)
     linears = problem.linear(point)
-    cost, parts = problem.cost_at(point, gap_sd, linears)
+    cost, parts = problem.cost_at(point, defect_sd, linears)
     key = digest_of(
         package_digest(),  # another version of the code may find another minimum
         cost,
@@ -270,7 +270,7 @@ def _optimize(
         *(x.by_global for x in linears),  # versions of a model may differ in derivatives only
         point.theta,
         point.magnitudes,
-        gap_sd,
+        defect_sd,
         iterations,
         settings.decrement,
         settings.worth,
@@ -294,7 +294,7 @@ def _optimize(
         ]
         linears = problem.linear(found, known=noise)
         return found, float(known["cost"]), linears, bool(known["converged"])
-    found, cost, linears, converged = minimize(problem, point, gap_sd, settings, iterations)
+    found, cost, linears, converged = minimize(problem, point, defect_sd, settings, iterations)
     if current().stopping():  # the search may have been stopped
         return found, cost, linears, converged
     arrays = {"theta": found.theta, "magnitudes": found.magnitudes}
@@ -310,13 +310,13 @@ def _optimize(
 def _minimize(
     problem: Problem,
     point: Point,
-    gap_sd: Array,
+    defect_sd: Array,
     settings: FitSettings,
     iterations: int,
 ) -> tuple[Point, float, list[Linear], bool]:
     """Levenberg-Marquardt with separate damping for every segment."""
     linears = problem.linear(point)
-    cost, parts = problem.cost_at(point, gap_sd, linears)
+    cost, parts = problem.cost_at(point, defect_sd, linears)
     samples = problem.samples
     lam = 1e-4
     damping = [np.zeros(s.count) for s in problem.segmented_records]
@@ -326,14 +326,14 @@ def _minimize(
         accepted = False
         for _ in range(8):
             used = [d if np.any(d) else None for d in damping]
-            normal = problem.normal(point, linears, gap_sd, used)
+            normal = problem.normal(point, linears, defect_sd, used)
             scaled = lam * np.diag(normal.matrix)
             attempt, gain = problem.step(point, normal, scaled, linears)
             predicted = cost - relaxed(problem, point, normal) + gain
             least = max(settings.decrement, COARSE * max(cost - 4.0 * samples, 0.0))
             if predicted < least:
                 return point, cost, linears, True
-            new, new_parts = problem.cost(attempt, gap_sd, linears)
+            new, new_parts = problem.cost(attempt, defect_sd, linears)
             if new < cost:
                 accepted = True
                 break
@@ -352,7 +352,7 @@ def _minimize(
         # Near the minimum, the derivatives by the input noise hardly change.
         near = cost - new < 0.05 * new
         linears = problem.linear(point, known=linears if near else None)
-        cost, parts = problem.cost_at(point, gap_sd, linears)
+        cost, parts = problem.cost_at(point, defect_sd, linears)
         if done:
             return point, cost, linears, True
     return point, cost, linears, False
@@ -361,7 +361,7 @@ def _minimize(
 def _minimize_whole(
     problem: Problem,
     point: Point,
-    gap_sd: Array,
+    defect_sd: Array,
     settings: FitSettings,
     iterations: int,
 ) -> tuple[Point, float, list[Linear], bool]:
@@ -372,12 +372,12 @@ def _minimize_whole(
     of twice the length is therefore tried.
     """
     linears = problem.linear(point)
-    cost, _ = problem.cost_at(point, gap_sd, linears)
+    cost, _ = problem.cost_at(point, defect_sd, linears)
     radius, trusted = RADIUS, False
     for _ in range(iterations):
         if current().stopping():
             return point, cost, linears, False
-        normal = problem.normal(point, linears, gap_sd)
+        normal = problem.normal(point, linears, defect_sd)
         promised = normal.gain(problem.newton(point, normal))
         least = max(settings.decrement, COARSE * max(cost - 4.0 * problem.samples, 0.0))
         if promised < least:
@@ -393,7 +393,7 @@ def _minimize_whole(
             if gain < least or (best is not None and length < 1.01 * best[3]):
                 break
             attempt = problem.moved(point, normal, delta, linears)
-            new, _ = problem.cost(attempt, gap_sd, linears)
+            new, _ = problem.cost(attempt, defect_sd, linears)
             ratio = (cost - new) / gain
             if best is None and not ratio > TAKEN:
                 radius, failed = min(radius, length) * (0.5 if ratio > -1.0 else 0.2), length
@@ -413,7 +413,7 @@ def _minimize_whole(
             max(radius, 2.0 * length) if ratio > GOOD else length * (1.0 if ratio > 0.3 else 0.5)
         )
         linears = problem.linear(point)
-        cost, _ = problem.cost_at(point, gap_sd, linears)
+        cost, _ = problem.cost_at(point, defect_sd, linears)
         if done:
             return point, cost, linears, True
     return point, cost, linears, False
@@ -451,7 +451,7 @@ def relaxed(problem: Problem, point: Point, normal: Normal) -> float:
 
 
 def evidence_at(
-    problem: Problem, normal: Normal, cost: float, gap_sd: Array, linears: Sequence[Linear]
+    problem: Problem, normal: Normal, cost: float, defect_sd: Array, linears: Sequence[Linear]
 ) -> float:
     """Log marginal likelihood over states and inputs at given parameters (Laplace)."""
     value = -0.5 * cost
@@ -460,8 +460,8 @@ def evidence_at(
     ):
         value -= float(np.sum(chain.log_dets))
         value += problem.log_start_prior(segmented, linear)
-        if gap_sd.size:
-            value -= (segmented.count - 1) * float(np.sum(np.log(gap_sd)))
+        if defect_sd.size:
+            value -= (segmented.count - 1) * float(np.sum(np.log(defect_sd)))
     return value
 
 
@@ -469,14 +469,14 @@ def _finish(
     problem: Problem,
     point: Point,
     level: float,
-    gap_sd: Array,
+    defect_sd: Array,
     cost: float,
     linears: list[Linear],
     converged: bool,
 ) -> Fit:
-    normal = problem.normal(point, linears, gap_sd)
+    normal = problem.normal(point, linears, defect_sd)
     chi2, dof = 0.0, 0.0
-    states = len(gap_sd)
+    states = len(defect_sd)
     step = problem.newton(point, normal) if not problem.frozen else None
     for segmented, chain, own in zip(
         problem.segmented_records, normal.chains, normal.columns, strict=True
@@ -494,11 +494,11 @@ def _finish(
         problem=problem,
         point=point,
         level=level,
-        gap_sd=gap_sd,
+        defect_sd=defect_sd,
         cost=cost,
         chi2=chi2,
         dof=max(dof, 1.0),
-        log_evidence=evidence_at(problem, normal, cost, gap_sd, linears),
+        log_evidence=evidence_at(problem, normal, cost, defect_sd, linears),
         converged=converged,
         notes=(),
         linears=tuple(linears),
@@ -506,20 +506,20 @@ def _finish(
     )
 
 
-def finish(problem: Problem, point: Point, level: float, gap_sd: Array) -> Fit:
+def finish(problem: Problem, point: Point, level: float, defect_sd: Array) -> Fit:
     """Make a fit of a point without a search."""
     linears = problem.linear(point)
-    cost, _ = problem.cost_at(point, gap_sd, linears)
-    return _finish(problem, point, level, gap_sd, cost, linears, True)
+    cost, _ = problem.cost_at(point, defect_sd, linears)
+    return _finish(problem, point, level, defect_sd, cost, linears, True)
 
 
 def polish(problem: Problem, point: Point, level: float, settings: FitSettings) -> Fit:
     """Fit from a good start at one level."""
-    gap_sd = level * problem.scale(point)
+    defect_sd = level * problem.scale(point)
     found, cost, linears, converged = _optimize(
-        problem, point, gap_sd, settings, settings.iterations
+        problem, point, defect_sd, settings, settings.iterations
     )
-    if settings.chain and gap_sd.size and level < 0.1:
+    if settings.chain and defect_sd.size and level < 0.1:
         bar = _limit_of_noise(problem.samples)
         # A chain of segments may be in a local minimum that one simulation from the first state
         # avoids.
@@ -527,13 +527,13 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
             if cost < bar:
                 break
             closed = chained(problem, found)
-            if not problem.cost(closed, gap_sd, linears)[0] < 1e6 * cost:
+            if not problem.cost(closed, defect_sd, linears)[0] < 1e6 * cost:
                 break
-            other = _optimize(problem, closed, gap_sd, settings, settings.iterations)
+            other = _optimize(problem, closed, defect_sd, settings, settings.iterations)
             if not other[1] < cost - 0.5:
                 break
             found, cost, linears, converged = other
-    return _finish(problem, found, level, gap_sd, cost, linears, converged)
+    return _finish(problem, found, level, defect_sd, cost, linears, converged)
 
 
 def chained(problem: Problem, point: Point) -> Point:
@@ -577,9 +577,9 @@ def at_level(
     iterations: int,
 ) -> Fit:
     """Fit at one level; segments in a local minimum are corrected before the next level."""
-    gap_sd = level * (problem.scale(point) if scale is None else scale)
-    found, cost, linears, converged = _optimize(problem, point, gap_sd, settings, iterations)
-    fit = _finish(problem, found, level, gap_sd, cost, linears, converged)
+    defect_sd = level * (problem.scale(point) if scale is None else scale)
+    found, cost, linears, converged = _optimize(problem, point, defect_sd, settings, iterations)
+    fit = _finish(problem, found, level, defect_sd, cost, linears, converged)
     fixed = fit if scale is None else replace(fit, problem=replace(problem, state_scale=scale))
     tried = _rescue(fixed, settings)
     return tried if tried.cost < cost else fit
@@ -603,7 +603,7 @@ def _led(problem: Problem, point: Point, settings: FitSettings, limit: float = F
     far as the model follows it; the part after that contains no usable information yet. With the
     fitted parameters the model follows it further, and the fit is repeated.
     """
-    gap_sd = np.zeros(0)
+    defect_sd = np.zeros(0)
     way = settings.coarser(0.5)
     lengths = np.array([s.record.samples for s in problem.segmented_records])
     until, onward = np.zeros_like(lengths), ONWARD
@@ -625,7 +625,7 @@ def _led(problem: Problem, point: Point, settings: FitSettings, limit: float = F
         point = _optimize(
             replace(problem, segmented_records=beginnings),
             replace(point, memo={}),
-            gap_sd,
+            defect_sd,
             way,
             STAGE,
         )[0]
@@ -681,12 +681,12 @@ def _descend(
         point, linears = tried.point, list(tried.linears)
         if scale is None:  # after the first level the states are close to the machine
             scale = problem.scale(point)
-        gap_sd = level * scale
-        cost, _ = problem.cost_at(point, gap_sd, linears)
+        defect_sd = level * scale
+        cost, _ = problem.cost_at(point, defect_sd, linears)
         if i == 0:
             loose, loosest = point, cost
-        normal = problem.normal(point, linears, gap_sd)
-        value = evidence_at(problem, normal, cost, gap_sd, linears)
+        normal = problem.normal(point, linears, defect_sd)
+        value = evidence_at(problem, normal, cost, defect_sd, linears)
         if best is None or value > best[0]:
             best, poor = (value, level, point), 0
         else:
@@ -715,13 +715,13 @@ def _rescue(fit: Fit, settings: FitSettings) -> Fit:
     """Restart bad segments from the end of the previous segment, or the mean of the neighbors."""
     for attempt in range(2):
         stuck = _stuck(fit)
-        if not any(s.any() for s in stuck) or not fit.gap_sd.size:
+        if not any(s.any() for s in stuck) or not fit.defect_sd.size:
             return fit
         places = []
         for i, (place, bad) in enumerate(zip(fit.point.places, stuck, strict=True)):
             starts = place.starts.copy()
             linear = fit.linears[i]
-            ends = starts[1:] + linear.gap
+            ends = starts[1:] + linear.defect
             for w in np.flatnonzero(bad):
                 # The residual of a segment may be caused by its own start or by that of the next
                 # one.
@@ -790,7 +790,7 @@ def _across_jumps(fit: Fit, settings: FitSettings) -> Fit:
         reach = problem.reach
         delta[: reach.size][np.isfinite(reach)] *= ACROSS / length
         beyond = problem.moved(point, fit.normal, delta, linears)
-        if not np.isfinite(problem.cost(beyond, fit.gap_sd, linears)[0]):
+        if not np.isfinite(problem.cost(beyond, fit.defect_sd, linears)[0]):
             break
         other = polish(problem, replace(beyond, memo={}), fit.level, brief)
         if not other.cost < fit.cost - SAME:

@@ -25,6 +25,7 @@ from feltmb.fit import (
     State,
     including,
 )
+from feltmb.fit.limits import FurtherSensor, InputLimits, Limits, PartTest
 from feltmb.gap.checks import DataChecks, check_records
 from feltmb.gap.designs import Design, DesignedExperiment, design, draw_experiment
 from feltmb.gap.diagnosis import diagnose, fit_model
@@ -49,7 +50,7 @@ from feltmb.gap.findings import (
     Which,
 )
 from feltmb.gap.information import Belief
-from feltmb.gap.limits import FurtherSensor, InputLimits, Limits, PartTest, read_limits
+from feltmb.gap.limits import read_limits
 from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured
 from feltmb.gap.options import Options
 from feltmb.gap.overlay import GapBefore, GapBeforeRow, check

@@ -610,7 +610,7 @@ def _follows(outcome: Outcome) -> bool:
     """
     fit = outcome.fit
     return not np.isfinite(fit.cost) or bool(
-        fit.gap_sd.size and fit.level > 1.01 * outcome.model.level
+        fit.defect_sd.size and fit.level > 1.01 * outcome.model.level
     )
 
 

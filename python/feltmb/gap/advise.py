@@ -68,7 +68,7 @@ def _without_effects(model: Fit, best: Fit) -> Fit:
     Parameters that compensate a missing effect, and the defects beside it, change the signatures.
     """
     point = best.problem.carry(best.point, (), np.zeros(0))
-    if model.gap_sd.size:
+    if model.defect_sd.size:
         point = continuous(model.problem, point)
     return replace(model, point=replace(point, memo={}))
 
@@ -79,7 +79,7 @@ def _advice(
     """Advice for each pair of a cause and its rival. ``sizes``: magnitudes of the causes [unit]."""
     problem = fit.problem
     every = tuple(t for pair in pairs for t in pair)
-    normal = problem.normal(fit.point, problem.linear(fit.point, every), fit.gap_sd)
+    normal = problem.normal(fit.point, problem.linear(fit.point, every), fit.defect_sd)
     known = of_normal(problem.model, problem, fit.point, normal, every)
     belief = Belief(weights={t.name: 1.0 for t in every}, magnitudes=sizes)
     knowledge = Knowledge.start(problem.model, every, belief, [known])

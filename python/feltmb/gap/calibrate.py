@@ -95,7 +95,7 @@ def calibrate(
             store=None,
         )
         point = replace(fit.point, memo={})
-        linear_fit = finish(problem, point, fit.level, fit.gap_sd)
+        linear_fit = finish(problem, point, fit.level, fit.defect_sd)
         refitted = polish(problem, point, fit.level, settings)
         excess.append(_largest(refitted, included) - _largest(linear_fit, included))
     stretch = max(1.0, 1.0 + float(np.mean(excess)) / max(float(np.mean(maxima)), 1e-12))
@@ -141,7 +141,7 @@ def largest_statistic(
         return 0.0
     alone = [c for c in found.sets if len(c.names) == 1 and c.fit.level == fit.level]
     # With continuity defects, an unfinished fit may be held back by its start states.
-    ended = [c for c in alone if c.fit.converged or not fit.gap_sd.size]
+    ended = [c for c in alone if c.fit.converged or not fit.defect_sd.size]
     realized = {c.names[0]: fit.cost - c.fit.cost for c in ended}
     size = scores.one_step()
     while True:
@@ -157,7 +157,7 @@ def largest_statistic(
         again = refit(fit, (t,), np.array([size[i] * t.effect.scale]), way)
         if again.level != fit.level:
             again = polish(again.problem, replace(again.point, memo={}), fit.level, way)
-        if fit.gap_sd.size and not again.converged:
+        if fit.defect_sd.size and not again.converged:
             return float(statistic[i])
         realized[t.name] = fit.cost - again.cost if np.isfinite(again.cost) else 0.0
 

@@ -74,7 +74,7 @@ def component_table(fit: Fit, tight: Fit | None, alpha: float) -> tuple[Componen
         significant there, because the states of that fit are closer to the machine.
     """
     ports = fit.problem.model.ports
-    if not ports or not fit.gap_sd.size:
+    if not ports or not fit.defect_sd.size:
         return ()
     knots = np.arange(KNOTS) / (KNOTS - 1)
     near = np.abs(knots[:, None] - knots[None, :]) * np.sqrt(3.0) / 0.5
@@ -120,7 +120,7 @@ def _tested(fit: Fit, prior: Array) -> list[_Tested]:
     for i, segmented in enumerate(fit.problem.segmented_records):
         linear, count = _with_forces(fit, i)
         mean, sd = fit.problem.start_prior(segmented)
-        chain = reduce_chain(linear, fit.gap_sd, mean - fit.point.places[i].starts[0], sd)
+        chain = reduce_chain(linear, fit.defect_sd, mean - fit.point.places[i].starts[0], sd)
         first = chain.grams.shape[1] - 1 - count
         for j in range(len(ports)):
             own = slice(first + j * KNOTS, first + (j + 1) * KNOTS)

@@ -503,7 +503,7 @@ def _signs(facts: Facts) -> str:
     first = facts.first
     text = f"sum of squares {_ratio(first):.3g} of its expectation"
     other = facts.misfit.other
-    if other > unknown_gain(facts.options.alpha) and not first.bare.gap_sd.size:
+    if other > unknown_gain(facts.options.alpha) and not first.bare.defect_sd.size:
         text += f", an unknown smooth signal gains {other:.0f} units of log evidence over noise"
     if facts.p > refuted(facts.options.alpha):
         return text

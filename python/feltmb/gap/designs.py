@@ -26,6 +26,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import Store
+from feltmb.fit.limits import FurtherSensor, Limits, PartTest
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.checks import with_sigma
 from feltmb.gap.further_sensors import Sensors, offered
@@ -38,7 +39,6 @@ from feltmb.gap.information import (
     informations,
     planned,
 )
-from feltmb.gap.limits import FurtherSensor, Limits, PartTest
 from feltmb.gap.measured import open_effects
 from feltmb.gap.profiles import FAMILIES, Profile
 from feltmb.gap.score import all_candidates

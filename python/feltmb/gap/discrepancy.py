@@ -59,7 +59,7 @@ def discrepancy_of(
     """
     best = search.model_fit if search.best is None else search.best.fit
     tight = best
-    if best.gap_sd.size and not best.problem.model.chaotic:
+    if best.defect_sd.size and not best.problem.model.chaotic:
         tight = polish(best.problem, best.point, settings.levels[-1], replace(settings, chain=True))
         if not np.isfinite(tight.cost):
             tight = best

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 from feltmb.data import Sensor
 from feltmb.errors import InvalidParameter
+from feltmb.fit.limits import FurtherSensor
 from feltmb.fit.model import Model
 from feltmb.gap.criteria import BETTER_SENSOR
-from feltmb.gap.limits import FurtherSensor
 from feltmb.style import reader_unit
 from feltmb.units import unit_suffix
 

@@ -304,7 +304,7 @@ def linearized(
         point = problem.start(theta=np.array([at[p.name] for p in own.parameters]))
         if theta is not None:  # the start states are those of the prior values
             point = continuous(problem, point)
-        gap_sd = level * problem.scale(point)
+        defect_sd = level * problem.scale(point)
         linears = problem.linear(point, candidates)
         if not all(np.all(x.good) for x in linears):
             return None
@@ -314,7 +314,7 @@ def linearized(
                 [1.0 / way[n] if n in way else float(n not in kept.outputs) for n in own.outputs]
             )
             read = [_read_by(x, share) for x in linears]
-            normal = problem.normal(point, read, gap_sd)
+            normal = problem.normal(point, read, defect_sd)
             if not np.all(np.isfinite(normal.matrix)):
                 return None
             square = float(sum(np.sum(x.residual**2) for x in read))

@@ -271,7 +271,7 @@ def _recolored(
     tight = tighten(again, task.settings)
     if misfit(again, tight, alpha=alpha, estimated=False).left:
         return None
-    plain = fit.log_evidence + (0.0 if fit.gap_sd.size else white.other)
+    plain = fit.log_evidence + (0.0 if fit.defect_sd.size else white.other)
     if first.best is not None:
         plain = max(plain, first.best.fit.log_evidence)
     gain = again.log_evidence + _log_weights(colored) - plain - _log_weights(segmented_records)

@@ -266,4 +266,4 @@ def with_other_noise(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> Fit:
     if fit.problem.segmented_records is sensed:
         return fit
     problem = replace(fit.problem, segmented_records=sensed)
-    return finish(problem, replace(fit.point, memo={}), fit.level, fit.gap_sd)
+    return finish(problem, replace(fit.point, memo={}), fit.level, fit.defect_sd)

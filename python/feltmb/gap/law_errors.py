@@ -84,7 +84,7 @@ def law_errors(fit: Fit, settings: FitSettings) -> LawErrors:
     """
     laws = [p for p in _free(fit) if p.of_the_machine and _unit(p) > 0.0]
     segments = max((s.count for s in fit.problem.segmented_records), default=0)
-    if not laws or not fit.gap_sd.size or segments < 2:
+    if not laws or not fit.defect_sd.size or segments < 2:
         return LawErrors(-math.inf)
     if not np.isfinite(fit.log_evidence) or not fit.chi2 < FAR * fit.dof:
         return LawErrors(-math.inf)
@@ -101,7 +101,7 @@ def law_errors(fit: Fit, settings: FitSettings) -> LawErrors:
             problem = replace(
                 now.problem,
                 model=_varied(now.problem.model, {best.parameter: best.sd}),
-                state_scale=fit.gap_sd / fit.level,
+                state_scale=fit.defect_sd / fit.level,
             )
             fitted = polish(problem, replace(now.point, memo={}), now.level, way)
             step += full_evidence(fitted, 1.0) - full_evidence(now, 1.0) - linear
@@ -155,11 +155,11 @@ def _screened(fit: Fit, laws: Sequence[Parameter]) -> list[tuple[VaryingLaw, flo
             )
             for x in linears
         ]
-        normal = problem.normal(point, mixed, fit.gap_sd)
+        normal = problem.normal(point, mixed, fit.defect_sd)
         gain = normal.gain(problem.newton(point, normal))
         cost = relaxed(problem, point, normal) - gain
         volume = posterior_volume(problem, point, normal)
-        return evidence_at(problem, normal, cost, fit.gap_sd, mixed) + volume
+        return evidence_at(problem, normal, cost, fit.defect_sd, mixed) + volume
 
     without = evidence(given)
     out = []

@@ -32,7 +32,7 @@ ITERATIONS, WIDTH = 8, 3
 HORIZONS, NEAR = (0.5, 0.65, 0.8, 0.9), 4.0
 #: Growth factor of the records up to the first of these stages, and the shortest share.
 GROWTH, SHORTEST = 1.5, 0.1
-NO_GAPS = np.zeros(0)
+NO_DEFECTS = np.zeros(0)
 
 Progress = Callable[[str, int, int], None]
 Key = tuple[str, ...]
@@ -54,7 +54,7 @@ def lead(
     model, start = problem.model, problem.start()
     if model.states() or not problem.has_priors:
         return []
-    tabulated = problem.cost_at(start, NO_GAPS, problem.linear(start))[0]
+    tabulated = problem.cost_at(start, NO_DEFECTS, problem.linear(start))[0]
     if tabulated < NEAR * problem.samples:
         return []
     total = sum(e.weight for e in effects)
@@ -106,7 +106,7 @@ def _shares(problem: Problem, start: Point) -> list[float]:
     while shares[0] > SHORTEST:
         first = _until(problem, shares[0])
         point = replace(start, memo={})
-        if first.cost_at(point, NO_GAPS, first.linear(point))[0] < NEAR * first.samples:
+        if first.cost_at(point, NO_DEFECTS, first.linear(point))[0] < NEAR * first.samples:
             break
         shares.insert(0, shares[0] / GROWTH)
     return shares
@@ -148,7 +148,7 @@ class _Stage:
             # astray.
             problem, point = self.begins[best.key]
             base = self._here(problem)
-            at = finish(base, replace(point, memo={}), 1.0, NO_GAPS)
+            at = finish(base, replace(point, memo={}), 1.0, NO_DEFECTS)
             scores = score_fit(at, tuple(t for t in self.candidates if t.name not in best.names))
             tried: set[str] = set()
             for s in screen_sets(scores, largest=1):

@@ -73,7 +73,7 @@ def misfit(
     other = 0.0
     if tight is not None and tight is not fit:
         other = fit.log_evidence - tight.log_evidence
-    elif not reference.gap_sd.size:
+    elif not reference.defect_sd.size:
         other = smooth_discrepancy(reference).largest
     above = reference.chi2 > squares_of_noise(alpha, reference.dof)
     far = bool(above and 0.5 * (reference.chi2 - reference.dof) > allowed)

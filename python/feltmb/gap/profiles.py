@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.gap.limits import InputLimits, Limits
+from feltmb.fit.limits import InputLimits, Limits
 
 __all__ = ["FAMILIES", "Family", "Profile", "ease"]
 

@@ -77,7 +77,7 @@ class Outcome:
     def segmented(self) -> tuple[Array, ...]:
         """Residual by record, (n, ny) in units of the channels, with re-estimated start states."""
         fit = self.fit
-        if fit.gap_sd.size and not np.isclose(SEGMENTED_LEVEL, fit.level):
+        if fit.defect_sd.size and not np.isclose(SEGMENTED_LEVEL, fit.level):
             fit = polish(fit.problem, fit.point, SEGMENTED_LEVEL, self.settings)
         return tuple(residuals_by_segment(fit))
 
@@ -85,7 +85,7 @@ class Outcome:
     def tight(self) -> Fit:
         """Residual with tightly connected segments: their start states are those of one run."""
         fit, tightest = self.fit, self.settings.levels[-1]
-        if fit.gap_sd.size and fit.level > tightest:
+        if fit.defect_sd.size and fit.level > tightest:
             settings = replace(self.settings, chain=True)
             tight = polish(fit.problem, fit.point, tightest, settings)
             fit = tight if tight.cost < np.inf else fit
@@ -169,7 +169,7 @@ def evaluate(
     fit = from_other_starts(fit, way) if like is None else from_other_starts(fit, way, most=1)
     density = _density(base, fit, model)
     found = Outcome(fit, density, settings, model)
-    if not fit.gap_sd.size:
+    if not fit.defect_sd.size:
         return found
     starts = [fit.point]
     if like is not None:
@@ -191,7 +191,7 @@ def second_start(found: Outcome, like: Outcome) -> Outcome:
     The states of tightly connected segments may be in a local minimum, which the records do not
     reveal: they are explained, but less well than by the other model.
     """
-    if not found.fit.gap_sd.size:
+    if not found.fit.defect_sd.size:
         return found
     return _better(found, _carried(found, like), found.fit.level)
 
@@ -260,7 +260,7 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
     """Log predictive density by segment, with the posterior distribution of the parameters."""
     loose = replace(base, frozen=False)
     linears = loose.linear(fit.point)
-    normal = loose.normal(fit.point, linears, fit.gap_sd, keep_heads=True)
+    normal = loose.normal(fit.point, linears, fit.defect_sd, keep_heads=True)
     count = normal.shared
     covariance = model.covariance
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
@@ -288,7 +288,7 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
         for j, (_, _, s) in enumerate(segmented.nuisances):
             right[at] -= place.nuisances[j] / s
             at += 1
-    gaps = float(np.sum(np.log(fit.gap_sd))) if fit.gap_sd.size else 0.0
+    gaps = float(np.sum(np.log(fit.defect_sd))) if fit.defect_sd.size else 0.0
     out = []
     known_so_far, before = 0.0, 0.5 * float(right @ solve_scaled(height, right))
     before -= 0.5 * float(np.linalg.slogdet(height)[1])

@@ -131,7 +131,7 @@ def refit(
     start, before, promised = _reachable(problem, base, included, magnitudes)
     first = polish(problem, start, base.level, settings)
     short = short_of(promised, before - first.cost)
-    if first.gap_sd.size:
+    if first.defect_sd.size:
         fit = _tightened(first, base.level, settings)
         if not short:
             return fit
@@ -166,7 +166,7 @@ def refit_at(
 
 def _tightened(fit: Fit, level: float, settings: FitSettings, *, patient: bool = False) -> Fit:
     """The fit with tighter continuity defects, as long as that helps."""
-    if not fit.gap_sd.size:
+    if not fit.defect_sd.size:
         return fit
     problem = fit.problem
     levels = list(settings.levels)
@@ -195,15 +195,15 @@ def _reachable(
     old = {t.name: s for t, s in zip(base.included, base.point.magnitudes, strict=True)}
     kept = np.array([old.get(t.name, 0.0) for t in included])
     plain = base.problem.carry(base.point, included, kept)
-    gap_sd = base.level * problem.scale(plain)
+    defect_sd = base.level * problem.scale(plain)
     linears = problem.linear(plain)
-    best, least = plain, problem.cost_at(plain, gap_sd, linears)[0]
-    normal = problem.normal(plain, linears, gap_sd)
+    best, least = plain, problem.cost_at(plain, defect_sd, linears)[0]
+    normal = problem.normal(plain, linears, defect_sd)
     promised = problem.step(plain, normal, 0.0, linears)[1]
     before = relaxed(problem, plain, normal)
     for share in (1.0, 0.3, 0.1):
         point = replace(plain, magnitudes=kept + share * (magnitudes - kept), memo={})
-        cost = problem.cost(point, gap_sd, linears)[0]
+        cost = problem.cost(point, defect_sd, linears)[0]
         if cost < 4.0 * least:
             return point, before, promised
         if cost < least:
@@ -219,7 +219,7 @@ def from_priors(fit: Fit, settings: FitSettings) -> Fit:
     """
     problem = fit.problem
     known = [i for i in problem.free if np.isfinite(problem.model.parameters[i].sd)]
-    if problem.frozen or not fit.gap_sd.size or not known:
+    if problem.frozen or not fit.defect_sd.size or not known:
         return fit
     if fit.converged and fit.within_priors:
         return fit
@@ -250,7 +250,7 @@ def taken_over(fit: Fit) -> Point:
 
 def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
     """The fit with the tightest defects; None if it has them or cannot be simulated with them."""
-    if not fit.gap_sd.size or fit.level <= settings.levels[-1]:
+    if not fit.defect_sd.size or fit.level <= settings.levels[-1]:
         return None
     problem, tightest = fit.problem, settings.levels[-1]
     point = fit.point
@@ -298,7 +298,7 @@ def tempered(fit: Fit, settings: FitSettings) -> Fit | None:
     if problem.frozen or not fit.prior_deviation.size:
         return None
     point = _at_noise(problem, fit.point, TEMPERED[0], settings)
-    return finish(problem, replace(point, memo={}), fit.level, fit.gap_sd)
+    return finish(problem, replace(point, memo={}), fit.level, fit.defect_sd)
 
 
 def annealed(

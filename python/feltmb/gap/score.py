@@ -182,7 +182,7 @@ def score_fit(
     problem = fit.problem
     if linears is None:
         linears = problem.linear(fit.point, candidates)
-    normal = problem.normal(fit.point, linears, fit.gap_sd)
+    normal = problem.normal(fit.point, linears, fit.defect_sd)
     known = len(problem.free) + len(problem.included)
     e = np.arange(known, known + len(candidates))
     # A parameter at a limit that would have to cross it cannot absorb a signature.

@@ -42,7 +42,7 @@ Progress = Callable[[str, int, int], None]
 #: log evidence.
 NESTED = 1.0
 #: Note of a model that is best with the tightest defects, although tightening had left that fit.
-CLOSED = "gaps closed again"
+CLOSED = "continuity defects closed again"
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +226,7 @@ def _again(
         problem = other(c.fit.problem)
         if not rescore:
             return CandidateSet(c.fit.in_problem(problem), c.evidence)
-        fit = finish(problem, replace(c.fit.point, memo={}), c.fit.level, c.fit.gap_sd)
+        fit = finish(problem, replace(c.fit.point, memo={}), c.fit.level, c.fit.defect_sd)
         return CandidateSet(fit, full_evidence(fit, hunt.total))
 
     # Larger sets may only compensate the error of large steps; they are built again from the best
@@ -332,7 +332,7 @@ class _Hunt:
         Scores at a fit without continuity defects hardly change if it gains less than ``RIVAL``.
         """
         better = self._freed()
-        if better is None or better.gap_sd.size:
+        if better is None or better.defect_sd.size:
             return better
         if better.log_evidence > self.model_fit.log_evidence + RIVAL:
             return better
@@ -394,9 +394,9 @@ class _Hunt:
         near, scores = self.model_fit, self.scores
         if self.near is not None:
             near, scores = self.near, score_fit(self.near, self.candidates)
-        elif not near.gap_sd.size:
+        elif not near.defect_sd.size:
             self._anneal()
-        if self.explained and not near.gap_sd.size:
+        if self.explained and not near.defect_sd.size:
             # The scores of a model that explains the records are valid except at jumps of its
             # derivatives. Sets of effects whose own fits contradict their scores are not fitted.
             self._singles(near, scores)
@@ -483,7 +483,7 @@ class _Hunt:
             return None
         best, base = self._best().fit, self.model_fit
         bare = best.problem.carry(best.point, (), np.zeros(0))
-        return finish(base.problem, bare, best.level, best.gap_sd[: len(base.gap_sd)])
+        return finish(base.problem, bare, best.level, best.defect_sd[: len(base.defect_sd)])
 
     def _least(self, base: Fit, at: Scores) -> float:
         """Linear evidence below which an addition to a fit is not refitted."""
@@ -498,7 +498,7 @@ class _Hunt:
 
         As ``worth_of``, this does not limit fits with continuity defects.
         """
-        if base.gap_sd.size or not self.done:
+        if base.defect_sd.size or not self.done:
             return -np.inf
         own = full_evidence(base, self.total) if base.included else self.start
         return self._best().evidence - own - NEAR_BEST
@@ -628,7 +628,7 @@ class _Hunt:
             return
         self.shaped.add(c.key)
         tightest = self.settings.levels[-1]
-        loose = not c.fit.explains or (c.fit.gap_sd.size and c.fit.level > tightest)
+        loose = not c.fit.explains or (c.fit.defect_sd.size and c.fit.level > tightest)
         if not loose and not off_grid(c.fit):
             return
         self._tell("shapes: " + " + ".join(c.names))
@@ -747,7 +747,7 @@ class _Hunt:
             fit
             for fit in fits
             if len(fit.included) < len(own)
-            and np.array_equal(fit.gap_sd, c.fit.gap_sd[: fit.gap_sd.size])
+            and np.array_equal(fit.defect_sd, c.fit.defect_sd[: fit.defect_sd.size])
             and fit.problem.segmented_records is c.fit.problem.segmented_records
             and all(own.get(t.name) == repr(t.shape) for t in fit.included)
         ]

@@ -25,6 +25,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import digest_of, is_file, make_folder, read_json, read_toml, write_text
+from feltmb.fit.limits import FurtherSensor, Limits
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.criteria import WORTH_TELLING
 from feltmb.gap.designs import Design, design, sensors_now
@@ -32,7 +33,7 @@ from feltmb.gap.diagnosis import diagnose
 from feltmb.gap.findings import Verdict
 from feltmb.gap.further_sensors import Sensors
 from feltmb.gap.information import MAGNITUDES, Belief
-from feltmb.gap.limits import FurtherSensor, Limits, read_sensors
+from feltmb.gap.limits import read_sensors
 from feltmb.gap.measured import Measured, read_measured, with_measured
 from feltmb.gap.options import Options
 from feltmb.gap.plan_files import read_request, request_file, write_design

@@ -72,7 +72,7 @@ def smooth_discrepancy(fit: Fit) -> SmoothDiscrepancy:
     if not np.isfinite(fit.cost):
         return SmoothDiscrepancy(0.0, 0.0)
     problem = fit.problem
-    normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
+    normal = problem.normal(fit.point, fit.linears, fit.defect_sd, keep_rows=True)
     # What a limit stops cannot absorb a signal. The same quantities must be free in the residual
     # and in G: a residual that they could still reduce would look like a signal without bound.
     step, free = problem.newton_within(fit.point, normal)

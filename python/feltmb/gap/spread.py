@@ -73,7 +73,7 @@ def spread(fit: Fit, form: float = 0.0, *, shapes: bool = True) -> Spread:
     if places:
         columns = [_columns(fit, k, i) for k, i in places]
         linears = [_with(x, [c[n] for c in columns], shared) for n, x in enumerate(fit.linears)]
-        matrix = fit.problem.normal(fit.point, linears, fit.gap_sd).matrix.copy()
+        matrix = fit.problem.normal(fit.point, linears, fit.defect_sd).matrix.copy()
         for j in range(len(places)):
             matrix[shared + j, shared + j] += 1.0 / WIDE**2
     everything = inverse_scaled(matrix)

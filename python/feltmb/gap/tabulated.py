@@ -389,7 +389,7 @@ def fitted_starts(fit: Fit, tight: Fit | None, settings: FitSettings) -> dict[st
 
     ``tight``: the fit with the tightest continuity defects, whose start states are close.
     """
-    if not fit.gap_sd.size:
+    if not fit.defect_sd.size:
         return found_starts(fit)
     near = fit if tight is None else tight
     point = replace(fit.point, places=near.point.places, memo={})
@@ -403,7 +403,7 @@ def found_starts(*fits: Fit) -> dict[str, Array]:
     """Fitted start state by record; the first block of a record is used."""
     out: dict[str, Array] = {}
     for fit in fits:
-        if not fit.gap_sd.size and not any(p.starts.size for p in fit.point.places):
+        if not fit.defect_sd.size and not any(p.starts.size for p in fit.point.places):
             continue
         for s, place in zip(fit.problem.segmented_records, fit.point.places, strict=True):
             out.setdefault(s.record.name, place.starts[0])

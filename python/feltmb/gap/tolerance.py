@@ -217,7 +217,7 @@ def without_several(fit: Fit, settings: FitSettings) -> Fit:
     """
     far = beyond_prior(fit)
     # Continuity defects could explain the records instead of the model.
-    torn = fit.gap_sd.size > 0 and fit.level > settings.levels[-1]
+    torn = fit.defect_sd.size > 0 and fit.level > settings.levels[-1]
     if len(far) < 2 or torn or not fit.explains:
         return fit
     freed = without_tolerances(fit, far, fit.point, settings)

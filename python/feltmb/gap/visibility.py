@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
+from feltmb.fit.limits import no_test_of
 from feltmb.gap.confusion import confused_groups, confusion_if_detected
 from feltmb.gap.criteria import BEST_PART, CONFUSED, WORTH_TELLING
 from feltmb.gap.information import Knowledge
-from feltmb.gap.measured import no_test_of
 from feltmb.units import readable_unit, unit_suffix
 
 __all__ = [

@@ -26,7 +26,7 @@ def ledger(fit: Fit, alpha: float) -> tuple[tuple[LedgerCell, ...], dict[str, fl
     the states are subtracted according to their leverage.
     """
     problem = fit.problem
-    normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
+    normal = problem.normal(fit.point, fit.linears, fit.defect_sd, keep_rows=True)
     rows = []
     for segmented, chain in zip(problem.segmented_records, normal.chains, strict=True):
         assert chain.rows is not None

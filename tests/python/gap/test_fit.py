@@ -43,7 +43,7 @@ def random_linear(generator, segments=4, m=7, nx=2, ng=3, mi=2):
         by_state=draw((segments, m, nx)),
         by_global=draw((segments, m, ng)),
         by_input=draw((segments, m, mi)),
-        gap=draw((segments - 1, nx)),
+        defect=draw((segments - 1, nx)),
         ends_by_state=draw((segments, nx, nx)),
         ends_by_global=draw((segments, nx, ng)),
         ends_by_input=draw((segments, nx, mi)),
@@ -51,7 +51,7 @@ def random_linear(generator, segments=4, m=7, nx=2, ng=3, mi=2):
     )
 
 
-def dense(linear, gap_sd, start_mean, start_sd):
+def dense(linear, defect_sd, start_mean, start_sd):
     """All rows of the same problem: (states and input noise, globals, right-hand side)."""
     segments, m, nx = linear.by_state.shape
     ng, mi = linear.by_global.shape[2], linear.by_input.shape[2]
@@ -80,9 +80,9 @@ def dense(linear, gap_sd, start_mean, start_sd):
                     w, i
                 ]
                 row(
-                    own / gap_sd[i],
-                    -linear.ends_by_global[w, i] / gap_sd[i],
-                    linear.gap[w, i] / gap_sd[i],
+                    own / defect_sd[i],
+                    -linear.ends_by_global[w, i] / defect_sd[i],
+                    linear.defect[w, i] / defect_sd[i],
                 )
     for i in range(nx):
         own = np.zeros(width)
@@ -95,9 +95,9 @@ def dense(linear, gap_sd, start_mean, start_sd):
 def test_filter_is_the_dense_projection():
     generator = np.random.default_rng(3)
     linear = random_linear(generator)
-    gap_sd, mean, sd = np.array([0.3, 0.02]), np.array([0.1, -0.2]), np.array([0.5, 2.0])
-    chain = reduce_chain(linear, gap_sd, mean, sd)
-    x, g, r = dense(linear, gap_sd, mean, sd)
+    defect_sd, mean, sd = np.array([0.3, 0.02]), np.array([0.1, -0.2]), np.array([0.5, 2.0])
+    chain = reduce_chain(linear, defect_sd, mean, sd)
+    x, g, r = dense(linear, defect_sd, mean, sd)
     q, upper = np.linalg.qr(x)
     left = np.column_stack([g, r])
     left = left - q @ (q.T @ left)

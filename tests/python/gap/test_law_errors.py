@@ -106,7 +106,7 @@ def test_the_gain_is_the_ratio_of_the_marginal_likelihoods(share):
     records = [drift(seed, share) for seed in range(3)]
     fit = fitted(records)
     found = law_errors(fit, FitSettings())
-    (defect,) = fit.gap_sd
+    (defect,) = fit.defect_sd
     gains = [exact(records, s, defect) - exact(records, 0.0, defect) for s in SHARES]
     assert found.tested
     assert found.gain == pytest.approx(mean(gains), abs=0.02)
@@ -141,7 +141,7 @@ def test_the_posterior_contains_the_errors_of_form(seed):
     records = [drift(seed + k, 0.2) for k in range(2)]
     settings = FitSettings(restarts=0)
     found = search(fitted(records), [RAMP], settings, most=1)
-    (defect,) = found.model_fit.gap_sd
+    (defect,) = found.model_fit.defect_sd
     assert found.tight_fit is None
     # There are no free defects, but they have half of the probability of an unknown cause.
     listed, unknown = 1.0 - NO_EFFECT - NOT_LISTED, 0.5 * NOT_LISTED

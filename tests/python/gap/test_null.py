@@ -163,7 +163,7 @@ def test_a_refitted_candidate_counts_by_its_decrease_with_the_same_continuity_de
     checks = check_records(records, models.NOMINAL.outputs)
     problem = Problem(models.NOMINAL, prepare(models.NOMINAL, records, checks, None))
     fit = fit_problem(problem, FitSettings(restarts=0))
-    assert fit.gap_sd.size
+    assert fit.defect_sd.size
     candidates = all_candidates([models.DRY])
     scores = score_fit(fit, candidates)
     _, maxima = family_threshold(scores, 0.01)

@@ -44,14 +44,14 @@ def test_heads_are_the_densities_of_the_beginnings():
         by_state=draw((segments, m, nx)),
         by_global=np.zeros((segments, m, 0)),
         by_input=draw((segments, m, mi)),
-        gap=draw((segments - 1, nx)),
+        defect=draw((segments - 1, nx)),
         ends_by_state=draw((segments, nx, nx)),
         ends_by_global=np.zeros((segments, nx, 0)),
         ends_by_input=draw((segments, nx, mi)),
         good=np.ones(segments, dtype=bool),
     )
-    gap_sd, start, start_sd = np.array([0.3, 0.02]), np.array([0.1, -0.2]), np.array([0.5, 2.0])
-    chain = reduce_chain(linear, gap_sd, start, start_sd, keep_heads=True)
+    defect_sd, start, start_sd = np.array([0.3, 0.02]), np.array([0.1, -0.2]), np.array([0.5, 2.0])
+    chain = reduce_chain(linear, defect_sd, start, start_sd, keep_heads=True)
 
     # Forwards: every state as a mean and columns of unit normal numbers.
     width = nx + segments * (mi + nx)
@@ -76,11 +76,11 @@ def test_heads_are_the_densities_of_the_beginnings():
         assert found == pytest.approx(expected, rel=1e-9)
         if w == segments - 1:
             break
-        so_far += -0.5 * chain.grams[w][-1, -1] - chain.log_dets[w] - np.sum(np.log(gap_sd))
-        mean = linear.ends_by_state[w] @ mean + linear.gap[w]
+        so_far += -0.5 * chain.grams[w][-1, -1] - chain.log_dets[w] - np.sum(np.log(defect_sd))
+        mean = linear.ends_by_state[w] @ mean + linear.defect[w]
         columns = linear.ends_by_state[w] @ columns
         columns[:, at : at + mi] += linear.ends_by_input[w]
-        columns[:, at + mi : at + mi + nx] += np.diag(gap_sd)
+        columns[:, at + mi : at + mi + nx] += np.diag(defect_sd)
 
 
 @pytest.fixture(scope="module")

@@ -171,7 +171,7 @@ def test_tolerances_stay_where_the_fit_explains_nothing_or_is_torn():
     assert without_several(strained, SETTINGS) is strained
     fit = fitted(means, NARROW)
     loose = 2.0 * SETTINGS.levels[-1]
-    torn = replace(fit, gap_sd=np.ones(1), level=loose)
+    torn = replace(fit, defect_sd=np.ones(1), level=loose)
     assert without_several(torn, SETTINGS) is torn
 
 

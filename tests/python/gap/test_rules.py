@@ -275,13 +275,13 @@ def test_segments_that_run_away_leave_finite_numbers():
         by_state=np.zeros(shape),
         by_global=np.zeros(shape),
         by_input=np.full((2, 4, 3), 1e12) * np.array([1.0, 1.0 + 1e-16, 0.0]),
-        gap=np.zeros((1, 1)),
+        defect=np.zeros((1, 1)),
         ends_by_state=np.zeros((2, 1, 1)),
         ends_by_global=np.zeros((2, 1, 1)),
         ends_by_input=np.zeros((2, 1, 3)),
         good=np.ones(2, dtype=bool),
     )
-    part = _by_input_noise(linear, linear.residual, linear.gap, np.ones(1))
+    part = _by_input_noise(linear, linear.residual, linear.defect, np.ones(1))
     assert np.allclose(part, 4.0)  # the two columns explain all of it
 
 
@@ -461,7 +461,7 @@ def test_two_effects_that_held_out_records_do_not_excite_are_both_named(decided)
 )
 def test_what_held_out_records_refuse(gain, p, expected, level, refused):
     cost = 1.0 if np.isfinite(level) else np.inf
-    own = SimpleNamespace(level=level, cost=cost, gap_sd=np.ones(2))
+    own = SimpleNamespace(level=level, cost=cost, defect_sd=np.ones(2))
     after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
     attempt = object.__new__(_Attempt)
     attempt.inflation, attempt.options = 1.0, Options()
@@ -472,7 +472,7 @@ def test_what_held_out_records_refuse(gain, p, expected, level, refused):
 
 def _fault_of(monkeypatch, paired, *, expected, level=0.01, parameter="", inflation=1.0):
     """Reason against the only effect of a set, whose held-out gain is given."""
-    own = SimpleNamespace(level=level, cost=1.0, gap_sd=np.ones(2))
+    own = SimpleNamespace(level=level, cost=1.0, defect_sd=np.ones(2))
     after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
     attempt = object.__new__(_Attempt)
     attempt.alone, attempt.inflation, attempt.options = {"a": 99.0}, inflation, Options()

@@ -251,7 +251,7 @@ def test_a_rival_that_is_behind_its_prediction_is_fitted_again(monkeypatch):
             return fit
         off = fit.point.magnitudes + 3.0 * fit.intervals()[-1].sd
         ended.append(
-            finish(fit.problem, replace(fit.point, magnitudes=off, memo={}), 1.0, fit.gap_sd)
+            finish(fit.problem, replace(fit.point, magnitudes=off, memo={}), 1.0, fit.defect_sd)
         )
         return ended[-1]
 

@@ -15,10 +15,10 @@ from feltmb.adapters.library import Signal, load_library
 from feltmb.adapters.signals import excite_by, observe_by
 from feltmb.cli.stroke import summary_table
 from feltmb.data import Record
+from feltmb.data.readings import acting
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Candidate, Jobs
 from feltmb.gap import library
-from feltmb.gap.library.readings import acting
 from feltmb.run.events import Change, name_events
 from feltmb.run.quasistatic import SlowPress, simulated_press
 from feltmb.run.results import let_off_words

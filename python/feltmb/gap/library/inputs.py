@@ -1,7 +1,7 @@
 """Input effects: errors in the record of an input, or errors of the drive.
 
 Gain, offset and delay are errors of the record, with the sign convention of a sensor
-(:mod:`feltmb.gap.library.readings`). Nonlinearity, saturation and dead zone belong to the drive.
+(:mod:`feltmb.data.readings`). Nonlinearity, saturation and dead zone belong to the drive.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from feltmb.data import Array, Record
+from feltmb.data.readings import ReadingError, acting
 from feltmb.fit import Effect, EffectKind
 from feltmb.gap.library.curve import curve
-from feltmb.gap.library.readings import ReadingError, acting
 
 
 def _input(
