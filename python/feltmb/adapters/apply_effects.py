@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from feltmb.adapters.library import Entry
 from feltmb.adapters.variants import changed_config
@@ -12,9 +12,7 @@ __all__ = ["action_with_effects"]
 
 
 def action_with_effects(
-    action: Action,
-    entries: Sequence[tuple[Entry, float, float | None]],
-    conditions: Mapping[str, float | str] | None = None,
+    action: Action, entries: Sequence[tuple[Entry, float, float | None]]
 ) -> Action:
     """Mechanism with tolerances and effects of given magnitudes.
 
@@ -23,8 +21,6 @@ def action_with_effects(
     entries
         (entry, magnitude [its unit], shape or None); sensor and input effects do not change a
         mechanism.
-    conditions
-        Conditions of the record, for effects that depend on a condition.
 
     Returns
     -------
@@ -32,7 +28,7 @@ def action_with_effects(
         The mechanism in SI units. Notes and sources of the file are removed, because they describe
         the old values. If nothing changed, the original object is returned.
     """
-    config = changed_config(action.config, entries, conditions or {})
+    config = changed_config(action.config, entries, {})
     if config is action.config:
         return action
     raw = config.model_dump(mode="json", by_alias=True, exclude_none=True)

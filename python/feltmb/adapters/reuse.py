@@ -42,32 +42,16 @@ def _key(model: Model, request: SensitivityRequest) -> tuple[object, ...]:
     )
 
 
+#: Largest changes of parameters, start states and magnitudes for which derivatives are reused, in
+#: their scales, and number of points that are kept.
+THETA, STARTS, MAGNITUDES, KEPT = 0.5, 2.0, 0.5, 64
+
+
 class Reuse:
-    """Cache of derivatives.
+    """Cache of derivatives."""
 
-    Parameters
-    ----------
-    theta_sd
-        Largest change of the parameters for which derivatives are reused, in their scales.
-    start_scale
-        Largest change of the start states, in their scales.
-    size_scale
-        Largest change of the magnitudes of effects, in their scales.
-    """
-
-    def __init__(
-        self,
-        theta_sd: float = 0.5,
-        start_scale: float = 2.0,
-        size_scale: float = 0.5,
-        keep: int = 64,
-    ):
-        self.theta_sd = theta_sd
-        self.start_scale = start_scale
-        self.size_scale = size_scale
-        self._kept: Latest[tuple[object, ...], Kept] = Latest(keep)
-        self.hits = 0
-        self.misses = 0
+    def __init__(self) -> None:
+        self._kept: Latest[tuple[object, ...], Kept] = Latest(KEPT)
 
     def clear(self) -> None:
         """Remove all derivatives."""
@@ -89,10 +73,8 @@ class Reuse:
         )
         kept = self._kept.find(key)
         if kept is not None and self._near(kept, theta, magnitudes, starts, units):
-            self.hits += 1
             run = model.simulate(request.record, request.jobs())
             return replace(kept.value, outputs=run.outputs, ends=run.ends)
-        self.misses += 1
         value = compute([request])[0]
         self._kept.keep(key, Kept(theta.copy(), magnitudes.copy(), starts.copy(), value))
         return value
@@ -105,7 +87,7 @@ class Reuse:
         starts: Array,
         units: tuple[Array, Array, Array],
     ) -> bool:
-        limits = (self.theta_sd, self.size_scale, self.start_scale)
+        limits = (THETA, MAGNITUDES, STARTS)
         for old, new, unit, limit in zip(
             (kept.theta, kept.magnitudes, kept.starts),
             (theta, magnitudes, starts),

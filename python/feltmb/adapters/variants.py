@@ -119,11 +119,15 @@ def _name_states(mechanism: _core.Mechanism) -> dict[str, int]:
     return place
 
 
+#: Number of variants that are kept.
+KEPT = 600
+
+
 class Workshop:
     """Builds variants and caches the last ones; usable from several threads."""
 
-    def __init__(self, keep: int = 600):
-        self._made: Latest[bytes, Variant | None] = Latest(keep)
+    def __init__(self) -> None:
+        self._made: Latest[bytes, Variant | None] = Latest(KEPT)
         self._known: dict[int, tuple[Any, Any]] = {}
 
     def variant(self, key: bytes, config: Callable[[], MechanismFile]) -> Variant | None:

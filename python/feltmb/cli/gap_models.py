@@ -19,7 +19,7 @@ from feltmb.gap import Limits, read_limits, read_measured, with_measured
 from feltmb.gap.designs import sensors_now
 from feltmb.gap.information import planned
 
-__all__ = ["RESOLVERS", "Adapter", "held_out", "load_adapter"]
+__all__ = ["Adapter", "held_out", "load_adapter"]
 
 
 @dataclass(frozen=True)
@@ -134,10 +134,6 @@ def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) 
     )
 
 
-#: Functions of a name with settings and channels, called in turn; None: name unknown.
-RESOLVERS: list[Callable[[str, Mapping[str, str], Sequence[str]], Adapter | None]] = [_mechanism]
-
-
 def load_adapter(name: str, settings: Sequence[str] = (), channels: Sequence[str] = ()) -> Adapter:
     """Adapter by the name of a packaged mechanism or the path of a Python file.
 
@@ -159,14 +155,13 @@ def load_adapter(name: str, settings: Sequence[str] = (), channels: Sequence[str
         if values:
             raise InvalidParameter(f"{name}: --set works with packaged mechanisms, not with a file")
         return _from_file(path)
-    for resolver in RESOLVERS:
-        found = resolver(name, values, channels)
-        if found is not None:
-            return found
-    raise InvalidParameter(
-        f"no model {name!r}; expected a Python file that defines model and effects"
-        + (", or a packaged mechanism (feltmb list)" if RESOLVERS else "")
-    )
+    found = _mechanism(name, values, channels)
+    if found is None:
+        raise InvalidParameter(
+            f"no model {name!r}; expected a Python file that defines model and effects, a "
+            "mechanism file, or a packaged mechanism (feltmb list)"
+        )
+    return found
 
 
 def _from_file(path: Path) -> Adapter:

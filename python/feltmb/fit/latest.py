@@ -1,16 +1,37 @@
-"""Keeps the most recently used values by key."""
+"""Caches: the most recently used values by key, and results that live as long as an object."""
 
 from __future__ import annotations
 
+import functools
 import threading
+import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
-__all__ = ["Latest"]
+__all__ = ["Latest", "cached_for_first"]
 
 K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def cached_for_first(function: F) -> F:
+    """Cache the results of a function as long as its first argument exists.
+
+    Unlike ``functools.lru_cache``, it keeps neither the argument nor the results alive. The first
+    argument is compared by identity, the others by value.
+    """
+    known: weakref.WeakKeyDictionary[Any, dict[Any, Any]] = weakref.WeakKeyDictionary()
+
+    @functools.wraps(function)
+    def call(first: Any, *args: Any) -> Any:
+        own = known.setdefault(first, {})
+        if args not in own:
+            own[args] = function(first, *args)
+        return own[args]
+
+    return call  # type: ignore[return-value]
 
 
 class Latest(Generic[K, V]):

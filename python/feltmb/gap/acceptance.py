@@ -69,13 +69,7 @@ class Posterior:
         return _posterior(before + np.array([0.0, other, *sets]) / self.inflation, self.inflation)
 
 
-def posterior(
-    search: Search,
-    settings: FitSettings,
-    *,
-    none: float = NO_EFFECT,
-    other: float = NOT_LISTED,
-) -> Posterior:
+def posterior(search: Search, settings: FitSettings) -> Posterior:
     """Compute the posterior of the model, of the model with an unknown cause, and of the sets.
 
     An unknown cause is represented by laws of the model that are not exact
@@ -93,7 +87,7 @@ def posterior(
     fits = [search.model_fit, *(c.fit for c in search.sets)]
     tight = search.tightest
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
-    share = 0.5 * other if law_errors(tight, settings).tested else other
+    share = 0.5 * NOT_LISTED if law_errors(tight, settings).tested else NOT_LISTED
     least = allowance(tight) / inflation
 
     def gain(fit: Fit) -> float:
@@ -104,14 +98,14 @@ def posterior(
     def beside(fit: Fit) -> float:
         """Change of the log evidence of a fit if an unknown cause may act in addition."""
         own = gain(fit)
-        return float(np.logaddexp(np.clip(own, 0.0, least), own + math.log(share / none)))
+        return float(np.logaddexp(np.clip(own, 0.0, least), own + math.log(share / NO_EFFECT)))
 
     exact = search.tight_evidence / inflation
     loose = -math.inf if search.tight_fit is None else search.model_evidence / inflation
     unknown = float(np.logaddexp(exact + gain(tight), loose))
-    alone = max(exact, min(unknown, exact + least)) + math.log(none)
+    alone = max(exact, min(unknown, exact + least)) + math.log(NO_EFFECT)
     beyond = unknown + math.log(share)
-    sets = [c.evidence / inflation + math.log(1.0 - none - other) for c in search.sets]
+    sets = [c.evidence / inflation + math.log(1.0 - NO_EFFECT - NOT_LISTED) for c in search.sets]
     # An unknown cause gains most where nothing else explains its part: beside no effects.
     most = max(0.0, unknown - exact)
     best = max(sets, default=-math.inf)

@@ -18,7 +18,6 @@ for every cause that the library does not have and that acts where a law of the 
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,6 +26,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from feltmb.data import Array
+from feltmb.fit.latest import cached_for_first
 from feltmb.fit.linearize import varying
 from feltmb.fit.model import Model, Parameter
 from feltmb.fit.solve import Fit, FitSettings, evidence_at, polish, relaxed
@@ -62,7 +62,7 @@ class LawErrors:
         return self.gain > -math.inf
 
 
-@functools.lru_cache(maxsize=16)
+@cached_for_first
 def law_errors(fit: Fit, settings: FitSettings) -> LawErrors:
     """Compare a fit with the same model whose laws have errors of form.
 

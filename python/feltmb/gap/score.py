@@ -267,9 +267,11 @@ def prior_of(included: Sequence[Candidate], total_weight: float) -> float:
     return value
 
 
-def screen_sets(
-    scores: Scores, *, largest: int = 3, pairs_from: int = 60, triples_from: int = 16
-) -> list[ScoredSet]:
+#: Number of ranked effects from which pairs and triples are formed.
+PAIRS_FROM, TRIPLES_FROM = 60, 16
+
+
+def screen_sets(scores: Scores, *, largest: int = 3) -> list[ScoredSet]:
     """All single effects and promising pairs and triples, sorted by evidence."""
     usable = np.flatnonzero(scores.testable)
     if usable.size == 0:
@@ -308,11 +310,11 @@ def screen_sets(
     given = np.where(own, rest_b**2 / np.where(own, rest_g, 1.0), 0.0)
     order = usable[np.argsort(-np.maximum(single, given)[usable], kind="stable")]
     if largest >= 2:
-        for pair in itertools.combinations(sorted(order[:pairs_from].tolist()), 2):
+        for pair in itertools.combinations(sorted(order[:PAIRS_FROM].tolist()), 2):
             if scores.candidates[pair[0]].effect is not scores.candidates[pair[1]].effect:
                 consider(pair)
     if largest >= 3:
-        top = order[:triples_from].tolist()
+        top = order[:TRIPLES_FROM].tolist()
         for s in sorted(found, key=lambda s: -s.evidence)[:20]:
             top.extend(s.index)
         for triple in itertools.combinations(sorted(set(top)), 3):

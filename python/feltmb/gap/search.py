@@ -41,6 +41,8 @@ Progress = Callable[[str, int, int], None]
 #: Tolerance of the sum of squares by which a set may exceed a set that it contains; half of it is
 #: log evidence.
 NESTED = 1.0
+#: Number of times that a search may start again from a better fit of the model.
+RESEEDS = 3
 #: Note of a model that is best with the tightest defects, although tightening had left that fit.
 CLOSED = "continuity defects closed again"
 
@@ -100,15 +102,15 @@ def search(
     most: int = 4,
     width: int = 4,
     progress: Progress | None = None,
-    reseeds: int = 3,
     led: Sequence[Fit] = (),
 ) -> Search:
     """Screen the candidates, refit the best ones, then add, drop and swap until nothing helps.
 
     ``most``: largest number of effects in a set. ``width``: number of ranked sets, and of ranked
-    single effects, that are refitted. ``reseeds``: how often the search may start again because a
-    set led the model out of a wrong local minimum. ``led``: fits of :func:`~feltmb.gap.lead.lead`.
+    single effects, that are refitted. ``led``: fits of :func:`~feltmb.gap.lead.lead`. The search
+    starts again, at most ``RESEEDS`` times, if a set leads the model out of a wrong local minimum.
     """
+    reseeds = RESEEDS
     while True:
         better: Fit | None = tighten(model, settings)
         if better is not None:

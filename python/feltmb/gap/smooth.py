@@ -17,7 +17,6 @@ function (see :func:`feltmb.gap.misfit.misfit`).
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +24,7 @@ from scipy.linalg import eigh
 from scipy.special import logsumexp
 
 from feltmb.data import Array
+from feltmb.fit.latest import cached_for_first
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
 from feltmb.gap.criteria import SLOW_COLOR
@@ -54,7 +54,7 @@ class SmoothDiscrepancy:
     [1]."""
 
 
-@functools.lru_cache(maxsize=8)
+@cached_for_first
 def smooth_discrepancy(fit: Fit) -> SmoothDiscrepancy:
     """Log Bayes factors of an unknown smooth signal against noise.
 

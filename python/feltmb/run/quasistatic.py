@@ -590,6 +590,10 @@ class StaticLetOff:
     tripped: bool  #: whether there was a let-off; false: the press ended first
 
 
+#: Force at which a press ends because the hammer is blocked on the string [N].
+BLOCKED = 60.0
+
+
 def static_let_off(
     action: Action,
     *,
@@ -597,7 +601,6 @@ def static_let_off(
     speed: float = 0.010,
     friction: FrictionMode = "saturated",
     step: float = 1e-5,
-    most_force: float = 60.0,
 ) -> StaticLetOff:
     """Smallest distance of hammer and string in a press without inertia; see :func:`slow_press`.
 
@@ -608,8 +611,6 @@ def static_let_off(
     step
         Step of the finger travel when the hammer is within 8 mm of the string [m]; before, it is
         ten times longer.
-    most_force
-        Force at which the press ends because the hammer is blocked on the string [N].
     """
     strike = action.config.reading.strike_contact
     if strike is None:
@@ -623,7 +624,7 @@ def static_let_off(
         gap = press.state()[strike][0]
         if best < 0.008 and (press.force < 0.85 * largest or gap > best + 2e-4):
             return StaticLetOff(min(best, gap), where, largest, True)
-        if press.force > most_force:
+        if press.force > BLOCKED:
             break
         largest = max(largest, press.force)
         if gap < best:
