@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from blind.action_requests import ActionRequests
+from blind.action_truth import NOISE_CAMERA
 from feltmb import gap
 from feltmb.adapters import MechanismModel, planned_strokes
 from feltmb.data import Array
@@ -29,6 +31,8 @@ from feltmb.gap.criteria import least_odds
 from feltmb.gap.information import WIDE, Information, information, planned
 from feltmb.gap.score import all_candidates
 
+#: Output of a load cell, which keeps its noise.
+FORCE = "finger.force"
 COUNTS = (0, 2, 4, 6)
 SIZES = (0.5, 1.0, 2.0)
 
@@ -73,7 +77,10 @@ def main() -> None:
     every = all_candidates(machine.effects)
     store = None if given.folder is None else Store(given.folder)
     strokes = planned_strokes(model)
-    sensors = strokes[0].sensors
+    sensors = {
+        n: s if n == FORCE else replace(s, sigma=NOISE_CAMERA)
+        for n, s in strokes[0].sensors.items()
+    }
     known = [information(model, planned(model, r, sensors), every, store=store) for r in strokes]
     pool = []
     for seed in range(given.pool):

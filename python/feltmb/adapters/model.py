@@ -398,6 +398,11 @@ class MechanismModel(DifferentiableMechanism):
         self.in_parallel(work, list(groups.items()))
         return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
+    def identity(self) -> str | None:
+        """See :class:`~feltmb.fit.Model`: tables of the mechanism, and options of the model."""
+        options = (self.tolerances, self.rtol, self.until, self.segment, self.outputs)
+        return repr((type(self).__name__, self.action.raw, *options))
+
     def as_tabulated(self, record: Record) -> Array | None:  # noqa: D102
         return self.whole(record, self._base())
 

@@ -208,6 +208,10 @@ class StrokeModel(MechanismModel):
             and bool(np.all(np.abs(magnitudes - sizes) <= NEAR * np.abs(sizes)))
         )
 
+    def identity(self) -> str | None:
+        """See :class:`~feltmb.fit.Model`."""
+        return repr((super().identity(), self.variation))
+
     def ready(self, records: Sequence[Record]) -> Ready:
         """Prepare records: the part until shortly after the impact, with their variability."""
         base = super().ready(records)

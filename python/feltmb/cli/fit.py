@@ -55,8 +55,8 @@ def command(
 ) -> None:
     """Fit the parameters of MODEL to measured DATA, and print values and intervals.
 
-    MODEL is a packaged mechanism or a Python file that defines `model` and `effects`. An
-    interrupted fit continues when it is started again with the same output folder.
+    MODEL is a mechanism (packaged or a TOML file), or a Python file that defines `model` and
+    `effects`. An interrupted fit continues when it is started again with the same output folder.
     """
     import json
     import shutil
@@ -130,5 +130,5 @@ def command(
     )
     for note in fit.notes:
         say(f"note: {note}")
-    if fit.chi2 > 1.5 * fit.dof:
+    if not fit.explains:
         say("the model does not explain the records: intervals are too narrow; try gap diagnose")

@@ -43,7 +43,7 @@ class Adapter:
     def signals(self) -> Signals:
         """Possible signals of the columns of a measured file."""
         return Signals(
-            inputs=tuple(getattr(self.model, "inputs", ())),
+            inputs=self.model.inputs,
             outputs=self.model.outputs,
             modes=self.model.input_modes,
             units=self.model.units,
@@ -135,7 +135,7 @@ def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) 
 
 
 def load_adapter(name: str, settings: Sequence[str] = (), channels: Sequence[str] = ()) -> Adapter:
-    """Adapter by the name of a packaged mechanism or the path of a Python file.
+    """Adapter by the name of a packaged mechanism, or the path of a mechanism or Python file.
 
     ``channels`` are required in addition to the default channels of a mechanism.
 

@@ -132,7 +132,8 @@ class Including(Model):
         self.input_modes = model.input_modes
         self.input_names = model.input_names
         self.any_inputs = model.any_inputs
-        self.inputs = tuple(getattr(model, "inputs", ()))
+        self.inputs = model.inputs
+        self.effects = model.effects
 
     def _with(self, base: Model) -> Including:
         """The same effects, with their parameters, in another version of the original model."""
@@ -237,6 +238,12 @@ class Including(Model):
             included=(*self._own, *jobs.included),
             magnitudes=np.hstack([jobs.theta[:, count:], magnitudes]),
         )
+
+    def identity(self) -> str | None:
+        """See :class:`~feltmb.fit.Model`."""
+        base = self._base.identity()
+        own = [(t.name, t.shape, t.effect.data) for t in self._own]
+        return None if base is None else repr((base, own))
 
     def refined(self, batches: Sequence[Batch]) -> Model:
         """See :class:`~feltmb.fit.Model`."""

@@ -220,7 +220,7 @@ def unknown_names(
         for s in names:
             if s not in model.outputs:
                 faults[table, s] = f"{what} {s}: no output of {model.name}; there are {outputs}"
-    own = list(getattr(model, "inputs", ()))
+    own = list(model.inputs)
     own += [i for names in model.input_modes.values() for i in names]
     for i in inputs:
         if own and i not in own:

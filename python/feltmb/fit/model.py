@@ -516,6 +516,10 @@ class Model(ABC):
     parameters: tuple[Parameter, ...] = ()
     outputs: tuple[str, ...] = ()
     """Names of the outputs; a record may contain only some of them."""
+    inputs: tuple[str, ...] = ()
+    """Names of the inputs; empty: any, or those of ``input_modes``."""
+    effects: tuple[Effect, ...] = ()
+    """Effects that the model offers for a diagnosis."""
     many_outputs: bool = False
     """Whether it has more outputs than one usually records; else data checks list the outputs that
     no record has."""
@@ -634,6 +638,13 @@ class Model(ABC):
     def own_effects(self) -> tuple[Candidate, ...]:
         """Effects that are a part of the model, see :func:`including`."""
         return ()
+
+    def identity(self) -> str | None:
+        """Text that two models share only if they are equal; results are stored under it.
+
+        By default None: functions cannot be compared, and nothing is stored.
+        """
+        return None
 
     @property
     def core(self) -> Model:

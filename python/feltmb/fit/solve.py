@@ -27,6 +27,7 @@ __all__ = [
     "evidence_at",
     "finish",
     "fit_problem",
+    "limit_of_noise",
     "model_with_variability",
     "polish",
     "relaxed",
@@ -89,7 +90,7 @@ class FitSettings:
 FAR = 4.0
 
 
-def _limit_of_noise(count: float) -> float:
+def limit_of_noise(count: float) -> float:
     """Largest sum of squares of so many numbers that agrees with noise."""
     return float(count + FAR * np.sqrt(2.0 * count))
 
@@ -140,7 +141,7 @@ class Fit:
     @property
     def explains(self) -> bool:
         """Whether the sum of squares agrees with noise within four standard deviations."""
-        return bool(self.chi2 < _limit_of_noise(self.dof))
+        return bool(self.chi2 < limit_of_noise(self.dof))
 
     @property
     def plausible(self) -> bool:
@@ -151,7 +152,7 @@ class Fit:
     def within_priors(self) -> bool:
         """Whether the parameters agree jointly with their priors, within four deviations."""
         far = self.prior_deviation
-        return float(far @ far) <= _limit_of_noise(far.size)
+        return float(far @ far) <= limit_of_noise(far.size)
 
     @property
     def included(self) -> tuple[Candidate, ...]:
@@ -520,7 +521,7 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
         problem, point, defect_sd, settings, settings.iterations
     )
     if settings.chain and defect_sd.size and level < 0.1:
-        bar = _limit_of_noise(problem.samples)
+        bar = limit_of_noise(problem.samples)
         # A chain of segments may be in a local minimum that one simulation from the first state
         # avoids.
         for _ in range(2):
@@ -905,7 +906,7 @@ def fit_problem(
     free = [i for i in problem.free]
     if not free or problem.frozen:
         return fit
-    if loosest < _limit_of_noise(problem.samples):
+    if loosest < limit_of_noise(problem.samples):
         return fit  # with segments the model can follow: no other start would change that
     generator = np.random.default_rng(settings.seed)
     way = settings.coarser(0.3)

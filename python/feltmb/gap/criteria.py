@@ -337,7 +337,7 @@ INFLATED = _number(
 )  # fmt: skip
 WALD = _number(
     "WALD", 3.0, "sd",
-    "smallest distance of a magnitude from zero, or score of the effect alone",
+    "smallest distance of a magnitude from zero, or root of the score of the effect alone",
     _STATISTICS, "gap/test_rules.py",
 )  # fmt: skip
 CLOSES_ALL = _number(

@@ -632,7 +632,7 @@ def _mode_of(model: Model, name: str, limits: Limits) -> tuple[Any, list[str]]:
     for mode, names in model.input_modes.items():
         if name in names:
             return mode, list(names)
-    return "force", list(getattr(model, "inputs", ())) or list(limits.inputs)
+    return "force", list(model.inputs) or list(limits.inputs)
 
 
 def _farthest(records: Sequence[Record], sensors: Mapping[str, Sensor], most: int) -> list[int]:

@@ -208,8 +208,7 @@ class _Diagnosis:
             model, records, hold_out, good_enough=options.good_enough, segment=options.segment
         )
         self.metric = metric_of(self.model)
-        exposed = getattr(self.model, "effects", ())
-        offered = [e.name for e in exposed if isinstance(e, Effect)]
+        offered = [e.name for e in self.model.effects]
         if offered and not effects:
             self.data = self.data.warned(
                 [

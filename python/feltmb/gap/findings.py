@@ -248,7 +248,8 @@ class EventRow:
     event: str
     channel: str
     time: float
-    """Measured time of the event [s]."""
+    """Measured time of the event; without an event of the model, time of a steepest change of the
+    simulated output [s]."""
     delay: float
     """Measured minus simulated time [s]."""
     delay_se: float

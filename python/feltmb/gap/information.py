@@ -223,7 +223,7 @@ def informations(
         By output that is read: its noise, in multiples of that of the record. The color of the
         noise is that of the record.
     """
-    identity = None if store is None else _identity(model)
+    identity = None if store is None else model.identity()
     if store is None or identity is None:
         return linearized(model, record, candidates, ways)
     key = digest_of(
@@ -259,17 +259,6 @@ def informations(
         numbers = {"square": float(one.square), "samples": float(one.samples)}
         store.put(k, numbers, {"matrix": one.matrix, "right": one.right})
     return made
-
-
-def _identity(model: Model) -> str | None:
-    """Definition of a mechanism: its tables and options. None: functions cannot be compared."""
-    raw = getattr(getattr(model.core, "action", None), "raw", None)
-    if raw is None:
-        return None
-    names = ("tolerances", "rtol", "until", "variation", "segment")
-    options = {n: getattr(model.core, n, None) for n in names}
-    own = [(t.name, t.shape, t.effect.data) for t in model.own_effects]
-    return repr((type(model).__name__, raw, options, model.outputs, own))
 
 
 def linearized(

@@ -108,9 +108,10 @@ def judged_data(
     named = [hold_out] if isinstance(hold_out, str) else hold_out or ()
     model, records, whole, copies = ready(model, records, named)
     fitted, held = split_records(records, hold_out, masked=model.from_rest, left_out=copies)
-    checks = _inherit(check_records([*fitted, *held], model.outputs), whole, records)
+    checks = check_records([*fitted, *held], model.outputs)
     if checks.problems:
         raise DataError("records: " + "; ".join(checks.problems))
+    checks = _inherit(checks, whole, records)
     checks = _floored(checks, good_enough, model)
     data = JudgedData(
         checks, prepare(model, fitted, checks, segment), prepare(model, held, checks, segment)

@@ -36,12 +36,15 @@ class Options:
     segment: float | None = None
     """Length of segments [s]; None: the length of the model, else chosen from the data."""
     max_effects: int = 4
+    """Largest number of effects in a set, 1 to 6."""
     width: int = 4
     """Number of sets that are refitted after each screening."""
     bootstrap: int = 12
     """Refits of simulated records for the null distribution; 0: asymptotic only."""
     restarts: int = 3
+    """Largest number of other starts of a poor fit."""
     seed: int = 0
+    """Seed of the other starts and of the simulated records."""
     resume: Path | None = None
     """Folder for finished fits; an interrupted diagnosis continues from them."""
     good_enough: Mapping[str, float] = field(default_factory=dict)

@@ -10,7 +10,7 @@ import numpy as np
 
 from feltmb.fit.model import Effect, Model, Parameter
 from feltmb.fit.problem import Point
-from feltmb.fit.solve import Fit, FitSettings, Interval, polish
+from feltmb.fit.solve import Fit, FitSettings, Interval, limit_of_noise, polish
 from feltmb.gap.criteria import RIVAL, TOLERATED
 from feltmb.gap.misfit import misfit
 from feltmb.gap.refine import CandidateSet, full_evidence, quicker, taken_over, tighten
@@ -206,7 +206,7 @@ def by_few_numbers(fit: Fit, most: int) -> bool:
     far = fit.prior_deviation
     rest = far.size - len(few)
     left = float(np.sum(far**2)) - sum(z**2 for z in few.values())
-    return left < rest + 4.0 * math.sqrt(2.0 * rest)
+    return left < limit_of_noise(rest)
 
 
 def without_several(fit: Fit, settings: FitSettings) -> Fit:

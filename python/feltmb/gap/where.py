@@ -203,9 +203,9 @@ def event_ledger(fit: Fit, alpha: float) -> tuple[EventRow, ...]:
         record = segmented.record
         names = problem.model.outputs
         measured = record.output_array(names)
-        known = dict(problem.model.events(record, {n: measured[:, c] for c, n in enumerate(names)}))
+        known = problem.model.events(record, {n: measured[:, c] for c, n in enumerate(names)})
         if known:
-            moments = [(e, t, c) for e, t in known.items() for c in range(len(names))]
+            moments = [(e, t, c) for e, t in known for c in range(len(names))]
         else:
             moments = _steepest(record.time, joined, segmented)
         for event, time, c in moments:

@@ -33,7 +33,6 @@ from feltmb.gap import (
     read_measured,
     with_measured,
 )
-from feltmb.gap.information import _identity
 from feltmb.gap.sessions import _same_session
 
 _spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
@@ -299,10 +298,10 @@ def test_a_plan_of_the_action_with_a_measured_effect_has_its_own_store():
         model, effects = mechanism_model(
             feltmb.load_action("steinway45"), variation=variation, channels=["key", "hammer_tip"]
         )
-        keys.add(_identity(model))
+        keys.add(model.identity())
         for value in (0.0, 1e-4):
             test = Measured(parameter="felt_thickness.06", value=value, sd=5e-5)
-            keys.add(_identity(with_measured(model, [test], effects)))
+            keys.add(with_measured(model, [test], effects).identity())
     assert len(keys) == 4  # the value is part of the key by the parameters
 
 
