@@ -47,6 +47,7 @@ from feltmb.fit import (
     Simulated,
 )
 from feltmb.fit.latest import Latest
+from feltmb.fit.noise import sd_of_knots
 
 __all__ = ["RunVariability", "StrokeModel"]
 
@@ -251,7 +252,7 @@ class StrokeModel(MechanismModel):
             change
             for name, sigma in record.input_sigma.items()
             if sigma > 0.0 and name in record.inputs
-            for change in _input_noise(record, name, sigma)
+            for change in _input_noise(record, name)
         ]
         point = _Point(record, base, theta, included, magnitudes)
         by, _, by_noise = self._slopes(point, which, (), tuple(changes))
@@ -576,17 +577,12 @@ def _cut(whole: Array, segments: NDArray[np.intp], length: int) -> Array:
     return out
 
 
-def _input_noise(record: Record, name: str, sigma: float) -> list[Mapping[str, Array]]:
-    """Changes of an input by one standard deviation of noise, one per knot.
-
-    The hat functions have the variance of the integral of the noise.
-    """
+def _input_noise(record: Record, name: str) -> list[Mapping[str, Array]]:
+    """Changes of an input by one standard deviation of noise, one per knot."""
     length = float(record.time[-1] - record.time[0])
     apart = KNOTS_AT_FINGER if DISPLACEMENT in record.outputs else KNOTS
-    count = max(2, math.ceil(length / apart) + 1)
-    knots = np.linspace(0.0, length, count)
-    tau = record.input_correlation_time.get(name, 0.0)
-    sd = sigma * math.sqrt((record.interval + 2.0 * tau) / max(knots[1], record.interval))
+    knots = np.linspace(0.0, length, max(2, math.ceil(length / apart) + 1))
     clock = record.time - record.time[0]
     hats = np.maximum(0.0, 1.0 - np.abs(clock - knots[:, None]) / knots[1])
+    sd = sd_of_knots(record, name, float(knots[1]))
     return [{name: sd * hat} for hat in hats]

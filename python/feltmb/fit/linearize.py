@@ -16,6 +16,7 @@ from feltmb.fit.model import (
     Sensitivity,
     SensitivityRequest,
 )
+from feltmb.fit.noise import sd_of_knots
 from feltmb.fit.observe import machine_candidates, observed_sensitivities
 from feltmb.fit.segmented_records import SegmentedRecord
 
@@ -249,10 +250,8 @@ def _noise(model: Model, request: SensitivityRequest, found: Sensitivity) -> tup
 def _input_noise(record: Record, segments: NDArray[np.intp]) -> list[Mapping[str, Array]]:
     """Changes of the inputs by one standard deviation, one per standard normal variable.
 
-    Within a segment, the noise is piecewise linear between knots. A knot represents an interval D
-    of noise with standard deviation s and correlation time c, sampled with step h. Its variance is
-    s^2 (h + 2 c) / D. The integral over the interval, to which an inertia responds, then has the
-    correct variance.
+    Within a segment, the noise is piecewise linear between knots; see
+    :func:`~feltmb.fit.noise.sd_of_knots`.
     """
     n = record.samples
     phase = np.zeros(n)
@@ -265,9 +264,7 @@ def _input_noise(record: Record, segments: NDArray[np.intp]) -> list[Mapping[str
     for name, sigma in record.input_sigma.items():
         if not sigma > 0.0:
             continue
-        tau = record.input_correlation_time.get(name, 0.0)
-        share = (record.interval + 2.0 * tau) / stretch
-        sd = sigma * np.sqrt(np.minimum(share, 1.0))
+        sd = sd_of_knots(record, name, stretch)
         for k in range(INPUT_KNOTS):
             hat = np.maximum(0.0, 1.0 - np.abs(phase - k)) * sd
             if k == INPUT_KNOTS - 1:  # the sample that a segment shares with the next one

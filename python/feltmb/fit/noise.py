@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.data import Array, Sensor
+from feltmb.data import Array, Record, Sensor
 
-__all__ = ["Noise", "innovations", "noise_of"]
+__all__ = ["Noise", "innovations", "noise_of", "rounding_error", "sd_of_knots"]
 
 Integers = NDArray[np.intp]
 #: Share of the variance of averaged noise that is assumed white. The spectrum of an average has
@@ -88,6 +88,25 @@ class Noise:
             for i in range(n):
                 before = out[i] = keep[i] * before + fresh[i] * out[i]
         return out
+
+
+def sd_of_knots(record: Record, name: str, spacing: Array | float) -> Array:
+    """Standard deviation of the noise of an input at knots, between which it is linear.
+
+    A knot represents an interval D of noise with standard deviation s and correlation time c,
+    sampled with step h. Its variance is s^2 (h + 2 c) / D, at most s^2. The integral over the
+    interval, to which an inertia responds, then has the correct variance.
+
+    Parameters
+    ----------
+    name
+        Input of the record.
+    spacing
+        Distance of the knots [s].
+    """
+    tau = record.input_correlation_time.get(name, 0.0)
+    share = (record.interval + 2.0 * tau) / np.maximum(spacing, record.interval)
+    return np.asarray(record.input_sigma[name] * np.sqrt(np.minimum(share, 1.0)))
 
 
 def rounding_error(step: float) -> float:
