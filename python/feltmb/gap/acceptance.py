@@ -288,7 +288,7 @@ class _Attempt:
     ) -> str:
         """Reason to reject an effect of a set; empty: the effect is confirmed."""
         alone = self.alone.get(name, 0.0)
-        gain = f"held-out gain {paired.gain:.1f} units of log evidence"
+        gain = f"held-out gain {_shown(paired.gain)} units of log evidence"
         if certain < WALD and alone < WALD**2:
             # Such an effect only helped the fit of the other parameters out of a local minimum. An
             # effect whose law bends sharply can have a large standard deviation; the score of the
@@ -299,14 +299,14 @@ class _Attempt:
             )
         unknown = self.unexplained(c) / self.inflation
         if 0.0 < unknown > paired.gain and not self._carries(c, name, paired):
-            return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
+            return f"{gain}, less than the {_shown(unknown)} that an unknown force would explain"
         small = most > self.odds and paired.gain < SMALL_SHARE * most
         if small and not self._completes(c, name):
             if paired.gain <= 0.0:
                 return f"{gain}: the held-out records are not predicted better with it"
             return (
-                f"{gain} compared with {most:.0f}: an error in the form of the larger effect would "
-                "gain as much"
+                f"{gain}, but that of the largest effect is {_shown(most)}: a small error in the "
+                "law of that effect could explain as much"
             )
         without, after = self._outcome_without(c, name), self.outcome(c.fit)
         # The parameter that such an effect increases explains the records as well: only held-out
@@ -503,6 +503,11 @@ def sure_part(
         if found:
             return max(found, key=lambda part: held(set(part)))
     return tuple(names)
+
+
+def _shown(gain: float) -> str:
+    """A gain of log evidence as text."""
+    return f"{gain:.1f}" if abs(gain) < 1e3 else f"{gain:.3g}"
 
 
 def accept(

@@ -501,13 +501,13 @@ def _too_weak(facts: Facts, why: str, refused: tuple[str, ...] = ()) -> Decision
 def _signs(facts: Facts) -> str:
     """Evidence for a gap, as text."""
     first = facts.first
-    text = f"sum of squares {_ratio(first):.3g} of its expectation"
+    text = f"the sum of squares is {_ratio(first):.3g} times that of noise"
     other = facts.misfit.other
     if other > unknown_gain(facts.options.alpha) and not first.bare.defect_sd.size:
-        text += f", an unknown smooth signal gains {other:.0f} units of log evidence over noise"
+        text += f"; a smooth signal is more probable than noise, log Bayes factor {other:.3g}"
     if facts.p > refuted(facts.options.alpha):
         return text
-    return f"{text}, largest score family-wise p = {facts.p:.1g}"
+    return f"{text}; p of the largest score is {facts.p:.1g}"
 
 
 def _ratio(search: Search) -> float:
