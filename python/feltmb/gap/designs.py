@@ -27,7 +27,7 @@ from feltmb.data import Array, Record, Sensor
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import Store
 from feltmb.fit.limits import FurtherSensor, Limits, PartTest
-from feltmb.fit.model import Effect, Model
+from feltmb.fit.model import Candidate, Effect, Model
 from feltmb.gap.checks import with_sigma
 from feltmb.gap.further_sensors import Sensors, offered
 from feltmb.gap.information import (
@@ -251,31 +251,10 @@ def design(
     every = all_candidates(tested)
     store = None if folder is None else Store(Path(folder))
     measured_now = sensors_now(model, limits, records, sensors)
-    work = _Work(model, limits, measured_now, store, seed, progress)
-    work.every = every
-    work.sensors = Sensors(measured_now, offered(limits.further, measured_now, model))
-    known = []
-    for i, r in enumerate(records):
-        work.tell("what the records tell", i, len(records))
-        shown = {n: s for n, s in r.sensors.items() if n in model.outputs}
-        noisy = with_sigma(r, expected_noise(r)) if shown else r
-        found = information(model, noisy, every, store=store)
-        if found is not None:
-            known.append(found)
-    if belief is None and known:
-        belief = Knowledge.start(model, every, Belief.even(every), known).linear_belief()
-    belief = belief or Belief.even(every)
-    knowledge = Knowledge.start(model, every, belief, known)
-    options = work.options(chosen, candidates)
-    options += [
-        _Option(
-            name=f"{t.how or 'test of a part'}: {t.parameter}",
-            cost=t.cost,
-            information=knowledge.part(t.parameter, t.sd),
-            part=t,
-        )
-        for t in limits.parts
-    ]
+    with_offers = Sensors(measured_now, offered(limits.further, measured_now, model))
+    work = _Work(model, limits, with_offers, seed, every=every, store=store, progress=progress)
+    knowledge = _known(work, records, belief)
+    options = work.options(chosen, candidates) + _tests(knowledge, limits)
     if not options:
         raise InvalidParameter(
             f"plan: none of the {work.failed} profiles within the limits can be simulated by "
@@ -296,6 +275,35 @@ def design(
                 value,
             )]  # fmt: skip
     return _result(knowledge, picked, equipped, aim, work)
+
+
+def _known(work: _Work, records: Sequence[Record], belief: Belief | None) -> Knowledge:
+    """What the records tell, with given probabilities or those that follow from them."""
+    model, every = work.model, work.every
+    known = []
+    for i, r in enumerate(records):
+        work.tell("what the records tell", i, len(records))
+        shown = {n: s for n, s in r.sensors.items() if n in model.outputs}
+        noisy = with_sigma(r, expected_noise(r)) if shown else r
+        found = information(model, noisy, every, store=work.store)
+        if found is not None:
+            known.append(found)
+    if belief is None and known:
+        belief = Knowledge.start(model, every, Belief.even(every), known).linear_belief()
+    return Knowledge.start(model, every, belief or Belief.even(every), known)
+
+
+def _tests(knowledge: Knowledge, limits: Limits) -> list[_Option]:
+    """Tests of single parts as experiments."""
+    return [
+        _Option(
+            name=f"{t.how or 'test of a part'}: {t.parameter}",
+            cost=t.cost,
+            information=knowledge.part(t.parameter, t.sd),
+            part=t,
+        )
+        for t in limits.parts
+    ]
 
 
 def _worth(aim: Aim) -> Callable[[Knowledge], float]:
@@ -446,14 +454,15 @@ class _Work:
         self,
         model: Model,
         limits: Limits,
-        sensors: Mapping[str, Sensor],
-        store: Store | None,
+        sensors: Sensors,
         seed: int,
-        progress: Tell | None,
+        *,
+        every: tuple[Candidate, ...] = (),
+        store: Store | None = None,
+        progress: Tell | None = None,
     ):
-        self.model, self.limits, self.sensors = model, limits, Sensors(sensors)
-        self.store, self.seed, self.progress = store, seed, progress
-        self.every: Any = ()
+        self.model, self.limits, self.sensors = model, limits, sensors
+        self.every, self.store, self.seed, self.progress = every, store, seed, progress
         self.failed = self.made = 0
         self._known: dict[tuple[Any, ...], _Option | None] = {}
 
@@ -766,7 +775,7 @@ def draw_experiment(
     replace(limits, parts=()).check(model)  # tests of parts are not drawn
     chosen = _families(families)
     generator = np.random.default_rng([seed, 11])
-    work = _Work(model, limits, sensors_now(model, limits, (), sensors), None, seed, None)
+    work = _Work(model, limits, Sensors(sensors_now(model, limits, (), sensors)), seed)
     names = list(limits.inputs)
     for _ in range(100):
         name = names[int(generator.integers(len(names)))]

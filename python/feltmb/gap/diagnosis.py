@@ -30,6 +30,7 @@ from feltmb.gap.decide import Decision, Facts, decide
 from feltmb.gap.discrepancy import larger_than_noise, only_white
 from feltmb.gap.findings import (
     Advice,
+    AsItIs,
     Calibrated,
     GivenValue,
     HowFar,
@@ -37,6 +38,7 @@ from feltmb.gap.findings import (
     Profile,
     Verdict,
     Where,
+    Which,
 )
 from feltmb.gap.investigate import Investigation, Task, investigate
 from feltmb.gap.judged_data import judged_data, prepare, ready, with_other_noise
@@ -431,94 +433,40 @@ class _Diagnosis:
         alarm: _Alarm,
     ) -> Report:
         """The decision, and the report of everything that it is based on."""
-        options, settings, watch = self.options, self.task.settings, self.watch
-        found, first, accepted, null = done.found, done.first, proof.accepted, alarm.null
-        checks, sensed = done.sensed.checks, done.sensed.held
-        fit, model = found.model_fit, self.model
+        settings, watch = self.task.settings, self.watch
+        found, accepted, model = done.found, proof.accepted, self.model
         beyond = self._beyond(done, accepted, alarm.bare)
         self._lap("how far")
         watch.enter(REPORT)
-        told = self._described(tabulated, done, accepted, where, which_gap, shares)
-        facts = Facts(
-            checks=checks,
-            search=found,
-            accepted=accepted,
-            belief=accepted.belief,
-            p=null.p(alarm.largest),
-            options=options,
-            how_far=told.how_far,
-            where=told.where,
-            rest=accepted.tightest,
-            first=first,
-            misfit=alarm.bare,
-            unexplained=done.unexplained,
-            leftover=alarm.leftover,
-            uncorrelated=told.uncorrelated,
-            only_noise=told.only_noise,
-            beyond=beyond,
-            apart=told.apart,
-            calibrated=told.calibrated,
-            given=told.given,
-            closest=closest_set(found, accepted, sensed, which_gap, options.seed),
-            sizes=told.sizes,
-            enough=bool(options.good_enough) and _within(first.tight_fit or first.bare),
-            enough_left=bool(options.good_enough) and _within(told.end),
+
+        def describe(chosen: Accepted, by_part: dict[str, float]) -> _Described:
+            return self._described(tabulated, done, chosen, where, which_gap, by_part)
+
+        told, facts, decision = self._decided(
+            done, accepted, alarm, describe, describe(accepted, shares), which_gap, beyond
         )
-        decision = decide(facts)
-        if accepted.best is not None and not (decision.named or decision.one_of):
-            # A set that is not named is no part of the model, nor of its parameters.
-            bare = replace(accepted, best=None, after=accepted.before, tightest=None)
-            told = self._described(tabulated, done, bare, where, which_gap, {})
-            facts = replace(
-                facts,
-                calibrated=told.calibrated,
-                given=told.given,
-                where=told.where,
-                apart=told.apart,
-                uncorrelated=told.uncorrelated,
-            )
-            decision = decide(facts)
-        sizes, best_fit, wide = told.sizes, told.fit, told.wide
+        sizes, fit, wide = told.sizes, told.fit, told.wide
         if watch.why:
             decision = cut_short(
                 decision, watch, found, self.skipped, len(self.task.effects), sizes
             )
-        far = prior_deviations_told(best_fit, wide)
+        checks = facts.checks
+        far = prior_deviations_told(fit, wide)
         if far:
             checks = replace(checks, warnings=(*checks.warnings, far))
         which = ranked(
-            found, accepted, decision.belief, null, decision.named, decision.one_of, sizes
+            found, accepted, decision.belief, alarm.null, decision.named, decision.one_of, sizes
         )
         self._lap("verdict")
         rows = as_it_is(tabulated, self.metric)
-        answered = decision.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)
-        advice: tuple[Advice, ...] = ()
-        if options.advice and not answered and not watch.over():
-            if accepted.rivals:
-                watch.say("next experiment")
-            advice = advise(found, accepted)
-        self._lap("next")
-        if not watch.why:
-            advice += tuple(Advice(text=u.remedy) for u in facts.uncorrelated)
-        advice += next_steps(
-            decision.verdict,
-            rows,
-            told.calibrated,
-            [r for r in which.effects if r.named],
-            [r for r in which.effects if r.effect in decision.one_of],
-            decision.closest,
-            told.where.components,
-            best_fit.intervals(wide.covariance, wide.by_form),
-            self.model,
-            self.task.effects,
-        )
-        starts = found_starts(told.after.tight) | fitted_starts(best_fit, told.tight, settings)
+        advice = self._next(told, facts, decision, which, rows)
+        starts = found_starts(told.after.tight) | fitted_starts(fit, told.tight, settings)
         before_starts = found_starts(accepted.before.tight) | fitted_starts(
-            fit, found.tight_fit, settings
+            found.model_fit, found.tight_fit, settings
         )
-        provenance = _provenance(best_fit, self.records)
+        provenance = _provenance(fit, self.records)
         profiles, no_profile = self._profiles(accepted, decision)
-        if options.profile:
+        if self.options.profile:
             self._lap("profile")
         return Report(
             verdict=decision.verdict,
@@ -534,17 +482,107 @@ class _Diagnosis:
             which=which,
             how_far=told.how_far,
             next=advice,
-            model=with_effects(model, best_fit, starts, provenance),
-            fitted=with_effects(model, fit, before_starts, provenance),
+            model=with_effects(model, fit, starts, provenance),
+            fitted=with_effects(model, found.model_fit, before_starts, provenance),
             tabulated=with_effects(model, tabulated.fit, found_starts(tabulated.fit), provenance),
             not_tested=tuple(self.not_tested),
             refused=tuple(NotTested(name=n, why=w) for n, w in accepted.rejected),
-            fit=fit,
+            fit=found.model_fit,
             checks=checks,
             profiles=profiles,
             no_profile=no_profile,
             seconds=self.seconds,
             stopped=f"{watch.stopped_in} ({watch.why})" if watch.why else "",
+        )
+
+    def _decided(
+        self,
+        done: Investigation,
+        accepted: Accepted,
+        alarm: _Alarm,
+        describe: Callable[[Accepted, dict[str, float]], _Described],
+        told: _Described,
+        which_gap: str,
+        beyond: float | None,
+    ) -> tuple[_Described, Facts, Decision]:
+        """The decision, with the facts and the description of the model that it is based on.
+
+        ``describe(accepted, shares)`` describes the model with an accepted set; ``told`` is that
+        of ``accepted``.
+        """
+        options, first = self.options, done.first
+        wanted = bool(options.good_enough)
+        facts = Facts(
+            checks=done.sensed.checks,
+            search=done.found,
+            accepted=accepted,
+            belief=accepted.belief,
+            p=alarm.null.p(alarm.largest),
+            options=options,
+            how_far=told.how_far,
+            where=told.where,
+            rest=accepted.tightest,
+            first=first,
+            misfit=alarm.bare,
+            unexplained=done.unexplained,
+            leftover=alarm.leftover,
+            uncorrelated=told.uncorrelated,
+            only_noise=told.only_noise,
+            beyond=beyond,
+            apart=told.apart,
+            calibrated=told.calibrated,
+            given=told.given,
+            closest=closest_set(done.found, accepted, done.sensed.held, which_gap, options.seed),
+            sizes=told.sizes,
+            enough=wanted and _within(first.tight_fit or first.bare),
+            enough_left=wanted and _within(told.end),
+        )
+        decision = decide(facts)
+        if accepted.best is not None and not (decision.named or decision.one_of):
+            # A set that is not named is no part of the model, nor of its parameters.
+            bare = replace(accepted, best=None, after=accepted.before, tightest=None)
+            told = describe(bare, {})
+            facts = replace(
+                facts,
+                calibrated=told.calibrated,
+                given=told.given,
+                where=told.where,
+                apart=told.apart,
+                uncorrelated=told.uncorrelated,
+            )
+            decision = decide(facts)
+        return told, facts, decision
+
+    def _next(
+        self,
+        told: _Described,
+        facts: Facts,
+        decision: Decision,
+        which: Which,
+        rows: tuple[AsItIs, ...],
+    ) -> tuple[Advice, ...]:
+        """Recommended next steps; ``rows``: the gap of the model with tabulated numbers."""
+        watch, accepted = self.watch, facts.accepted
+        answered = decision.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)
+        advice: tuple[Advice, ...] = ()
+        if self.options.advice and not answered and not watch.over():
+            if accepted.rivals:
+                watch.say("next experiment")
+            advice = advise(facts.search, accepted)
+        self._lap("next")
+        if not watch.why:
+            advice += tuple(Advice(text=u.remedy) for u in facts.uncorrelated)
+        return advice + next_steps(
+            decision.verdict,
+            rows,
+            told.calibrated,
+            [r for r in which.effects if r.named],
+            [r for r in which.effects if r.effect in decision.one_of],
+            decision.closest,
+            told.where.components,
+            told.fit.intervals(told.wide.covariance, told.wide.by_form),
+            self.model,
+            self.task.effects,
         )
 
     def _described(

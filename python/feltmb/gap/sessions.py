@@ -50,6 +50,8 @@ _COMPLETE = (Verdict.NO_GAP.value, Verdict.CALIBRATED.value)
 #: Factor of the duration of a request beyond which a record is no answer to it, shares of it
 #: between which the duration is not told, and relative difference of an input that is told.
 OTHER_DURATION, SHORTER, LONGER, OTHER_INPUT = 20.0, 0.9, 2.0, 0.5
+#: Step 0 of a session.
+_BEFORE = {"kind": "", "name": "records from before", "cost": 0.0, "expected": 0.0}
 #: Entries of a step that are required to resume.
 _KEYS = ("number", "kind", "name", "cost", "verdict", "named", "one_of", "statement", "expected")
 
@@ -147,35 +149,29 @@ def session(
     if not 0.0 < budget <= 1000.0:
         raise InvalidParameter(f"budget = {budget!r} experiments, expected in (0, 1000]")
     _same_session(place, with_measured(model, measured, effects), effects, limits, records, seed)
-    known, parts = [_with_noise(r, limits) for r in records], list(measured)
-    measuring: Mapping[str, Sensor] | None = sensors
+    state = _State(model, effects, limits, records, sensors, measured)
     steps: list[SessionStep] = []
     report: Mapping[str, Any] | None = None
-    spent, number = 0.0, 0
-
-    def finished(step: SessionStep) -> None:
-        steps.append(step)
-        if told is not None:
-            told(step)
+    number = 0
 
     def ended(outcome: Outcome, text: str) -> Session:
         return Session(outcome=outcome, statement=text, steps=tuple(steps), report=report)
 
     while True:
         here = place / str(number)
-        plan: Design | None = None
         step = _finished_step(here)
         warnings: tuple[str, ...] = ()
+        asked: Mapping[str, Any] = _BEFORE
         if number:
             if step is None and not _asked(here):
-                current = with_measured(model, parts, effects)
+                left = budget - state.spent
                 plan = design(
-                    current,
+                    state.measured_model,
                     effects,
-                    known,
-                    limits=limits.without_tests(m.parameter for m in parts),
-                    sensors=measuring,
-                    budget=budget - spent,
+                    state.known,
+                    limits=state.limits.without_tests(m.parameter for m in state.parts),
+                    sensors=state.measuring,
+                    budget=left,
                     belief=None if report is None else Belief.of_report(report),
                     candidates=candidates,
                     refinements=refinements,
@@ -185,7 +181,7 @@ def session(
                 )
                 done = _complete(report) and not _more_to_show(plan, effects)
                 if done or not plan.experiments or plan.after - plan.before < WORTH_TELLING:
-                    return ended(*_at_an_end(report, plan, effects, budget - spent))
+                    return ended(*_at_an_end(report, plan, effects, left))
                 make_folder(here)
                 _ask(plan, here, units or {}, kinds)
             asked = _read_asked(here)
@@ -193,55 +189,109 @@ def session(
             answer = request.with_name(request.name.replace("request", "record"))
             if not is_file(answer):
                 run(request, answer)
-            if asked["kind"] == "stroke":
-                found_now = _measured_records(read, answer, number, measuring, limits)
-                if step is None:
-                    warnings = _not_as_asked(found_now, request, answer)
-                known += found_now
-            elif asked["kind"] == "sensor":
-                wanted = FurtherSensor(**read_toml(request)["sensor"])
-                sigma = _answered_sigma(answer, model, wanted.output)
-                now = sensors_now(model, limits, records, measuring)
-                had = Sensors(now, limits.further).answered(wanted, sigma)
-                measuring, limits = had.now, replace(limits, further=had.offers)
-                warnings = _noisier(wanted, sigma, now, model)
-            else:
-                parts += _answered_tests(request, answer, model, effects)
-            spent += float(asked["cost"])
-        else:
-            asked = {"kind": "", "name": "records from before", "cost": 0.0, "expected": 0.0}
+            warnings = state.take(asked, request, answer, number, read)
         if step is None:
             found = None
-            if known and asked["kind"] != "sensor":
+            if state.known and asked["kind"] != "sensor":
                 found = _diagnosed(
-                    with_measured(model, parts, effects), effects, known, options, here, diagnosing
+                    state.measured_model, effects, state.known, options, here, diagnosing
                 )
-            step = SessionStep(
-                number=number,
-                kind=asked["kind"],
-                name=asked["name"],
-                cost=float(asked["cost"]),
-                verdict="" if found is None else str(found.verdict),
-                named=()
-                if found is None
-                else (*found.named, *_found_by_test(found, parts[len(measured) :])),
-                one_of=() if found is None else tuple(found.one_of),
-                statement="" if found is None else found.statement,
-                expected=float(asked["expected"]),
-                warnings=(*warnings, *(() if found is None else found.checks.warnings)),
-            )
+            step = state.step(number, asked, found, warnings)
             make_folder(here)
             write_text(here / "step.json", json.dumps(asdict(step), indent=1) + "\n", force=True)
         if is_file(here / "report.json"):
             report = read_json(here / "report.json")
-        if number or known:
-            finished(step)
+        if number or state.known:
+            steps.append(step)
+            if told is not None:
+                told(step)
         if step.verdict == Verdict.NAMED or (step.verdict in _COMPLETE and step.named):
             return ended("named", step.statement)
-        if spent >= budget - 1e-9:
+        if state.spent >= budget - 1e-9:
             told_last = [s.statement for s in steps if s.statement]
             return ended("out of budget", (told_last or ["No experiment gave a record."])[-1])
         number += 1
+
+
+class _State:
+    """What a session knows so far: records, tests of parts, sensors, and what it has spent."""
+
+    def __init__(
+        self,
+        model: Model,
+        effects: Sequence[Effect],
+        limits: Limits,
+        records: Sequence[Record],
+        sensors: Mapping[str, Sensor] | None,
+        measured: Sequence[Measured],
+    ):
+        self._model, self._effects = model, effects
+        self._records, self._measured_before = records, len(measured)
+        self.limits = limits
+        self.known = [_with_noise(r, limits) for r in records]
+        self.parts = list(measured)
+        self.measuring = sensors
+        self.spent = 0.0
+
+    @property
+    def measured_model(self) -> Model:
+        """The model with the tests of parts."""
+        return with_measured(self._model, self.parts, self._effects)
+
+    def take(
+        self,
+        asked: Mapping[str, Any],
+        request: Path,
+        answer: Path,
+        number: int,
+        read: Callable[[Path], Sequence[Record]],
+    ) -> tuple[str, ...]:
+        """Take up the answer to a request; returns warnings about it."""
+        warnings: tuple[str, ...] = ()
+        if asked["kind"] == "stroke":
+            found = _measured_records(read, answer, number, self.measuring, self.limits)
+            warnings = _not_as_asked(found, request, answer)
+            self.known += found
+        elif asked["kind"] == "sensor":
+            wanted = FurtherSensor(**read_toml(request)["sensor"])
+            sigma = _answered_sigma(answer, self._model, wanted.output)
+            now = sensors_now(self._model, self.limits, self._records, self.measuring)
+            had = Sensors(now, self.limits.further).answered(wanted, sigma)
+            self.measuring, self.limits = had.now, replace(self.limits, further=had.offers)
+            warnings = _noisier(wanted, sigma, now, self._model)
+        else:
+            self.parts += _answered_tests(request, answer, self._model, self._effects)
+        self.spent += float(asked["cost"])
+        return warnings
+
+    def step(
+        self,
+        number: int,
+        asked: Mapping[str, Any],
+        found: Report | None,
+        warnings: tuple[str, ...],
+    ) -> SessionStep:
+        """A step with the diagnosis after it; ``found``: None if there was none."""
+        asked_for = {
+            "number": number,
+            "kind": asked["kind"],
+            "name": asked["name"],
+            "cost": float(asked["cost"]),
+            "expected": float(asked["expected"]),
+        }
+        if found is None:
+            return SessionStep(
+                **asked_for, verdict="", named=(), one_of=(), statement="", warnings=warnings
+            )
+        by_test = _found_by_test(found, self.parts[self._measured_before :])
+        return SessionStep(
+            **asked_for,
+            verdict=str(found.verdict),
+            named=(*found.named, *by_test),
+            one_of=tuple(found.one_of),
+            statement=found.statement,
+            warnings=(*warnings, *found.checks.warnings),
+        )
 
 
 def _complete(report: Mapping[str, Any] | None) -> bool:
