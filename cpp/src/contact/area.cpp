@@ -15,6 +15,10 @@ constexpr double kPi = std::numbers::pi;
 
 double shared(const ConstantArea& a, double) { return a.size; }
 
+double full_depth(const ConstantArea&) { return 0.0; }
+
+std::vector<double> numbers(const ConstantArea& a) { return {a.size}; }
+
 double shared(const CrossedCylinders& a, double e) {
   const double small = std::min(a.radius_a, a.radius_b);
   const double large = std::max(a.radius_a, a.radius_b);
@@ -33,15 +37,30 @@ double shared(const CrossedCylinders& a, double e) {
                    0.0, 0.5 * kPi);
 }
 
+double full_depth(const CrossedCylinders& a) { return a.radius_a + a.radius_b; }
+
+std::vector<double> numbers(const CrossedCylinders& a) { return {a.radius_a, a.radius_b}; }
+
 double shared(const CircleOnLayer& a, double e) {
   const double depth = std::min(e, a.radius);
   return a.width * std::min(a.length, 2.0 * std::sqrt(depth * (2.0 * a.radius - depth)));
 }
 
+double full_depth(const CircleOnLayer& a) {
+  const double half = 0.5 * std::min(a.length, 2.0 * a.radius);
+  return a.radius - std::sqrt(std::max(0.0, (a.radius - half) * (a.radius + half)));
+}
+
+std::vector<double> numbers(const CircleOnLayer& a) { return {a.radius, a.width, a.length}; }
+
 double shared(const SphereOnLayer& a, double e) {
   const double depth = std::min(e, a.radius);
   return kPi * depth * (2.0 * a.radius - depth);
 }
+
+double full_depth(const SphereOnLayer& a) { return a.radius; }
+
+std::vector<double> numbers(const SphereOnLayer& a) { return {a.radius}; }
 
 }  // namespace
 
@@ -80,18 +99,16 @@ double shared_area(const ContactArea& area, double e) {
 }
 
 FullArea full_area(const ContactArea& area) {
-  if (const auto* flat = std::get_if<ConstantArea>(&area)) return {flat->size, 0.0};
-  double depth = 0.0;
-  if (const auto* pair = std::get_if<CrossedCylinders>(&area)) {
-    depth = pair->radius_a + pair->radius_b;
-  } else if (const auto* circle = std::get_if<CircleOnLayer>(&area)) {
-    const double half = 0.5 * std::min(circle->length, 2.0 * circle->radius);
-    depth = circle->radius -
-            std::sqrt(std::max(0.0, (circle->radius - half) * (circle->radius + half)));
-  } else {
-    depth = std::get<SphereOnLayer>(area).radius;
-  }
-  return {shared_area(area, depth), depth};
+  return std::visit(
+      [](const auto& a) {
+        const double depth = full_depth(a);
+        return FullArea{shared(a, depth), depth};
+      },
+      area);
+}
+
+std::vector<double> numbers_of(const ContactArea& area) {
+  return std::visit([](const auto& a) { return numbers(a); }, area);
 }
 
 }  // namespace feltmb

@@ -61,15 +61,8 @@ Key key_of(const FeltMaterial& m) {
 Key key_of(const FeltLayer& layer) {
   Key key{layer.thickness, layer.compression == LayerCompression::kColumns ? 1.0 : 0.0,
           static_cast<double>(layer.area.index())};
-  if (const auto* flat = std::get_if<ConstantArea>(&layer.area)) {
-    key.push_back(flat->size);
-  } else if (const auto* pair = std::get_if<CrossedCylinders>(&layer.area)) {
-    key.insert(key.end(), {pair->radius_a, pair->radius_b});
-  } else if (const auto* circle = std::get_if<CircleOnLayer>(&layer.area)) {
-    key.insert(key.end(), {circle->radius, circle->width, circle->length});
-  } else {
-    key.push_back(std::get<SphereOnLayer>(layer.area).radius);
-  }
+  const std::vector<double> own = numbers_of(layer.area);
+  key.insert(key.end(), own.begin(), own.end());
   return key;
 }
 

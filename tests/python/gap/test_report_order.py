@@ -319,7 +319,7 @@ def test_units_of_effects_are_written_once():
     assert library.viscous_friction(slide, scale=1.0).unit == "N s/m"
     assert library.viscous_friction(wheel, scale=1.0).unit == "V s/turn"
     assert library.dry_friction(arm, scale=1.0, speed=1.0).shape_names == (
-        "transition speed [rad/s]",
+        "threshold speed [rad/s]",
     )
 
 

@@ -4,6 +4,7 @@
 
 #include <limits>
 #include <variant>
+#include <vector>
 
 namespace feltmb {
 
@@ -48,5 +49,8 @@ struct FullArea {
   double compression;
 };
 FullArea full_area(const ContactArea& area);
+
+/// Numbers that define an area of its kind, in the order of the fields: a key for caches.
+std::vector<double> numbers_of(const ContactArea& area);
 
 }  // namespace feltmb

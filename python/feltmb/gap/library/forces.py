@@ -59,7 +59,7 @@ def dry_friction(c: Part, *, scale: float, speed: float) -> Effect:
         sign=1,
         mechanism="A force of constant magnitude acts against the motion.",
         shapes=(0.003 * speed, 0.03 * speed),
-        shape_names=(f"transition speed [{c.travel_unit}/s]",),
+        shape_names=(f"threshold speed [{c.travel_unit}/s]",),
         remedy="Add the friction, or clean and lubricate the guide.",
         rate=force_law(c, lambda q, v, v0: np.tanh(v / v0)),
     )
@@ -84,7 +84,7 @@ def dry_friction_asymmetry(c: Part, *, scale: float, speed: float) -> Effect:
         scale=scale,
         mechanism="Dry friction is stronger in one direction than in the other.",
         shapes=(0.003 * speed, 0.03 * speed),
-        shape_names=(f"transition speed [{c.travel_unit}/s]",),
+        shape_names=(f"threshold speed [{c.travel_unit}/s]",),
         remedy="Use two levels of dry friction.",
         rate=force_law(c, lambda q, v, v0: np.abs(np.tanh(v / v0))),
     )
@@ -109,7 +109,7 @@ def dry_friction_along(c: Part, *, scale: float, speed: float) -> Effect:
         scale=scale,
         mechanism="Dry friction changes along the guide.",
         shapes=(0.01 * speed,),
-        shape_names=(f"transition speed [{c.travel_unit}/s]",),
+        shape_names=(f"threshold speed [{c.travel_unit}/s]",),
         remedy="Use a friction that depends on the position, or clean and align the guide.",
         rate=force_law(c, lambda q, v, v0: q * np.tanh(v / v0)),
     )
@@ -137,7 +137,7 @@ def static_friction(c: Part, *, scale: float, speed: float) -> Effect:
         shapes=((0.05 * speed, 0.003 * speed), (0.3 * speed, 0.01 * speed)),
         shape_names=(
             f"Stribeck speed [{c.travel_unit}/s]",
-            f"transition speed [{c.travel_unit}/s]",
+            f"threshold speed [{c.travel_unit}/s]",
         ),
         remedy="Add the Stribeck term, or change the lubricant.",
         rate=force_law(c, lambda q, v, s: np.exp(-((v / s[0]) ** 2)) * np.tanh(v / s[1])),
