@@ -15,9 +15,10 @@ from feltmb.arguments import checked
 from feltmb.data.readings import true_input
 from feltmb.errors import DataError
 
-__all__ = ["Array", "InputMode", "Record", "Reference", "Role", "Sensor", "StartPrior"]
+__all__ = ["Array", "InputMode", "Integers", "Record", "Reference", "Role", "Sensor", "StartPrior"]
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
 InputMode = Literal["force", "motion"]
 Role = Literal["fit", "held_out"]
 Reference = Literal["", "absolute", "rest"]

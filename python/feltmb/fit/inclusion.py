@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data import Array, Record
+from feltmb.data import Array, Integers, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.model import (
     Batch,
     Candidate,
     Effect,
-    Integers,
     Jobs,
     Model,
     Parameter,

@@ -18,10 +18,9 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feltmb.arguments import checked
-from feltmb.data import Array, InputMode, Record
+from feltmb.data import Array, InputMode, Integers, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.noise_of_function import difference_offsets
 
@@ -55,7 +54,6 @@ LAWS = ("force", "state")
 #: Internal memory of a model in addition to its states, one item per segment; only the model
 #: interprets it.
 Memory = tuple[Any, ...]
-Integers = NDArray[np.intp]
 
 
 @checked

@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from feltmb.data import Array, Record, Sensor
+from feltmb.data import Array, Integers, Record, Sensor
 
 __all__ = ["Noise", "innovations", "noise_of", "rounding_error", "sd_of_knots"]
 
-Integers = NDArray[np.intp]
 #: Share of the variance of averaged noise that is assumed white. The spectrum of an average has
 #: zeros, and a model is not exact enough to be judged at these frequencies.
 WHITE = 0.05

@@ -10,14 +10,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.data import Array, Record
+from feltmb.data import Array, Integers, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.model import Model
 from feltmb.fit.noise import Noise, innovations
 
 __all__ = ["Noise", "SegmentedRecord", "choose_segments", "segment_record"]
-
-Integers = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from feltmb.fit.model import Candidate, Jobs, Model, by_segment
 from feltmb.fit.observe import machine_candidates, observe_all
 from feltmb.fit.problem import Normal, Point, Problem
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.watch import current
+from feltmb.fit.watch import Say, current
 
 __all__ = [
     "Fit",
@@ -34,7 +34,6 @@ __all__ = [
     "with_variability",
 ]
 
-Progress = Callable[[str, int, int], None]
 #: If the fit is poor, a gain below this share of the sum of squares is not worth a simulation.
 COARSE = 3e-5
 #: Trust region of a fit without continuity defects, in units of ``Problem.reach``: first, largest
@@ -653,7 +652,7 @@ def _agrees_until(segmented: SegmentedRecord, residual: Array, followed: float) 
 
 
 def _descend(
-    problem: Problem, point: Point, settings: FitSettings, progress: Progress | None, label: str
+    problem: Problem, point: Point, settings: FitSettings, progress: Say | None, label: str
 ) -> tuple[Fit, Point, float]:
     """Fit from loose to tight continuity defects; keep the level of largest marginal likelihood.
 
@@ -882,7 +881,7 @@ def fit_problem(
     settings: FitSettings | None = None,
     *,
     point: Point | None = None,
-    progress: Progress | None = None,
+    progress: Say | None = None,
     label: str = "fit",
 ) -> Fit:
     """Fit a problem, starting from its priors.

@@ -23,6 +23,7 @@ __all__ = [
     "REPORT",
     "SEARCH",
     "Progress",
+    "Say",
     "Tell",
     "Watch",
     "current",
@@ -66,6 +67,8 @@ class Progress:
 
 
 Tell = Callable[[Progress], None]
+#: Function that is told a step of a stage: its name, the number of finished steps, and of all.
+Say = Callable[[str, int, int], None]
 
 _seen = 0.0
 _counting = Lock()

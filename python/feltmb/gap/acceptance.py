@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.solve import SAME, Fit, FitSettings
-from feltmb.fit.watch import current
+from feltmb.fit.watch import Say, current
 from feltmb.gap.criteria import (
     CLOSES_ALL,
     DEEP_GAP,
@@ -47,7 +47,6 @@ from feltmb.gap.smooth import smooth_discrepancy
 
 __all__ = ["Accepted", "Posterior", "accept", "posterior", "refutes", "shapley"]
 
-Progress = Callable[[str, int, int], None]
 #: Number of sets, in the order of their evidence, beside which an unknown cause is considered.
 IN_PLAY = 4
 
@@ -176,7 +175,7 @@ class _Attempt:
         options: Options,
         *,
         discrepancy: bool,
-        progress: Progress | None,
+        progress: Say | None,
     ):
         self.search, self.held, self.settings = search, held, settings
         self.inflation, self.options = inflation, options
@@ -517,7 +516,7 @@ def accept(
     options: Options,
     *,
     discrepancy: bool = False,
-    progress: Progress | None = None,
+    progress: Say | None = None,
 ) -> Accepted:
     """Keep the effects of the best set that held-out records confirm, and find its rivals.
 
@@ -652,7 +651,7 @@ def shapley(
     settings: FitSettings,
     *,
     which: str,
-    progress: Progress | None = None,
+    progress: Say | None = None,
 ) -> dict[str, float]:
     """Order-free share of every accepted effect in the held-out gap (2^n fits, n <= 4) [sigma]."""
     if accepted.best is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,14 +12,12 @@ from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Candidate, Effect, Model
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, finish, polish
-from feltmb.fit.watch import current
+from feltmb.fit.watch import Say, current
 from feltmb.gap.refine import quicker, refit
 from feltmb.gap.score import Scores, all_candidates, family_threshold, score_fit, tail
 from feltmb.gap.search import Search
 
 __all__ = ["Null", "calibrate", "largest_statistic"]
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +50,7 @@ def calibrate(
     replicates: int,
     *,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Say | None = None,
 ) -> Null:
     """Compute the null distribution of the largest score.
 
@@ -109,7 +107,7 @@ def largest_statistic(
     settings: FitSettings,
     *,
     confirm: bool,
-    progress: Progress | None = None,
+    progress: Say | None = None,
 ) -> float:
     """Largest test statistic of all candidates.
 

@@ -28,6 +28,7 @@ from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import Store
 from feltmb.fit.limits import FurtherSensor, Limits, PartTest
 from feltmb.fit.model import Candidate, Effect, Model
+from feltmb.fit.watch import Say
 from feltmb.gap.checks import with_sigma
 from feltmb.gap.further_sensors import Sensors, offered
 from feltmb.gap.information import (
@@ -63,7 +64,6 @@ __all__ = [
 ]
 
 Aim = Literal["names", "sizes"]
-Tell = Callable[[str, int, int], None]
 
 #: Number of profiles of each family that are simulated.
 DRAWS = 8
@@ -198,7 +198,7 @@ def design(
     refinements: int = 4,
     seed: int = 0,
     folder: str | Path | None = None,
-    progress: Tell | None = None,
+    progress: Say | None = None,
 ) -> Design:
     """Design the most informative experiments within limits and a budget.
 
@@ -459,7 +459,7 @@ class _Work:
         *,
         every: tuple[Candidate, ...] = (),
         store: Store | None = None,
-        progress: Tell | None = None,
+        progress: Say | None = None,
     ):
         self.model, self.limits, self.sensors = model, limits, sensors
         self.every, self.store, self.seed, self.progress = every, store, seed, progress

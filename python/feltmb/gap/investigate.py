@@ -6,7 +6,7 @@ counts as noise too, so that effects must be better than it (:mod:`feltmb.gap.di
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish, with_variability
 from feltmb.fit.starts import from_other_starts
-from feltmb.fit.watch import FIT, SEARCH, current
+from feltmb.fit.watch import FIT, SEARCH, Say, current
 from feltmb.gap.checks import DataChecks
 from feltmb.gap.criteria import COLOR_GAIN
 from feltmb.gap.discrepancy import (
@@ -46,7 +46,6 @@ from feltmb.gap.tolerance import evidence_of_release, within_tolerance, without_
 
 __all__ = ["Investigation", "Task", "investigate"]
 
-Progress = Callable[[str, int, int], None]
 #: Number of times that the unexplained residual is estimated again.
 ROUNDS = 4
 
@@ -61,7 +60,7 @@ class Task:
     settings: FitSettings
     store: Store | None
     """Store of finished optimizations."""
-    progress: Progress | None
+    progress: Say | None
 
 
 @dataclass(frozen=True, eq=False)

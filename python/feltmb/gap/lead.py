@@ -9,7 +9,7 @@ the shorter one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from feltmb.fit.model import Effect
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem, polish
-from feltmb.fit.watch import current
+from feltmb.fit.watch import Say, current
 from feltmb.gap.criteria import NEAR_BEST
 from feltmb.gap.refine import CandidateSet, full_evidence, taken_over, worth_of
 from feltmb.gap.score import all_candidates, score_fit, screen_sets
@@ -34,7 +34,6 @@ HORIZONS, NEAR = (0.5, 0.65, 0.8, 0.9), 4.0
 GROWTH, SHORTEST = 1.5, 0.1
 NO_DEFECTS = np.zeros(0)
 
-Progress = Callable[[str, int, int], None]
 Key = tuple[str, ...]
 
 
@@ -44,7 +43,7 @@ def lead(
     settings: FitSettings,
     *,
     most: int = 4,
-    progress: Progress | None = None,
+    progress: Say | None = None,
 ) -> list[Fit]:
     """Fits to the whole records, largest evidence first; the fit of the model alone is included.
 

@@ -15,7 +15,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import SAME, Fit, FitSettings, finish, model_with_variability, polish
 from feltmb.fit.starts import from_other_starts
-from feltmb.fit.watch import current
+from feltmb.fit.watch import Say, current
 from feltmb.gap.criteria import FAINT_SCORE, NEAR_BEST, NEAR_SHAPE, RIVAL, SMALL_SHARE
 from feltmb.gap.refine import (
     CandidateSet,
@@ -36,7 +36,6 @@ from feltmb.gap.shape import between, movable, off_grid
 
 __all__ = ["Search", "at_its_variability", "in_refined_steps", "search", "with_larger_noise"]
 
-Progress = Callable[[str, int, int], None]
 
 #: Tolerance of the sum of squares by which a set may exceed a set that it contains; half of it is
 #: log evidence.
@@ -101,7 +100,7 @@ def search(
     *,
     most: int = 4,
     width: int = 4,
-    progress: Progress | None = None,
+    progress: Say | None = None,
     led: Sequence[Fit] = (),
 ) -> Search:
     """Screen the candidates, refit the best ones, then add, drop and swap until nothing helps.
@@ -133,7 +132,7 @@ def search(
 
 
 def in_refined_steps(
-    found: Search, settings: FitSettings, *, progress: Progress | None = None
+    found: Search, settings: FitSettings, *, progress: Say | None = None
 ) -> Search:
     """The search with its best sets fitted again, if they need a smaller step of the integrator.
 
@@ -151,7 +150,7 @@ def in_refined_steps(
 
 
 def at_its_variability(
-    found: Search, settings: FitSettings, *, progress: Progress | None = None
+    found: Search, settings: FitSettings, *, progress: Say | None = None
 ) -> Search:
     """The search with the run-to-run variability at the parameters of its fits.
 
@@ -174,7 +173,7 @@ def with_larger_noise(
     segmented_records: tuple[SegmentedRecord, ...],
     settings: FitSettings,
     *,
-    progress: Progress | None = None,
+    progress: Say | None = None,
 ) -> Search:
     """The search with its best sets fitted again to records with somewhat larger noise.
 
@@ -197,7 +196,7 @@ def _again(
     other: Callable[[Problem], Problem],
     settings: FitSettings,
     what: str,
-    progress: Progress | None,
+    progress: Say | None,
     *,
     rescore: bool = False,
 ) -> Search:
@@ -284,7 +283,7 @@ class _Hunt:
         settings: FitSettings,
         most: int,
         width: int,
-        progress: Progress | None,
+        progress: Say | None,
     ) -> None:
         self.model_fit, self.tight_fit = model, tight
         self.settings, self.most, self.width, self.progress = settings, most, width, progress
