@@ -9,7 +9,7 @@ import numpy as np
 from feltmb.adapters.drives import DISPLACEMENT
 from feltmb.adapters.model import MechanismModel
 from feltmb.data import Record, Sensor
-from feltmb.fit import InputLimits, Limits
+from feltmb.fit.limits import InputLimits, Limits
 from feltmb.run.stroke import load_stroke
 
 __all__ = ["STROKES", "STROKE_KINDS", "finger_limits", "planned_strokes"]

@@ -169,9 +169,10 @@ def _unknown_channels(signals: Signals, options: ReadOptions) -> list[str]:
         return []
     modes = [n for names in signals.modes.values() for n in names]
     known = ["time", *dict.fromkeys([*signals.inputs, *modes, *signals.outputs])]
+    others = {n for names in signals.names.values() for n in names}
     faults = []
     for name in options.columns:
-        if name not in known:
+        if name not in known and name not in others:
             same = [n for n in known if n.split(".")[0] == name]
             same = same or [n for n in known if n.startswith(name)][:3]
             near = same or difflib.get_close_matches(name, known, n=1)

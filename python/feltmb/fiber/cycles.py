@@ -42,14 +42,14 @@ def find_branches(v_f: Array) -> Branches:
     turns = _reversals(v_f)
     loading, unloading = [], []
     highest, cycles = -np.inf, 0
-    densest = int(np.argmax(v_f))
+    densest = float(np.max(v_f))
     for a, b in itertools.pairwise(turns):
         part = np.arange(a if a == 0 else a + 1, b + 1)
         if v_f[b] >= v_f[a]:
             cycles += 1
             loading.append(part[v_f[part] > highest])
             highest = max(highest, v_f[b])
-        elif a == densest:
+        elif v_f[a] == densest:
             unloading.append(part)
     kept = np.concatenate([*loading, *unloading])
     number = sum(p.size for p in loading)

@@ -3,7 +3,6 @@
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.fmu import fmu_model
 from feltmb.fit.inclusion import Including, including
-from feltmb.fit.limits import InputLimits, Limits
 from feltmb.fit.linear import FunctionModel, LinearModel
 from feltmb.fit.model import (
     VARIABILITY,
@@ -35,9 +34,7 @@ __all__ = [
     "Exposed",
     "FunctionModel",
     "Including",
-    "InputLimits",
     "Jobs",
-    "Limits",
     "LinearModel",
     "Memory",
     "Model",

@@ -59,5 +59,5 @@ def _line_of(error: Exception) -> str:
         path = Path(frame.filename)
         inside = installed & {*path.parents} or "site-packages" in path.parts
         if path.suffix == ".py" and not inside:
-            return f" in line {frame.lineno} of {path.name}"
+            return f" (line {frame.lineno} of {path.name})"
     return ""

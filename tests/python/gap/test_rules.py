@@ -215,7 +215,7 @@ def test_what_mends_the_form_of_a_larger_effect_is_small_print():
     report = diagnose(LINE, effects, bent, options=Options(bootstrap=0))
     assert report.named == ("power 3",)
     reasons = {r.name: r.why for r in report.refused}
-    assert "form of the larger effect" in reasons["power 5"]
+    assert "law of that effect could explain as much" in reasons["power 5"]
     # As large as the first it is a cause of its own.
     both = diagnose(
         LINE, effects, records(lambda u: u + 0.3 * u**3 - 0.5 * u**5), options=Options(bootstrap=0)
@@ -313,7 +313,7 @@ def test_a_sure_score_that_held_out_records_refuse_is_unknown():
     assert report.fit.explains
     assert report.which["power 3"].statistic > 25.0
     assert report.verdict == Verdict.UNKNOWN
-    assert "family-wise p" in report.statement
+    assert "p of the largest score" in report.statement
     assert report.named == ()
 
 

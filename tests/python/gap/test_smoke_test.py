@@ -88,13 +88,13 @@ def test_a_model_at_fault_is_not_put_on_the_effects():
     assert text == "model arm: rates returned 1 values, expected one for each state: q, v"
     text = message(model(lambda t, x, u, p: (x.v, x.nope)), [dry])
     said = "model arm: its rates function raises AttributeError: no 'nope'; known are q, v"
-    assert text == said
+    assert text == f"{said} (line 89 of test_smoke_test.py)"
     # All that use the model say the same.
     faulty, planned = model(lambda t, x, u, p: (x.v, x.nope)), records()
     for use in (fit_model, lambda model, records: plan(model, [dry], records)):
         with pytest.raises(InvalidParameter) as error:
             use(faulty, planned)
-        assert str(error.value) == said
+        assert str(error.value) == f"{said} (line 93 of test_smoke_test.py)"
 
 
 def test_a_model_that_gives_no_numbers_is_told():
