@@ -24,6 +24,13 @@ class Named:
     def __init__(self, values: Mapping[str, Any]):
         self._values = values
 
+    @classmethod
+    def _of(cls, values: Mapping[str, Any]) -> Named:
+        """The same as the constructor, without checks: for each step of an integration."""
+        out = cls.__new__(cls)
+        out._values = values
+        return out
+
     def __getitem__(self, name: str) -> Any:
         return self._values[name]
 
@@ -82,6 +89,9 @@ class Coordinate:
 
     def motion(self, x: Named) -> tuple[Any, Any]:
         """Position and speed."""
+        return self._motion(x)
+
+    def _motion(self, x: Named) -> tuple[Any, Any]:  # without checks, for each step
         return x[self.position], x[self.speed]
 
     def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
@@ -100,6 +110,9 @@ class Coordinate:
         p
             Parameters by name.
         """
+        return self._push(force, t, x, u, p)
+
+    def _push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
         return {self.speed: self._acceleration(force, t, x, u, p)}
 
     def _acceleration(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> Any:
@@ -144,7 +157,10 @@ class Coupling:
 
     def motion(self, x: Named) -> tuple[Any, Any]:
         """Position and speed."""
-        (q, v), (r, w) = self.first.motion(x), self.second.motion(x)
+        return self._motion(x)
+
+    def _motion(self, x: Named) -> tuple[Any, Any]:  # without checks, for each step
+        (q, v), (r, w) = self.first._motion(x), self.second._motion(x)
         return q - self.ratio * r, v - self.ratio * w
 
     def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
@@ -163,7 +179,10 @@ class Coupling:
         p
             Parameters by name.
         """
+        return self._push(force, t, x, u, p)
+
+    def _push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
         return {
-            **self.first.push(force, t, x, u, p),
-            **self.second.push(-self.ratio * force, t, x, u, p),
+            **self.first._push(force, t, x, u, p),
+            **self.second._push(-self.ratio * force, t, x, u, p),
         }

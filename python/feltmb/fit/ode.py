@@ -263,22 +263,26 @@ class _Clock:
             [np.hstack(parts) for parts in bends if parts],
         )
 
-    def inputs(self, model: OdeModel, j: int, share: float, p: Named) -> Named:
-        """Inputs of the jobs between samples j and j + 1."""
-        values = {}
+    def inputs(self, model: OdeModel, j: int, shares: Array, p: Named) -> list[Named]:
+        """Inputs of the jobs between samples j and j + 1, at these shares of the interval."""
         nxt = min(j + 1, len(self.time) - 1)
+        share = shares[:, None]
+        columns = []
         for i, (name, signal) in enumerate(zip(model.inputs, self.signals, strict=True)):
-            value = signal[j]
-            if share != 0.0 and model.hold != "zero":
+            value = np.broadcast_to(signal[j], (len(shares), signal.shape[1]))
+            if model.hold != "zero":
                 value = value + share * (signal[nxt] - signal[j])
-            if share != 0.0 and self.bends:
+            if self.bends:
                 rest, square = 1.0 - share, (self.time[nxt] - self.time[j]) ** 2 / 6.0
                 bent = square * (
                     (rest**3 - rest) * self.bends[i][j] + (share**3 - share) * self.bends[i][nxt]
                 )
                 value = value + (p[BETWEEN + name] * bent if model.hold == "between" else bent)
-            values[name] = value
-        return Named(values)
+            columns.append(value)
+        if not columns:
+            return [Named._of({})] * len(shares)
+        names = model.inputs
+        return [Named._of(dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)]
 
 
 def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
@@ -317,17 +321,24 @@ def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
 
     ours = calling(f"model {model.name}: its rates function")
     theirs = [calling(f"effect {t.name}: its rate") for t in included]
+    effects: list[tuple[str, Any, dict[str, int]]] = []
+    shapes = [t.shape for t in included]
+    at = base
     for candidate in included:
-        taken = [h.name for h in candidate.effect.hidden if h.name in inverse]
+        hidden = [h.name for h in candidate.effect.hidden]
+        taken = [name for name in hidden if name in inverse]
         if taken:
             raise InvalidParameter(
                 f"effect {candidate.name}: its hidden state {taken[0]!r} has the name "
                 "of a state of "
                 f"model {model.name}; rename one of them"
             )
+        rows = {name: at + j for j, name in enumerate(hidden)}
+        effects.append((candidate.name, candidate.effect.rate, rows))
+        at += len(hidden)
 
     def view(x: Array) -> Named:
-        return Named(dict(zip(names, x, strict=False)))
+        return Named._of(dict(zip(names, x, strict=False)))
 
     def rates(t: Array, x: Array, u: Named) -> Array:
         named = view(x)
@@ -341,41 +352,32 @@ def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
             )
         for i, value in enumerate(own_rates):
             out[i] = value
-        at = base
-        for k, candidate in enumerate(included):
-            memory = candidate.effect.hidden
+        for k, (effect, own, memory) in enumerate(effects):
             seen = named
             if memory:
-                out[at : at + len(memory)] = 0.0
-                held = {h.name: x[at + j] for j, h in enumerate(memory)}
-                seen = Named({**named._values, **held})
-            assert candidate.effect.rate is not None
+                held = {name: x[row] for name, row in memory.items()}
+                out[list(memory.values())] = 0.0
+                seen = Named._of({**named._values, **held})
             with theirs[k]:
-                change: Any = candidate.effect.rate(
-                    t, seen, u, p, magnitudes[:, k], candidate.shape
-                )
+                change: Any = own(t, seen, u, p, magnitudes[:, k], shapes[k])
             if not isinstance(change, Mapping):
                 raise InvalidParameter(
-                    f"effect {candidate.name}: rate returned {type(change).__name__}, expected a "
+                    f"effect {effect}: rate returned {type(change).__name__}, expected a "
                     "dictionary of rates by name of the state"
                 )
-            hidden = {h.name: at + j for j, h in enumerate(memory)}
             for name, value in change.items():
-                row = inverse.get(name, hidden.get(name))
+                row = inverse.get(name, memory.get(name))
                 if row is None:
                     raise InvalidParameter(
-                        f"effect {candidate.name}: rate changes {name!r}, which is no state; "
-                        "known are "
-                        f"{', '.join([*names, *hidden])}"
+                        f"effect {effect}: rate changes {name!r}, which is no state; known are "
+                        f"{', '.join([*names, *memory])}"
                     )
                 if np.shape(value) not in ((), (1,), (count,)):
                     raise InvalidParameter(
-                        f"effect {candidate.name}: rate of {name} has shape {np.shape(value)}, "
-                        "expected "
+                        f"effect {effect}: rate of {name} has shape {np.shape(value)}, expected "
                         f"a number or one value a job, ({count},)"
                     )
                 out[row] += value
-            at += len(memory)
         if forces is not None:
             place = np.clip((t - begin) / span, 0.0, 1.0) * (knots - 1)
             left = np.minimum(place.astype(np.intp), knots - 2)
@@ -384,7 +386,7 @@ def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
                 force = (1.0 - share) * forces[job, j, left]
                 force = force + share * forces[job, j, left + 1]
                 if port.name in coordinates:
-                    pushed = coordinates[port.name].push(force, t, named, u, p)
+                    pushed = coordinates[port.name]._push(force, t, named, u, p)
                 else:
                     pushed = {model._port_states[port.name]: force}
                 for state, value in pushed.items():
@@ -394,11 +396,12 @@ def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
     shows_rates = any(isinstance(of, Rate) for of in model._outputs.values())
     ending = set(last.tolist())
     substeps = model.substeps or 1
+    halves = np.arange(2 * substeps + 1) / (2 * substeps)
     for j in range(longest):
         t = clock.time[j]
-        u = u1 = clock.inputs(model, j, 0.0, p)
+        u = clock.inputs(model, j, halves if j < longest - 1 else halves[:1], p)
         named = view(x)
-        slopes = rates(t, x, u) if shows_rates else None
+        slopes = rates(t, x, u[0]) if shows_rates else None
         for o, name in enumerate(model.outputs):
             of = model._outputs[name]
             if isinstance(of, str):
@@ -408,19 +411,17 @@ def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
                 outputs[j, :, o] = slopes[inverse[of.state]]
             else:
                 with calling(f"model {model.name}: its output {name}"):
-                    outputs[j, :, o] = of(t, named, u, p)
+                    outputs[j, :, o] = of(t, named, u[0], p)
         if j in ending:
             ends[last == j] = x.T[last == j]
         if j == longest - 1:
             break
         h = (clock.time[j + 1] - t) / substeps
+        half = 0.5 * h
         for s in range(substeps):
-            a, b = s / substeps, (s + 1) / substeps
-            u0, u1 = u1, clock.inputs(model, j, b, p)
-            um = clock.inputs(model, j, 0.5 * (a + b), p)
+            u0, um, u1 = u[2 * s : 2 * s + 3]
             t0 = t + s * h
             if model.method == "rk4":
-                half = 0.5 * h
                 k1 = rates(t0, x, u0)
                 k2 = rates(t0 + half, x + half * k1, um)
                 k3 = rates(t0 + half, x + half * k2, um)

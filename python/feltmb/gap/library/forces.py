@@ -34,7 +34,7 @@ def force_law(c: Part, law: Callable[[Any, Any, Any], Any]) -> Rate:
     """Rate of an effect with the force ``-magnitude * law(position, speed, shape)``."""
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
-        return c.push(-size * law(*c.motion(x), shape), t, x, u, p)
+        return c._push(-size * law(*c._motion(x), shape), t, x, u, p)
 
     return rate
 
@@ -278,11 +278,11 @@ def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
         b, n = shape
-        q, v = c.motion(x)
+        q, v = c._motion(x)
         deflection = (q - x["hysteresis.slip"]) / b
         force = -size * np.clip(deflection, -1.0, 1.0)
         return {
-            **c.push(force, t, x, u, p),
+            **c._push(force, t, x, u, p),
             "hysteresis.slip": _slip_rate(deflection, v, n),
         }
 
@@ -326,9 +326,9 @@ def damper_clearance(c: Part, *, damping: float, travel: float) -> Effect:
     """
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, b: Any) -> Mapping[str, Array]:
-        q, v = c.motion(x)
+        q, v = c._motion(x)
         slip = _slip_rate((q - x["clearance.slip"]) / b, v, CLEARANCE_SHARPNESS)
-        return {**c.push(size * damping * (v - slip), t, x, u, p), "clearance.slip": slip}
+        return {**c._push(size * damping * (v - slip), t, x, u, p), "clearance.slip": slip}
 
     return Effect(
         name=f"clearance of damper {c.name}",
@@ -361,8 +361,8 @@ def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
     """
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, tau: Any) -> Mapping[str, Array]:
-        stretch = c.motion(x)[0] - x["creep.stretch"]
-        return {**c.push(-size * stretch, t, x, u, p), "creep.stretch": stretch / tau}
+        stretch = c._motion(x)[0] - x["creep.stretch"]
+        return {**c._push(-size * stretch, t, x, u, p), "creep.stretch": stretch / tau}
 
     return Effect(
         name=f"creep {c.name}",
@@ -397,8 +397,8 @@ def drifting_stiffness(c: Part, *, scale: float, times: Sequence[float]) -> Effe
     """
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, tau: Any) -> Mapping[str, Array]:
-        q, _ = c.motion(x)
-        return c.push(size * np.expm1(-t / tau) * q, t, x, u, p)
+        q, _ = c._motion(x)
+        return c._push(size * np.expm1(-t / tau) * q, t, x, u, p)
 
     return Effect(
         name=f"drifting stiffness {c.name}",
