@@ -106,9 +106,9 @@ def test_budget_is_spent_as_every_exchange_confirms():
     every = all_candidates([SQUARE, cube])
     start = Knowledge.start(model, every, Belief.even(every))
     from feltmb.gap.designs import _Work
+    from feltmb.gap.further_sensors import Sensors
 
-    work = _Work(model, box, SENSORS, None, 0, None)
-    work.every = every
+    work = _Work(model, box, Sensors(SENSORS), 0, every=every)
     options = work.options(list(FAMILIES), 8)
     best = max(
         start.plus(a.information).plus(b.information).sizes()
