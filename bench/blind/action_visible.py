@@ -1,10 +1,10 @@
 """Which effects of the whole action could be named at all, with strokes of a finger and cameras.
 
 For each effect of the library, the best strokes are chosen for this effect alone, as if one knew
-that it acts. So the result is a bound: no plan can tell more with strokes of this pool. Expected
-log evidence is that of the linear model, at half, once and twice the size that one would expect,
-relative to the best rival (a name) or to the second best one (a class of two). No truth and no
-diagnosis.
+that it acts: about the most that a plan can reach with strokes of this pool (greedy choice).
+Expected log evidence is that of the linear model, at half, once and twice the size that one would
+expect, relative to the best rival (a name) or to the second best one (a class of two). No truth and
+no diagnosis.
 
     PYTHONPATH=bench python -m blind.action_visible [--pool 150] [--folder FOLDER]
 """

@@ -10,8 +10,9 @@ from feltmb.data import Array
 
 __all__ = ["at_times", "output_rate"]
 
-#: Output samples per median interval of a record with an uneven clock.
-FINER = 8.0
+#: Output samples per short interval of a record with an uneven clock. A tenth of its intervals are
+#: shorter.
+FINER, SHORT = 8.0, 0.1
 
 
 def output_rate(time: Array) -> float:
@@ -23,7 +24,7 @@ def output_rate(time: Array) -> float:
     if _even(steps):
         return (time.size - 1) / float(time[-1] - time[0])
     duration = float(time[-1] - time[0])
-    return math.ceil(FINER * duration / float(np.median(steps))) / duration
+    return math.ceil(FINER * duration / float(np.quantile(steps, SHORT))) / duration
 
 
 def at_times(simulated: Array, values: Array, time: Array) -> Array:

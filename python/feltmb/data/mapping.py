@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -118,7 +118,7 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
     place |= {n: find(n) for n in (*signals.inputs, *signals.outputs)}
     fitting = [m for m, names in signals.modes.items() if all(place[n] for n in names)]
     seen = [n for n in signals.outputs if place[n]]
-    faults = _unknown_channels(signals, options)
+    faults = _unknown_channels(signals, options, ())
     if signals.modes and not fitting:
         wanted = " or ".join(" and ".join(names) for names in signals.modes.values())
         faults.append(f"no column {wanted} for the input; there are {columns} ({WHICH})")
@@ -163,13 +163,18 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
     )
 
 
-def _unknown_channels(signals: Signals, options: ReadOptions) -> list[str]:
-    """Faults of columns that are assigned to channels which the model does not have."""
+def _unknown_channels(
+    signals: Signals, options: ReadOptions, described: Iterable[str]
+) -> list[str]:
+    """Faults of columns that are assigned to channels which the model does not have.
+
+    ``described``: further channels, which the TOML file of the measurement names.
+    """
     if signals.any_inputs:
         return []
     modes = [n for names in signals.modes.values() for n in names]
     known = ["time", *dict.fromkeys([*signals.inputs, *modes, *signals.outputs])]
-    others = {n for names in signals.names.values() for n in names}
+    others = {*described, *(n for names in signals.names.values() for n in names)}
     faults = []
     for name in options.columns:
         if name not in known and name not in others:
@@ -250,7 +255,9 @@ def _changed(
         empty = InputSpec() if where is inputs else OutputSpec()
         where[name] = where.get(name, empty).model_copy(update={"column": column})
     known = {*inputs, *outputs, "time", ""}
-    faults = [
+    described = (*sheet.inputs, *sheet.outputs)
+    faults = _unknown_channels(signals, options, described) if signals.outputs else []
+    faults += [
         f"{what} of {name}: there is no such channel; known are {', '.join(sorted(known - {''}))}"
         for what, table in (
             ("unit", options.units),

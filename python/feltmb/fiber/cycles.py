@@ -40,18 +40,18 @@ def find_branches(v_f: Array) -> Branches:
         Volume fraction of each sample in the order of the test [1].
     """
     turns = _reversals(v_f)
-    loading, unloading = [], []
+    loading, unloading = [], [np.zeros(0, dtype=np.intp)]
     highest, cycles = -np.inf, 0
-    densest = float(np.max(v_f))
     for a, b in itertools.pairwise(turns):
         part = np.arange(a if a == 0 else a + 1, b + 1)
         if v_f[b] >= v_f[a]:
             cycles += 1
             loading.append(part[v_f[part] > highest])
             highest = max(highest, v_f[b])
-        elif v_f[a] == densest:
+        elif v_f[a] == np.max(v_f):
             unloading.append(part)
-    kept = np.concatenate([*loading, *unloading])
+    # Of equal maxima the last one counts: the felt has then softened.
+    kept = np.concatenate([*loading, unloading[-1]])
     number = sum(p.size for p in loading)
     order = np.argsort(kept, kind="stable")
     return Branches(kept[order], (np.arange(kept.size) < number)[order], cycles)
@@ -69,8 +69,4 @@ def _reversals(v_f: Array) -> list[int]:
             if extreme > 0:
                 turns.append(extreme)
             extreme, rising = i, not rising
-    if extreme > turns[-1]:
-        turns.append(extreme)
-    if turns[-1] < v_f.size - 1:
-        turns.append(v_f.size - 1)
-    return turns
+    return [*turns, v_f.size - 1]

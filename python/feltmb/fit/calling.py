@@ -44,7 +44,8 @@ def explained(error: Exception) -> str:
     text = f"{type(error).__name__}: {error}{_line_of(error)}"
     if "truth value of an array" in text or "only length-1 arrays" in text:
         return text + " (it is called with whole arrays: use np.where, np.maximum, np.sin)"
-    if isinstance(error, (ValueError, ArithmeticError)):
+    undefined = isinstance(error, ArithmeticError) or "domain" in text or "nonnegative" in text
+    if undefined:
         return text + (
             " (return NaN for undefined values: such a trial counts as failed; fits evaluate "
             "extreme parameters)"
@@ -57,7 +58,7 @@ def _line_of(error: Exception) -> str:
     installed = {Path(__file__).parents[1], Path(sysconfig.get_paths()["stdlib"])}
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         path = Path(frame.filename)
-        inside = installed & {*path.parents} or "site-packages" in path.parts
+        inside = installed & {*path.parents} or {*path.parts} & {"site-packages", "dist-packages"}
         if path.suffix == ".py" and not inside:
             return f" (line {frame.lineno} of {path.name})"
     return ""

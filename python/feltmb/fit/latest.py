@@ -19,8 +19,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 def cached_for_first(function: F) -> F:
     """Cache the results of a function as long as its first argument exists.
 
-    Unlike ``functools.lru_cache``, it keeps neither the argument nor the results alive. The first
-    argument is compared by identity, the others by value.
+    Unlike ``functools.lru_cache``, it does not keep the first argument alive, unless a result
+    refers to it. Arguments are positional and hashable. Threads that ask for the same result at the
+    same time may all compute it.
     """
     known: weakref.WeakKeyDictionary[Any, dict[Any, Any]] = weakref.WeakKeyDictionary()
 

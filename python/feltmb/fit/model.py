@@ -415,8 +415,9 @@ class SensitivityRequest:
     memory: Memory | None = None
     """Memory of the model at the starts, in addition to its states; see :class:`Jobs`."""
     input_changes: tuple[Mapping[str, Array], ...] = ()
-    """Changes of the inputs, {input: (n,)} [unit of the input], whose derivatives are requested:
-    the derivative of ``inputs + h * change`` by h at zero."""
+    """Changes of the recorded inputs, {input: (n,)} [unit of the input]. The derivative by h of a
+    simulation with ``inputs + h * change`` is requested, at zero. Each segment is changed by
+    itself: a sensor with memory keeps its state from the segment before."""
 
     @property
     def sizes(self) -> Array:
@@ -444,6 +445,14 @@ class SensitivityRequest:
             self.sizes,
             self.theta,
         )
+        for change in self.input_changes:
+            for name, value in change.items():
+                if name not in self.record.inputs or np.shape(value) != (self.record.samples,):
+                    raise InvalidParameter(
+                        f"record {self.record.name}: input_changes of {name!r} with shape "
+                        f"{np.shape(value)}, expected those of {', '.join(self.record.inputs)} "
+                        f"with shape ({self.record.samples},)"
+                    )
         known = range(len(model.parameters))
         if not set(self.parameters_of(model)) <= set(known):
             raise InvalidParameter(

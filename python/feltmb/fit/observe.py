@@ -278,6 +278,7 @@ def _of_machine(request: SensitivityRequest) -> SensitivityRequest:
     machine = machine_candidates(request.included)
     sizes = [size for t, size in zip(request.included, request.sizes, strict=True) if t in machine]
     record = _acting(request.record, request.included, request.sizes)
+    changes = [_through_effects(request, record, change) for change in request.input_changes]
     by_size = [_by_size(request, record, candidate) for candidate in _input_effects(request)]
     return replace(
         request,
@@ -285,8 +286,25 @@ def _of_machine(request: SensitivityRequest) -> SensitivityRequest:
         included=machine,
         magnitudes=np.array(sizes),
         candidates=machine_candidates(request.candidates),
-        input_changes=(*request.input_changes, *by_size),
+        input_changes=(*changes, *by_size),
     )
+
+
+def _through_effects(
+    request: SensitivityRequest, acting: Record, change: Mapping[str, Array]
+) -> Mapping[str, Array]:
+    """A change of the recorded inputs as the included input effects pass it on.
+
+    ``acting``: the record with the inputs at the magnitudes of the request.
+    """
+    if acting is request.record:
+        return change
+    out = {name: np.zeros_like(value) for name, value in acting.inputs.items()}
+    for sign in (1.0, -1.0):
+        moved = request.record.with_inputs(_added(request.record, change, sign))
+        for name, value in _acting(moved, request.included, request.sizes).inputs.items():
+            out[name] += 0.5 * sign * value
+    return out
 
 
 def _input_effects(request: SensitivityRequest) -> list[Candidate]:

@@ -269,7 +269,7 @@ class _Clock:
         share = shares[:, None]
         columns = []
         for i, (name, signal) in enumerate(zip(model.inputs, self.signals, strict=True)):
-            value = np.broadcast_to(signal[j], (len(shares), signal.shape[1]))
+            value = np.repeat(signal[j][None, :], len(shares), axis=0)
             if model.hold != "zero":
                 value = value + share * (signal[nxt] - signal[j])
             if self.bends:
@@ -351,6 +351,11 @@ def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
                 f"each state: {', '.join(names)}"
             )
         for i, value in enumerate(own_rates):
+            if np.shape(value) not in ((), (1,), (count,)):
+                raise InvalidParameter(
+                    f"model {model.name}: rate of {names[i]} has shape {np.shape(value)}, expected "
+                    f"a number or one value a job, ({count},)"
+                )
             out[i] = value
         for k, (effect, own, memory) in enumerate(effects):
             seen = named

@@ -594,6 +594,11 @@ STAGE, ONWARD = 8, 1.0 / 64.0
 REACHED = 2.0
 
 
+#: Gain of a step below which a beginning of the records is fitted well enough to follow them
+#: further, as a share of the noise of all samples.
+FOLLOWING = 0.01
+
+
 def _led(problem: Problem, point: Point, settings: FitSettings, limit: float = FOLLOWED) -> Point:
     """Start point from which a fit without continuity defects reaches the right local minimum.
 
@@ -604,7 +609,7 @@ def _led(problem: Problem, point: Point, settings: FitSettings, limit: float = F
     fitted parameters the model follows it further, and the fit is repeated.
     """
     defect_sd = np.zeros(0)
-    way = settings.coarser(0.5)
+    way = settings.coarser(max(0.5, FOLLOWING * problem.samples))
     lengths = np.array([s.record.samples for s in problem.segmented_records])
     until, onward = np.zeros_like(lengths), ONWARD
     while not current().stopping():

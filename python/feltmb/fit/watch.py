@@ -97,6 +97,7 @@ class Watch:
         self._stages = stages
         self._begin = clock.perf_counter()
         self._entered = 0.0
+        self._stopped_before = False
         self._first = _seen
         self._last = -PAUSE
         self._calls = dict.fromkeys(STAGES, 0)
@@ -148,9 +149,8 @@ class Watch:
         """
         if self.stage != PROOF:
             return False
-        if self._stop is not None and not self.why and self._stop():
+        if self._stop is not None and not self._stopped_before and self._stop():
             self._end("interrupted")
-        if self.why == "interrupted" and self.stopped_in == PROOF:
             return True
         if self._budget is None:
             return False
@@ -163,6 +163,7 @@ class Watch:
         """Start a stage."""
         self.stage, self.detail = stage, ""
         self._entered = self.elapsed
+        self._stopped_before = self._stop is not None and self._stop()
         self._show(now=True)
 
     def say(self, detail: str, done: int = 0, total: int = 0) -> None:

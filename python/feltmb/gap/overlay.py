@@ -123,7 +123,7 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         for name in record.outputs:
             if name in outputs:
                 rows.append(_row(record, name, outputs[name], noise[name].sigma))
-        notes += _undefined(model, record, outputs)
+        notes += _undefined(model, record, outputs, text)
     notes += _hints(rows)
     return GapBefore(
         model=model.name,
@@ -135,29 +135,31 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     )
 
 
-def _undefined(model: Model, record: Record, outputs: Mapping[str, Array]) -> list[str]:
-    """Notes about outputs that the model does not give to the end of the record.
+def _undefined(model: Model, record: Record, outputs: Mapping[str, Array], why: str) -> list[str]:
+    """Notes about samples for which the model gives no numbers.
+
+    ``why``: what is known about the reason.
 
     Raises
     ------
     InvalidParameter
         It gives no output after the first sample.
     """
-    last = {
-        name: int(np.max(np.flatnonzero(np.isfinite(values)), initial=-1))
+    missing = {
+        name: np.flatnonzero(~np.isfinite(values))
         for name, values in outputs.items()
         if name in record.outputs
     }
-    if last and max(last.values()) < 1:
+    if missing and all(at.size >= record.samples - 1 for at in missing.values()):
         raise InvalidParameter(
-            f"model {model.name}, record {record.name}: it gives no finite values after the first "
-            f"sample of {', '.join(last)}, with the parameters at their priors"
+            f"model {model.name}, record {record.name}: it gives no finite values of "
+            f"{', '.join(missing)}, with the parameters at their priors{why and f' ({why})'}"
         )
     return [
-        f"{record.name}: the model gives no numbers for {name} "
-        + (f"after {record.time[k]:.4g} s" if k >= 0 else "at any time")
-        for name, k in last.items()
-        if k < record.samples - 1
+        f"{record.name}: the model gives no numbers for {name} at {at.size} of {record.samples} "
+        f"samples, from {record.time[at[0]]:.4g} to {record.time[at[-1]]:.4g} s"
+        for name, at in missing.items()
+        if at.size
     ]
 
 

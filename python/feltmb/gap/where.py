@@ -11,7 +11,7 @@ from feltmb.data import Array
 from feltmb.fit.observe import observe_whole
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
-from feltmb.gap.criteria import ONSET_SHARE
+from feltmb.gap.criteria import ONSET_SHARE, refuted
 from feltmb.gap.findings import EventRow, LedgerCell
 from feltmb.gap.proof import outputs_by_segment
 
@@ -70,32 +70,46 @@ def ledger(fit: Fit, alpha: float) -> tuple[tuple[LedgerCell, ...], dict[str, fl
             )
         )
         if flag:
-            moment = onset_of(segmented, normal.chains, w, c, len(problem.model.outputs), fit)
+            moment = onset_of(
+                segmented, normal.chains, w, c, len(problem.model.outputs), fit, alpha
+            )
             name = segmented.record.name
             onset[name] = min(onset.get(name, np.inf), moment)
     return tuple(cells), onset
 
 
 def onset_of(
-    segmented: SegmentedRecord, chains: Sequence[object], w: int, c: int, ny: int, fit: Fit
+    segmented: SegmentedRecord,
+    chains: Sequence[object],
+    w: int,
+    c: int,
+    ny: int,
+    fit: Fit,
+    alpha: float,
 ) -> float:
     """Time in a significant cell at which the residual becomes larger than the noise [s].
 
     Up to the sample n at which the sum of squares exceeds its expectation by most standard
     deviations, the onset k is the most likely place of a step of the variance from 1 to an unknown
     s^2 > 1. It maximizes the log likelihood ratio ``(n - k) (s^2 - 1 - log s^2) / 2``, where s^2 is
-    the mean square from k to n.
+    the mean square from k to n. If the samples before k are more than noise too, the search is
+    repeated with them.
     """
     chain = chains[fit.problem.segmented_records.index(segmented)]
     values = chain.rows[w][:, -1].reshape(-1, ny)[:, c]  # type: ignore[attr-defined]
     at = np.flatnonzero(segmented.valid[w, :, c])
     square = values[at] ** 2
-    last = int(np.argmax(np.cumsum(square - 1.0) / np.sqrt(np.arange(1, at.size + 1))))
-    count = np.arange(last + 1, 0, -1)
-    mean = np.maximum(np.cumsum(square[last::-1])[::-1] / count, 1.0)
-    onset = int(at[np.argmax(count * (mean - 1.0 - np.log(mean)))])
-    first = int(segmented.segments[w, 0])
-    return float(segmented.record.time[min(first + onset, segmented.record.samples - 1)])
+    number = np.arange(1, at.size + 1)
+    total = np.cumsum(square)
+    significant = stats.chi2.sf(total, number) < refuted(alpha)
+    onset = at.size
+    while onset == at.size or np.any(significant[:onset]):
+        last = int(np.argmax((total[:onset] - number[:onset]) / np.sqrt(number[:onset])))
+        count = number[last::-1]
+        mean = np.maximum(np.cumsum(square[last::-1])[::-1] / count, 1.0)
+        onset = int(np.argmax(count * (mean - 1.0 - np.log(mean))))  # less than before
+    place = int(segmented.segments[w, 0] + at[onset])
+    return float(segmented.record.time[min(place, segmented.record.samples - 1)])
 
 
 def first_act(fit: Fit) -> dict[str, float]:

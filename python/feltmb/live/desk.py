@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
@@ -303,8 +304,6 @@ def target_rows(
 def touch_curve(action: Action) -> dict[str, Any]:
     """Force against key travel of a slow press and release, mm and N; weights in gf."""
     found = static_touch(action)
-    if found.notes:
-        raise FeltmbError("; ".join(found.notes))
     gram = 1e3 / 9.80665
     return {
         "curves": [
@@ -312,15 +311,19 @@ def touch_curve(action: Action) -> dict[str, Any]:
             for name, path in (("press", found.press), ("release", found.release))
         ],
         "rows": [
-            ["down-weight", found.down_weight * gram, "gf"],
-            ["up-weight", found.up_weight * gram, "gf"],
-            ["friction", found.friction * gram, "gf"],
-            ["balance weight", found.balance_weight * gram, "gf"],
-            ["let-off force", found.let_off_force, "N"],
-            ["let-off travel", 1e3 * found.let_off_travel, "mm"],
-            ["key dip", 1e3 * found.key_dip, "mm"],
-            ["aftertouch", 1e3 * found.aftertouch, "mm"],
+            [name, value if math.isfinite(value) else None, unit]
+            for name, value, unit in (
+                ("down-weight", found.down_weight * gram, "gf"),
+                ("up-weight", found.up_weight * gram, "gf"),
+                ("friction", found.friction * gram, "gf"),
+                ("balance weight", found.balance_weight * gram, "gf"),
+                ("let-off force", found.let_off_force, "N"),
+                ("let-off travel", 1e3 * found.let_off_travel, "mm"),
+                ("key dip", 1e3 * found.key_dip, "mm"),
+                ("aftertouch", 1e3 * found.aftertouch, "mm"),
+            )
         ],
+        "notes": list(found.notes),
     }
 
 

@@ -247,6 +247,16 @@ def test_branches_of_several_cycles_are_the_envelopes(depths):
     assert np.sum(found.loading != (branch[found.kept] == "loading")) <= 2 + len(depths)
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 5e-4])
+def test_a_dwell_at_the_end_is_no_cycle(noise):
+    v, _ = cycles_of((0.3,), np.random.default_rng(5), noise)
+    rest = np.full(40, 0.1) + noise * np.random.default_rng(6).standard_normal(40)
+    found = find_branches(np.concatenate([v, rest]))
+    assert found.cycles == 1
+    assert found.kept.size == v.size + 40
+    assert np.sum(found.loading) == pytest.approx(41, abs=1)
+
+
 def test_inner_loops_are_left_out_and_told(tmp_path):
     v, _ = cycles_of((0.2, 0.3), np.random.default_rng(2), 0.0)
     rows = "\n".join(f"{x:.6f},{1e6 * x**3:.3f}" for x in v)

@@ -308,8 +308,19 @@ def test_fits_and_proof_have_their_parts_of_a_budget(monkeypatch):
     assert not alone.over()
     now[0] = 10.1
     assert alone.over()
-    interrupted = Watch(stop=lambda: True)
+    pressed = [False]
+    interrupted = Watch(stop=lambda: pressed[0], budget=10.0)
+    interrupted.enter("search")
+    now[0] += 6.5  # the fits end by their time limit
+    assert interrupted.over()
     interrupted.enter("proof on held-out records")
+    assert not interrupted.proof_over()
+    pressed[0] = True
+    assert interrupted.proof_over()
+    interrupted = Watch(stop=lambda: pressed[0])
+    pressed[0] = False
+    interrupted.enter("proof on held-out records")
+    pressed[0] = True
     assert interrupted.proof_over()
     assert interrupted.stopped_in == "proof on held-out records"
     earlier = Watch(stop=lambda: True)

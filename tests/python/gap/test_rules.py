@@ -696,4 +696,19 @@ def test_missing_samples_do_not_move_the_onset():
     )  # fmt: skip
     fit = SimpleNamespace(problem=SimpleNamespace(segmented_records=[segmented]))
     chain = SimpleNamespace(rows=[values[:, None]])
-    assert onset_of(segmented, [chain], 0, 0, 1, fit) == pytest.approx(0.5, abs=0.05)
+    assert onset_of(segmented, [chain], 0, 0, 1, fit, 0.01) == pytest.approx(0.5, abs=0.05)
+
+
+def test_the_onset_is_that_of_the_first_event():
+    """A weak event before a strong one."""
+    rng = np.random.default_rng(4)
+    values = rng.standard_normal(400)
+    values[100:110] *= 5.0
+    values[300:] *= 20.0
+    segmented = SimpleNamespace(
+        valid=np.ones((1, 400, 1), dtype=bool), segments=np.array([[0, 399]]),
+        record=SimpleNamespace(time=np.arange(400.0), samples=400),
+    )  # fmt: skip
+    fit = SimpleNamespace(problem=SimpleNamespace(segmented_records=[segmented]))
+    chain = SimpleNamespace(rows=[values[:, None]])
+    assert onset_of(segmented, [chain], 0, 0, 1, fit, 0.01) == pytest.approx(100.0, abs=4.0)

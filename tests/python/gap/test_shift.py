@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from feltmb.data import Record, Sensor
+from feltmb.errors import InvalidParameter
 from feltmb.fit import OdeModel
 from feltmb.fit.linear import LinearModel
-from feltmb.fit.model import Jobs, Parameter, State
+from feltmb.fit.model import Candidate, Effect, Jobs, Parameter, SensitivityRequest, State
 from feltmb.fit.observe import observe_jobs
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
@@ -212,3 +213,30 @@ def test_input_noise_of_a_segment_does_not_pass_a_slow_sensor_into_the_next(band
         after = replace(problem, segmented_records=(own,)).predict(point)[0]
         numeric = before[1][w] - after[1][w]
         assert np.allclose(linear.by_input[w, :, 2], numeric, atol=1e-6 * np.max(abs(numeric)))
+
+
+@pytest.mark.parametrize("size", [0.5, -0.5])
+def test_noise_of_a_recorded_input_passes_an_included_gain(size):
+    """The recorded input is noisy, and the input effect makes the acting one of it."""
+    r = replace(shaken(), input_sigma={"u": 0.1})
+    segments = np.array([[0, 100], [100, 220], [220, 400]])
+    segmented = segment_record(OSCILLATOR, r, {"y": Noise(1e-3)}, None, segments)
+    gain = Effect(
+        name="gain", component="u", excite=lambda r, size, _: {"u": (1.0 + size) * r.inputs["u"]}
+    )
+    plain = Problem(OSCILLATOR, (segmented,))
+    more = plain.with_candidates((Candidate(gain),))
+    point = plain.start()
+    own = plain.linear(point)[0].by_input
+    passed = more.linear(replace(point, magnitudes=np.array([size]), memo={}))[0].by_input
+    assert np.allclose(passed, (1.0 + size) * own, rtol=1e-5, atol=1e-6 * np.abs(own).max())
+
+
+def test_changes_of_inputs_that_the_record_does_not_have_are_refused():
+    r = shaken()
+    for change in ({"g": np.zeros(401)}, {"u": np.zeros(3)}):
+        request = SensitivityRequest(
+            r, np.array([1e4]), np.array([[0, 400]]), np.zeros((1, 2)), input_changes=(change,)
+        )
+        with pytest.raises(InvalidParameter, match="input_changes"):
+            OSCILLATOR.sensitivities([request])

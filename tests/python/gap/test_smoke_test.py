@@ -89,12 +89,14 @@ def test_a_model_at_fault_is_not_put_on_the_effects():
     text = message(model(lambda t, x, u, p: (x.v, x.nope)), [dry])
     said = "model arm: its rates function raises AttributeError: no 'nope'; known are q, v"
     assert text == f"{said} (line 89 of test_smoke_test.py)"
+    text = message(model(lambda t, x, u, p: (x.v, np.zeros(7))), [dry])
+    assert text.startswith("model arm: rate of v has shape (7,), expected a number or one value a")
     # All that use the model say the same.
     faulty, planned = model(lambda t, x, u, p: (x.v, x.nope)), records()
     for use in (fit_model, lambda model, records: plan(model, [dry], records)):
         with pytest.raises(InvalidParameter) as error:
             use(faulty, planned)
-        assert str(error.value) == f"{said} (line 93 of test_smoke_test.py)"
+        assert str(error.value) == f"{said} (line 95 of test_smoke_test.py)"
 
 
 def test_a_model_that_gives_no_numbers_is_told():

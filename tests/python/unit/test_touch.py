@@ -194,6 +194,12 @@ def test_an_action_that_cannot_be_measured_is_told_with_a_hint(action):
         static_touch(away)
 
 
+def test_a_touch_without_a_key_bottom_has_pictures(action, tmp_path):
+    found = touch(action.with_values({"surfaces.Gp3.point.y": -60.0}), forces=(8.0,), speeds=())
+    assert len(found.plot(tmp_path)) == 2
+    assert "does not reach its front punching" in found.as_dict()["notes"][0]
+
+
 @pytest.mark.parametrize(
     ("setting", "note", "missing"),
     [

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 GRAM_FORCE = 9.80665e-3  # N
 
+#: Range of an axis of speeds without a strike [m/s].
+EMPTY_SPEEDS = 0.3, 8.0
 PRESS, RELEASE, LIFTED, MUTED = "#0b5394", "#b45f06", "#38761d", "#777777"
 
 
@@ -130,6 +132,8 @@ def dynamic_figure(
     axes.axhline(0.0, color="k", lw=0.6)
     axes.set_ylim(-8.0, 50.0)
     axes.set_xscale("log")
+    if not any(columns(f[3], "hammer_speed", "bottom_after_string")[0] for f in families):
+        axes.set_xlim(*EMPTY_SPEEDS)  # no key reached its punching
     axes.set_xlabel("impact speed [m/s]")
     axes.set_ylabel("key bottom after string contact [ms]")
     axes.legend(frameon=False, fontsize=9, loc="upper right")

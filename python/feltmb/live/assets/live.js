@@ -834,7 +834,8 @@ class Live {
     m.rows.forEach(([name, value, unit], i) => table.insertRow().append(element("td", {}, name),
       element("td", {class: "n"}, `${round(value, 4)} ${unit}`),
       ...b ? [element("td", {class: "n"}, `B ${round(b.rows[i][1], 4)}`)] : []));
-    this.tabBox.replaceChildren(element("div", {class: "cards"}, element("div", {}, where, this.legend(series)), table));
+    this.tabBox.replaceChildren(element("div", {class: "cards"}, element("div", {}, where, this.legend(series)), table),
+      ...(m.notes || []).map(n => element("p", {class: "hint"}, n)));
     this.plot(where, {x: "key travel [mm]", y: "force at the key front [N]", series});
   }
 
