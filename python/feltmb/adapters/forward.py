@@ -86,18 +86,20 @@ def forward_sensitivities(
     by_theta, by_starts = request.parameters_of(model), request.by_starts
     try:
         base = model.version(record, request.theta, request.included, request.sizes)
-        columns = _columns(model, request, base) + _input_columns(model, request, base)
+        drive = model.drives.of(record)
+        columns = _columns(model, request, base, drive)
+        columns += _input_columns(model, request, base, drive)
     except FeltmbError:
         return None
     states = () if model.single else model.states(request.included)
     names, scales = [s.name for s in states], [s.scale for s in states]
     place = np.array([base.place[name] for name in names], dtype=int)
-    drive = model.drives.of(record)
     clock = record.time - record.time[0]
 
     def whole(used: Drive) -> _core.Input:
         return _core.Input(used.profile(float(record.time[0]), float(clock[-1])), used.kind)
 
+    drive_in = whole(drive)
     options = _core.SensitivityOptions()
     simulation = _core.SimulationOptions()
     simulation.rtol = model.rtol
@@ -134,9 +136,11 @@ def forward_sensitivities(
             n: _Node,
             start: Array = start,
             window: tuple[float, float] = window,
+            own: Any = own,
             held: Remembered | None = held,
         ) -> Array:
-            return start_of(n.variant, start, n.drive.profile(*window), held)[0]
+            profile = own if n.drive is drive else n.drive.profile(*window)
+            return start_of(n.variant, start, profile, held)[0]
 
         moves = np.zeros((state.size, len(columns)))
         for c, column in enumerate(columns):
@@ -157,7 +161,12 @@ def forward_sensitivities(
         _core.SensitivityParameter(
             c.name,
             [
-                _core.Perturbed(n.variant.mechanism, whole(n.drive), n.shift, n.weight)
+                _core.Perturbed(
+                    n.variant.mechanism,
+                    drive_in if n.drive is drive else whole(n.drive),
+                    n.shift,
+                    n.weight,
+                )
                 for n in c.nodes
             ],
             c.scale,
@@ -171,7 +180,7 @@ def forward_sensitivities(
     span = segments[:, 1].max() if model.single else np.sum(segments[:, 1] - segments[:, 0])
     simulated(float(span) / max(record.samples - 1, 1))
     try:
-        results = _core.sensitivities(base.mechanism, whole(drive), parameters, prepared, options)
+        results = _core.sensitivities(base.mechanism, drive_in, parameters, prepared, options)
     except (FeltmbError, RuntimeError, ValueError):
         return None
     if any(r.run.status != "done" for r in results):
@@ -191,11 +200,10 @@ def forward_sensitivities(
 
 
 def _columns(
-    model: DifferentiableMechanism, request: SensitivityRequest, base: Variant
+    model: DifferentiableMechanism, request: SensitivityRequest, base: Variant, drive: Drive
 ) -> list[_Column]:
     """Variables with one-sided differences: their curvature error is below 1e-5 of a derivative."""
     theta, included, magnitudes = request.theta, request.included, request.sizes
-    drive = model.drives.of(request.record)
 
     def column(
         name: str,
@@ -231,11 +239,10 @@ def _columns(
 
 
 def _input_columns(
-    model: DifferentiableMechanism, request: SensitivityRequest, base: Variant
+    model: DifferentiableMechanism, request: SensitivityRequest, base: Variant, drive: Drive
 ) -> list[_Column]:
     """Changes of the inputs as variables; a noisy motion is smoothed before and after a change."""
     record = request.record
-    drive = model.drives.of(record)
     out = []
     for k, change in enumerate(request.input_changes):
         added = {name: record.inputs[name] + value for name, value in change.items()}

@@ -174,7 +174,7 @@ class MechanismModel(DifferentiableMechanism):
                 label=e.part or f"The {e.component}",
                 words=e.words,
                 relative=e.unit == "1",
-                process_sd=allowance if _is_law(e) else 0.0,
+                process_sd=allowance if is_law(e) else 0.0,
             )
             for e in self.tolerances
         )
@@ -649,6 +649,6 @@ class MechanismModel(DifferentiableMechanism):
         return out
 
 
-def _is_law(entry: Entry) -> bool:
+def is_law(entry: Entry) -> bool:
     """Whether a tolerance scales a law of felt or friction."""
     return entry.unit == "1" and any(fnmatch.fnmatch(entry.name, v) for v in VARYING)

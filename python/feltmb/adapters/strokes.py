@@ -17,7 +17,6 @@ influence on its outputs:
 from __future__ import annotations
 
 import copy
-import fnmatch
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +29,7 @@ from feltmb.adapters.aliases import Alias
 from feltmb.adapters.drives import DISPLACEMENT
 from feltmb.adapters.forward import can_differentiate, forward_sensitivities
 from feltmb.adapters.library import Entry
-from feltmb.adapters.model import VARYING, MechanismModel
+from feltmb.adapters.model import MechanismModel, is_law
 from feltmb.adapters.refined import KINDS, refined
 from feltmb.adapters.shifter import Chosen, Shifter
 from feltmb.adapters.variants import Variant
@@ -242,12 +241,7 @@ class StrokeModel(MechanismModel):
             return None
         which = []
         if variation > 0.0:
-            names = [e.name for e in self.tolerances]
-            which = [
-                i
-                for i, (name, e) in enumerate(zip(names, self.tolerances, strict=True))
-                if e.unit == "1" and any(fnmatch.fnmatch(name, v) for v in VARYING)
-            ]
+            which = [i for i, e in enumerate(self.tolerances) if is_law(e)]
         changes = [
             change
             for name, sigma in record.input_sigma.items()

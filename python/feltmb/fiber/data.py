@@ -114,6 +114,10 @@ class CompressionData:
         keep = self.loading if which == "loading" else ~self.loading
         if not keep.any():
             raise DataError(f"{self.name}: no samples on the {which} branch, expected at least 1")
+        return self._part(keep)
+
+    def _part(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> CompressionData:
+        """Some of the samples: by a mask or by their indices."""
         return replace(
             self,
             v_f=self.v_f[keep],
@@ -132,14 +136,7 @@ def _by_reversals(test: CompressionData) -> CompressionData:
         f"from the largest volume fraction are used; {left_out} samples of inner loops are left "
         "out (a column branch with the words loading and unloading uses all samples)",
     )
-    return replace(
-        test,
-        v_f=test.v_f[found.kept],
-        pressure=test.pressure[found.kept],
-        loading=found.loading,
-        thickness=None if test.thickness is None else test.thickness[found.kept],
-        notes=notes if left_out else (),
-    )
+    return replace(test._part(found.kept), loading=found.loading, notes=notes if left_out else ())
 
 
 def _scatter(data: CompressionData) -> float:

@@ -299,12 +299,17 @@ def _through_effects(
     """
     if acting is request.record:
         return change
-    out = {name: np.zeros_like(value) for name, value in acting.inputs.items()}
-    for sign in (1.0, -1.0):
-        moved = request.record.with_inputs(_added(request.record, change, sign))
-        for name, value in _acting(moved, request.included, request.sizes).inputs.items():
-            out[name] += 0.5 * sign * value
-    return out
+    moved = [request.record.with_inputs(_added(request.record, change, s)) for s in (1.0, -1.0)]
+    up, down = (_acting(record, request.included, request.sizes) for record in moved)
+    return _weighted(acting, [(up, 0.5), (down, -0.5)])
+
+
+def _weighted(acting: Record, others: Sequence[tuple[Record, float]]) -> Mapping[str, Array]:
+    """Sum of the weighted differences of the inputs of other records from ``acting``."""
+    return {
+        name: sum((w * (r.inputs[name] - value) for r, w in others), np.zeros_like(value))
+        for name, value in acting.inputs.items()
+    }
 
 
 def _input_effects(request: SensitivityRequest) -> list[Candidate]:
@@ -334,13 +339,13 @@ def _by_size(
     if candidate not in included:
         included, sizes = (*included, candidate), np.append(sizes, 0.0)
     at = included.index(candidate)
-    out = {name: np.zeros_like(value) for name, value in acting.inputs.items()}
+    others = []
     for offset, weight in _offsets(candidate, float(sizes[at])):
         moved = sizes.copy()
         moved[at] += offset
-        for name, value in _acting(request.record, included, moved).inputs.items():
-            out[name] += weight * _step(candidate) * (value - acting.inputs[name])
-    return out
+        other = _acting(request.record, included, moved)
+        others.append((other, weight * _step(candidate)))
+    return _weighted(acting, others)
 
 
 def _step(candidate: Candidate) -> float:

@@ -340,6 +340,14 @@ def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
     def view(x: Array) -> Named:
         return Named._of(dict(zip(names, x, strict=False)))
 
+    permitted = ((), (1,), (count,))
+
+    def wrong_shape(of: str, state: str, value: Any) -> InvalidParameter:
+        return InvalidParameter(
+            f"{of}: rate of {state} has shape {np.shape(value)}, expected a number or one value a "
+            f"job, ({count},)"
+        )
+
     def rates(t: Array, x: Array, u: Named) -> Array:
         named = view(x)
         out = np.empty_like(x)
@@ -351,17 +359,14 @@ def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
                 f"each state: {', '.join(names)}"
             )
         for i, value in enumerate(own_rates):
-            if np.shape(value) not in ((), (1,), (count,)):
-                raise InvalidParameter(
-                    f"model {model.name}: rate of {names[i]} has shape {np.shape(value)}, expected "
-                    f"a number or one value a job, ({count},)"
-                )
+            if np.shape(value) not in permitted:
+                raise wrong_shape(f"model {model.name}", names[i], value)
             out[i] = value
+        out[base:] = 0.0
         for k, (effect, own, memory) in enumerate(effects):
             seen = named
             if memory:
                 held = {name: x[row] for name, row in memory.items()}
-                out[list(memory.values())] = 0.0
                 seen = Named._of({**named._values, **held})
             with theirs[k]:
                 change: Any = own(t, seen, u, p, magnitudes[:, k], shapes[k])
@@ -377,11 +382,8 @@ def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
                         f"effect {effect}: rate changes {name!r}, which is no state; known are "
                         f"{', '.join([*names, *memory])}"
                     )
-                if np.shape(value) not in ((), (1,), (count,)):
-                    raise InvalidParameter(
-                        f"effect {effect}: rate of {name} has shape {np.shape(value)}, expected "
-                        f"a number or one value a job, ({count},)"
-                    )
+                if np.shape(value) not in permitted:
+                    raise wrong_shape(f"effect {effect}", name, value)
                 out[row] += value
         if forces is not None:
             place = np.clip((t - begin) / span, 0.0, 1.0) * (knots - 1)

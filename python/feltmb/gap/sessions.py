@@ -189,7 +189,7 @@ def session(
             answer = request.with_name(request.name.replace("request", "record"))
             if not is_file(answer):
                 run(request, answer)
-            warnings = state.take(asked, request, answer, number, read)
+            warnings = state.take(asked, request, answer, number, read, new=step is None)
         if step is None:
             found = None
             if state.known and asked["kind"] != "sensor":
@@ -245,12 +245,15 @@ class _State:
         answer: Path,
         number: int,
         read: Callable[[Path], Sequence[Record]],
+        *,
+        new: bool,
     ) -> tuple[str, ...]:
-        """Take up the answer to a request; returns warnings about it."""
+        """Take up the answer to a request; returns warnings about a new one."""
         warnings: tuple[str, ...] = ()
         if asked["kind"] == "stroke":
             found = _measured_records(read, answer, number, self.measuring, self.limits)
-            warnings = _not_as_asked(found, request, answer)
+            if new:
+                warnings = _not_as_asked(found, request, answer)
             self.known += found
         elif asked["kind"] == "sensor":
             wanted = FurtherSensor(**read_toml(request)["sensor"])

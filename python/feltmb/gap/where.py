@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from scipy import stats
@@ -45,12 +45,13 @@ def ledger(fit: Fit, alpha: float) -> tuple[tuple[LedgerCell, ...], dict[str, fl
                 chi2 = float(values @ values)
                 p = float(stats.chi2.sf(chi2, dof))
                 rms = float(np.sqrt(np.mean(values**2))) * segmented.noise[c].sigma
-                rows.append((segmented, w, channel, c, n, rms, chi2, dof, p, _lag1(values)))
+                lag = _lag1(values)
+                rows.append((segmented, w, channel, c, values, rms, chi2, dof, p, lag))
     ps = np.array([r[8] for r in rows])
     flags = _shows(ps, alpha)
     cells = []
     onset: dict[str, float] = {}
-    for (segmented, w, channel, c, n, rms, chi2, dof, p, lag), flag in zip(
+    for (segmented, w, channel, c, values, rms, chi2, dof, p, lag), flag in zip(
         rows, flags, strict=True
     ):
         first, last = segmented.segments[w]
@@ -60,7 +61,7 @@ def ledger(fit: Fit, alpha: float) -> tuple[tuple[LedgerCell, ...], dict[str, fl
                 channel=channel,
                 start=float(segmented.record.time[first]),
                 end=float(segmented.record.time[last]),
-                samples=n,
+                samples=values.size,
                 rms=rms,
                 sigma=segmented.noise[c].sigma,
                 z=float((chi2 - dof) / np.sqrt(2.0 * dof)),
@@ -70,24 +71,14 @@ def ledger(fit: Fit, alpha: float) -> tuple[tuple[LedgerCell, ...], dict[str, fl
             )
         )
         if flag:
-            moment = onset_of(
-                segmented, normal.chains, w, c, len(problem.model.outputs), fit, alpha
-            )
+            at = first + int(np.flatnonzero(segmented.valid[w, :, c])[onset_of(values, alpha)])
             name = segmented.record.name
-            onset[name] = min(onset.get(name, np.inf), moment)
+            onset[name] = min(onset.get(name, np.inf), float(segmented.record.time[at]))
     return tuple(cells), onset
 
 
-def onset_of(
-    segmented: SegmentedRecord,
-    chains: Sequence[object],
-    w: int,
-    c: int,
-    ny: int,
-    fit: Fit,
-    alpha: float,
-) -> float:
-    """Time in a significant cell at which the residual becomes larger than the noise [s].
+def onset_of(residual: Array, alpha: float) -> int:
+    """Index from which a significant residual, in units of its noise, is larger than the noise.
 
     Up to the sample n at which the sum of squares exceeds its expectation by most standard
     deviations, the onset k is the most likely place of a step of the variance from 1 to an unknown
@@ -95,21 +86,17 @@ def onset_of(
     the mean square from k to n. If the samples before k are more than noise too, the search is
     repeated with them.
     """
-    chain = chains[fit.problem.segmented_records.index(segmented)]
-    values = chain.rows[w][:, -1].reshape(-1, ny)[:, c]  # type: ignore[attr-defined]
-    at = np.flatnonzero(segmented.valid[w, :, c])
-    square = values[at] ** 2
-    number = np.arange(1, at.size + 1)
+    square = residual**2
+    number = np.arange(1, square.size + 1)
     total = np.cumsum(square)
     significant = stats.chi2.sf(total, number) < refuted(alpha)
-    onset = at.size
-    while onset == at.size or np.any(significant[:onset]):
+    onset: int = square.size
+    while onset == square.size or np.any(significant[:onset]):
         last = int(np.argmax((total[:onset] - number[:onset]) / np.sqrt(number[:onset])))
         count = number[last::-1]
         mean = np.maximum(np.cumsum(square[last::-1])[::-1] / count, 1.0)
         onset = int(np.argmax(count * (mean - 1.0 - np.log(mean))))  # less than before
-    place = int(segmented.segments[w, 0] + at[onset])
-    return float(segmented.record.time[min(place, segmented.record.samples - 1)])
+    return onset
 
 
 def first_act(fit: Fit) -> dict[str, float]:

@@ -56,6 +56,11 @@ class StaticTouch:
     notes: tuple[str, ...] = ()  #: what could not be measured, and why
 
     @property
+    def end(self) -> float:
+        """Travel at which the key meets the front punching, or else at which the press ends."""
+        return self.key_dip if math.isfinite(self.key_dip) else float(self.press.travel[-1])
+
+    @property
     def friction(self) -> float:
         """(down-weight - up-weight) / 2 [N]."""
         return 0.5 * (self.down_weight - self.up_weight)
@@ -136,6 +141,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
             f"touch of {action.name!r}: the jack does not meet {what} in a press; {REGULATE}"
         )
     notes = []
+    end_of_press = float(down.travel[-1]) if dip is None else dip
     if dip is None:
         dip = math.nan
         notes.append(
@@ -157,7 +163,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     window = (starts + MARGIN, ends - MARGIN)
     forces = lifted_down.force[_within(lifted_down, window)]
     back = lifted_up.force[_within(lifted_up, window)]
-    row, end, tripped = _let_off(down, toe, dip if dip == dip else float(down.travel[-1]))
+    row, end, tripped = _let_off(down, toe, end_of_press)
     if not tripped:
         notes.append("the jack does not slip out of the butt: there is no let-off")
     let_off_travel = float(down.travel[row]) if tripped else math.nan

@@ -221,8 +221,7 @@ def touch(
     say = progress or (lambda _text: None)
     say("slow press and release")
     static = static_touch(action)
-    # A key that does not reach its punching is pressed as far as it goes.
-    dip = static.key_dip if math.isfinite(static.key_dip) else float(static.press.travel[-1])
+    dip = static.end
     say(f"{len(forces) + len(speeds)} strikes")
     jobs = [("pressed", f) for f in sorted(forces)] + [("struck", v) for v in sorted(speeds)]
     pool = executor if executor is not None else ThreadPoolExecutor()
