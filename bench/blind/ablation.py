@@ -169,15 +169,15 @@ def command(folder: Path, cases: int, first: tuple[int, ...]) -> None:
     """
     bench = Bench(folder.resolve())
     machine = MACHINES[bench.sealed()["machine"]]
-    known = [n for n in bench.numbers("development") if bench.made(n)]
+    known = [n for n in bench.numbers("development") if bench.answered(n)]
     unknown = sorted(set(first) - set(known))
     if unknown:
         raise InvalidParameter(
-            f"--number {unknown[0]}: is no case of the development half of {folder} with records"
+            f"--number {unknown[0]}: is no case of the development half of {folder} with an answer"
         )
     numbers = list(dict.fromkeys((*first, *known)))[:cases]
     if not numbers:
-        raise InvalidParameter(f"{folder}: no records of the development half; make them by run.py")
+        raise InvalidParameter(f"{folder}: no case of the development half was scored; run run.py")
     place = make_folder(folder / "ablation")
     for i, n in enumerate(numbers):
         path = place / f"{n}.json"

@@ -50,8 +50,12 @@ class ActionMachine(Machine):
     def make_records(self, folder: Path, _outside: Path | None, numbers: Sequence[int], /) -> None:
         truths = read_json(folder / "truths.json")
         for n in numbers:
-            answer = _make(truths[n], make_folder(folder / "records") / f"{n}.npz")
-            self.write_answer(folder, n, answer)
+            _make(truth.from_dict(truths[n]), make_folder(folder / "records") / f"{n}.npz")
+
+    def make_answers(self, folder: Path, _outside: Path | None, numbers: Sequence[int], /) -> None:
+        truths = read_json(folder / "truths.json")
+        for n in numbers:
+            self.write_answer(folder, n, _answer(truth.from_dict(truths[n])))
 
     def read_records(self, path: Path) -> list[Record]:
         file = read_npz(path)
@@ -87,15 +91,12 @@ def _setup() -> tuple[Any, ...]:
     return truth.setup()
 
 
-def _make(data: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Simulate and store the records of one case; what the scorer must know of it."""
+def _make(case: truth.Case, path: Path) -> None:
+    """Simulate and store the records of one case."""
     _, base, library, outputs = _setup()
-    case = truth.from_dict(data)
     arrays: dict[str, Any] = {}
-    moments: dict[str, list[float]] = {}
     for stroke in truth.STROKES:
         view, _ = truth.record(base, library, case, stroke, outputs)
-        moments[stroke] = truth.moments(base, library, case, stroke, outputs)
         arrays |= {f"{stroke}.{channel}": values for channel, values in view.items()}
 
     def save(path: Path) -> None:
@@ -103,15 +104,15 @@ def _make(data: dict[str, Any], path: Path) -> dict[str, Any]:
             np.savez_compressed(file, **arrays)
 
     write_file(path, save, force=True)
-    return _answer(case, library, moments)
 
 
-def _answer(case: truth.Case, library: Any, moments: dict[str, list[float]]) -> dict[str, Any]:
+def _answer(case: truth.Case) -> dict[str, Any]:
     """What the scorer needs to know of a case.
 
-    ``moments``: times [s] from which its parts show, by stroke. When an effect of the action first
-    can act, apart from showing, is not defined.
+    When an effect of the action first can act, apart from showing, is not defined.
     """
+    _, base, library, outputs = _setup()
+    moments = {s: truth.moments(base, library, case, s, outputs) for s in truth.STROKES}
     parts = []
     strengths, alike = noncentralities(case), of_outside(case)
     for k, part in enumerate(case.parts):

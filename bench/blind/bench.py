@@ -5,8 +5,8 @@ Folder of a bench::
     seal.json       seed, number of cases, SHA-256 of truths.json and of the kinds from outside
     truths.json     what was withheld, written and hashed before anything is diagnosed
     records/N.npz   what the engine is shown
-    answers/N.json  what only the scorer reads
     results/N.json  what the engine said
+    answers/N.json  what only the scorer reads, made from the sealed truths once there is a result
 
 All files are written completely or not at all, so that an interrupted bench can continue.
 """
@@ -138,30 +138,61 @@ class Bench:
         Dask, in place of ``workers`` processes. Its workers must see the folder of the bench under
         the same path and import this package; the executor is not shut down.
         """
-        todo = [n for n in self.numbers(half) if not self.made(n)]
+        todo = [n for n in self.numbers(half) if not self._has("records", n)]
+        self._generate("records", self.machine.make_records, todo, workers, executor, progress)
+
+    def make_answers(
+        self,
+        half: Half = "both",
+        *,
+        workers: int = 2,
+        executor: Executor | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        """Write the answers of all cases that have a result and no answer.
+
+        ``executor``: see :meth:`make_records`.
+        """
+        known = [n for n in self.numbers(half) if self._has("results", n)]
+        todo = [n for n in known if not self.answered(n)]
+        self._generate("answers", self.machine.make_answers, todo, workers, executor, progress)
+
+    def _generate(
+        self,
+        what: str,
+        make: Callable[[Path, Path | None, Sequence[int]], None],
+        todo: Sequence[int],
+        workers: int,
+        executor: Executor | None,
+        progress: Progress | None,
+    ) -> None:
+        """Make files of cases with the generator of the seal."""
         # Seals of older versions have no hash of the generator.
         sealed, today = self.sealed().get("generator_sha256"), digest_of(*self.machine.generator)
         if todo and sealed is not None and sealed != today:
             raise InvalidParameter(
-                f"{self.folder}: {len(todo)} cases have no records (half = {half}), and the files "
-                f"of the generator changed since the seal (SHA-256 {sealed[:12]}, now "
-                f"{today[:12]}): all records of a bench must come from the same generator. Make a "
-                "new bench, or go on with the version that sealed this one"
+                f"{self.folder}: {len(todo)} cases have no {what}, and the files of the generator "
+                f"changed since the seal (SHA-256 {sealed[:12]}, now {today[:12]}): all cases of a "
+                "bench must come from the same generator. Make a new bench, or go on with the "
+                "version that sealed this one"
             )
         size = self.machine.chunk
         chunks = [todo[i : i + size] for i in range(0, len(todo), size)]
-        batches = [(_make, (self.machine, self.folder, self.outside, chunk)) for chunk in chunks]
+        batches = [(_make, (make, self.folder, self.outside, chunk)) for chunk in chunks]
         done = 0
         for made in _run(batches, workers, executor):
             done += len(made)
             if progress is not None:
-                progress("records", done, len(todo))
+                progress(what, done, len(todo))
 
-    def made(self, number: int) -> bool:
-        """Whether the records and the answer of a case exist."""
-        return (self.folder / "records" / f"{number}.npz").exists() and (
-            self.folder / "answers" / f"{number}.json"
-        ).exists()
+    def answered(self, number: int) -> bool:
+        """Whether the scorer can read what was withheld of a case."""
+        return self._has("answers", number)
+
+    def _has(self, what: Literal["records", "results", "answers"], number: int) -> bool:
+        """Whether a file of a case exists."""
+        ending = "npz" if what == "records" else "json"
+        return (self.folder / what / f"{number}.{ending}").exists()
 
     def diagnose(
         self,
@@ -251,9 +282,12 @@ def _finished(
 
 
 def _make(
-    machine: Machine, folder: Path, outside: Path | None, numbers: Sequence[int]
+    make: Callable[[Path, Path | None, Sequence[int]], None],
+    folder: Path,
+    outside: Path | None,
+    numbers: Sequence[int],
 ) -> Sequence[int]:
-    machine.make_records(folder, outside, numbers)
+    make(folder, outside, numbers)
     return numbers
 
 

@@ -53,7 +53,11 @@ class Machine(ABC):
 
     @abstractmethod
     def make_records(self, folder: Path, outside: Path | None, numbers: Sequence[int], /) -> None:
-        """Write records and answers of some cases into the folder of a bench."""
+        """Write records of some cases, which the engine is shown, into the folder of a bench."""
+
+    @abstractmethod
+    def make_answers(self, folder: Path, outside: Path | None, numbers: Sequence[int], /) -> None:
+        """Write what only the scorer reads of some cases into the folder of a bench."""
 
     @abstractmethod
     def read_records(self, path: Path) -> list[Record]:
@@ -105,9 +109,9 @@ class Machine(ABC):
 
         It reads the truth and therefore runs after the blind result is complete.
         """
-        answer = read_json(folder / "answers" / f"{number}.json")
-        names = sorted({p["name"] for p in answer["parts"]})
-        if not names or any(p["form"] == "outside" for p in answer["parts"]):
+        parts = read_json(folder / "truths.json")[number]["parts"]
+        names = sorted({p["name"] for p in parts})
+        if not names or any(p["form"] == "outside" for p in parts):
             return None
         try:
             report = self.diagnose(records, names, options)

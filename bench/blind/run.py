@@ -157,7 +157,9 @@ def _cluster(address: str | None) -> Iterator[Executor | None]:
     show_default=True,
     help="Whether to compare the held-out gap with that of the true structure.",
 )
-@click.option("--score-only", is_flag=True, help="Score what is there, diagnose nothing.")
+@click.option(
+    "--score-only", is_flag=True, help="Score the cases that have a result, diagnose nothing."
+)
 @json_option
 def command(
     cases: int, seed: int, output: Path, machine: str, outside: Path | None, half: Any,
@@ -167,20 +169,21 @@ def command(
     """Make sealed cases of a model, diagnose them blindly, score.
 
     Writes the truths and their SHA-256 first, then records, results (a file a case, so that a
-    bench that was cut off goes on with --resume) and the table of scores as score.json and
-    score.md. See docs/validation/2026-11_gap_blind_bench.md.
+    bench that was cut off goes on with --resume), answers of the cases with a result, and the
+    table of scores as score.json and score.md. See docs/validation/2026-11_gap_blind_bench.md.
     """
     # Workers of a cluster may start in other folders.
     bench = Bench(output.resolve(), outside and outside.resolve(), MACHINES[machine])
     told = _Told()
-    if score_only:
-        seal = bench.sealed()
-    else:
-        with _cluster(address) as pool:
+    with _cluster(address) as pool:
+        if score_only:
+            seal = bench.sealed()
+        else:
             seal = bench.seal(cases, seed, resume=resume)
             complain(f"sealed {seal['cases']} cases, SHA-256 {seal['truths_sha256'][:16]}...")
             bench.make_records(half, workers=workers, executor=pool, progress=told)
             bench.diagnose(half, workers=workers, executor=pool, oracle=oracle, progress=told)
+        bench.make_answers(half, workers=workers, executor=pool, progress=told)
     try:
         scored = read(output, bench.numbers(half))
     except ValueError as error:

@@ -51,6 +51,24 @@ class KeyHammerMachine(Machine):
         kinds = load_kinds(outside)
         truths = _read_truths(folder)
         cases = [truths[n] for n in numbers]
+        strokes = truth.STROKES
+        result = truth_machine.integrate(cases, [strokes] * len(cases), kinds)
+        for i, case in enumerate(cases):
+            views = truth_sensors.record(case, strokes, result, i * len(strokes), kinds)
+            arrays = {
+                f"{s}.{channel}": v for s, view in views.items() for channel, v in view.items()
+            }
+
+            def save(path: Path, arrays: dict[str, Any] = arrays, mode: str = case.mode) -> None:
+                with path.open("wb") as file:
+                    np.savez_compressed(file, mode=np.array(mode), **arrays)
+
+            write_file(make_folder(folder / "records") / f"{case.number}.npz", save, force=True)
+
+    def make_answers(self, folder: Path, outside: Path | None, numbers: Sequence[int], /) -> None:
+        kinds = load_kinds(outside)
+        truths = _read_truths(folder)
+        cases = [truths[n] for n in numbers]
         # Every case without each of its effects, for the moment from which they show.
         lacking = [
             replace(case, parts=[q for q in case.parts if q is not part])
@@ -61,31 +79,18 @@ class KeyHammerMachine(Machine):
         strokes = truth.STROKES
         result = truth_machine.integrate(both, [strokes] * len(both), kinds)
         ideal = [
-            truth_sensors.record(
-                c, truth.STROKES, result, i * len(truth.STROKES), kinds, ideal=True
-            )
+            truth_sensors.record(c, strokes, result, i * len(strokes), kinds, ideal=True)
             for i, c in enumerate(both)
         ]
         without = iter(ideal[len(cases) :])
         for i, case in enumerate(cases):
-            first = i * len(truth.STROKES)
-            views = truth_sensors.record(case, truth.STROKES, result, first, kinds)
-            arrays = {
-                f"{s}.{channel}": v for s, view in views.items() for channel, v in view.items()
-            }
-
-            def save(path: Path, arrays: dict[str, Any] = arrays, mode: str = case.mode) -> None:
-                with path.open("wb") as file:
-                    np.savez_compressed(file, mode=np.array(mode), **arrays)
-
-            answer = _answer(case, result, first, kinds)
+            answer = _answer(case, result, i * len(strokes), kinds)
             for told in answer["parts"]:
                 view = next(without)
                 if told["component"] != "input":  # what is recorded of the input moves no camera
-                    moments = {k: truth_sensors.shows(ideal[i][k], view[k]) for k in truth.STROKES}
+                    moments = {k: truth_sensors.shows(ideal[i][k], view[k]) for k in strokes}
                     told["shows"] = {k: t for k, t in moments.items() if math.isfinite(t)}
             self.write_answer(folder, case.number, answer)
-            write_file(make_folder(folder / "records") / f"{case.number}.npz", save, force=True)
 
     def read_records(self, path: Path) -> list[Record]:
         try:

@@ -18,13 +18,14 @@ from feltmb.files import make_folder, write_text
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A bench with the records of one case."""
+    """A bench with the records and the answer of one case."""
     bench = Bench(tmp_path_factory.mktemp("bench") / "b", machine=MACHINES["steinway45"])
     seal = bench.seal(40, 4)
     truths = json.loads((bench.folder / "truths.json").read_text())
     number = next(t["number"] for t in truths if len(t["parts"]) == 1 and
                   t["parts"][0]["form"] == "A" and t["view"] == "force")  # fmt: skip
     bench.machine.make_records(bench.folder, None, [number])
+    bench.machine.make_answers(bench.folder, None, [number])
     return bench, seal, number
 
 

@@ -21,16 +21,18 @@ from blind.score import read
 from blind.small_machine import load_kinds
 from feltmb.cli import main
 from feltmb.errors import FileExists, InvalidParameter
+from feltmb.files import make_folder, write_text
 
 RUN = blind.run.__file__
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A bench of four cases with records."""
+    """A bench of four cases with records and answers."""
     bench = Bench(tmp_path_factory.mktemp("bench") / "b")
     bench.seal(4, 11)
     bench.make_records(workers=1)
+    bench.machine.make_answers(bench.folder, None, [0, 1, 2, 3])
     return bench
 
 
@@ -57,7 +59,7 @@ def test_records_of_another_generator_are_not_added(tmp_path, monkeypatch):
     monkeypatch.setattr("blind.bench.digest_of", lambda *_: "0" * 64)
     with pytest.raises(InvalidParameter, match="1 cases have no records"):
         bench.make_records(workers=1)
-    assert not bench.made(2)
+    assert not (bench.folder / "records" / "2.npz").exists()
     bench.machine.make_records(bench.folder, None, [2])
     bench.make_records(workers=1)  # nothing is missing: a newer engine may diagnose them
 
@@ -91,6 +93,11 @@ def test_interrupted_records_are_the_same(made, tmp_path):
     other.seal(4, 11)
     other.make_records("development", workers=1)
     assert not (tmp_path / "b" / "records" / "1.npz").exists()
+    other.make_answers(workers=1)  # no case has a result
+    assert not (tmp_path / "b" / "answers").exists()
+    for n in (0, 2):
+        write_text(make_folder(tmp_path / "b" / "results") / f"{n}.json", "{}")
+    other.make_answers(workers=1)
     for n in (0, 2):
         for name in (f"records/{n}.npz", f"answers/{n}.json"):
             assert (tmp_path / "b" / name).read_bytes() == (made.folder / name).read_bytes()
@@ -146,6 +153,7 @@ def test_two_cases_are_diagnosed(tmp_path):
     bench.machine.make_records(bench.folder, None, [2, 20])
     for n in (2, 20):
         _diagnose(bench.machine, bench.folder, n, False)
+    bench.make_answers(workers=1)
     null, drag = read(bench.folder, [2, 20])
     assert null.kind == 0
     assert not null.claims

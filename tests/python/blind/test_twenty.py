@@ -14,6 +14,7 @@ def cases(request, tmp_path_factory):
     bench.seal(request.param, SEED)
     bench.make_records(workers=2)
     bench.diagnose(workers=2, oracle=False)
+    bench.make_answers(workers=2)
     found = read(bench.folder, bench.numbers("both"))
     assert len(found) == request.param
     return found

@@ -620,6 +620,7 @@ def scored_bench() -> dict[str, bytes]:
         for number in range(2):
             text = json.dumps({"number": number} | answer)
             (folder / "results" / f"{number}.json").write_text(text)
+        bench.make_answers(workers=1)
         return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*.*")}
 
 
