@@ -95,7 +95,7 @@ def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[s
     from feltmb.adapters import mechanism_model
 
     action, base, library, outputs = truth.setup()
-    model: Any = mechanism_model(action, shooting="single", rtol=1e-6, workers=1)[0]
+    model: Any = mechanism_model(action, rtol=1e-6, workers=1)[0]
     plain = truth.plain_case()
     views, segmented_records, roots = [], [], []
     records = []

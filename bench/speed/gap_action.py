@@ -51,7 +51,6 @@ def main() -> None:
     action = feltmb.load_action("steinway45")
     model, effects = mechanism_model(
         action,
-        shooting="single",
         rtol=options.rtol,
         effects=[e for e in options.effects.split(",") if e],
     )

@@ -24,8 +24,6 @@ class DifferentiableMechanism(Model):
     """Inputs of the mechanism in a record."""
     rtol: float
     """Relative tolerance of the integrator [1]."""
-    single: bool
-    """Whether a record is simulated as one segment that starts at rest."""
     workers: int
     """Number of threads."""
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from feltmb.adapters.insertions import inserted_coordinates
 from feltmb.adapters.library import Entry
 from feltmb.adapters.signals import excite_by, observe_by
-from feltmb.fit import Effect, State
+from feltmb.fit import Effect
 
 __all__ = ["effect_of"]
 
@@ -18,7 +17,6 @@ def effect_of(
     outputs: Sequence[str],
     channels: Mapping[str, Sequence[str]],
     *,
-    states: bool = True,
     tolerance_parameter: str = "",
     tolerance_ratio: float = 1.0,
 ) -> Effect:
@@ -30,30 +28,12 @@ def effect_of(
         Outputs of the model, on which sensor effects act.
     channels
         Outputs by channel name.
-    states
-        Whether the effect shows its hidden states; false if records are simulated as a whole.
     tolerance_parameter
         Tolerance that changes the same values.
     tolerance_ratio
         Change of this tolerance that acts as a magnitude of 1 does [unit of the tolerance per unit
         of the effect].
     """
-    hidden = [
-        State(name=name, unit=unit, scale=magnitude, start_sd=0.0, hidden=True)
-        for name, unit, magnitude in entry.hidden
-    ]
-    if entry.insertion is not None:
-        for name, unit, magnitude in inserted_coordinates(entry.insertion):
-            hidden.append(State(name=name, unit=unit, scale=magnitude, start_sd=0.0, hidden=True))
-            hidden.append(
-                State(
-                    name=f"{name}.rate",
-                    unit=f"{unit}/s",
-                    scale=magnitude * 100.0,
-                    start_sd=0.0,
-                    hidden=True,
-                )
-            )
     observe: Any = None
     excite: Any = None
     data: Any = entry
@@ -73,7 +53,6 @@ def effect_of(
         remedy=entry.remedy,
         lower=entry.lower,
         upper=entry.upper,
-        hidden=tuple(hidden) if states else (),
         step=entry.step,
         observe=observe,
         excite=excite,

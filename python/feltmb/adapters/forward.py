@@ -1,34 +1,32 @@
-"""Derivatives of the segments of a mechanism by forward sensitivities, all in one pass.
+"""Derivatives of the outputs of a mechanism by forward sensitivities, all in one pass.
 
 The variational equation is integrated together with the stroke (:mod:`feltmb.run.sensitivity`). The
-derivative of the equations by a parameter follows from mechanisms with a shifted parameter. Start
-states are deviations from the rest pose, which depends on the parameters; the chain rule adds this
+derivative of the equations by a parameter follows from mechanisms with a shifted parameter. The
+stroke starts at rest; where the rest pose depends on the parameters, the chain rule adds this
 dependence. Effects with states of their own (compliant pivots, creeping felt) are left to finite
-differences.
+differences while their magnitude is zero.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feltmb import _core
 from feltmb.adapters.differentiable import DifferentiableMechanism
-from feltmb.adapters.drives import Drive, follow
+from feltmb.adapters.drives import FORCE, Drive, follow
 from feltmb.adapters.library import Entry
-from feltmb.adapters.remembered import Remembered, start_state
 from feltmb.adapters.sampling import at_times, output_rate
 from feltmb.adapters.variants import Variant
-from feltmb.data import Array
+from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
-from feltmb.fit import Candidate, Sensitivity, SensitivityRequest
+from feltmb.fit import Candidate
 from feltmb.fit.watch import simulated
 
-__all__ = ["can_differentiate", "forward_sensitivities"]
+__all__ = ["OperatingPoint", "can_differentiate", "forward_sensitivities"]
 
 #: Shift of a parameter or magnitude as a share of its scale. The errors by curvature and by
 #: rounding of the rest pose are then below 1e-5 of a derivative.
@@ -65,39 +63,70 @@ class _Column:
         return out
 
 
+@dataclass(frozen=True, eq=False)
+class OperatingPoint:
+    """Place at which a record is differentiated."""
+
+    record: Record
+    """Record whose inputs drive the mechanism."""
+    theta: Array
+    """Parameters of the mechanism [their units], (p,)."""
+    included: tuple[Candidate, ...]
+    """Effects that are part of the mechanism."""
+    magnitudes: Array
+    """Their magnitudes [their units], (k,)."""
+
+
 def can_differentiate(candidate: Candidate) -> bool:
     """Whether the candidate adds no states to the mechanism."""
     entry = candidate.effect.data
     if not isinstance(entry, Entry):
         return False
-    return not entry.hidden and (entry.insertion is None or entry.insertion.kind == "mass")
+    return not entry.adds_states and (entry.insertion is None or entry.insertion.kind == "mass")
 
 
 def forward_sensitivities(
-    model: DifferentiableMechanism, request: SensitivityRequest
-) -> Sensitivity | None:
-    """See :meth:`feltmb.fit.Model.sensitivities`; None if a segment or a shift failed.
+    model: DifferentiableMechanism,
+    at: OperatingPoint,
+    by_theta: Sequence[int],
+    candidates: tuple[Candidate, ...] = (),
+    input_changes: Sequence[Mapping[str, Array]] = (),
+) -> Array | None:
+    """Derivatives of the outputs over a record.
 
-    All included effects and candidates must satisfy :func:`can_differentiate`. Included effects
-    whose states are part of the model are permitted as well; derivatives by their magnitudes are
-    then computed too.
+    Parameters
+    ----------
+    model
+        The mechanism.
+    at
+        Where it is differentiated. Included effects with states of their own must have a magnitude
+        that is not zero.
+    by_theta
+        Indices of parameters.
+    candidates
+        Further effects at magnitude zero; all of them satisfy :func:`can_differentiate`.
+    input_changes
+        Changes of the recorded inputs, {input: (n,)} [unit of the input].
+
+    Returns
+    -------
+    Array or None
+        (n, ny, d) by parameters, magnitudes of the included effects, magnitudes of the candidates,
+        and factors of the changes, in this order. None if the integration or a shift failed.
     """
-    record, segments, starts = request.record, request.segments, request.starts
-    by_theta, by_starts = request.parameters_of(model), request.by_starts
+    record = at.record
     try:
-        base = model.version(record, request.theta, request.included, request.sizes)
+        base = model.version(record, at.theta, at.included, at.magnitudes)
         drive = model.drives.of(record)
-        columns = _columns(model, request, base, drive)
-        columns += _input_columns(model, request, base, drive)
+        columns = _columns(model, at, by_theta, candidates, base, drive)
+        columns += _input_columns(model, record, input_changes, base, drive)
     except FeltmbError:
         return None
-    states = () if model.single else model.states(request.included)
-    names, scales = [s.name for s in states], [s.scale for s in states]
-    place = np.array([base.place[name] for name in names], dtype=int)
     clock = record.time - record.time[0]
+    window = float(record.time[0]), float(clock[-1])
 
     def whole(used: Drive) -> _core.Input:
-        return _core.Input(used.profile(float(record.time[0]), float(clock[-1])), used.kind)
+        return _core.Input(used.profile(*window), used.kind)
 
     drive_in = whole(drive)
     options = _core.SensitivityOptions()
@@ -109,53 +138,21 @@ def forward_sensitivities(
     index = {name: i for i, (name, _, _) in enumerate(_core.observables(base.mechanism))}
     options.outputs = [index[o] for o in model.outputs]
     options.threads = model.workers
+    segment = _core.SensitivitySegment(0.0, window[1])  # the core finds the rest pose
+    if drive.motion:
 
-    def start_of(
-        v: Variant, start: Array, own: Any, held: Remembered | None
-    ) -> tuple[Array, list[float]]:
-        """Full state and remembered compressions at the start of a segment."""
-        full, compressions = start_state(v, names, start, held)
-        if drive.motion:
-            follow(model.action, v, full, own)
-        return full, compressions
+        def start_of(n: _Node) -> Array:
+            full = n.variant.rest.copy()
+            follow(model.action, n.variant, full, n.drive.profile(*window))
+            return full
 
-    prepared = []
-    held_at = request.memory or (None,) * len(segments)
-    for (first, last), start, held in zip(segments, starts, held_at, strict=True):
-        begin, end = float(clock[first]), float(clock[last])
-        if model.single:
-            first, begin, start = 0, 0.0, np.zeros(place.size)
-            if not drive.motion:  # the core finds the rest pose
-                prepared.append(_core.SensitivitySegment(begin, end))
-                continue
-        window = float(record.time[first]), end - begin
-        own = drive.profile(*window)
-        state, compressions = start_of(base, start, own, held)
-
-        def moved(
-            n: _Node,
-            start: Array = start,
-            window: tuple[float, float] = window,
-            own: Any = own,
-            held: Remembered | None = held,
-        ) -> Array:
-            profile = own if n.drive is drive else n.drive.profile(*window)
-            return start_of(n.variant, start, profile, held)[0]
-
+        state = start_of(_Node(base, drive, 0.0, 1.0))
         moves = np.zeros((state.size, len(columns)))
         for c, column in enumerate(columns):
-            moves[:, c] = column.derivative(moved)
-        directions = np.zeros((state.size, place.size if by_starts else 0))
-        for i in range(directions.shape[1]):
-            if not drive.motion:
-                directions[place[i], i] = 1.0
-                continue
-            h = 1e-3 * scales[i]
-            ahead, behind = (start + side * h * np.eye(place.size)[i] for side in (1.0, -1.0))
-            fore, aft = (start_of(base, side, own, held)[0] for side in (ahead, behind))
-            directions[:, i] = (fore - aft) / (2 * h)
-        prepared.append(
-            _core.SensitivitySegment(begin, end, list(state), compressions, directions, moves)
+            moves[:, c] = column.derivative(start_of)
+        none = np.zeros((state.size, 0))
+        segment = _core.SensitivitySegment(
+            0.0, window[1], list(state), list(base.memory), none, moves
         )
     parameters = [
         _core.SensitivityParameter(
@@ -173,37 +170,35 @@ def forward_sensitivities(
         )
         for c in columns
     ]
-    if model.single:
-        # One run for all segments.
-        last = int(np.argmax(segments[:, 1]))
-        prepared = [prepared[last]]
-    span = segments[:, 1].max() if model.single else np.sum(segments[:, 1] - segments[:, 0])
-    simulated(float(span) / max(record.samples - 1, 1))
+    simulated(1.0)
     try:
-        results = _core.sensitivities(base.mechanism, drive_in, parameters, prepared, options)
+        (result,) = _core.sensitivities(base.mechanism, drive_in, parameters, [segment], options)
     except (FeltmbError, RuntimeError, ValueError):
         return None
-    if any(r.run.status != "done" for r in results):
+    if result.run.status != "done":
         return None
-    return _collect(
-        model,
-        clock,
-        segments,
-        results,
-        columns,
-        base,
-        place,
-        model.single and not drive.motion,
-        (len(by_theta), len(request.included), len(request.candidates)),
-        by_starts=by_starts,
-    )
+    gradient = np.asarray(result.gradient)[..., : len(columns)]
+    if drive.motion:
+        rest = np.zeros((len(model.outputs), len(columns)))
+        for k, column in enumerate(columns):
+            rest[:, k] = column.derivative(
+                lambda n: [model.at_rest(n.variant, o) for o in model.outputs]
+            )
+    else:
+        rest = gradient[0] * (np.array(model.outputs) != FORCE)[:, None]
+    return at_times(result.time, gradient, clock) - rest
 
 
 def _columns(
-    model: DifferentiableMechanism, request: SensitivityRequest, base: Variant, drive: Drive
+    model: DifferentiableMechanism,
+    at: OperatingPoint,
+    by_theta: Sequence[int],
+    candidates: tuple[Candidate, ...],
+    base: Variant,
+    drive: Drive,
 ) -> list[_Column]:
     """Variables with one-sided differences: their curvature error is below 1e-5 of a derivative."""
-    theta, included, magnitudes = request.theta, request.included, request.sizes
+    theta, included, magnitudes = at.theta, at.included, at.magnitudes
 
     def column(
         name: str,
@@ -213,20 +208,20 @@ def _columns(
         shift: float,
         scale: float,
     ) -> _Column:
-        version = model.version(request.record, moved, more, sizes)
+        version = model.version(at.record, moved, more, sizes)
         return _between(name, _Node(version, drive, shift, 1.0 / shift), base, drive, scale)
 
     def side(value: float, h: float, upper: float) -> float:
         return h if value + h <= upper else -h
 
     out = []
-    for i in request.parameters_of(model):
+    for i in by_theta:
         p = model.parameters[i]
         shift = side(theta[i], SHIFT * p.size, p.upper)
         moved = theta.copy()
         moved[i] += shift
         out.append(column(p.name, moved, included, magnitudes, shift, p.size))
-    for k, candidate in enumerate((*included, *request.candidates)):
+    for k, candidate in enumerate((*included, *candidates)):
         known = k < len(included)
         more = included if known else (*included, candidate)
         sizes = magnitudes.copy() if known else np.append(magnitudes, 0.0)
@@ -239,12 +234,15 @@ def _columns(
 
 
 def _input_columns(
-    model: DifferentiableMechanism, request: SensitivityRequest, base: Variant, drive: Drive
+    model: DifferentiableMechanism,
+    record: Record,
+    changes: Sequence[Mapping[str, Array]],
+    base: Variant,
+    drive: Drive,
 ) -> list[_Column]:
     """Changes of the inputs as variables; a noisy motion is smoothed before and after a change."""
-    record = request.record
     out = []
-    for k, change in enumerate(request.input_changes):
+    for k, change in enumerate(changes):
         added = {name: record.inputs[name] + value for name, value in change.items()}
         whole = model.drives.of(record.with_inputs(added)).value - drive.value
         near = replace(drive, value=drive.value + INPUT_SHIFT * whole)
@@ -256,77 +254,3 @@ def _input_columns(
 def _between(name: str, node: _Node, base: Variant, drive: Drive, scale: float) -> _Column:
     """A one-sided difference between a shifted version and the base."""
     return _Column(name, (node, _Node(base, drive, 0.0, -node.weight)), scale)
-
-
-def _collect(
-    model: DifferentiableMechanism,
-    clock: Array,
-    segments: NDArray[np.intp],
-    results: Sequence[Any],
-    columns: Sequence[_Column],
-    base: Variant,
-    place: NDArray[np.intp],
-    from_rest: bool,
-    counts: tuple[int, int, int],
-    *,
-    by_starts: bool,
-) -> Sensitivity:
-    w, length = len(segments), int(np.max(segments[:, 1] - segments[:, 0])) + 1
-    ny, nx, n = len(model.outputs), place.size, len(columns)
-    outputs = np.full((w, length, ny), np.nan)
-    ends = np.zeros((w, nx))
-    d_outputs = np.zeros((w, length, ny, n))
-    d_ends = np.zeros((w, nx, n))
-    d_starts = np.zeros((w, length, ny, nx if by_starts else 0))
-    d_starts_ends = np.zeros((w, nx, nx if by_starts else 0))
-    still = np.array([model.at_rest(base, o) for o in model.outputs])
-    rest, moving = np.zeros((nx, n)), np.zeros((ny, n))
-    if from_rest:
-        moving = (
-            np.asarray(results[0].gradient)[0]
-            * (np.array(model.outputs) != "finger.force")[:, None]
-        )
-    else:
-        for k, column in enumerate(columns):
-            rest[:, k] = column.derivative(lambda n: n.variant.rest[place])
-            moving[:, k] = column.derivative(
-                lambda n: [model.at_rest(n.variant, o) for o in model.outputs]
-            )
-    spans = [(0, int(np.max(segments[:, 1])))] if model.single else segments
-    shown = [
-        [at_times(r.time, np.asarray(v), clock[first : last + 1]) for v in (r.values, r.gradient)]
-        for r, (first, last) in zip(results, spans, strict=True)
-    ]
-    for i, (first, last) in enumerate(segments):
-        r = results[0] if model.single else results[i]
-        count = int(last - first) + 1
-        values, gradient = shown[0 if model.single else i]
-        skip = int(first) if model.single else 0
-        gradient = gradient[skip : skip + count]
-        outputs[i, :count] = values[skip : skip + count] - still
-        by_column = gradient[..., :n]
-        if not model.single:
-            end = np.asarray(r.end_state)
-            final = np.asarray(r.run.end_state)
-            ends[i] = final[place] - base.rest[place]
-            d_ends[i] = end[place][:, :n] - rest
-            if by_starts:
-                d_starts[i, :count] = gradient[..., n : n + nx]
-                d_starts_ends[i] = end[place][:, n : n + nx]
-        d_outputs[i, :count] = by_column - moving
-    a, b, c = counts
-    return Sensitivity(
-        memory=None if model.single else tuple(Remembered.of(base, r.run) for r in results),
-        outputs=outputs,
-        ends=ends,
-        d_theta=d_outputs[..., :a],
-        d_theta_ends=d_ends[..., :a],
-        d_magnitudes=d_outputs[..., a : a + b],
-        d_magnitudes_ends=d_ends[..., a : a + b],
-        d_starts=d_starts,
-        d_starts_ends=d_starts_ends,
-        d_candidates=d_outputs[..., a + b : a + b + c],
-        d_candidates_ends=d_ends[..., a + b : a + b + c],
-        d_inputs=d_outputs[..., a + b + c :],
-        d_inputs_ends=d_ends[..., a + b + c :],
-    )

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Body, FrictionParameters, MechanismFile, Spring
 
-__all__ = ["Insertion", "insert", "inserted_coordinates"]
+__all__ = ["Insertion", "insert"]
 
 Kind = Literal["clearance", "compliance", "hinge", "mass", "bending"]
 
@@ -47,15 +47,6 @@ class Insertion:
 
 
 _AXIS: dict[str, tuple[float, float]] = {"x": (1.0, 0.0), "y": (0.0, 1.0)}
-
-
-def inserted_coordinates(insertion: Insertion) -> tuple[tuple[str, str, float], ...]:
-    """Name, unit and scale of the coordinates that an added part has."""
-    if insertion.kind in ("clearance", "compliance"):
-        return tuple((f"{insertion.body}.pin.{axis}", "m", 1e-5) for axis in _AXIS)
-    if insertion.kind == "hinge":
-        return ((f"{insertion.part}.bend", "rad", 1e-4),)
-    return ()
 
 
 def insert(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:

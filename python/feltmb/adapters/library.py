@@ -98,12 +98,6 @@ class _ShapeTable(Schema):
     unit: str = "1"
 
 
-class _HiddenTable(Schema):
-    state: str
-    unit: str = "1"
-    scale: float = 1.0
-
-
 class _Table(Schema):
     """One effect or tolerance of the file."""
 
@@ -130,7 +124,7 @@ class _Table(Schema):
     input: _InputTable | None = None
     condition: _ConditionTable | None = None
     shape: _ShapeTable | None = None
-    hidden: list[_HiddenTable] = []
+    adds_states: bool = False
     remedy: str = ""
     source: str = ""
     note: str = ""
@@ -215,8 +209,8 @@ class Entry:
     shape_path: str = ""
     shapes: tuple[float | None, ...] = (None,)
     shape_unit: str = ""
-    hidden: tuple[tuple[str, str, float], ...] = ()
-    """Names, units and scales of the hidden states of the effect."""
+    adds_states: bool = False
+    """Whether the mechanism has further states if the magnitude is not zero."""
     remedy: str = ""
     source: str = ""
     part: str = ""
@@ -583,7 +577,7 @@ def _entry(
         shape_path=_put(table.shape.path, words) if table.shape else "",
         shapes=shapes,
         shape_unit=_put(table.shape.unit, words) if table.shape else "",
-        hidden=tuple((_put(h.state, words), h.unit, h.scale) for h in table.hidden),
+        adds_states=table.adds_states,
         remedy=_put(table.remedy, words),
         source=table.source,
         part=_put(table.part, words),

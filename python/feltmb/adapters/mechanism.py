@@ -57,10 +57,8 @@ def mechanism_model(
             )
     if not isinstance(library, Library):
         library = load_library(action, library)
-    whole = options.get("shooting", "single") == "single"
-    kind = StrokeModel if whole else MechanismModel
     estimated = _chosen(library, tolerances)
-    model = kind(action, library, library.outputs(channels), tolerances=estimated, **options)
+    model = StrokeModel(action, library, library.outputs(channels), tolerances=estimated, **options)
     chosen = [e for e in library.select(effects) if _can_show(model, e)]
     ready = []
     for e in chosen:
@@ -70,7 +68,6 @@ def mechanism_model(
                 e,
                 model.outputs,
                 library.channels,
-                states=not model.single,
                 tolerance_parameter="" if alias is None else alias.tolerance.name,
                 tolerance_ratio=1.0 if alias is None else alias.ratio(0.0, 0.0),
             )

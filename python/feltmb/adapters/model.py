@@ -1,10 +1,7 @@
 """A mechanism as a model that :mod:`feltmb.fit` can fit and :mod:`feltmb.gap` can diagnose.
 
 Outputs are displacements of tracking points from rest [m] and, with motion input, the force of the
-finger [N]. States are the deviations of the mechanical coordinates from the rest pose for the same
-parameters, and their rates. A record that starts at rest therefore starts at zero for all
-parameters. The string starts every segment at rest: its vibrations decay within 20 ms and do not
-affect anything that a camera measures.
+finger [N]. Every record starts at rest, for all parameters, and is simulated as a whole.
 """
 
 from __future__ import annotations
@@ -15,23 +12,20 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feltmb import _core
 from feltmb.adapters.accuracy import with_force_error, with_integration_error
 from feltmb.adapters.aliases import Alias, alias_of
-from feltmb.adapters.derivatives import sensitivities
 from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.adapters.drives import (
     DISPLACEMENT,
     FORCE,
-    Drive,
     Drives,
     driven,
     follow,
@@ -40,24 +34,13 @@ from feltmb.adapters.drives import (
 from feltmb.adapters.landmarks import first_turn, landmarks
 from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
-from feltmb.adapters.remembered import Remembered, start_state
 from feltmb.adapters.sampling import at_times, output_rate
 from feltmb.adapters.shifter import Shifter
 from feltmb.adapters.variants import Variant, Workshop, changed_config
 from feltmb.adapters.writing import write_mechanism
 from feltmb.data import Array, Record
-from feltmb.errors import FeltmbError, InvalidParameter, ModelError
-from feltmb.fit import (
-    Candidate,
-    Effect,
-    Jobs,
-    Parameter,
-    Ready,
-    Sensitivity,
-    SensitivityRequest,
-    Simulated,
-    State,
-)
+from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.fit import Candidate, Effect, Parameter, Ready, State
 from feltmb.fit.watch import simulated
 from feltmb.mechanism import Action
 
@@ -66,22 +49,6 @@ __all__ = ["MechanismModel"]
 #: Tolerances of felt and friction: these vary from stroke to stroke, and their laws have a form
 #: error.
 VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
-#: Scale of a deviation from the motion of the model, as a share of 1 mm of felt compression.
-DEPARTURE = 0.05
-#: Scale of the rate of such a deviation: it lasts for some milliseconds [1/s].
-DEPARTURE_RATE = 50.0
-
-
-@dataclass(frozen=True)
-class _Task:
-    """Simulation of one job."""
-
-    job: int
-    variant: Variant
-    first: int
-    last: int
-    start: Array
-    remembered: Remembered | None = None
 
 
 class MechanismModel(DifferentiableMechanism):
@@ -100,22 +67,15 @@ class MechanismModel(DifferentiableMechanism):
     tolerances
         Estimated parameters; default: all tolerances of the library.
     rtol
-        Relative tolerance of the integrator; default: 1e-6 with single shooting, else 1e-7.
+        Relative tolerance of the integrator.
     segment
         Length of the segments [s].
-    shooting
-        ``single``: every record is simulated as a whole from rest, which is the method for fits and
-        diagnoses. ``multiple``: segments with start states of their own, for studies of the
-        information in records.
     until
-        With single shooting: time after the first reversal of the library's ``until.output`` (the
+        Time after the first reversal of the library's ``until.output`` (the
         impact) that is used [s]; infinite: to the end of the record. Default: the value of the
         library.
     workers
         Number of threads; default: number of cores.
-    allowance
-        Model-form error: standard deviation of independent relative deviations of felts and
-        frictions from their values in each segment [1]. For multiple shooting.
 
     Raises
     ------
@@ -123,6 +83,7 @@ class MechanismModel(DifferentiableMechanism):
         An output that the mechanism does not have.
     """
 
+    from_rest = True
     difference_step = 0.1
     many_outputs = True
     input_modes = MappingProxyType({"force": ("force",), "motion": ("displacement",)})
@@ -137,18 +98,12 @@ class MechanismModel(DifferentiableMechanism):
         outputs: Sequence[str],
         *,
         tolerances: Sequence[Entry] | None = None,
-        rtol: float | None = None,
+        rtol: float = 1e-6,
         segment: float | None = None,
-        shooting: Literal["single", "multiple"] = "single",
         until: float | None = None,
         workers: int | None = None,
-        allowance: float = 0.01,
     ):
-        if not 0.0 <= allowance < 1.0:
-            raise InvalidParameter(f"allowance = {allowance!r}, expected in [0, 1)")
-        if shooting not in ("multiple", "single"):
-            raise InvalidParameter(f"shooting = {shooting!r}, expected single or multiple")
-        if rtol is not None and not 0.0 < rtol < 1.0:
+        if not 0.0 < rtol < 1.0:
             raise InvalidParameter(f"rtol = {rtol!r}, expected in (0, 1)")
         if until is not None and not until >= 0.0:
             raise InvalidParameter(f"until = {until!r} s, expected >= 0")
@@ -174,13 +129,11 @@ class MechanismModel(DifferentiableMechanism):
                 label=e.part or f"The {e.component}",
                 words=e.words,
                 relative=e.unit == "1",
-                process_sd=allowance if is_law(e) else 0.0,
             )
             for e in self.tolerances
         )
         self.segment = library.segment if segment is None else segment
-        self.rtol = (1e-6 if shooting == "single" else 1e-7) if rtol is None else rtol
-        self.single = self.from_rest = shooting == "single"
+        self.rtol = rtol
         self.until = library.until
         if until is not None and math.isfinite(until) and library.until is None:
             raise InvalidParameter(
@@ -189,7 +142,6 @@ class MechanismModel(DifferentiableMechanism):
             )
         if until is not None and library.until is not None:
             self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
-        self.chaotic = not self.single
         self.workers = workers or min(8, os.cpu_count() or 1)
         self.drives = Drives()
         self.carried: frozenset[int] = frozenset()
@@ -198,37 +150,6 @@ class MechanismModel(DifferentiableMechanism):
         self._workshop = Workshop()
         self._shifter = Shifter(action.config)
         base = self._base()
-        condensed = {
-            f"{name}.u{k + 1}"
-            for name, body in action.config.bodies.items()
-            if body.kind == "beam" and not body.rigid and body.condense_axial
-            for k in range(body.axial_shapes)
-        }
-        scales = dict(zip(action.coordinates, base.mechanism.coordinate_scale, strict=True))
-        moving = [c for c in action.coordinates if c not in condensed]
-        bodies = action.config.bodies.values()
-        turning = {b.coordinate for b in bodies if b.joint == "revolute" and b.coordinate}
-        joints = {b.coordinate for b in bodies if b.coordinate}
-        self._states = tuple(
-            State(
-                name=name,
-                unit="rad" if name in turning else "m",
-                scale=DEPARTURE * scales[name],
-                start_sd=0.0,
-                vibrates=name not in joints,
-            )
-            for name in moving
-        ) + tuple(
-            State(
-                name=f"{name}.rate",
-                unit="rad/s" if name in turning else "m/s",
-                scale=DEPARTURE * DEPARTURE_RATE * scales[name],
-                start_sd=0.0,
-                vibrates=name not in joints,
-            )
-            for name in moving
-        )
-        self._column: dict[str, int] = {}
         self._check_outputs(base)
 
     def _base(self) -> Variant:
@@ -251,16 +172,12 @@ class MechanismModel(DifferentiableMechanism):
     # --- the interface of Model ---------------------------------------------------------------
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
-        """Deviations of coordinates and rates, then states of included effects; none if single."""
-        if self.single:
-            return ()
-        extra = []
-        for candidate in included:
-            extra += list(candidate.effect.hidden)
-        return (*self._states, *extra)
+        """No states: every record starts at rest."""
+        del included
+        return ()
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """Prepare records; with single shooting, only the part until shortly after the impact.
+        """Prepare records: the part until shortly after the impact.
 
         The noise of the input is estimated if it is not specified.
         """
@@ -285,7 +202,7 @@ class MechanismModel(DifferentiableMechanism):
             record, said = self.referred(record)
             notes += said
             record = with_noise(record, notes)
-            if not self.single or self.until is None:
+            if self.until is None:
                 cut.append(with_error(record, None))
                 continue
             turn = self._turn(record)
@@ -300,7 +217,7 @@ class MechanismModel(DifferentiableMechanism):
                 )
                 record = record.cut(0, kept)
             cut.append(with_error(record, turn))
-        ready = with_integration_error(self, cut, notes) if self.single else cut
+        ready = with_integration_error(self, cut, notes)
         same = model.carried == self.carried
         return Ready(self if same else model, tuple(ready), tuple(notes))
 
@@ -326,77 +243,16 @@ class MechanismModel(DifferentiableMechanism):
         if name in record.outputs and np.isfinite(record.outputs[name]).sum() > 10:
             return first_turn(record.time, record.outputs[name])
         base = self._base()
-        task = _Task(0, base, 0, record.samples - 1, np.zeros(0))
-        run = self._integrate(record, self.drives.of(record), task, ())
+        run = self._integrate(record, base)
         if run is None:
             return None
-        result = run[2]
+        result = run[1]
         column = np.array(result.data)[:, list(result.names).index(name)]
         return first_turn(record.time[0] + result.time, column - self.at_rest(base, name))
 
     def accepts(self, effect: Effect) -> bool:
         """Whether an effect has an :class:`Entry`, or is a sensor or input effect."""
         return isinstance(effect.data, Entry) or super().accepts(effect)
-
-    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
-        """Simulate every job from its start state; failed jobs are NaN."""
-        if self.single:
-            return self._simulate_whole(record, jobs)
-        outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
-        ends = np.full((jobs.count, jobs.starts.shape[1]), np.nan)
-        memory: list[Remembered | None] = [None] * jobs.count
-        names = [s.name for s in self.states(jobs.included)]
-        tasks = []
-        last_key: bytes | None = None
-        variant: Variant | None = None
-        for b in range(jobs.count):
-            magnitudes = jobs.magnitudes[b] if jobs.included else np.zeros(0)
-            key = self._key(record, jobs.theta[b], jobs.included, magnitudes)
-            if key != last_key:
-                variant = self._variant(record, key, jobs.theta[b], jobs.included, magnitudes)
-                last_key = key
-            if variant is None or not np.all(np.isfinite(jobs.starts[b])):
-                continue
-            first, last = (int(i) for i in jobs.segments[b])
-            held = None if jobs.memory is None else jobs.memory[b]
-            tasks.append(_Task(b, variant, first, last, jobs.starts[b], held))
-        drive = self.drives.of(record)
-
-        def work(task: _Task) -> None:
-            out = self._run(record, drive, task, names)
-            if out is not None:
-                length = task.last - task.first + 1
-                outputs[task.job, :length], ends[task.job], memory[task.job] = out
-
-        self.in_parallel(work, tasks)
-        return Simulated(outputs=outputs, ends=ends, memory=tuple(memory))
-
-    def _simulate_whole(self, record: Record, jobs: Jobs) -> Simulated:
-        """Simulate jobs; all jobs of one version use one run from rest."""
-        outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
-        groups: dict[bytes, list[int]] = {}
-        for b in range(jobs.count):
-            magnitudes = jobs.magnitudes[b] if jobs.included else np.zeros(0)
-            key = self._key(record, jobs.theta[b], jobs.included, magnitudes)
-            groups.setdefault(key, []).append(b)
-        drive = self.drives.of(record)
-
-        def work(item: tuple[bytes, list[int]]) -> None:
-            key, rows = item
-            magnitudes = jobs.magnitudes[rows[0]] if jobs.included else np.zeros(0)
-            variant = self._variant(record, key, jobs.theta[rows[0]], jobs.included, magnitudes)
-            if variant is None:
-                return
-            last = int(max(jobs.segments[b, 1] for b in rows))
-            run = self._integrate(record, drive, _Task(0, variant, 0, last, np.zeros(0)), ())
-            if run is None:
-                return
-            for b in rows:
-                i, j = (int(k) for k in jobs.segments[b])
-                outputs[b, : j - i + 1] = run[1][i : j + 1]
-
-        self.in_parallel(work, list(groups.items()))
-        return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
     def identity(self) -> str | None:
         """See :class:`~feltmb.fit.Model`: tables of the mechanism, and options of the model."""
@@ -408,39 +264,8 @@ class MechanismModel(DifferentiableMechanism):
 
     def whole(self, record: Record, variant: Variant) -> Array | None:
         """Outputs of one version over the whole record from rest, (n, ny); None if it failed."""
-        task = _Task(0, variant, 0, record.samples - 1, np.zeros(0))
-        run = self._integrate(record, self.drives.of(record), task, ())
-        return None if run is None else run[1]
-
-    def sensitivities(  # noqa: D102
-        self, requests: Sequence[SensitivityRequest]
-    ) -> list[Sensitivity]:
-        # Exact derivatives; see feltmb.adapters.derivatives.
-        return [self._sensitivity(request) for request in requests]
-
-    def _sensitivity(self, request: SensitivityRequest) -> Sensitivity:
-        request.check(self)
-        found = sensitivities(self, request)
-        return super().sensitivities([request])[0] if found is None else found
-
-    def guess(self, records: Sequence[Record], segments: Sequence[NDArray[np.intp]]) -> list[Array]:
-        """Start states along a simulation of each record."""
-        return [self._guess(*one) for one in zip(records, segments, strict=True)]
-
-    def _guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
-        if self.single:
-            return np.zeros((len(segments), 0))
-        last = int(np.max(segments[:, 1]))
-        names = [s.name for s in self.states()]
-        task = _Task(0, self._base(), 0, last, np.zeros(len(names)))
-        run = self._integrate(record, self.drives.of(record), task, names)
-        starts = np.zeros((len(segments), len(names)))
-        if run is None:
-            return starts
-        states, _, _ = run
-        for w, (first, _) in enumerate(segments):
-            starts[w] = states[int(first)]
-        return starts
+        run = self._integrate(record, variant)
+        return None if run is None else run[0]
 
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
         """Start and end of the key's motion, and reversal of the hammer, if channels show them."""
@@ -536,46 +361,6 @@ class MechanismModel(DifferentiableMechanism):
         ]
         return b";".join(parts)
 
-    def _variant(
-        self,
-        record: Record,
-        key: bytes,
-        theta: Array,
-        included: tuple[Candidate, ...],
-        magnitudes: Array,
-    ) -> Variant | None:
-        if not any(theta) and not any(magnitudes):
-            return self._base()
-        chosen = self._chosen(theta, included, magnitudes)
-        return self._workshop.variant(key, lambda: self._shifter.config(chosen, record.conditions))
-
-    def version(
-        self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
-    ) -> Variant:
-        """The mechanism with given parameters and magnitudes, under the conditions of a record.
-
-        Parameters
-        ----------
-        record
-            Record whose inputs drive the model.
-        theta
-            Values of the parameters [SI].
-        included
-            Effects that are included.
-        magnitudes
-            Magnitude of each included effect.
-
-        Raises
-        ------
-        ModelError
-            These values define no valid mechanism, or it has no rest pose.
-        """
-        key = self._key(record, theta, included, magnitudes)
-        variant = self._variant(record, key, theta, included, magnitudes)
-        if variant is None:
-            raise ModelError(f"mechanism {self.name!r}: no rest pose at these numbers")
-        return variant
-
     def at_rest(self, variant: Variant, output: str) -> float:
         """Value of an output at rest: position of the tracking point [m]; 0 for a force."""
         point, _, axis = output.rpartition(".")
@@ -590,55 +375,36 @@ class MechanismModel(DifferentiableMechanism):
         with ThreadPoolExecutor(self.workers) as pool:
             list(pool.map(work, tasks))
 
-    def _run(
-        self, record: Record, drive: Drive, task: _Task, names: Sequence[str]
-    ) -> tuple[Array, Array, Remembered] | None:
-        run = self._integrate(record, drive, task, names)
-        if run is None:
-            return None
-        states, columns, result = run
-        return columns, states[-1], Remembered.of(task.variant, result)
-
-    def _integrate(
-        self, record: Record, drive: Drive, task: _Task, names: Sequence[str]
-    ) -> tuple[Array, Array, Any] | None:
-        """States (n, nx) and outputs (n, ny) at the samples of one segment; None if it failed."""
-        v = task.variant
-        index = np.array([v.place.get(name, -1) for name in names], dtype=int)
-        known = index >= 0
-        start = task.start if names else np.zeros(0)
-        full, memory = start_state(v, names, start, task.remembered)
-        time = record.time[task.first : task.last + 1] - record.time[task.first]
-        count = time.size
+    def _integrate(self, record: Record, v: Variant) -> tuple[Array, Any] | None:
+        """Outputs (n, ny) at the samples of a record, and the run; None if it failed."""
+        time = record.time - record.time[0]
         options = _core.SimulationOptions()
         options.duration = float(time[-1])
         options.rtol = self.rtol
         options.output_rate = output_rate(time)
         options.ledger = options.events = options.diagnose = False
         options.finger_reference = v.finger_reference
-        profile = drive.profile(float(record.time[task.first]), float(time[-1]))
+        drive = self.drives.of(record)
+        profile = drive.profile(float(record.time[0]), float(time[-1]))
+        start = v.rest.copy()
         if drive.motion:
-            follow(self.action, v, full, profile)
-        simulated((count - 1) / max(record.samples - 1, 1))
+            follow(self.action, v, start, profile)
+        simulated(1.0)
         try:
             result = _core.simulate(
                 v.mechanism,
                 _core.Input(profile, drive.kind),
                 options,
-                list(full),
+                list(start),
                 [],
                 None,
-                memory,
+                list(v.memory),
             )
         except (RuntimeError, ValueError, FeltmbError):
             return None
         if result.time.size < 2 or result.reached < time[-1] * (1.0 - 1e-9):
             return None
-        states = at_times(result.time, result.states, time)
-        data = at_times(result.time, result.data, time)
-        x = np.zeros((count, len(names)))
-        x[:, known] = states[:, index[known]] - v.rest[index[known]]
-        return x, self._columns(result, data, v), result
+        return self._columns(result, at_times(result.time, result.data, time), v), result
 
     def _columns(self, result: Any, data: Array, v: Variant) -> Array:
         where = {name: i for i, name in enumerate(result.names)}

@@ -27,7 +27,11 @@ from numpy.typing import NDArray
 
 from feltmb.adapters.aliases import Alias
 from feltmb.adapters.drives import DISPLACEMENT
-from feltmb.adapters.forward import can_differentiate, forward_sensitivities
+from feltmb.adapters.forward import (
+    OperatingPoint,
+    can_differentiate,
+    forward_sensitivities,
+)
 from feltmb.adapters.library import Entry
 from feltmb.adapters.model import MechanismModel, is_law
 from feltmb.adapters.refined import KINDS, refined
@@ -100,7 +104,7 @@ class StrokeModel(MechanismModel):
     """
 
     def __init__(self, *args: Any, variation: float | None = 0.01, **options: Any):
-        super().__init__(*args, **{**options, "shooting": "single"})
+        super().__init__(*args, **options)
         self.variation = variation
         self.mechanical = len(self.parameters)
         self.variabilities: dict[str, RunVariability] = {}
@@ -248,7 +252,7 @@ class StrokeModel(MechanismModel):
             if sigma > 0.0 and name in record.inputs
             for change in _input_noise(record, name)
         ]
-        point = _Point(record, base, theta, included, magnitudes)
+        point = _Point(record, theta, included, magnitudes, base)
         by, _, by_noise = self._slopes(point, which, (), tuple(changes))
         columns = [variation * by[..., i] for i in range(len(which))]
         columns += [by_noise[..., k] for k in range(len(changes))]
@@ -381,7 +385,7 @@ class StrokeModel(MechanismModel):
             shift = self._variability_shift(record, theta)
             bad = _cut(base if shift is None else base + shift, segments, length)
             inner = [i for i in wanted if i < self.mechanical]
-            point = _Point(record, base, own, included, magnitudes)
+            point = _Point(record, own, included, magnitudes, base)
             found, of, by_inputs = self._slopes(point, inner, (*included, *candidates), changes)
             by = self._with_own_variability(record, found, wanted)
             columns = (by, *np.split(of, [len(included)], -1), by_inputs)
@@ -514,26 +518,9 @@ class StrokeModel(MechanismModel):
         if not names:
             return {}
         self.passes += 1
-        s = forward_sensitivities(
-            self,
-            SensitivityRequest(
-                point.record,
-                point.theta,
-                np.array([[0, point.record.samples - 1]], dtype=np.intp),
-                np.zeros((1, 0)),
-                point.included,
-                point.magnitudes,
-                by_theta=wanted,
-                by_starts=False,
-                candidates=candidates,
-                input_changes=tuple(changes.values()),
-            ),
-        )
-        if s is None:
+        found = forward_sensitivities(self, point, wanted, candidates, tuple(changes.values()))
+        if found is None:
             return {name: np.full_like(point.base, np.nan) for name in names}
-        assert s.d_inputs is not None
-        parts = (s.d_theta, s.d_magnitudes, s.d_candidates, s.d_inputs)
-        found = np.concatenate([part[0] for part in parts], axis=-1)
         return {name: found[..., k] for k, name in enumerate(names)}
 
     def _difference(self, point: _Point, candidate: Candidate) -> Array:
@@ -547,15 +534,11 @@ class StrokeModel(MechanismModel):
         return np.full_like(point.base, np.nan) if motion is None else (motion - point.base) / step
 
 
-@dataclass(frozen=True)
-class _Point:
-    """Place at which a record is differentiated, with the outputs (n, ny) there."""
+@dataclass(frozen=True, eq=False)
+class _Point(OperatingPoint):
+    """Operating point with the outputs (n, ny) there."""
 
-    record: Record
     base: Array
-    theta: Array
-    included: tuple[Candidate, ...]
-    magnitudes: Array
 
 
 def _digest(inputs: Mapping[str, Array]) -> int:

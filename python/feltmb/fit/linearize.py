@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from feltmb.data import Array, Record
 from feltmb.fit.model import (
     Candidate,
-    Memory,
     Model,
     Sensitivity,
     SensitivityRequest,
@@ -30,22 +29,10 @@ INPUT_KNOTS = 6
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Start states (W, nx) and nuisances (nn,) of one segmented record.
-
-    ``memory``: internal memory of the model at the starts, in addition to its states; one item per
-    segment.
-    """
+    """Start states (W, nx) and nuisances (nn,) of one segmented record."""
 
     starts: Array
     nuisances: Array
-    memory: Memory | None = None
-
-    def after(self, ends: Memory | None) -> Memory | None:
-        """Memory at the starts of the segments, given ``ends``, the memory at their ends."""
-        if ends is None:
-            return self.memory
-        first = None if self.memory is None else self.memory[0]
-        return (first, *ends[:-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +70,6 @@ class Linear:
     """(W, nx, mi)"""
     good: Array
     """Whether the simulation of the segment succeeded, (W,)."""
-    memory: Memory | None = None
-    """Memory of the model at the ends of the segments."""
 
 
 def with_nuisances(
@@ -153,7 +138,6 @@ def linearize(
             by_theta=[*free, *also],
             by_starts=has_states,
             candidates=candidates,
-            memory=place.memory,
             input_changes=tuple(_input_noise(segmented.record, segmented.segments))
             if noisy
             else (),
@@ -220,7 +204,6 @@ def _linear(
         ends_by_global=_tame(ends_by_global),
         ends_by_input=_tame(ends_by_input),
         good=good,
-        memory=s.memory,
     )
 
 

@@ -51,9 +51,6 @@ INTERPOLATION = "interpolation of inputs"
 EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
 #: Kinds of effects whose magnitude multiplies a law of force.
 LAWS = ("force", "state")
-#: Internal memory of a model in addition to its states, one item per segment; only the model
-#: interprets it.
-Memory = tuple[Any, ...]
 
 
 @checked
@@ -133,9 +130,6 @@ class State:
     hidden: bool = False
     """Whether it is a memory state of an effect, without influence on the outputs at magnitude
     0."""
-    vibrates: bool = False
-    """Whether it vibrates many times in a segment, so that its phase at the end cannot be
-    predicted."""
 
 
 @checked
@@ -269,8 +263,6 @@ class Jobs:
     """Magnitudes of the included effects [their units], (B, k)."""
     forces: Array | None = None
     """Unknown forces, (B, ports, m): linear between m knots from i0 to i1; None: no force."""
-    memory: Memory | None = None
-    """Memory of the model at the start of each job, in addition to its states; None: as at rest."""
 
     @classmethod
     def at_point(
@@ -280,7 +272,6 @@ class Jobs:
         starts: Array,
         included: tuple[Candidate, ...],
         magnitudes: Array,
-        memory: Memory | None = None,
     ) -> Jobs:
         """Jobs with equal parameters, (p,), and magnitudes, (k,), for all segments.
 
@@ -296,8 +287,6 @@ class Jobs:
             Candidates that are part of the model.
         magnitudes
             Their magnitudes [their units], (k,).
-        memory
-            Memory of the model at the starts, in addition to its states.
         """
         count = len(segments)
         return cls(
@@ -306,7 +295,6 @@ class Jobs:
             starts=starts,
             included=included,
             magnitudes=np.tile(magnitudes, (count, 1)),
-            memory=memory,
         )
 
     def __post_init__(self) -> None:
@@ -381,8 +369,6 @@ class Simulated:
     """(B, L, ny) at the samples i0, i0+1, ..., i1 of each job; values after i1 are undefined."""
     ends: Array
     """States at sample i1, (B, nx)."""
-    memory: Memory | None = None
-    """Memory of the model at sample i1; None: the model has no memory except its states."""
 
 
 @checked
@@ -412,8 +398,6 @@ class SensitivityRequest:
     """Further candidates at magnitude zero, whose derivatives at zero are requested (one-sided if
     they have a sign). Their hidden states start at their prior mean in the first segment and
     continue from segment to segment."""
-    memory: Memory | None = None
-    """Memory of the model at the starts, in addition to its states; see :class:`Jobs`."""
     input_changes: tuple[Mapping[str, Array], ...] = ()
     """Changes of the recorded inputs, {input: (n,)} [unit of the input]. The derivative by h of a
     simulation with ``inputs + h * change`` is requested, at zero. Each segment is changed by
@@ -430,9 +414,7 @@ class SensitivityRequest:
 
     def jobs(self) -> Jobs:
         """The segments as jobs."""
-        return Jobs.at_point(
-            self.theta, self.segments, self.starts, self.included, self.sizes, self.memory
-        )
+        return Jobs.at_point(self.theta, self.segments, self.starts, self.included, self.sizes)
 
     def check(self, model: Model) -> None:
         """Check that the request matches the record and the model."""
@@ -495,8 +477,6 @@ class Sensitivity:
     and they are computed from differences of simulations."""
     d_inputs_ends: Array | None = None
     """(W, nx, d)"""
-    memory: Memory | None = None
-    """Memory of the model at the ends; see :class:`Simulated`."""
 
 
 @checked
@@ -868,7 +848,6 @@ def _changed_jobs(model: Model, request: SensitivityRequest) -> tuple[Jobs, list
         magnitudes=np.repeat(
             np.array(rows_magnitudes).reshape(versions, len(included)), count, axis=0
         ),
-        memory=None if request.memory is None else versions * request.memory,
     )
     return jobs, columns
 
@@ -903,7 +882,6 @@ def _derivatives(
         d_starts_ends=derive(ends, columns[b:]),
         d_candidates=np.zeros((count, longest, ny, len(request.candidates))),
         d_candidates_ends=np.zeros((count, nx, len(request.candidates))),
-        memory=None if run.memory is None else run.memory[:count],
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ from feltmb.fit.model import (
     Batch,
     Candidate,
     Jobs,
-    Memory,
     Model,
     Sensitivity,
     SensitivityRequest,
@@ -84,26 +82,19 @@ def _observed(
     model: Model, record: Record, jobs: Jobs, parts: list[tuple[NDArray[np.intp], Simulated]]
 ) -> Simulated:
     """Sensor readings of jobs that were simulated in parts, given as (rows, result)."""
-    memory: Memory | None
     if len(parts) == 1:
-        outputs, ends, memory = parts[0][1].outputs, parts[0][1].ends, parts[0][1].memory
+        outputs, ends = parts[0][1].outputs, parts[0][1].ends
     else:
         outputs = np.full((jobs.count, jobs.longest, len(model.outputs)), np.nan)
         ends = np.full((jobs.count, jobs.starts.shape[1]), np.nan)
         for rows, run in parts:
             outputs[rows, : run.outputs.shape[1]] = run.outputs
             ends[rows] = run.ends
-        memory = None
-        if all(run.memory is not None for _, run in parts):
-            held: dict[int, Any] = {}
-            for rows, run in parts:
-                held |= dict(zip(rows.tolist(), run.memory or (), strict=True))
-            memory = tuple(held[b] for b in range(jobs.count))
     for k, candidate in enumerate(jobs.included):
         if candidate.effect.observe is None:
             continue
         outputs = _seen(candidate, record, outputs, jobs.segments, jobs.magnitudes[:, k])
-    return Simulated(outputs=_sensed(model, record, jobs, outputs), ends=ends, memory=memory)
+    return Simulated(outputs=_sensed(model, record, jobs, outputs), ends=ends)
 
 
 def _seen(
@@ -166,7 +157,6 @@ def _excited(record: Record, jobs: Jobs) -> list[tuple[NDArray[np.intp], Batch]]
             starts=plain.starts[rows],
             magnitudes=plain.magnitudes[rows] if plain.included else plain.magnitudes,
             forces=None if plain.forces is None else plain.forces[rows],
-            memory=None if plain.memory is None else tuple(plain.memory[b] for b in rows),
         )
         parts.append((rows, (changed, part)))
     return parts
@@ -485,7 +475,6 @@ def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sens
         d_candidates_ends=d_candidates_ends,
         d_inputs=push_alone(s.d_inputs[..., :own]),
         d_inputs_ends=s.d_inputs_ends[..., :own],
-        memory=s.memory,
     )
 
 

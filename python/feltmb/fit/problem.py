@@ -187,9 +187,7 @@ class Problem:
         batches = [
             (
                 s.record,
-                Jobs.at_point(
-                    point.theta, s.segments, at.starts, included, point.magnitudes, at.memory
-                ),
+                Jobs.at_point(point.theta, s.segments, at.starts, included, point.magnitudes),
             )
             for s, at in zip(records, point.places, strict=True)
         ]
@@ -394,28 +392,13 @@ class Problem:
             held |= beyond
         return delta, ~held
 
-    def step(
-        self,
-        point: Point,
-        normal: Normal,
-        damping: Array | float,
-        linears: Sequence[Linear] | None = None,
-    ) -> tuple[Point, float]:
+    def step(self, point: Point, normal: Normal, damping: Array | float) -> tuple[Point, float]:
         """Point after a Levenberg step of :meth:`newton`, and its predicted gain."""
         delta = self.newton(point, normal, damping)
-        return self.moved(point, normal, delta, linears), normal.gain(delta)
+        return self.moved(point, normal, delta), normal.gain(delta)
 
-    def moved(
-        self,
-        point: Point,
-        normal: Normal,
-        delta: Array,
-        linears: Sequence[Linear] | None = None,
-    ) -> Point:
-        """Point after a step of the globals.
-
-        The memory at the starts of segments is taken from the ends in ``linears``.
-        """
+    def moved(self, point: Point, normal: Normal, delta: Array) -> Point:
+        """Point after a step of the globals."""
         free = self.free
         count = len(free) + len(self.included)
         theta = point.theta.copy()
@@ -427,16 +410,13 @@ class Problem:
         for k, candidate in enumerate(self.included):
             magnitudes[k] = np.clip(magnitudes[k], *candidate.effect.bounds)
         places = []
-        held = [None] * len(point.places) if linears is None else [x.memory for x in linears]
-        for place, chain, own, ends in zip(
-            point.places, normal.chains, normal.columns, held, strict=True
-        ):
+        for place, chain, own in zip(point.places, normal.chains, normal.columns, strict=True):
             moved = delta[own]
             starts = place.starts
             if starts.shape[1]:
                 starts = starts + chain.back(moved)
             nuisances = place.nuisances + moved[normal.shared :]
-            places.append(Place(starts, nuisances, place.after(ends)))
+            places.append(Place(starts, nuisances))
         return Point(theta, magnitudes, tuple(places))
 
     def with_candidates(self, included: tuple[Candidate, ...]) -> Problem:
@@ -467,8 +447,7 @@ class Problem:
         if any(candidate.effect.hidden for candidate in new if candidate not in old):
             self._run_hidden(point.theta, new, starts, base)
         places = tuple(
-            Place(x, place.nuisances, place.memory)
-            for x, place in zip(starts, point.places, strict=True)
+            replace(place, starts=x) for x, place in zip(starts, point.places, strict=True)
         )
         return Point(point.theta, np.asarray(magnitudes, dtype=np.float64), places)
 

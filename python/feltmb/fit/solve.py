@@ -328,7 +328,7 @@ def _minimize(
             used = [d if np.any(d) else None for d in damping]
             normal = problem.normal(point, linears, defect_sd, used)
             scaled = lam * np.diag(normal.matrix)
-            attempt, gain = problem.step(point, normal, scaled, linears)
+            attempt, gain = problem.step(point, normal, scaled)
             predicted = cost - relaxed(problem, point, normal) + gain
             least = max(settings.decrement, COARSE * max(cost - 4.0 * samples, 0.0))
             if predicted < least:
@@ -392,7 +392,7 @@ def _minimize_whole(
             gain = normal.gain(delta)
             if gain < least or (best is not None and length < 1.01 * best[3]):
                 break
-            attempt = problem.moved(point, normal, delta, linears)
+            attempt = problem.moved(point, normal, delta)
             new, _ = problem.cost(attempt, defect_sd, linears)
             ratio = (cost - new) / gain
             if best is None and not ratio > TAKEN:
@@ -540,31 +540,22 @@ def chained(problem: Problem, point: Point) -> Point:
     """Point whose segments start at the end of the previous segment."""
     segmented = problem.segmented_records
     starts = [place.starts.copy() for place in point.places]
-    held = [None if place.memory is None else list(place.memory) for place in point.places]
     for w, which in by_segment([s.count - 1 for s in segmented]):
         one = slice(w, w + 1)
         batches = []
         for i in which:
-            memory = held[i]
             jobs = Jobs.at_point(
                 point.theta,
                 segmented[i].segments[one],
                 starts[i][one],
                 problem.included,
                 point.magnitudes,
-                None if memory is None else (memory[w],),
             )
             batches.append((segmented[i].record, jobs))
         for i, run in zip(which, observe_all(problem.model, batches), strict=True):
-            memory = held[i]
             if np.all(np.isfinite(run.ends[0])):
                 starts[i][w + 1] = run.ends[0]
-            if memory is not None and run.memory is not None:
-                memory[w + 1] = run.memory[0]
-    places = tuple(
-        Place(x, place.nuisances, None if memory is None else tuple(memory))
-        for x, place, memory in zip(starts, point.places, held, strict=True)
-    )
+    places = tuple(replace(place, starts=x) for x, place in zip(starts, point.places, strict=True))
     return replace(point, places=places, memo={})
 
 
@@ -736,7 +727,7 @@ def _rescue(fit: Fit, settings: FitSettings) -> Fit:
                             starts[v] = ends[v - 1]
                         elif v + 1 < len(starts):
                             starts[v] = 0.5 * (starts[v - 1] + starts[v + 1])
-            places.append(Place(starts, place.nuisances, place.memory))
+            places.append(replace(place, starts=starts))
         again = polish(
             fit.problem, replace(fit.point, places=tuple(places), memo={}), fit.level, settings
         )
@@ -794,7 +785,7 @@ def _across_jumps(fit: Fit, settings: FitSettings) -> Fit:
         # has no unit of length (run-to-run variability, nuisances) is not part of the length.
         reach = problem.reach
         delta[: reach.size][np.isfinite(reach)] *= ACROSS / length
-        beyond = problem.moved(point, fit.normal, delta, linears)
+        beyond = problem.moved(point, fit.normal, delta)
         if not np.isfinite(problem.cost(beyond, fit.defect_sd, linears)[0]):
             break
         other = polish(problem, replace(beyond, memo={}), fit.level, brief)

@@ -326,7 +326,7 @@ def _converge(problem: Problem, model: Fit) -> Point:
         bare = problem.with_candidates(())
         bare_point = Point(point.theta, np.zeros(0), point.places)
         nx = len(problem.model.states())
-        cut = tuple(Place(p.starts[:, :nx], p.nuisances, p.memory) for p in point.places)
+        cut = tuple(replace(p, starts=p.starts[:, :nx]) for p in point.places)
         point = bare.carry(
             Point(bare_point.theta, np.zeros(0), cut), problem.included, model.point.magnitudes
         )

@@ -199,7 +199,7 @@ def _reachable(
     linears = problem.linear(plain)
     best, least = plain, problem.cost_at(plain, defect_sd, linears)[0]
     normal = problem.normal(plain, linears, defect_sd)
-    promised = problem.step(plain, normal, 0.0, linears)[1]
+    promised = problem.step(plain, normal, 0.0)[1]
     before = relaxed(problem, plain, normal)
     for share in (1.0, 0.3, 0.1):
         point = replace(plain, magnitudes=kept + share * (magnitudes - kept), memo={})

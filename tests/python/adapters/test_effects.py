@@ -29,9 +29,7 @@ def record_of(model, stroke, duration):
 def adapter():
     action = feltmb.load_action("steinway45")
     channels = ["key", "key_lift", "whippen", "hammer_tip", "backcheck", "jack", "damper"]
-    model, effects = mechanism_model(
-        action, channels=channels, effects=["all"], rtol=1e-6, shooting="multiple"
-    )
+    model, effects = mechanism_model(action, channels=channels, effects=["all"], rtol=1e-6)
     records = [record_of(model, "forte", 0.14), record_of(model, "staccato", 0.18)]
     return model, {e.name: e for e in effects}, records
 

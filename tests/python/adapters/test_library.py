@@ -9,7 +9,6 @@ from feltmb.adapters import action_with_effects, load_library, mechanism_model, 
 from feltmb.adapters.changes import Change, apply_changes, read_entry
 from feltmb.adapters.resolve import resolve
 from feltmb.errors import InvalidParameter
-from feltmb.fit import Jobs
 from feltmb.mechanism import Action
 
 ACTION = feltmb.load_action("steinway45")
@@ -171,38 +170,6 @@ def test_all_effects_of_the_library_are_tested_unless_some_are_chosen():
         "inertia.key",
         *(e.name for e in library.effects if e.name.startswith("camera_")),
     ]
-
-
-def test_segments_go_on_where_the_last_one_ended():
-    model, _ = mechanism_model(ACTION, rtol=1e-8, shooting="multiple")
-    stroke = feltmb.load_stroke("forte")
-    time = np.arange(0.0, 0.13, 5e-4)
-    from feltmb.data import Record
-
-    record = Record(
-        name="f",
-        time=time,
-        inputs={"force": stroke.at(time)},
-        outputs={o: np.zeros(time.size) for o in model.outputs},
-    )
-    theta = np.zeros((1, len(model.parameters)))
-    whole = model.simulate(
-        record,
-        Jobs(
-            theta=theta,
-            segments=np.array([[0, time.size - 1]]),
-            starts=np.zeros((1, len(model.states()))),
-        ),
-    ).outputs[0]
-    cuts = np.array([[0, 90], [90, 170], [170, time.size - 1]])
-    starts = model.guess([record], [cuts])[0]
-    parts = model.simulate(
-        record, Jobs(theta=np.repeat(theta, 3, axis=0), segments=cuts, starts=starts)
-    )
-    for w, (first, last) in enumerate(cuts):
-        difference = parts.outputs[w, : last - first + 1] - whole[first : last + 1]
-        assert np.max(np.abs(difference)) < 1e-6
-    assert np.max(np.abs(parts.ends[:-1] - starts[1:]) / [s.scale for s in model.states()]) < 0.05
 
 
 def test_names_on_the_command_line():

@@ -34,7 +34,6 @@ def adapter():
             "camera_skew",
             "input_delay",
         ],
-        shooting="single",
         rtol=1e-7,
         workers=1,
     )
@@ -123,7 +122,7 @@ def test_an_effect_that_is_a_tolerance_has_its_column(adapter):
 
     entry = model.library.effect("capstan_height")
     assert model.alias(entry) is not None
-    effect = effect_of(entry, model.outputs, model.library.channels, states=False)
+    effect = effect_of(entry, model.outputs, model.library.channels)
     s = model.sensitivities([SensitivityRequest(
             record, np.zeros(len(model.parameters)), whole(record), np.zeros((1, 0)),
             candidates=(Candidate(effect),),
@@ -219,7 +218,7 @@ def test_the_variability_at_other_parameters_is_that_of_the_motion_there(adapter
     resolved, _ = mechanism_model(
         refined(model.action, ("shapes",)), channels=["key", "whippen", "hammer"], library=library,
         tolerances=[p.name for p in model.parameters], effects=[],
-        shooting="single", rtol=1e-7, workers=1,
+        rtol=1e-7, workers=1,
     )  # fmt: skip
     jobs = Jobs.at_point(theta, whole(record), np.zeros((1, 0)), (), np.zeros(0))
     difference = (resolved.simulate(record, jobs).outputs - model.simulate(record, jobs).outputs)[0]
@@ -261,7 +260,7 @@ def test_derivatives_by_the_input_are_exact_and_in_the_same_pass(adapter, monkey
     rough, effects, record = adapter
     model, _ = mechanism_model(
         rough.action, channels=["key", "whippen", "hammer"], library=rough.library,
-        tolerances=["felt.03"], effects=["input_delay"], shooting="single", rtol=1e-10, workers=1,
+        tolerances=["felt.03"], effects=["input_delay"], rtol=1e-10, workers=1,
     )  # fmt: skip
     delay = Candidate(next(e for e in effects if e.name == "input_delay"))
     hat = np.maximum(0.0, 1.0 - np.abs(record.time - 0.03) / 0.008)

@@ -245,7 +245,6 @@ def test_the_fit_of_the_model_is_not_stuck(tmp_path):
         action,
         library=library,
         effects=["input_gain"],
-        shooting="single",
         rtol=action_machine.RTOL,
         workers=1,
     )

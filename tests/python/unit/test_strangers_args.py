@@ -149,7 +149,6 @@ REQUEST = {
     "by_theta": (0, 1),
     "by_starts": True,
     "candidates": (),
-    "memory": None,
 }
 LINEAR = {
     "output": "y",
