@@ -132,9 +132,9 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
             where = f"{record.name}.{name}"
             if check.samples < 8 and check.method != "sensor":
                 problems.append(f"{where}: {check.samples} values, expected at least 8")
-            elif check.samples and check.spread == 0.0:
+            elif check.samples > 1 and check.spread == 0.0:
                 warnings.append(f"{where}: never changes")
-            elif 0 < check.samples < 8:
+            elif 1 < check.samples < 8:  # a single value is meant as one
                 warnings.append(
                     f"{where}: {check.samples} values: enough for a model of single numbers, not "
                     "for one that moves"

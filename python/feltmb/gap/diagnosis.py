@@ -611,7 +611,7 @@ class _Diagnosis:
         sizes = Sizes(found, accepted, options.form)
         wide = sizes.spread(fit)
         fitted = Outcome(end, np.zeros(0), settings, end)
-        larger = larger_than_noise(end)
+        larger = larger_than_noise(end, options.alpha)
         return _Described(
             fit=fit,
             tight=tight,

@@ -11,7 +11,13 @@ from feltmb.data import Array
 from feltmb.fit.model import Model
 from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, polish
-from feltmb.gap.criteria import COLORED, GIVEN_SIGMA, NOISE_ERROR, STILL_SHRINKS
+from feltmb.gap.criteria import (
+    COLORED,
+    GIVEN_SIGMA,
+    NOISE_ERROR,
+    STILL_SHRINKS,
+    squares_of_noise,
+)
 from feltmb.gap.proof import residuals_by_segment
 from feltmb.gap.search import Search
 
@@ -45,7 +51,7 @@ class Discrepancy:
 
 
 def discrepancy_of(
-    search: Search, sensed: tuple[SegmentedRecord, ...], settings: FitSettings
+    search: Search, sensed: tuple[SegmentedRecord, ...], settings: FitSettings, alpha: float
 ) -> dict[str, Discrepancy] | None:
     """Describe the residual of the best set by channel, as correlated noise; None: only noise.
 
@@ -56,6 +62,8 @@ def discrepancy_of(
     ----------
     sensed
         The segmented records with the noise of the sensors.
+    alpha
+        Rate of false alarms (``Options.alpha``) [1].
     """
     best = search.model_fit if search.best is None else search.best.fit
     tight = best
@@ -63,13 +71,16 @@ def discrepancy_of(
         tight = polish(best.problem, best.point, settings.levels[-1], replace(settings, chain=True))
         if not np.isfinite(tight.cost):
             tight = best
-    out = _described(tight, sensed)
+    out = _described(tight, sensed, alpha)
     return out if any(d.correlation_time is not None for d in out.values()) else None
 
 
-def larger_than_noise(fit: Fit) -> dict[str, Discrepancy]:
-    """Residuals of a fit that are larger than the noise of the sensors, by channel."""
-    found = _described(fit, fit.problem.segmented_records)
+def larger_than_noise(fit: Fit, alpha: float) -> dict[str, Discrepancy]:
+    """Residuals of a fit that are larger than the noise of the sensors, by channel.
+
+    ``alpha``: rate of false alarms (``Options.alpha``) [1].
+    """
+    found = _described(fit, fit.problem.segmented_records, alpha)
     return {n: d for n, d in found.items() if d.correlation_time is not None}
 
 
@@ -93,7 +104,9 @@ def _sigma(segmented_records: Sequence[SegmentedRecord], channel: int, name: str
     return float(np.sqrt(np.mean(own))) if own else 1.0
 
 
-def _described(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> dict[str, Discrepancy]:
+def _described(
+    fit: Fit, sensed: tuple[SegmentedRecord, ...], alpha: float
+) -> dict[str, Discrepancy]:
     """The residual of a fit by channel, compared with the noise of segmented records."""
     out = {}
     parts = residuals_by_segment(fit)
@@ -105,7 +118,9 @@ def _described(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> dict[str, Discr
         given = _sigma(sensed, c, name)
         sigma = float(np.sqrt(np.mean(total**2)))
         memory = None
-        if sigma**2 > NOISE_ERROR**2 * given**2:
+        # A few numbers often exceed their noise by chance.
+        chance = squares_of_noise(alpha, total.size) / total.size
+        if sigma**2 > max(NOISE_ERROR**2, chance) * given**2:
             memory = _memory(values) * sensed[0].record.interval
         out[name] = Discrepancy(max(sigma, given), memory, sigma / given)
     return out

@@ -92,8 +92,11 @@ class AsItIs:
 
     @property
     def worse_than_constant(self) -> bool:
-        """Whether a constant would be closer to the records than the model."""
-        return self.gap > self.spread
+        """Whether a constant would be closer to the records than the model.
+
+        Channels that never change, or are a single value, are not judged.
+        """
+        return self.gap > self.spread > 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

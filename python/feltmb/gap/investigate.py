@@ -115,7 +115,9 @@ def _with_discrepancy(start: Investigation, task: Task) -> Investigation:
     for _ in range(ROUNDS):
         new = None
         if not watch.stopping():
-            new = discrepancy_of(now.found, start.sensed.fitted, task.settings)
+            new = discrepancy_of(
+                now.found, start.sensed.fitted, task.settings, task.options.alpha
+            )
         if new is None or (noise is not None and converged(noise, new)):
             break
         noise = new
@@ -192,7 +194,9 @@ def _search_from(fit: Fit, led: list[Fit], task: Task, known: Search | None) -> 
     watch.enter(SEARCH)
     # Against noise that is stated too small, every set of effects seems to gain. The next search
     # has the larger noise.
-    in_vain = known is None and not fit.explains and only_white(larger_than_noise(fit))
+    in_vain = False
+    if known is None and not fit.explains:
+        in_vain = only_white(larger_than_noise(fit, task.options.alpha))
     found = search(
         fit,
         task.effects,

@@ -15,6 +15,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import fit_problem
 from feltmb.gap import Effect, Options, Parameter, Record, Sensor, Verdict, diagnose
+from feltmb.gap.checks import check_records
 from feltmb.gap.discrepancy import larger_than_noise, only_white
 from feltmb.gap.uncorrelated import uncorrelated
 
@@ -57,11 +58,11 @@ def fitted(*records):
 
 
 def told(fit):
-    return uncorrelated(fit, larger_than_noise(fit), 0.01)
+    return uncorrelated(fit, larger_than_noise(fit, 0.01), 0.01)
 
 
 def leaves_white_noise(fit):
-    return only_white(larger_than_noise(fit))
+    return only_white(larger_than_noise(fit, 0.01))
 
 
 @pytest.mark.parametrize("clock", [4e-4, 2e-3])
@@ -93,6 +94,40 @@ def test_errors_of_time_stamps_and_larger_noise_are_told_apart():
     assert found.clock_sd == pytest.approx(2e-3, rel=0.08)
     assert found.factor == pytest.approx(3.0, rel=0.05)
     assert "beside it, its noise may be" in found.text
+
+
+def numbers(values, x, role="fit", name="n"):
+    """A record of single numbers: the value at the first sample, nothing after it."""
+    time, blank = np.array([0.0, 1.0]), np.array([np.nan, np.nan])
+    out = []
+    for i, (v, at) in enumerate(zip(values, x, strict=True)):
+        y = blank.copy()
+        y[0] = v
+        sensors = {"y": Sensor(name="y", sigma=SIGMA)}
+        inputs = {"x": np.full(2, at)}
+        made = Record(name=f"{name}{i}", time=time, inputs=inputs, outputs={"y": y},
+                      sensors=sensors, role=role)  # fmt: skip
+        out.append(made)
+    return out
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_a_few_numbers_are_rarely_more_than_their_noise(count):
+    x = np.linspace(0.5, 1.0, count)
+    draws = SIGMA * np.random.default_rng(3).standard_normal((400, count))
+    found = [bool(larger_than_noise(fitted(*numbers(x + d, x)), 0.01)) for d in draws]
+    assert sum(found) <= 10  # 1 %, and three standard deviations of the count
+    (seen,) = larger_than_noise(fitted(*numbers(x + 6.0 * SIGMA * (-1.0) ** np.arange(count), x)),
+                                0.01).values()  # fmt: skip
+    assert seen.factor > 3.0
+
+
+def test_single_numbers_are_not_compared_with_a_constant():
+    x = np.array([0.3, 0.6, 1.0])
+    records = [*numbers(1.1 * x + 0.05 * x**3, x), *numbers([0.9202], [0.8], "held_out", "h")]
+    report = diagnose(LINE, [CUBIC], records, options=Options(bootstrap=0))
+    assert not any(row.worse_than_constant for row in report.as_it_is)
+    assert not [w for w in check_records(records).warnings if "never changes" in w]
 
 
 def test_larger_noise_is_rarely_taken_for_errors_of_time_stamps():
