@@ -192,6 +192,8 @@ def _build(path: Path, sheet: Sheet, columns: Columns, *, guessed: bool) -> tupl
     records = []
     for label, rows in parts:
         at = rows[used]
+        if fault := _backward(columns, time, at):
+            raise DataError(f"{path}: {fault}")
         zero = {
             n: start_of(read_out[n][0][at]) if s.origin == "start" else 0.0
             for n, s in sheet.outputs.items()
@@ -230,6 +232,20 @@ def _build(path: Path, sheet: Sheet, columns: Columns, *, guessed: bool) -> tupl
         except DataError as error:
             raise DataError(f"{path}: {error}") from None
     return tuple(records)
+
+
+def _backward(columns: Columns, time: Array, at: NDArray[np.intp]) -> str:
+    """Where the clock of a text file does not increase; "" if it does."""
+    with np.errstate(invalid="ignore"):
+        wrong = np.flatnonzero(np.diff(time[at]) <= 0.0)
+    if columns.lines is None or not wrong.size:
+        return ""
+    before, here = at[wrong[0]], at[wrong[0] + 1]
+    more = f" (and {wrong.size - 1} times more)" if wrong.size > 1 else ""
+    return (
+        f"line {columns.lines[here]}: time does not increase, from {time[before]:.10g} s to "
+        f"{time[here]:.10g} s{more}"
+    )
 
 
 def _acted(sheet: Sheet, record: Record) -> Record:

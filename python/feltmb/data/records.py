@@ -124,7 +124,7 @@ def _missing(name: str, column: Array, time: Array) -> str:
     if at.size > 1:
         where = f"at {at.size} samples from {time[at[0]]:.10g} s to {time[at[-1]]:.10g} s"
     return (
-        f"input {name} has no number {where} (first: sample {at[0]} counted from 0); the model "
+        f"input {name} has no number {where}; the model "
         "needs an input at every sample: fill or cut it"
     )
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from feltmb.data.records import Array
 from feltmb.data.tables import Table, read_number
@@ -50,6 +51,8 @@ class Columns:
     """Column of the likelihood [1], by the column to which it belongs."""
     notes: list[str] = field(default_factory=list)
     """Assumptions about the file."""
+    lines: NDArray[np.intp] | None = None
+    """Line of the file by row, counted from 1; None: the file has no lines."""
 
     def __str__(self) -> str:
         shown = [shortened(name) for name in self.values]
@@ -103,19 +106,21 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
     """
     faults: list[str] = []
     if not table.header or all(_is_number(c, table.decimal) for c in table.header):
-        faults.append("line 1 holds numbers, expected the names of the columns")
+        faults.append(f"line {table.line} holds numbers, expected the names of the columns")
     if table.lines < 2:
         raise DataError(f"{path}: {table.lines} rows of numbers, expected at least 2")
     doubled = _doubled(n for n, _ in names)
     if doubled:
         every = shortened(", ".join(n for n, _ in names), 600)
-        faults.append(f"line 1: a column is named twice ({every})")
+        faults.append(f"line {table.line}: a column is named twice ({every})")
     width = len(names)
     if table.lines * width > MOST_NUMBERS:
         raise DataError(f"{path}: {table.lines} rows of {width}; {limit_text()}")
     values = np.full((table.lines, width), np.nan)
+    numbers = np.zeros(table.lines, dtype=np.intp)
     read = wrong = 0
-    for i, row in enumerate(table.rows):
+    for i, (line, row) in enumerate(table.rows):
+        numbers[i] = line
         read += 1
         if wrong > 10:
             continue
@@ -123,7 +128,7 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
             if not any(c.strip() for c in row[width:]) and len(row) > width:
                 row = row[:width]  # separators at the end of a row
             else:
-                faults.append(f"row {i + 1}: {len(row)} cells, expected {width}")
+                faults.append(f"line {line}: {len(row)} cells, expected {width}")
                 wrong += 1
                 continue
         for j, cell in enumerate(row):
@@ -132,7 +137,7 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
             number = read_number(cell, table.decimal)
             if number is None:
                 got = shortened(repr(cell))
-                faults.append(f"row {i + 1}, column {shortened(names[j][0])}: {got} is no number")
+                faults.append(f"line {line}, column {shortened(names[j][0])}: {got} is no number")
                 wrong += 1
             else:
                 values[i, j] = number
@@ -140,7 +145,7 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
         faults.append(f"{read} rows of numbers, expected at least 2")
     if faults:
         raise DataError(fault_text(str(path), faults, most=10))
-    columns = Columns()
+    columns = Columns(lines=numbers[:read])
     below = table.units or ("",) * width
     for j, ((name, unit), own) in enumerate(zip(names, below, strict=False)):
         if not name:

@@ -9,14 +9,14 @@ from __future__ import annotations
 import csv
 import itertools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from feltmb.errors import DataError
 from feltmb.units import spelled_unit
 
-__all__ = ["MISSING", "Table", "read_number", "read_table", "text_lines"]
+__all__ = ["MISSING", "Line", "Table", "read_number", "read_table", "text_lines"]
 
 MISSING = ("", "nan", "NaN", "NA", "N/A", "-", "--")
 #: Pairs of separator and decimal sign; of equally good pairs, the first is used. None: white space.
@@ -36,6 +36,18 @@ SAMPLE = 60
 LONGEST_PREAMBLE = 200
 
 
+class Line(str):
+    """Text of a line that keeps its number in the file, counted from 1."""
+
+    number: int
+
+    def __new__(cls, text: str, number: int) -> Line:
+        """Line with this text."""
+        made = super().__new__(cls, text)
+        made.number = number
+        return made
+
+
 @dataclass(frozen=True)
 class Table:
     """A table of text: the lines above its rows, and the rows as cells."""
@@ -43,15 +55,18 @@ class Table:
     preamble: tuple[str, ...]
     """Lines above the header."""
     header: tuple[str, ...]
+    line: int
+    """Number of the line of the header in the file."""
     units: tuple[str, ...]
     """Units in a second line of the header; empty if there is none."""
-    rows: Iterator[list[str]]
+    rows: Iterator[tuple[int, list[str]]]
+    """Number of the line in the file, and cells."""
     decimal: str
     lines: int
     """Number of lines below the header, the largest possible number of rows."""
 
 
-def text_lines(data: bytes, path: Path) -> list[str]:
+def text_lines(data: bytes, path: Path) -> list[Line]:
     """Non-empty lines of a text in UTF-8, UTF-16 with a byte order mark, or else Windows-1252."""
     encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     try:
@@ -61,7 +76,7 @@ def text_lines(data: bytes, path: Path) -> list[str]:
         if encoding != "utf-8-sig" or b"\x00" in data:
             raise DataError(f"{path}: is no text (byte {fault.start})") from None
         text = data.decode("cp1252", errors="replace")
-    return [line for line in text.splitlines() if line.strip()]
+    return [Line(line, i) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
 
 
 def read_number(cell: str, decimal: str = ".") -> float | None:
@@ -79,7 +94,7 @@ def read_number(cell: str, decimal: str = ".") -> float | None:
         return None
 
 
-def read_table(lines: Sequence[str]) -> Table:
+def read_table(lines: Sequence[Line]) -> Table:
     """Split a text, without its comments, into the lines above the table and its rows.
 
     Raises
@@ -97,10 +112,11 @@ def read_table(lines: Sequence[str]) -> Table:
     if first >= 2 and len(cells[first - 2]) == width and _are_units(cells[first - 1]):
         header, units = first - 2, tuple(c.strip() for c in cells[first - 1])
     names = tuple(cells[header]) if header >= 0 else ()
-    rows = itertools.islice(_split(lines, separator), first, None)
+    rows = itertools.islice(_numbered(lines, separator), first, None)
     return Table(
         preamble=tuple(head[: max(header, 0)]),
         header=names,
+        line=lines[max(header, 0)].number,
         units=units,
         rows=rows,
         decimal=decimal,
@@ -115,11 +131,27 @@ def _sample(lines: Sequence[str]) -> list[str]:
     return list(later[::step])
 
 
-def _split(lines: Sequence[str], separator: str | None) -> Iterator[list[str]]:
+def _split(lines: Iterable[str], separator: str | None) -> Iterator[list[str]]:
     if separator is None:
         return (re.split(r"\s+", line.strip()) for line in lines)
     # A quoted cell may contain line breaks.
     return csv.reader((line + "\n" for line in lines), delimiter=separator, skipinitialspace=True)
+
+
+def _numbered(lines: Sequence[Line], separator: str | None) -> Iterator[tuple[int, list[str]]]:
+    """Rows with the number of the line at which they begin."""
+    taken = iter(lines)
+    last: list[Line] = []
+
+    def told() -> Iterator[str]:
+        for line in taken:
+            last.append(line)
+            yield line
+
+    for row in _split(told(), separator):
+        number = last[0].number
+        last.clear()
+        yield number, row
 
 
 def _style(sample: Sequence[str]) -> tuple[str | None, str]:

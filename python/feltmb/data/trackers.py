@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from feltmb.data.series import Columns, columns_of
-from feltmb.data.tables import read_number, read_table
+from feltmb.data.tables import Line, read_number, read_table
 from feltmb.errors import DataError
 from feltmb.units import PIXEL, split_column
 
@@ -22,7 +22,7 @@ _KINOVEA_TEXT = "#kinovea trajectory data export"
 _SEPARATORS = ("\t", ",", ";")
 
 
-def read_tracked(path: Path, lines: Sequence[str]) -> Columns | None:
+def read_tracked(path: Path, lines: Sequence[Line]) -> Columns | None:
     """Series of an export with a known header; None for any other text."""
     for reader in (_kinovea_text, _deeplabcut, _tracker, _kinovea_table):
         found = reader(path, lines)
@@ -39,7 +39,7 @@ def _cells(line: str) -> list[str]:
 # ---------------------------------------------------------------- Kinovea
 
 
-def _kinovea_table(path: Path, lines: Sequence[str]) -> Columns | None:
+def _kinovea_table(path: Path, lines: Sequence[Line]) -> Columns | None:
     """Columns: time, then NAME/KEY/X and NAME/KEY/Y of every point."""
     head = _cells(lines[0]) if lines else []
     points = [re.fullmatch(r"(.+)/(.+)/([XY])", c) for c in head[1:]]
@@ -61,14 +61,14 @@ def _kinovea_table(path: Path, lines: Sequence[str]) -> Columns | None:
     return columns
 
 
-def _kinovea_text(path: Path, lines: Sequence[str]) -> Columns | None:
+def _kinovea_text(path: Path, lines: Sequence[Line]) -> Columns | None:
     """Blocks of T X Y, one per trajectory; a block starts at its name or when the time restarts."""
     if not lines or not lines[0].strip().lower().startswith(_KINOVEA_TEXT):
         return None
     blocks: list[tuple[str, list[tuple[float, float, float]]]] = []
     faults = []
     code = False
-    for i, line in enumerate(lines[1:], 2):
+    for line in lines[1:]:
         text = line.strip()
         if text.startswith("#"):
             if text.replace(" ", "").upper() != "#TXY":
@@ -78,7 +78,7 @@ def _kinovea_text(path: Path, lines: Sequence[str]) -> Columns | None:
         numbers = [_kinovea_time(cells[0])]
         numbers += [read_number(c.replace(",", ".")) for c in cells[1:3]]
         if len(numbers) != 3 or None in numbers:
-            faults.append(f"line {i}: got {text[:60]!r}, expected T X Y")
+            faults.append(f"line {line.number}: got {text[:60]!r}, expected T X Y")
             continue
         code = code or ":" in cells[0]
         time, x, y = (float(n) for n in numbers if n is not None)
@@ -119,7 +119,7 @@ def _kinovea_time(text: str) -> float | None:
 # ---------------------------------------------------------------- Tracker
 
 
-def _tracker(path: Path, lines: Sequence[str]) -> Columns | None:
+def _tracker(path: Path, lines: Sequence[Line]) -> Columns | None:
     """A line with the names of the tracks, then t and the columns of each track: x, y and more."""
     body = [line for line in lines if line.strip().lower() != "#multi:"]
     if len(body) < 4:
@@ -141,7 +141,9 @@ def _tracker(path: Path, lines: Sequence[str]) -> Columns | None:
         if several and j < len(spread) and spread[j]:
             name = spread[j]
         names.append((f"{name}.{column.lower()}", unit))
-    columns = columns_of(path, read_table([body[1].lstrip("#"), *body[2:]]), names)
+    columns = columns_of(
+        path, read_table([Line(body[1].lstrip("#"), body[1].number), *body[2:]]), names
+    )
     columns.source = "Tracker"
     if "time" not in columns.units:
         columns.units["time"] = "s"
@@ -151,7 +153,7 @@ def _tracker(path: Path, lines: Sequence[str]) -> Columns | None:
 # ---------------------------------------------------------------- DeepLabCut
 
 
-def _deeplabcut(path: Path, lines: Sequence[str]) -> Columns | None:
+def _deeplabcut(path: Path, lines: Sequence[Line]) -> Columns | None:
     """Lines scorer, (individuals,) bodyparts, coords; then frames with x, y, likelihood."""
     heads = [_cells(line) for line in lines[:4]]
     kinds = [h[0].lower() for h in heads]

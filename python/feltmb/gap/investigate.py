@@ -115,9 +115,7 @@ def _with_discrepancy(start: Investigation, task: Task) -> Investigation:
     for _ in range(ROUNDS):
         new = None
         if not watch.stopping():
-            new = discrepancy_of(
-                now.found, start.sensed.fitted, task.settings, task.options.alpha
-            )
+            new = discrepancy_of(now.found, start.sensed.fitted, task.settings, task.options.alpha)
         if new is None or (noise is not None and converged(noise, new)):
             break
         noise = new

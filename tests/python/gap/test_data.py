@@ -90,11 +90,11 @@ def test_mat_and_netcdf_hold_the_same(tmp_path):
     ("text", "sheet", "said"),
     [
         ("t,q\n0,1\n1,2\n2,3\n", "[outputs.z]\n", "no column 'z'; there are t, q"),
-        ("t,q\n0,1\n1,x\n2,3\n", "[outputs.q]\n", "row 2, column q: 'x' is no number"),
+        ("t,q\n0,1\n1,x\n2,3\n", "[outputs.q]\n", "line 3, column q: 'x' is no number"),
         (
             "t,q\n0,1\n1,2\n1,3\n",
             "[outputs.q]\n",
-            "does not increase from 1 s to 1 s, sample 2",
+            "line 4: time does not increase, from 1 s to 1 s",
         ),
         ("t,q\n0,1\n1,2\n2,3\n", "[outputs.q]\nsigme = 1\n", "did you mean 'sigma'"),
         ("t,q\n0,1\n1,2\n2,3\n", "[outputs.q]\nsigma = -1.0\n", "expected a finite number > 0"),

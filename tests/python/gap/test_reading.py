@@ -89,7 +89,7 @@ def test_tables_of_instruments(tmp_path, text, encoding):
 
 def test_a_fault_in_the_first_row_is_no_header(tmp_path):
     path = put(tmp_path, "t,force [N],tip.x [m]\n0,x,1\n1,2,3\n2,3,4\n3,4,5\n")
-    with pytest.raises(DataError, match="row 1, column force: 'x' is no number"):
+    with pytest.raises(DataError, match="line 2, column force: 'x' is no number"):
         read_record(path, **MODEL)
 
 
@@ -202,8 +202,18 @@ def test_a_column_numbers_the_runs(tmp_path):
 
 def test_a_clock_that_stumbles_is_a_fault(tmp_path):
     path = put(tmp_path, "t,force [N],tip.x [mm]\n0,1,1\n1,1,1\n2,1,1\n1.9,1,1\n3,1,1\n")
-    with pytest.raises(DataError, match=r"time does not increase from 2 s to 1\.9 s, sample 3"):
+    with pytest.raises(DataError, match=r"line 5: time does not increase, from 2 s to 1\.9 s"):
         read_record(path, **MODEL)
+
+
+def test_faults_tell_the_line_of_the_file(tmp_path):
+    # Comments, empty lines and a quoted line break count as in an editor.
+    head = '# rig\n\nnotes,,\n"time\n[s]",force [N],tip.x [mm]\n'
+    path = put(tmp_path, head + "0,1,1\n\n1,x,1\n2,1\n3,1,1\n")
+    with pytest.raises(DataError) as error:
+        read_record(path, **MODEL)
+    assert "line 8, column force: 'x' is no number" in str(error.value)
+    assert "line 9: 2 cells, expected 3" in str(error.value)
 
 
 # ---------------------------------------------------------------- exports of trackers
