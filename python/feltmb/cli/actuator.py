@@ -26,6 +26,7 @@ from feltmb.cli.common import (
     print_json,
     save_figure,
     say_written,
+    with_settings,
 )
 from feltmb.cli.completing import actions, actuators
 
@@ -48,11 +49,8 @@ ROWS = {
 
 def _load(arm: str, damper: str | None, settings: tuple[str, ...]) -> Actuator:
     from feltmb.action.actuator import load_actuator
-    from feltmb.mechanism import parse_setting
 
-    actuator = load_actuator(arm)
-    if settings:
-        actuator = actuator.with_values(dict(parse_setting(text) for text in settings))
+    actuator = with_settings(load_actuator(arm), settings)
     return actuator if damper is None else actuator.with_damper(*parse_damper(damper))
 
 

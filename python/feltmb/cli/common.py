@@ -11,7 +11,7 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from feltmb.action.actuator import Actuator
     from feltmb.fit import Progress
     from feltmb.mechanism import Action
 
@@ -56,9 +57,12 @@ __all__ = [
     "set_option",
     "split_list",
     "tables_as_json",
+    "tell_units",
+    "with_settings",
 ]
 
 F = TypeVar("F", bound=Callable[..., Any])
+M = TypeVar("M", "Action", "Actuator")
 
 
 #: Length of an unlimited line [characters].
@@ -582,12 +586,28 @@ diameter_option = click.option(
 
 def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
     """Mechanism by name or path, with the values of ``--set``."""
-    from feltmb.mechanism import load_action, parse_setting
+    from feltmb.mechanism import load_action
 
-    action = load_action(name)
-    if settings:
-        action = action.with_values(dict(parse_setting(text) for text in settings))
-    return action
+    return with_settings(load_action(name), settings)
+
+
+def with_settings(model: M, settings: Sequence[str]) -> M:
+    """Model of a file with the values of ``--set``."""
+    from feltmb.mechanism import parse_setting
+
+    if not settings:
+        return model
+    changed = model.with_values(dict(parse_setting(text) for text in settings))
+    tell_units(model, settings)
+    return changed
+
+
+def tell_units(model: Action | Actuator, settings: Sequence[str]) -> None:
+    """Tell the units of the numbers of ``--set`` that have none."""
+    from feltmb.mechanism import assumed_units, parse_setting
+
+    for text in assumed_units(model.raw, dict(parse_setting(text) for text in settings)):
+        complain(text)
 
 
 def parse_option(option: str, text: str, unit: str) -> float:

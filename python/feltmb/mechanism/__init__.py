@@ -25,7 +25,13 @@ from feltmb.mechanism.schema import (
     View,
 )
 from feltmb.mechanism.to_core import core_law, describe
-from feltmb.mechanism.values import apply_values, expand_path, parse_setting, plain_data
+from feltmb.mechanism.values import (
+    apply_values,
+    assumed_units,
+    expand_path,
+    parse_setting,
+    plain_data,
+)
 
 __all__ = [
     "LAWS",
@@ -43,6 +49,7 @@ __all__ = [
     "Surface",
     "View",
     "apply_values",
+    "assumed_units",
     "core_law",
     "describe",
     "expand_path",

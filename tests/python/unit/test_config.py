@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.mechanism import parse_setting
+from feltmb.mechanism import assumed_units, parse_setting
 
 
 def test_packaged_actions():
@@ -156,6 +156,22 @@ def test_setting_of_the_command_line(text, expected):
 def test_setting_without_path_or_value(text):
     with pytest.raises(feltmb.InvalidParameter, match="expected PATH=VALUE"):
         parse_setting(text)
+
+
+def test_a_number_without_a_unit_gets_that_of_the_file_and_it_is_told(action):
+    raw = action.raw
+    (told,) = assumed_units(raw, {"head.mass": 7.2})
+    assert told.startswith("bodies.head.mass = 7.2 kg (in the file 0.0078 kg)")
+    assert action.with_values({"head.mass": 7.2}).config.bodies["head"].mass == 7.2
+    (told,) = assumed_units(raw, {"surfaces.Gp10.point.y": 77.1})
+    assert told.startswith("surfaces.Gp10.point.y = 77.1 mm (in the file 77 mm)")
+    assert len(assumed_units(raw, {"bodies.*.mass": 1.0})) > 3
+    silent = {"head.mass": "7.2 g", "string.modes": 80, "wire.rigid": True, "nothing.here": 1.0,
+              "contacts.06.law": "printed", "head.position": [1.0, 2.0]}  # fmt: skip
+    assert assumed_units(raw, silent) == []
+    assert assumed_units({"a": {"m": "15 g"}}, {"a.m": 16}) == [
+        "a.m = 16 g (in the file 15 g); a number without a unit has the unit of the file"
+    ]
 
 
 # --- hash, round trip, pickle, extends ---------------------------------------------------------
