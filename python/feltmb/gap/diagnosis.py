@@ -46,7 +46,7 @@ from feltmb.gap.law_errors import law_errors
 from feltmb.gap.measured import known_by_test
 from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.options import Options
-from feltmb.gap.overlay import expected_outputs, wrong_units
+from feltmb.gap.overlay import exchanged_channels, expected_outputs, wrong_units
 from feltmb.gap.profile import profile_of
 from feltmb.gap.proof import HeldOut, Outcome, metric_of, residuals_by_segment
 from feltmb.gap.refine import tighten
@@ -266,7 +266,7 @@ class _Diagnosis:
             (*self.data.fitted, *self.data.held),
             self.task.settings,
         )
-        _check_units(self.model, tabulated, self.metric, self.records)
+        _check_columns(self.model, tabulated, self.metric, self.records)
         self._lap("gap as it is")
         return tabulated
 
@@ -675,8 +675,8 @@ def _usable(model: Model, effects: Sequence[Effect]) -> tuple[list[Effect], list
     return good, bad
 
 
-def _check_units(model: Model, tabulated: Outcome, metric: str, whole: Sequence[Record]) -> None:
-    """Raise an error if records are in a different unit than stated: no fit would be useful.
+def _check_columns(model: Model, tabulated: Outcome, metric: str, whole: Sequence[Record]) -> None:
+    """Raise an error if units or columns of records are wrong: no fit would be useful.
 
     Estimated start states may absorb a wrong unit. The expected ones are therefore tried as well,
     on ``whole``, the records before they were cut into blocks, whose start may be known.
@@ -684,20 +684,26 @@ def _check_units(model: Model, tabulated: Outcome, metric: str, whole: Sequence[
     records = tabulated.fit.problem.segmented_records
     noise = [{n: x.sigma for n, x in zip(model.outputs, s.noise, strict=True)} for s in records]
     own = [s.record for s in records]
-    wrong = wrong_units(model, list(zip(own, getattr(tabulated, metric), noise, strict=True)))
+    cases = [list(zip(own, getattr(tabulated, metric), noise, strict=True))]
     known = [r for r in whole if r.start is None or r.start.known]
-    if not wrong and model.states() and known:
+    if model.states() and known:
         rest = [r.output_array(model.outputs) - expected_outputs(model, r) for r in known]
         sigma = {r.name: _noise_of(r, own, noise) for r in known}
-        runs = [(r, x, sigma[r.name]) for r, x in zip(known, rest, strict=True)]
-        wrong = wrong_units(model, runs)
-    if wrong:
-        raise DataError(
-            f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit CHANNEL=UNIT, "
-            "unit in the TOML file, in Python units of ReadOptions (another direction: --scale "
-            "CHANNEL=-1); feltmb gap check shows model "
-            "and record"
-        )
+        cases.append([(r, x, sigma[r.name]) for r, x in zip(known, rest, strict=True)])
+    for runs in cases:
+        if wrong := wrong_units(model, runs):
+            raise DataError(
+                f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit CHANNEL=UNIT, "
+                "unit in the TOML file, in Python units of ReadOptions (another direction: --scale "
+                "CHANNEL=-1); feltmb gap check shows model "
+                "and record"
+            )
+        if exchanged := exchanged_channels(model, runs):
+            raise DataError(
+                f"DATA PROBLEM: in all records, {exchanged}: the columns are exchanged. Assign "
+                "them: --column CHANNEL=COLUMN, column in the TOML file; feltmb gap check shows "
+                "model and record"
+            )
 
 
 def _noise_of(

@@ -24,7 +24,14 @@ from feltmb.units import readable_unit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["GapBefore", "GapBeforeRow", "check", "expected_outputs", "wrong_units"]
+__all__ = [
+    "GapBefore",
+    "GapBeforeRow",
+    "check",
+    "exchanged_channels",
+    "expected_outputs",
+    "wrong_units",
+]
 
 #: Longest time shift that is tried, as a share of the record.
 LONGEST_SHIFT = 0.25
@@ -124,6 +131,10 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
             if name in outputs:
                 rows.append(_row(record, name, outputs[name], noise[name].sigma))
         notes += _undefined(model, record, outputs, text)
+        notes += [
+            f"{record.name}: {_looks_like(cycle)}: are the columns exchanged?"
+            for cycle in _exchanged(record, outputs, {n: x.sigma for n, x in noise.items()})
+        ]
     notes += _hints(rows)
     return GapBefore(
         model=model.name,
@@ -299,8 +310,7 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
     runs
         Record, residual of the model (n, ny) and noise by channel.
     """
-    own = [p for p in model.parameters if p.of_the_machine]
-    if any(p.sd == np.inf or p.sd > ANY_FACTOR * abs(p.value) > 0.0 for p in own):
+    if not _is_tabulated(model):
         return ""
     found: dict[tuple[str, float, tuple[str, ...]], list[str]] = {}
     for i, name in enumerate(model.outputs):
@@ -335,6 +345,99 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
             f"{', '.join(names)}: {factor:.3g} times the model in {where} ({text}?{other})"
         )
     return "; ".join(sentences)
+
+
+def exchanged_channels(
+    model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]
+) -> str:
+    """Channels that the model explains better in another order, in one sentence; empty if none.
+
+    Reported only if every parameter of the machine has a finite tolerance below a factor, and if
+    all records that have these channels show the same.
+
+    Parameters
+    ----------
+    runs
+        Record, residual of the model (n, ny) and noise by channel.
+    """
+    if not _is_tabulated(model):
+        return ""
+    found = []
+    for record, rest, noise in runs:
+        simulated = {
+            name: record.outputs[name] - rest[:, i]
+            for i, name in enumerate(model.outputs)
+            if name in record.outputs
+        }
+        found.append((record, _exchanged(record, simulated, noise)))
+    cycles = dict.fromkeys(cycle for _, own in found for cycle in own)
+    return "; ".join(
+        _looks_like(cycle)
+        for cycle in cycles
+        if all(
+            cycle in own
+            for record, own in found
+            if all(channel in record.outputs for channel, _ in cycle)
+        )
+    )
+
+
+def _is_tabulated(model: Model) -> bool:
+    """Whether every parameter of the machine has a finite tolerance below a factor."""
+    own = [p for p in model.parameters if p.of_the_machine]
+    return not any(p.sd == np.inf or p.sd > ANY_FACTOR * abs(p.value) > 0.0 for p in own)
+
+
+def _looks_like(cycle: Sequence[tuple[str, str]]) -> str:
+    return ", ".join(f"{name} looks like {other}" for name, other in cycle)
+
+
+def _exchanged(
+    record: Record, simulated: Mapping[str, Array], noise: Mapping[str, float]
+) -> list[tuple[tuple[str, str], ...]]:
+    """Cycles of channels, each with the one that it looks like.
+
+    Every channel of a cycle must leave less than half of its squared difference, and be more than
+    noise as it is.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    cycles = []
+    names = [n for n in record.outputs if n in simulated]
+    for unit in dict.fromkeys(record.sensors[n].unit for n in names):
+        own = [n for n in names if record.sensors[n].unit == unit]
+        cost = np.full((len(own), len(own)), np.inf)
+        for i, j in np.ndindex(cost.shape):
+            gap = record.outputs[own[i]] - simulated[own[j]]
+            if np.isfinite(gap).any():
+                cost[i, j] = np.nanmean(gap**2)
+        if len(own) < 2 or not np.isfinite(cost).all():
+            continue
+        order = linear_sum_assignment(cost)[1].tolist()
+        cycles += [
+            tuple((own[i], own[order[i]]) for i in cycle)
+            for cycle in _cycles(order)
+            if all(
+                cost[i, order[i]] < (1.0 - EXPLAINS_MOST) * cost[i, i]
+                and cost[i, i] > noise[own[i]] ** 2
+                for i in cycle
+            )
+        ]
+    return cycles
+
+
+def _cycles(order: Sequence[int]) -> list[list[int]]:
+    """Cycles of a permutation that move something."""
+    found: list[list[int]] = []
+    left = set(range(len(order)))
+    while left:
+        cycle = [min(left)]
+        while (after := order[cycle[-1]]) != cycle[0]:
+            cycle.append(after)
+        left -= set(cycle)
+        if len(cycle) > 1:
+            found.append(cycle)
+    return found
 
 
 def _hints(rows: Sequence[GapBeforeRow]) -> list[str]:

@@ -204,6 +204,59 @@ def straight(factor, sd=0.1):
     return model, records
 
 
+def exchanged(r, *names):
+    """The record with each channel under the name of the next one."""
+    moved = dict(zip((*names[1:], names[0]), [r.outputs[n] for n in names], strict=True))
+    return replace(r, outputs={**r.outputs, **moved})
+
+
+def three(stiffness_sd=0.1):
+    """Three outputs of one input, with the records of a model that is a tenth softer."""
+    model = gap.SimulatorModel(
+        lambda time, inputs, p: {
+            "a": p["k"] * inputs["u"], "b": np.cumsum(inputs["u"]) * 0.02, "c": inputs["u"] ** 2
+        },
+        parameters=[gap.Parameter(name="k", value=1.0, sd=stiffness_sd)],
+        inputs={"u": "1"},
+        outputs=dict.fromkeys("abc", "m"),
+    )  # fmt: skip
+    generator = np.random.default_rng(5)
+    time = np.arange(200) * 1e-3
+    records = []
+    for i in range(2):
+        u = np.sin((20.0 + 9.0 * i) * time)
+        clean = {"a": 0.9 * u, "b": np.cumsum(u) * 0.02, "c": u**2}
+        sensors = {n: Sensor(name=n, unit="m", sigma=1e-3) for n in clean}
+        outputs = {n: v + 1e-3 * generator.standard_normal(time.size) for n, v in clean.items()}
+        made = Record(name=f"r{i}", time=time, inputs={"u": u}, outputs=outputs, sensors=sensors,
+                      role="held_out" if i else "fit")  # fmt: skip
+        records.append(made)
+    return model, records
+
+
+def test_exchanged_columns_are_told():
+    assert not [n for n in gap.check(action(), record()).notes if "exchanged" in n]
+    (note,) = [n for n in gap.check(action(), exchanged(record(), *POINTS)).notes
+               if "exchanged" in n]  # fmt: skip
+    assert note == (
+        "run: key_front.y looks like hammer_tip.x, hammer_tip.x looks like key_front.y: are the "
+        "columns exchanged?"
+    )
+
+
+def test_exchanged_columns_end_a_diagnosis_before_any_fit():
+    model, records = three()
+    told = []
+    with pytest.raises(DataError, match="a looks like c, c looks like b, b looks like a: the col"):
+        gap.diagnose(model, [], [exchanged(r, *"abc") for r in records], progress=told.append)
+    assert {p.stage for p in told} == {"checks of the data"}
+    # One record alone may be a cause of its own, and free parameters may explain another order.
+    quick = gap.Options(bootstrap=0, restarts=0, advice=False)
+    assert gap.diagnose(model, [], [exchanged(records[0], "a", "b"), records[1]], options=quick)
+    free, own = three(np.inf)
+    assert gap.diagnose(free, [], [exchanged(r, "a", "b") for r in own], options=quick)
+
+
 def test_a_wrong_unit_ends_a_diagnosis_before_any_fit():
     """It was fitted for four minutes before, and told as parameters at their limits."""
     told = []
