@@ -54,6 +54,11 @@ Array = npt.NDArray[np.float64]
 
 __all__ = ["mechanism", "moment_of_run"]
 
+#: Height of the strip below the mechanism with the scale bar, in units of the drawing.
+SCALE_STRIP = 14.0
+#: Length of the arrow of the finger and space for its label, in units of the drawing.
+ARROW, ARROW_LABEL = 32.0, 12.0
+
 
 def mechanism(
     action: Action,
@@ -97,13 +102,24 @@ def mechanism(
     bent = bent_beams(action, pose)
     limits = view_box(action, drawn, [pose])
     cloud = np.vstack([to_ground(poses[s.body], s.points) for s in drawn.shapes])
+    line = string_line(action)
+    if line is not None:
+        start, along, _, length = line
+        cloud = np.vstack([cloud, start + np.linspace(0.0, length, 51)[:, None] * along])
     contacts = {int(k): c for k, c in action.config.contacts.items() if c.enabled}
+    limits[0][1] -= SCALE_STRIP * drawn.unit
+    if action.config.finger is not None:  # its arrow comes from outside
+        tail = _finger_tail(action, drawn, poses, bent)
+        limits = np.minimum(limits[0], tail), np.maximum(limits[1], tail)
     size = limits[1] - limits[0]
     rows = len(contacts) + 9
-    height = 8.6
-    width = float(np.clip(height * size[0] / size[1], 4.5, 11.0))
     # Space for the list, in inches.
     text_height, text_width = 0.155 * rows + 0.2, 2.9
+    width = float(np.clip(8.6 * size[0] / size[1], 4.5, 11.0))
+    height = float(np.clip(width * size[1] / size[0], text_height, 8.6))
+    # The axes are filled: what the drawing does not need is divided between both sides.
+    spare = np.maximum(0.5 * (max(size / (width, height)) * np.array([width, height]) - size), 0.0)
+    limits = limits[0] - spare, limits[1] + spare
     inside = upper_right_is_free(
         cloud, limits, np.array([text_width / width, text_height / height])
     )
@@ -192,19 +208,30 @@ def _draw_attachments(
         ax.annotate(
             "",
             at - 0.6 * u * direction,
-            at - 32.0 * u * direction,
+            at - ARROW * u * direction,
             arrowprops={"arrowstyle": "-|>", "color": RED, "linewidth": 1.6},
             zorder=6,
         )
         ax.text(
-            float(at[0] - 34.0 * u * direction[0]),
-            float(at[1] - 34.0 * u * direction[1]),
+            float(at[0] - (ARROW + 2.0) * u * direction[0]),
+            float(at[1] - (ARROW + 2.0) * u * direction[1]),
             "finger",
             color=RED,
             fontsize=NORMAL,
             ha="center",
             va="bottom" if direction[1] < 0 else "top",
         )
+
+
+def _finger_tail(
+    action: Action, drawn: Scene, poses: Mapping[str, Pose], bent: Mapping[str, Array]
+) -> Array:
+    """Upper end of the label of the finger [m]."""
+    finger = action.config.finger
+    assert finger is not None
+    at = point_at(action, poses, bent, finger.body, finger.point)
+    direction = np.array(finger.direction) / np.hypot(*finger.direction)
+    return np.asarray(at - (ARROW + ARROW_LABEL) * drawn.unit * direction)
 
 
 def _draw_scale(ax: Axes, drawn: Scene, limits: tuple[Array, Array]) -> None:
@@ -216,7 +243,7 @@ def _draw_scale(ax: Axes, drawn: Scene, limits: tuple[Array, Array]) -> None:
             round_length *= step
             break
     x1 = limits[1][0] - 6.0 * drawn.unit
-    y = limits[0][1] + 6.0 * drawn.unit
+    y = limits[0][1] + 0.3 * SCALE_STRIP * drawn.unit
     ax.plot([x1 - round_length, x1], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt")
     ax.text(
         x1 - 0.5 * round_length,
