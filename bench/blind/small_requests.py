@@ -68,7 +68,7 @@ class SmallRequests(Interactive):
     """
 
     name = "key_hammer"
-    families = ("press", "pulse", "slow press and release")
+    families = ("step", "pulse", "slow pulse")
     together = 6
 
     def __init__(self) -> None:

@@ -10,7 +10,13 @@ from feltmb.adapters.impacts import ImpactModel, impact_record, load_impacts
 from feltmb.adapters.library import Entry, Library, load_library
 from feltmb.adapters.mechanism import mechanism_model
 from feltmb.adapters.model import MechanismModel
-from feltmb.adapters.planned import STROKE_KINDS, finger_limits, planned_strokes
+from feltmb.adapters.planned import (
+    STROKE_KINDS,
+    finger_limits,
+    planned_strokes,
+    write_planned_stroke,
+    write_planned_torque,
+)
 
 __all__ = [
     "STROKE_KINDS",
@@ -26,4 +32,6 @@ __all__ = [
     "load_library",
     "mechanism_model",
     "planned_strokes",
+    "write_planned_stroke",
+    "write_planned_torque",
 ]

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from feltmb.adapters.drives import DISPLACEMENT
 from feltmb.adapters.model import MechanismModel
-from feltmb.data import Record, Sensor
+from feltmb.data import Array, Record, Sensor
+from feltmb.files import write_text
 from feltmb.fit.limits import InputLimits, Limits
-from feltmb.run.stroke import load_stroke
+from feltmb.run.stroke import PRESCRIBED, load_stroke
+from feltmb.run.stroke.strokes import Kind
 
-__all__ = ["STROKES", "STROKE_KINDS", "finger_limits", "planned_strokes"]
+__all__ = [
+    "STROKES",
+    "STROKE_KINDS",
+    "finger_limits",
+    "planned_strokes",
+    "write_planned_stroke",
+    "write_planned_torque",
+]
 
 #: Kind of a stroke by input of the model.
-STROKE_KINDS = {"force": "force", "displacement": "key_motion"}
+STROKE_KINDS: Mapping[str, Kind] = {"force": "force", "displacement": "key_motion"}
 
 #: Packaged strokes, the most informative first.
 STROKES = ("forte", "piano", "staccato")
@@ -73,3 +83,45 @@ def finger_limits(model: MechanismModel) -> Limits | None:
         return None
     force = InputLimits(least=0.0, most=25.0, rate=2000.0, unit="N", sigma=LOAD_CELL)
     return Limits(inputs={"force": force}, duration=0.6, sample_rate=RATE, rest=2.0)
+
+
+def write_planned_stroke(
+    path: Path, kind: str, time: Array, value: Array, *, unit: str, about: str, force: bool = False
+) -> Path:
+    """Write a stroke file for ``feltmb stroke`` through points.
+
+    Parameters
+    ----------
+    kind
+        Kind of the stroke.
+    time
+        Times [s], the last one is the duration.
+    value
+        Values [unit].
+    about
+        What it is for.
+    """
+    import tomlkit
+
+    table = {
+        "schema": 1,
+        "name": path.stem,
+        "about": about,
+        "source": "planned by feltmb gap plan",
+        "kind": kind,
+        "duration": float(time[-1]),
+        "knots": {
+            "unit": ["s", unit],
+            "time": [float(f"{t:.9g}") for t in time],
+            "value": [float(f"{v:.9g}") for v in value],
+            "interpolation": "spline" if kind in PRESCRIBED else "monotone",
+        },
+    }
+    return write_text(path, tomlkit.dumps(table), force=force)
+
+
+def write_planned_torque(path: Path, time: Array, torque: Array, *, force: bool = False) -> Path:
+    """Write a torque [N m] over time [s] as CSV, for the controller of a key actuator."""
+    lines = ["time [s],torque [N m]"]
+    lines += [f"{t:.9g},{v:.9g}" for t, v in zip(time, torque, strict=True)]
+    return write_text(path, "\n".join(lines) + "\n", force=force)

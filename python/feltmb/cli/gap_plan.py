@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,12 +30,14 @@ from feltmb.errors import InvalidParameter
 if TYPE_CHECKING:
     from feltmb.cli.gap_models import Adapter
     from feltmb.data import Record
-    from feltmb.gap import Design, Limits
+    from feltmb.gap import Design, DesignedExperiment, Limits
+    from feltmb.gap.plan_files import InputFiles
     from feltmb.gap.visibility import Visible
 
 __all__ = [
     "Telling",
     "command",
+    "input_files",
     "limits_of",
     "limits_option",
     "measured_option",
@@ -93,7 +95,7 @@ class Telling:
 @click.option(
     "--budget",
     type=Number(0, 1000, min_open=True),
-    help="Design experiments with this number of strokes (the limits give the cost of a test of a "
+    help="Design experiments with this number of records (the limits give the cost of a test of a "
     "part and of a sensor). Without it the planned runs of the model are compared.",
 )
 @limits_option
@@ -140,8 +142,8 @@ class Telling:
     help="Key actuator (wood, aluminum or a file) for which torques are also written.",
 )
 @folder_option(
-    "Folder of the strokes (CSV, TOML), their pictures and plan.json. For a mechanism, the next "
-    "plan in it is faster."
+    "Folder of the inputs (CSV; for a mechanism strokes, TOML), their pictures and plan.json. For "
+    "a mechanism, the next plan in it is faster."
 )
 @model_set_option
 @json_option
@@ -233,12 +235,37 @@ def command(
             found,
             output,
             units=units_of(adapter, limits),
-            kinds=adapter.kinds,
-            lever=lever,
+            input_files=input_files(adapter, units_of(adapter, limits), lever=lever, force=force),
             force=force,
         ):
             if not as_json:
                 say_written(path)
+
+
+def input_files(
+    adapter: Adapter, units: Mapping[str, str], *, lever: float | None = None, force: bool
+) -> InputFiles:
+    """Function that writes planned inputs as strokes of a mechanism, and as torque of an arm."""
+    from feltmb.adapters import write_planned_stroke, write_planned_torque
+
+    def write(experiment: DesignedExperiment, stem: Path) -> list[Path]:
+        assert experiment.profile is not None
+        time, value = experiment.profile.knots()
+        unit, out = units.get(experiment.input, "1"), []
+        if experiment.input in adapter.kinds:
+            path = stem.with_name(f"{stem.name}.toml")
+            kind = adapter.kinds[experiment.input]
+            out.append(
+                write_planned_stroke(
+                    path, kind, time, value, unit=unit, about=experiment.name, force=force
+                )
+            )
+        if lever is not None and unit == "N":
+            path = stem.with_name(f"{stem.name}_torque.csv")
+            out.append(write_planned_torque(path, time, lever * value, force=force))
+        return out
+
+    return write
 
 
 def limits_of(model: str, adapter: Adapter, file: Path | None) -> Limits:

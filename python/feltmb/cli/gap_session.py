@@ -22,6 +22,7 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions
 from feltmb.cli.gap_plan import (
     Telling,
+    input_files,
     limits_of,
     limits_option,
     measured_option,
@@ -58,7 +59,7 @@ LAST_WORDS = 400
     type=Number(0, 1000, min_open=True),
     default=6.0,
     show_default=True,
-    help="Number of strokes; the limits give the cost of a test of a part and of a sensor.",
+    help="Number of records; the limits give the cost of a test of a part and of a sensor.",
 )
 @limits_option
 @measured_option
@@ -126,7 +127,7 @@ def command(
         line.close()
         if not as_json:
             say(f"{step.number}: {step.name}")
-            if step.kind == "stroke":
+            if step.kind == "record":
                 say(f"   expected probability of the correct name after it: {step.expected:.0%}")
             if step.verdict:
                 say(f"   {step.verdict}: {step.statement}")
@@ -155,7 +156,7 @@ def command(
         refinements=refinements,
         seed=seed,
         units=units_of(adapter, limits),
-        kinds=adapter.kinds,
+        input_files=input_files(adapter, units_of(adapter, limits), force=True),
         progress=telling,
         diagnosing=line,
         told=told,

@@ -82,7 +82,7 @@ class DesignedExperiment:
     """One experiment of a plan, or a sensor for those after it."""
 
     name: str
-    kind: Literal["stroke", "part", "sensor"]
+    kind: Literal["record", "part", "sensor"]
     cost: float
     """Cost of the experiment, in experiments."""
     input: str = ""
@@ -115,7 +115,7 @@ class HelpfulSensor:
     """Expected probability of the correct name after a plan without it [1], or information [log
     evidence]."""
     after: float
-    """After a plan of as many strokes and tests that are all made with it."""
+    """After a plan of as many records and tests that are all made with it."""
     after_paid: float
     """After a plan that pays for it from the same budget."""
     planned: bool
@@ -130,7 +130,7 @@ class HelpfulSensor:
 
     @property
     def gain_per_cost(self) -> float:
-        """The same for the cost of one stroke."""
+        """The same for the cost of one record."""
         return self.gain / self.sensor.cost
 
 
@@ -212,7 +212,7 @@ def design(
         Sensors of the outputs that are measured in any case. Default: those of ``limits``, else of
         the records, else all outputs, each with a noise of a thousandth of its spread.
     budget
-        Cost of all experiments: a stroke costs 1, the costs of tests of parts and of further
+        Cost of all experiments: a record costs 1, the costs of tests of parts and of further
         sensors are in ``limits``.
     aim
         ``names``: identify effects; ``sizes``: estimate their magnitudes.
@@ -701,7 +701,7 @@ def _result(
         experiments.append(
             DesignedExperiment(
                 name=option.name,
-                kind="stroke" if option.part is None else "part",
+                kind="record" if option.part is None else "part",
                 cost=option.cost,
                 input=option.input,
                 profile=option.profile,

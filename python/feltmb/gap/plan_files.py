@@ -1,14 +1,14 @@
-"""Files of a plan: inputs for a controller, strokes for ``feltmb stroke``, figures, all numbers.
+"""Files of a plan: inputs for a controller, figures, all numbers.
 
-For experiment 1: ``1.csv`` (time and inputs), ``1.toml`` (a stroke, where the model is a
-mechanism), ``1_torque.csv`` (for a key actuator), ``1.png``; a test of a part is ``1.toml`` with
-``[part]``, a further sensor with ``[sensor]``. ``plan.json`` holds all numbers.
+For experiment 1: ``1.csv`` (time and inputs) and ``1.png``; a test of a part is ``1.toml`` with
+``[part]``, a further sensor with ``[sensor]``. ``plan.json`` holds all numbers. The caller may add
+files of inputs in other formats.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,11 @@ from feltmb.gap.designs import Design, DesignedExperiment
 from feltmb.gap.report import plain
 from feltmb.style import new_figure, reader_unit, side_legend, style_axes
 
-__all__ = ["design_json", "read_request", "request_file", "write_design"]
+__all__ = ["InputFiles", "design_json", "read_request", "request_file", "write_design"]
+
+#: Writes the input of an experiment in other formats, at a path without an ending, and returns what
+#: was written.
+InputFiles = Callable[[DesignedExperiment, Path], Sequence[Path]]
 
 
 def design_json(design: Design) -> dict[str, Any]:
@@ -70,8 +74,7 @@ def write_design(
     folder: str | Path,
     *,
     units: Mapping[str, str] | None = None,
-    kinds: Mapping[str, str] | None = None,
-    lever: float | None = None,
+    input_files: InputFiles | None = None,
     force: bool = False,
 ) -> list[Path]:
     """Write the files of a plan into a folder.
@@ -80,10 +83,10 @@ def write_design(
     ----------
     units
         SI units by input and output.
-    kinds
-        Inputs that are strokes of a mechanism -> kind of the stroke.
-    lever
-        Lever arm of a key actuator [m]; its torque is the force times this length.
+    input_files
+        Function that writes inputs in further formats.
+    force
+        Whether existing files are overwritten.
     """
     folder = make_folder(folder)
     known = dict(units or {})
@@ -98,10 +101,8 @@ def write_design(
         out.append(request_file(e, folder / str(i), units=known, force=force))
         if e.profile is None or e.record is None:
             continue
-        if kinds and e.input in kinds:
-            out.append(_stroke(e, folder / f"{i}.toml", kinds[e.input], known, force=force))
-        if lever is not None and known.get(e.input) == "N":
-            out.append(_torque(e, folder / f"{i}_torque.csv", lever, force=force))
+        if input_files is not None:
+            out += input_files(e, folder / str(i))
         out.append(_picture(e, folder / f"{i}.png", known, force=force))
     return out
 
@@ -141,40 +142,6 @@ def read_request(path: Path) -> tuple[Array, dict[str, Array]]:
         _, *names = (column.split(" [")[0] for column in file.readline().strip().split(","))
         time, *values = np.loadtxt(file, delimiter=",", ndmin=2).T
     return time, dict(zip(names, values, strict=True))
-
-
-def _stroke(
-    e: DesignedExperiment, path: Path, kind: str, units: Mapping[str, str], *, force: bool
-) -> Path:
-    """A stroke file for ``feltmb stroke``."""
-    import tomlkit
-
-    assert e.profile is not None
-    time, value = e.profile.knots()
-    smooth = kind == "key_motion"
-    table = {
-        "schema": 1,
-        "name": path.stem,
-        "about": e.name,
-        "source": "planned by feltmb gap plan",
-        "kind": kind,
-        "duration": float(e.profile.end),
-        "knots": {
-            "unit": ["s", units.get(e.input, "1")],
-            "time": [float(f"{t:.9g}") for t in time],
-            "value": [float(f"{v:.9g}") for v in value],
-            "interpolation": "spline" if smooth else "monotone",
-        },
-    }
-    return write_text(path, tomlkit.dumps(table), force=force)
-
-
-def _torque(e: DesignedExperiment, path: Path, lever: float, *, force: bool) -> Path:
-    assert e.profile is not None
-    time, value = e.profile.knots()
-    lines = ["time [s],torque [N m]"]
-    lines += [f"{t:.9g},{lever * v:.9g}" for t, v in zip(time, value, strict=True)]
-    return write_text(path, "\n".join(lines) + "\n", force=force)
 
 
 def _picture(e: DesignedExperiment, path: Path, units: Mapping[str, str], *, force: bool) -> Path:

@@ -141,13 +141,13 @@ def _level(u: float, own: InputLimits) -> float:
     return own.start + (up if up > 0.0 else -down) * (0.1 + 0.9 * u)
 
 
-def _press(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
+def _step(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
     path = _Path(own, limits)
     level = _level(u[0], own)
     rise = _between(u[1], path.least(level), 0.5 * limits.duration)
     path.go(level, rise)
     path.wait(TAIL * limits.duration)
-    return path.profile("press", {"level": level, "rise": rise}, tail=0.25 * limits.duration)
+    return path.profile("step", {"level": level, "rise": rise}, tail=0.25 * limits.duration)
 
 
 def _pulse(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
@@ -173,7 +173,7 @@ def _slow(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | Non
     path.wait(0.1 * limits.duration * u[2])
     path.go(own.start, rise)
     numbers = {"level": level, "rise": rise, "hold": 0.1 * limits.duration * u[2]}
-    return path.profile("slow press and release", numbers, tail=0.1 * limits.duration)
+    return path.profile("slow pulse", numbers, tail=0.1 * limits.duration)
 
 
 def _repeat(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
@@ -189,7 +189,7 @@ def _repeat(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | N
     path.go(level, rise)
     path.wait(hold)
     numbers = {"level": level, "rise": rise, "hold": hold, "between": back}
-    return path.profile("repeated note", numbers, tail=TAIL * limits.duration)
+    return path.profile("repeated pulse", numbers, tail=TAIL * limits.duration)
 
 
 def _two_levels(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
@@ -201,7 +201,7 @@ def _two_levels(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile
     path.wait(stay)
     path.go(second, path.least(second) + 0.02 * u[3] * left)
     numbers = {"level": first, "hold": stay, "then": second}
-    return path.profile("half press and press", numbers)
+    return path.profile("two steps", numbers)
 
 
 def _chirp(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
@@ -240,18 +240,18 @@ def _chirp(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | No
 FAMILIES: dict[str, Family] = {
     f.name: f
     for f in (
-        Family("press", "a smooth press that is held", ("level", "rise"), _press),
-        Family("pulse", "press, hold, let go", ("level", "rise", "hold"), _pulse),
-        Family("slow press and release", "slowly down and up", ("level", "rise", "hold"), _slow),
+        Family("step", "a smooth step", ("level", "rise"), _step),
+        Family("pulse", "to a level, hold, back", ("level", "rise", "hold"), _pulse),
+        Family("slow pulse", "slowly to a level and back", ("level", "rise", "hold"), _slow),
         Family(
-            "repeated note",
-            "press, let go in part, press again",
+            "repeated pulse",
+            "to a level, back in part, to the level again",
             ("level", "rise", "hold", "return"),
             _repeat,
         ),
         Family(
-            "half press and press",
-            "one level, wait, another",
+            "two steps",
+            "to a level, wait, to another one",
             ("level", "then", "hold", "rise"),
             _two_levels,
         ),

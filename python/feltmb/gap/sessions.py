@@ -36,7 +36,7 @@ from feltmb.gap.information import MAGNITUDES, Belief
 from feltmb.gap.limits import read_sensors
 from feltmb.gap.measured import Measured, read_measured, with_measured
 from feltmb.gap.options import Options
-from feltmb.gap.plan_files import read_request, request_file, write_design
+from feltmb.gap.plan_files import InputFiles, read_request, request_file, write_design
 from feltmb.gap.report import Report, write_report
 from feltmb.units import unit_suffix
 
@@ -62,7 +62,7 @@ class SessionStep:
 
     number: int
     kind: str
-    """"stroke", "part", "sensor", or "" for what was there before."""
+    """"record", "part", "sensor", or "" for what was there before."""
     name: str
     cost: float
     verdict: str
@@ -107,7 +107,7 @@ def session(
     refinements: int = 4,
     seed: int = 0,
     units: Mapping[str, str] | None = None,
-    kinds: Mapping[str, str] | None = None,
+    input_files: InputFiles | None = None,
     progress: Callable[[str, int, int], None] | None = None,
     diagnosing: Callable[[Any], None] | None = None,
     told: Callable[[SessionStep], None] | None = None,
@@ -130,7 +130,7 @@ def session(
         Records that were measured before.
     budget
         In experiments.
-    units, kinds
+    units, input_files
         See :func:`~feltmb.gap.plan_files.write_design`.
     progress, diagnosing
         Functions that receive the progress of a plan and of a diagnosis.
@@ -183,9 +183,9 @@ def session(
                 if done or not plan.experiments or plan.after - plan.before < WORTH_TELLING:
                     return ended(*_at_an_end(report, plan, effects, left))
                 make_folder(here)
-                _ask(plan, here, units or {}, kinds)
+                _ask(plan, here, units or {}, input_files)
             asked = _read_asked(here)
-            request = here / ("request.csv" if asked["kind"] == "stroke" else "request.toml")
+            request = here / ("request.csv" if asked["kind"] == "record" else "request.toml")
             answer = request.with_name(request.name.replace("request", "record"))
             if not is_file(answer):
                 run(request, answer)
@@ -250,7 +250,7 @@ class _State:
     ) -> tuple[str, ...]:
         """Take up the answer to a request; returns warnings about a new one."""
         warnings: tuple[str, ...] = ()
-        if asked["kind"] == "stroke":
+        if asked["kind"] == "record":
             found = _measured_records(read, answer, number, self.measuring, self.limits)
             if new:
                 warnings = _not_as_asked(found, request, answer)
@@ -430,11 +430,11 @@ def _read_asked(here: Path) -> dict[str, Any]:
 
 
 def _ask(
-    plan: Design, here: Path, units: Mapping[str, str], kinds: Mapping[str, str] | None
+    plan: Design, here: Path, units: Mapping[str, str], input_files: InputFiles | None
 ) -> None:
     """Write the plan and the request of its first experiment; asked.json is written last."""
     first = plan.experiments[0]
-    write_design(plan, here, units=units, kinds=kinds, force=True)
+    write_design(plan, here, units=units, input_files=input_files, force=True)
     request_file(first, here / "request", units=units, force=True)
     asked = {
         "kind": first.kind,

@@ -75,7 +75,7 @@ def test_best_profile_is_the_t_optimal_design():
     reached = np.exp(2.0 * one.after) - 1.0  # 1/2 log(1 + G), one effect
     assert reached == pytest.approx(best, rel=0.01)
     assert reached <= best * (1.0 + 2e-3)  # nothing is better than the best: 2001 samples
-    assert one.profile.family == "half press and press"
+    assert one.profile.family == "two steps"
     levels = sorted([one.profile.numbers["level"], one.profile.numbers["then"]])
     assert levels == pytest.approx([x, 1.0], abs=0.02)
 
@@ -407,7 +407,7 @@ def test_drawn_experiments_are_allowed_and_repeatable():
         draw_experiment(line(), limits(), families=["chirp", "pulse"], seed=i)[1] for i in range(8)
     ]
     assert {p.family for p in some} == {"chirp", "pulse"}
-    with pytest.raises(InvalidParameter, match="families: knock is none of press"):
+    with pytest.raises(InvalidParameter, match="families: knock is none of step"):
         draw_experiment(line(), limits(), families=["knock"])
 
 

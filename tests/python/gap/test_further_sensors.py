@@ -73,7 +73,7 @@ LIMITS = Limits(
     lead=0.0,
 )
 SENSORS = {"y": Sensor(name="y", unit="m", sigma=0.5)}
-GIVEN = {"sensors": SENSORS, "refinements": 0, "families": ["press"], "candidates": 1}
+GIVEN = {"sensors": SENSORS, "refinements": 0, "families": ["step"], "candidates": 1}
 
 
 def gain_of(u, sigmas):
@@ -108,7 +108,7 @@ def test_gain_of_a_sensor_is_the_analytic_one(offer, then):
     assert one.gain_per_cost == pytest.approx((one.after - one.before) / 0.5)
     # It is worth half an experiment, and the stroke is made with it.
     sensor, stroke = found.experiments
-    assert (sensor.kind, stroke.kind) == ("sensor", "stroke")
+    assert (sensor.kind, stroke.kind) == ("sensor", "record")
     assert one.planned
     assert found.after == pytest.approx(one.after, rel=1e-6)
     assert set(stroke.record.outputs) == set(then)
@@ -121,7 +121,7 @@ def test_a_sensor_is_bought_only_where_the_same_budget_ends_better():
     keen = FurtherSensor(output="z", sigma=0.05, cost=2.0, how="camera")
     box = replace(LIMITS, further=(dim, keen))
     found = design(MODEL, [SQUARE], limits=box, budget=3, aim="sizes", **GIVEN)
-    assert [e.kind for e in found.experiments] == ["sensor", "stroke"]
+    assert [e.kind for e in found.experiments] == ["sensor", "record"]
     assert found.experiments[0].sensor == keen
     best, worst = found.sensors
     assert (best.sensor, best.planned, worst.planned) == (keen, True, False)
@@ -129,7 +129,7 @@ def test_a_sensor_is_bought_only_where_the_same_budget_ends_better():
     assert worst.after_paid < worst.before < worst.after
     assert found.experiments[0].before == best.before < best.after_paid < best.after
     poor = design(MODEL, [SQUARE], limits=box, budget=2, aim="sizes", **GIVEN)
-    assert [e.kind for e in poor.experiments] == ["stroke", "stroke"]
+    assert [e.kind for e in poor.experiments] == ["record", "record"]
     assert poor.sensors[0].after > poor.after  # what it would tell is told still
 
 
@@ -151,7 +151,7 @@ def test_twins_of_one_sensor_are_separated_by_another():
     poor = design(
         MODEL, [SQUARE, lookalike], limits=replace(LIMITS, further=(camera,)), budget=1, **GIVEN
     )
-    assert [e.kind for e in poor.experiments] == ["stroke"]
+    assert [e.kind for e in poor.experiments] == ["record"]
     assert poor.inseparable == ()
 
 
@@ -163,7 +163,7 @@ def test_two_sensors_are_bought_one_after_the_other():
         MODEL, [SQUARE], limits=replace(LIMITS, further=(y, z)), budget=2, aim="sizes", **GIVEN
     )
     kinds = [e.kind for e in found.experiments]
-    assert kinds == ["sensor", "sensor", "stroke"]
+    assert kinds == ["sensor", "sensor", "record"]
     assert found.experiments[1].before == found.experiments[0].after
     u = found.experiments[2].record.inputs["u"]
     assert found.after == pytest.approx(gain_of(u, {"y": 0.1, "z": 0.1}), rel=1e-6)
@@ -326,7 +326,7 @@ def test_a_session_gets_a_sensor_and_measures_with_it(tmp_path):
     found = session(
         MODEL, [SQUARE, lookalike], lever, lambda p: [read_record(p)], tmp_path, **given
     )
-    assert [s.kind for s in found.steps[:2]] == ["sensor", "stroke"]
+    assert [s.kind for s in found.steps[:2]] == ["sensor", "record"]
     assert lever.asked[:2] == ["request.toml", "request.csv"]
     assert found.steps[-1].named == ("square",)
     # Nothing is asked again, and a present sensor is not offered.
@@ -387,7 +387,7 @@ def test_a_sensor_with_more_noise_than_assumed_is_not_asked_for_again(
         options=Options(bootstrap=0, restarts=0, advice=False),
     )  # fmt: skip
     assert asked.count("request.toml") == 1
-    assert [s.kind for s in found.steps][:2] == ["sensor", "stroke"]
+    assert [s.kind for s in found.steps][:2] == ["sensor", "record"]
     assert found.steps[0].warnings[0].startswith(told)
 
 
@@ -446,7 +446,7 @@ def test_command_shows_sensors_in_words_and_numbers(tmp_path, capsys, monkeypatc
     (tmp_path / "lever.py").write_text(CODE)
     (tmp_path / "limits.toml").write_text(FILE)
     words = ["gap", "plan", str(tmp_path / "lever.py"), "--limits", str(tmp_path / "limits.toml")]
-    words += ["--budget", "2", "--refine", "0", "--candidates", "1", "--family", "press"]
+    words += ["--budget", "2", "--refine", "0", "--candidates", "1", "--family", "step"]
     with pytest.raises(SystemExit, match="0"):
         feltmb_main([*words, "-o", str(tmp_path / "plan")])
     text = " ".join(capsys.readouterr().out.split())

@@ -205,7 +205,7 @@ def test_a_part_is_measured_where_it_tells_more(tmp_path):
     assert kinds.count("part") == len(asked) <= 1
     if asked:
         assert 'parameter = "d"' in asked[0]
-    assert "stroke" in kinds
+    assert "record" in kinds
 
 
 def equal_effects_with_a_test(folder, value):
@@ -440,7 +440,7 @@ def test_command_line(tmp_path, capsys):
     assert main([*command, "--run", rig, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["outcome"] in ("named", "out of budget")
-    assert told["steps"][0]["kind"] == "stroke"
+    assert told["steps"][0]["kind"] == "record"
 
 
 def test_plan_on_the_command_line(tmp_path, capsys):

@@ -1122,8 +1122,7 @@ CALLS = {
         "design": designed(),
         "folder": "plan",
         "units": {"f": "N"},
-        "kinds": {"f": "force"},
-        "lever": 0.1,
+        "input_files": lambda experiment, stem: [],
         "force": True,
     },
     "feltmb.gap.with_measured": lambda: {
