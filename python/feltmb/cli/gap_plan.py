@@ -250,6 +250,7 @@ def input_files(
 
     def write(experiment: DesignedExperiment, stem: Path) -> list[Path]:
         assert experiment.profile is not None
+        assert experiment.record is not None
         time, value = experiment.profile.knots()
         unit, out = units.get(experiment.input, "1"), []
         if experiment.input in adapter.kinds:
@@ -262,7 +263,9 @@ def input_files(
             )
         if lever is not None and unit == "N":
             path = stem.with_name(f"{stem.name}_torque.csv")
-            out.append(write_planned_torque(path, time, lever * value, force=force))
+            # Evenly sampled: a table with long pauses would count as damaged.
+            clock, forces = experiment.record.time, experiment.record.inputs[experiment.input]
+            out.append(write_planned_torque(path, clock, lever * forces, force=force))
         return out
 
     return write

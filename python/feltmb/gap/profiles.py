@@ -71,8 +71,7 @@ class Profile:
             _, first, last, begin, stop = self.wave
             count = max(16, math.ceil(16 * (stop - begin) * max(first, last)))
             parts.append(np.linspace(begin, stop, count))
-        time = np.unique(np.round(np.concatenate(parts), 7))
-        time = time[time <= self.end]
+        time = np.unique(np.round(np.minimum(np.concatenate(parts), self.end), 7))
         return time, self.at(time)
 
 

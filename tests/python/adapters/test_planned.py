@@ -1,0 +1,74 @@
+"""Files of planned strokes: what `feltmb stroke`, `feltmb actuator` and a controller read."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb.adapters import STROKE_KINDS, finger_limits, mechanism_model
+from feltmb.cli.gap_models import Adapter
+from feltmb.cli.gap_plan import input_files
+from feltmb.data import Record
+from feltmb.gap import DesignedExperiment
+from feltmb.gap.profiles import FAMILIES
+from feltmb.run.stroke import load_stroke, read_stroke_csv
+
+
+@pytest.fixture(scope="module")
+def model():
+    return mechanism_model(feltmb.load_action("steinway45"), effects=["let_off_button"])[0]
+
+
+def profile_of(model, family, numbers=(0.6, 0.4, 0.5, 0.3)):
+    limits = finger_limits(model)
+    return FAMILIES[family].make(numbers, limits.inputs["force"], limits)
+
+
+def designed(profile, name, factor=1.0):
+    """An experiment of a plan, as far as files need it."""
+    profile = replace(profile, moves=tuple((b, d, factor * h) for b, d, h in profile.moves))
+    time = np.arange(0.0, profile.end, 5e-4)
+    record = Record(name="1", time=time, inputs={name: profile.at(time)}, outputs={"y": time})
+    return DesignedExperiment(
+        name=f"{profile.family} of {name}", kind="record", cost=1.0, input=name, profile=profile,
+        record=record, before=0.0, after=1.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("family", ["step", "repeated pulse", "two steps"])
+def test_a_planned_force_is_a_stroke_and_a_torque(model, family, tmp_path):
+    profile = profile_of(model, family)
+    experiment = designed(profile, "force")
+    adapter = Adapter(model, (), kinds=STROKE_KINDS)
+    write = input_files(adapter, {"force": "N"}, lever=0.2, force=False)
+    stroke_file, torque_file = write(experiment, tmp_path / "1")
+    assert (stroke_file.name, torque_file.name) == ("1.toml", "1_torque.csv")
+    stroke, torque = load_stroke(stroke_file), read_stroke_csv(torque_file)
+    assert (stroke.kind, torque.kind) == ("force", "torque")
+    assert stroke.duration == pytest.approx(profile.end, abs=1e-7)
+    time = np.linspace(0.0, profile.end, 400)
+    # A monotone cubic through the knots follows the smooth steps.
+    assert np.abs(stroke.at(time) - profile.at(time)).max() < 0.02 * np.ptp(profile.at(time))
+    clock = experiment.record.time
+    assert np.allclose(torque.at(clock), 0.2 * profile.at(clock), atol=1e-6)
+    assert feltmb.simulate("steinway45", stroke, duration=0.02).status == "done"
+    with pytest.raises(feltmb.FeltmbError, match="exists"):
+        write(experiment, tmp_path / "1")
+
+
+def test_a_planned_motion_is_smooth(model, tmp_path):
+    experiment = designed(profile_of(model, "step"), "displacement", 1e-3)
+    write = input_files(Adapter(model, (), kinds=STROKE_KINDS), {"displacement": "m"}, force=True)
+    (path,) = write(experiment, tmp_path / "2")
+    stroke = load_stroke(path)
+    assert stroke.kind == "key_motion"
+    assert stroke.as_dict()["interpolation"] == "spline"
+
+
+def test_other_inputs_have_no_stroke(model, tmp_path):
+    experiment = designed(profile_of(model, "pulse"), "u")
+    write = input_files(Adapter(model, (), kinds=STROKE_KINDS), {"u": "V"}, lever=0.1, force=True)
+    assert write(experiment, tmp_path / "3") == []
