@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,7 +23,7 @@ __all__ = [
     "Drive",
     "Drives",
     "driven",
-    "follow",
+    "start_state",
     "with_noise",
 ]
 
@@ -43,23 +44,20 @@ class Drive:
     value: Array
     motion: bool
 
-    @property
-    def kind(self) -> str:
-        """Kind of input for the core."""
-        return "key_motion" if self.motion else "force"
+    @cached_property
+    def profile(self) -> _core.Profile:
+        """Input over the time from the first sample.
 
-    def profile(self, begin: float, duration: float) -> _core.Profile:
-        """Input on the time axis of a segment that begins at ``begin`` [s].
-
-        A force is interpolated without overshoot. A motion is a spline through the whole record,
-        because its acceleration matters.
+        A force is interpolated without overshoot. A motion is a spline, because its acceleration
+        matters.
         """
-        low, high = 0, self.time.size
-        if not self.motion:
-            low = max(0, int(np.searchsorted(self.time, begin - 1e-12)) - 2)
-            high = min(high, int(np.searchsorted(self.time, begin + duration + 1e-12)) + 3)
         kind = _core.Interpolation.spline if self.motion else _core.Interpolation.monotone
-        return _core.Profile(list(self.time[low:high] - begin), list(self.value[low:high]), kind)
+        return _core.Profile(list(self.time - self.time[0]), list(self.value), kind)
+
+    @cached_property
+    def input(self) -> _core.Input:
+        """Input of the core."""
+        return _core.Input(self.profile, "key_motion" if self.motion else "force")
 
 
 class Drives:
@@ -91,15 +89,16 @@ class Drives:
         return Drive(record.time, value, motion)
 
 
-def follow(action: Action, v: Variant, full: Array, profile: _core.Profile) -> None:
-    """Set position and speed of the joint of the finger's body to the prescribed motion.
-
-    With motion input, the start state of that joint is ignored.
-    """
+def start_state(action: Action, v: Variant, drive: Drive) -> Array:
+    """Full state at the first sample: at rest, but the joint of the finger follows a motion."""
+    full = v.rest.copy()
+    if not drive.motion:
+        return full
     finger = action.config.finger
     assert finger is not None
-    name = action.config.bodies[finger.body].coordinate
-    k, n = v.place[name], len(v.mechanism.coordinates)
+    coordinates = list(v.mechanism.coordinates)
+    k = coordinates.index(action.config.bodies[finger.body].coordinate)
+    n, profile = len(coordinates), drive.profile
     wanted = v.finger_reference + float(profile.value(0.0))
 
     def place(q: Array) -> float:
@@ -118,6 +117,7 @@ def follow(action: Action, v: Variant, full: Array, profile: _core.Profile) -> N
     lever = (place(ahead) - here) / step
     drift = (place(full[:n] + step * full[n : 2 * n]) - here) / step
     full[n + k] = (float(profile.rate(0.0)) - drift) / lever
+    return full
 
 
 def driven(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from feltmb import _core
 from feltmb.adapters.differentiable import DifferentiableMechanism
-from feltmb.adapters.drives import FORCE, Drive, follow
+from feltmb.adapters.drives import FORCE, Drive, start_state
 from feltmb.adapters.library import Entry
 from feltmb.adapters.sampling import at_times, output_rate
 from feltmb.adapters.variants import Variant
@@ -123,12 +123,6 @@ def forward_sensitivities(
     except FeltmbError:
         return None
     clock = record.time - record.time[0]
-    window = float(record.time[0]), float(clock[-1])
-
-    def whole(used: Drive) -> _core.Input:
-        return _core.Input(used.profile(*window), used.kind)
-
-    drive_in = whole(drive)
     options = _core.SensitivityOptions()
     simulation = _core.SimulationOptions()
     simulation.rtol = model.rtol
@@ -138,13 +132,11 @@ def forward_sensitivities(
     index = {name: i for i, (name, _, _) in enumerate(_core.observables(base.mechanism))}
     options.outputs = [index[o] for o in model.outputs]
     options.threads = model.workers
-    segment = _core.SensitivitySegment(0.0, window[1])  # the core finds the rest pose
+    segment = _core.SensitivitySegment(0.0, float(clock[-1]))  # the core finds the rest pose
     if drive.motion:
 
         def start_of(n: _Node) -> Array:
-            full = n.variant.rest.copy()
-            follow(model.action, n.variant, full, n.drive.profile(*window))
-            return full
+            return start_state(model.action, n.variant, n.drive)
 
         state = start_of(_Node(base, drive, 0.0, 1.0))
         moves = np.zeros((state.size, len(columns)))
@@ -152,7 +144,7 @@ def forward_sensitivities(
             moves[:, c] = column.derivative(start_of)
         none = np.zeros((state.size, 0))
         segment = _core.SensitivitySegment(
-            0.0, window[1], list(state), list(base.memory), none, moves
+            0.0, float(clock[-1]), list(state), list(base.memory), none, moves
         )
     parameters = [
         _core.SensitivityParameter(
@@ -160,7 +152,7 @@ def forward_sensitivities(
             [
                 _core.Perturbed(
                     n.variant.mechanism,
-                    drive_in if n.drive is drive else whole(n.drive),
+                    n.drive.input,
                     n.shift,
                     n.weight,
                 )
@@ -172,7 +164,7 @@ def forward_sensitivities(
     ]
     simulated(1.0)
     try:
-        (result,) = _core.sensitivities(base.mechanism, drive_in, parameters, [segment], options)
+        (result,) = _core.sensitivities(base.mechanism, drive.input, parameters, [segment], options)
     except (FeltmbError, RuntimeError, ValueError):
         return None
     if result.run.status != "done":

@@ -28,7 +28,7 @@ from feltmb.adapters.drives import (
     FORCE,
     Drives,
     driven,
-    follow,
+    start_state,
     with_noise,
 )
 from feltmb.adapters.landmarks import first_turn, landmarks
@@ -36,7 +36,7 @@ from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
 from feltmb.adapters.sampling import at_times, output_rate
 from feltmb.adapters.shifter import Shifter
-from feltmb.adapters.variants import Variant, Workshop, changed_config
+from feltmb.adapters.variants import Variant, Workshop
 from feltmb.adapters.writing import write_mechanism
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
@@ -46,8 +46,7 @@ from feltmb.mechanism import Action
 
 __all__ = ["MechanismModel"]
 
-#: Tolerances of felt and friction: these vary from stroke to stroke, and their laws have a form
-#: error.
+#: Tolerances of felt and friction, which vary from stroke to stroke.
 VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
 
 
@@ -149,14 +148,11 @@ class MechanismModel(DifferentiableMechanism):
         self._aliases: dict[str, Alias | None] = {}
         self._workshop = Workshop()
         self._shifter = Shifter(action.config)
-        base = self._base()
-        self._check_outputs(base)
-
-    def _base(self) -> Variant:
-        variant = self._workshop.variant(b"", lambda: self.action.config)
-        if variant is None:
-            raise InvalidParameter(f"mechanism {self.action.name!r} has no rest pose")
-        return variant
+        try:
+            self._base = self._workshop.build(action.config)
+        except FeltmbError as error:
+            raise InvalidParameter(f"mechanism {action.name!r} has no rest pose: {error}") from None
+        self._check_outputs(self._base)
 
     def _check_outputs(self, base: Variant) -> None:
         known = [f"{p}.{axis}" for p in base.points for axis in "xy"]
@@ -232,8 +228,7 @@ class MechanismModel(DifferentiableMechanism):
 
         The sensor states whether a channel is absolute, or its first value shows this.
         """
-        base = self._base()
-        at = {o: self.at_rest(base, o) for o in self.outputs if self.units[o] == "m"}
+        at = {o: self.at_rest(self._base, o) for o in self.outputs if self.units[o] == "m"}
         return from_rest(record, at, self.name)
 
     def _turn(self, record: Record) -> float | None:
@@ -242,13 +237,12 @@ class MechanismModel(DifferentiableMechanism):
         name = self.until.output
         if name in record.outputs and np.isfinite(record.outputs[name]).sum() > 10:
             return first_turn(record.time, record.outputs[name])
-        base = self._base()
-        run = self._integrate(record, base)
+        run = self._integrate(record, self._base)
         if run is None:
             return None
         result = run[1]
         column = np.array(result.data)[:, list(result.names).index(name)]
-        return first_turn(record.time[0] + result.time, column - self.at_rest(base, name))
+        return first_turn(record.time[0] + result.time, column - self.at_rest(self._base, name))
 
     def accepts(self, effect: Effect) -> bool:
         """Whether an effect has an :class:`Entry`, or is a sensor or input effect."""
@@ -260,7 +254,7 @@ class MechanismModel(DifferentiableMechanism):
         return repr((type(self).__name__, self.action.raw, *options))
 
     def as_tabulated(self, record: Record) -> Array | None:  # noqa: D102
-        return self.whole(record, self._base())
+        return self.whole(record, self._base)
 
     def whole(self, record: Record, variant: Variant) -> Array | None:
         """Outputs of one version over the whole record from rest, (n, ny); None if it failed."""
@@ -304,34 +298,6 @@ class MechanismModel(DifferentiableMechanism):
         )
 
     # --- for feltmb.adapters ----------------------------------------------------------------------
-
-    def variant(
-        self,
-        theta: Array,
-        included: tuple[Candidate, ...] = (),
-        magnitudes: Array | None = None,
-        conditions: Mapping[str, float | str] | None = None,
-    ) -> Variant:
-        """The assembled mechanism of parameters and magnitudes.
-
-        Parameters
-        ----------
-        theta
-            Values of the parameters [SI].
-        included
-            Effects that are included.
-        magnitudes
-            Magnitude of each included effect.
-        conditions
-            Conditions of the record by name, for effects that depend on them.
-
-        Raises
-        ------
-        InvalidParameter
-            These values define no valid mechanism, or it has no rest pose.
-        """
-        entries = self._chosen(theta, included, np.zeros(0) if magnitudes is None else magnitudes)
-        return self._workshop.build(changed_config(self.action.config, entries, conditions or {}))
 
     def _chosen(
         self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
@@ -385,15 +351,12 @@ class MechanismModel(DifferentiableMechanism):
         options.ledger = options.events = options.diagnose = False
         options.finger_reference = v.finger_reference
         drive = self.drives.of(record)
-        profile = drive.profile(float(record.time[0]), float(time[-1]))
-        start = v.rest.copy()
-        if drive.motion:
-            follow(self.action, v, start, profile)
+        start = start_state(self.action, v, drive)
         simulated(1.0)
         try:
             result = _core.simulate(
                 v.mechanism,
-                _core.Input(profile, drive.kind),
+                drive.input,
                 options,
                 list(start),
                 [],

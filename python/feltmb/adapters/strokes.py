@@ -417,7 +417,7 @@ class StrokeModel(MechanismModel):
         def make() -> Variant:
             chosen = self._chosen(own, included, magnitudes)
             config = self._shifter.config(chosen, record.conditions)
-            return self._base() if config is self.action.config else self._workshop.assemble(config)
+            return self._base if config is self.action.config else self._workshop.assemble(config)
 
         # All records of one linearization need the same versions.
         conditions = tuple(sorted(record.conditions.items()))

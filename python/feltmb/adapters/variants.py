@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -13,8 +13,6 @@ from feltmb import _core
 from feltmb.adapters.changes import Change, apply_changes, replace_entry
 from feltmb.adapters.insertions import Insertion, insert
 from feltmb.adapters.library import Entry
-from feltmb.errors import FeltmbError
-from feltmb.fit.latest import Latest
 from feltmb.mechanism import MechanismFile, describe
 
 __all__ = ["Variant", "Workshop", "changed_config"]
@@ -65,11 +63,6 @@ class Variant:
         return np.asarray(self._found["largest_compression"])
 
     @cached_property
-    def place(self) -> Mapping[str, int]:
-        """State name -> index in the full state."""
-        return _name_states(self.mechanism)
-
-    @cached_property
     def points(self) -> Mapping[str, tuple[float, float]]:
         """Positions of the tracking points at rest [m]."""
         points = {}
@@ -110,36 +103,11 @@ def changed_config(
     return config
 
 
-def _name_states(mechanism: _core.Mechanism) -> dict[str, int]:
-    """Names of the mechanical and law states; string modes and condensed coordinates too."""
-    n = len(mechanism.coordinates)
-    place = {name: k for k, name in enumerate(mechanism.coordinates)}
-    place |= {f"{name}.rate": n + k for k, name in enumerate(mechanism.coordinates)}
-    place |= {name: 2 * n + k for k, name in enumerate(mechanism.law_state_names)}
-    return place
-
-
-#: Number of variants that are kept.
-KEPT = 600
-
-
 class Workshop:
-    """Builds variants and caches the last ones; usable from several threads."""
+    """Builds variants, with the parts that they share; usable from several threads."""
 
     def __init__(self) -> None:
-        self._made: Latest[bytes, Variant | None] = Latest(KEPT)
         self._known: dict[int, tuple[Any, Any]] = {}
-
-    def variant(self, key: bytes, config: Callable[[], MechanismFile]) -> Variant | None:
-        """Variant of a key; None if its configuration is no valid mechanism or has no rest pose."""
-
-        def make() -> Variant | None:
-            try:
-                return self.build(config())
-            except FeltmbError:
-                return None
-
-        return self._made.get(key, make)
 
     def build(self, config: MechanismFile) -> Variant:
         """Assemble a configuration and compute its rest pose.
