@@ -109,14 +109,17 @@ def _misread(name: str, error: ReadingError, **fields: Any) -> Effect:
 
 
 def saturation_input(name: str, *, levels: Sequence[float], unit: str = "1") -> Effect:
-    """Beyond +-level [unit] the input is reduced to the fraction 1 - magnitude.
+    """An input that grows less beyond +-level: a drive that saturates.
+
+    With the magnitude m in [0, 1] and the clipped input c = clip(u, -level, level), the model is
+    driven by c + (1 - m) (u - c). m = 1 is a hard limit.
 
     Parameters
     ----------
     name
         Name of the input.
     levels
-        Values of the level that are tried [unit].
+        Values of the level that are tried, > 0 [unit].
     unit
         Unit of the input.
     """
@@ -132,14 +135,18 @@ def saturation_input(name: str, *, levels: Sequence[float], unit: str = "1") -> 
 
 
 def dead_zone_input(name: str, *, levels: Sequence[float], unit: str = "1") -> Effect:
-    """Within +-level [unit], only the share 1 - magnitude of the input acts.
+    """An input that acts less within +-level: a drive with a dead zone.
+
+    With the magnitude m in [0, 1] and the clipped input c = clip(u, -level, level), the model is
+    driven by u - m c: the share 1 - m of small inputs arrives, and large ones lose m level. m = 1
+    is a full dead zone.
 
     Parameters
     ----------
     name
         Name of the input.
     levels
-        Values of the level that are tried [unit].
+        Values of the level that are tried, > 0 [unit].
     unit
         Unit of the input.
     """
