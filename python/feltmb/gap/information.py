@@ -512,10 +512,10 @@ class Knowledge:
         weights = self.belief.over(self.candidates)
         none = max(self.belief.none, 1e-3)
         gain = self.evidence() - (0.0 if self.before is None else self.evidence(self.before))
-        names = [t.name for t in self.candidates]
-        same = np.array([[a == b for b in names] for a in names])
+        _, number = np.unique([t.name for t in self.candidates], return_inverse=True)
+        same = number[:, None] == number[None, :]
         prior = np.append(weights, none)
-        total = np.zeros(len(names))
+        total = np.zeros(number.size)
         sizes = self.magnitudes()
         for size in sizes:
             log = -(size**2)[:, None] * np.maximum(gain, 0.0)

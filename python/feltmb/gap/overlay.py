@@ -199,9 +199,7 @@ def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:
         worst = int(np.argmax(np.where(both, np.abs(gap), -1.0)))
         largest, at = float(gap[worst]), float(record.time[worst])
         x, y = measured[both], model[both]
-        spread = float(np.std(x) * np.std(y))
-        if count > 2 and spread > 0.0:
-            correlation = float(np.mean((x - x.mean()) * (y - y.mean())) / spread)
+        correlation = _correlation(x, y)
         if rms > sigma:
             factor = _factor(x, y)
             delay = _delay(record.time, measured, model)
@@ -218,6 +216,16 @@ def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:
         delay=delay,
         factor=factor,
     )
+
+
+def _correlation(measured: Array, model: Array) -> float:
+    """Correlation over the samples that both have; NaN for fewer than 3, or a constant."""
+    both = np.isfinite(measured) & np.isfinite(model)
+    x, y = measured[both], model[both]
+    spread = float(np.std(x) * np.std(y)) if x.size > 2 else 0.0
+    if not spread > 0.0:
+        return float("nan")
+    return float(np.mean((x - x.mean()) * (y - y.mean())) / spread)
 
 
 def _factor(x: Array, y: Array) -> float:
@@ -397,8 +405,8 @@ def _exchanged(
 ) -> list[tuple[tuple[str, str], ...]]:
     """Cycles of channels, each with the one that it looks like.
 
-    Every channel of a cycle must leave less than half of its squared difference, and be more than
-    noise as it is.
+    Every channel of a cycle must leave less than half of its squared difference, be more than noise
+    as it is, and resemble the other one.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -420,6 +428,7 @@ def _exchanged(
             if all(
                 cost[i, order[i]] < (1.0 - EXPLAINS_MOST) * cost[i, i]
                 and cost[i, i] > noise[own[i]] ** 2
+                and _correlation(record.outputs[own[i]], simulated[own[order[i]]]) > ALIKE
                 for i in cycle
             )
         ]
