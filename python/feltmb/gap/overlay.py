@@ -199,7 +199,9 @@ def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:
         worst = int(np.argmax(np.where(both, np.abs(gap), -1.0)))
         largest, at = float(gap[worst]), float(record.time[worst])
         x, y = measured[both], model[both]
-        correlation = _correlation(x, y)
+        spread = float(np.std(x) * np.std(y))
+        if count > 2 and spread > 0.0:
+            correlation = float(np.mean((x - x.mean()) * (y - y.mean())) / spread)
         if rms > sigma:
             factor = _factor(x, y)
             delay = _delay(record.time, measured, model)
@@ -216,16 +218,6 @@ def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:
         delay=delay,
         factor=factor,
     )
-
-
-def _correlation(measured: Array, model: Array) -> float:
-    """Correlation over the samples that both have; NaN for fewer than 3, or a constant."""
-    both = np.isfinite(measured) & np.isfinite(model)
-    x, y = measured[both], model[both]
-    spread = float(np.std(x) * np.std(y)) if x.size > 2 else 0.0
-    if not spread > 0.0:
-        return float("nan")
-    return float(np.mean((x - x.mean()) * (y - y.mean())) / spread)
 
 
 def _factor(x: Array, y: Array) -> float:
@@ -405,8 +397,9 @@ def _exchanged(
 ) -> list[tuple[tuple[str, str], ...]]:
     """Cycles of channels, each with the one that it looks like.
 
-    Every channel of a cycle must leave less than half of its squared difference, be more than noise
-    as it is, and resemble the other one.
+    The other output must leave less than half of the squared difference that each channel has to
+    its own one, which must be more than noise, and less than half of the variance of all channels
+    of the cycle together.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -422,15 +415,17 @@ def _exchanged(
         if len(own) < 2 or not np.isfinite(cost).all():
             continue
         order = linear_sum_assignment(cost)[1].tolist()
+        noises = np.array([noise[n] for n in own])
+        spread = np.array([np.nanvar(record.outputs[n]) for n in own]) / noises**2
+        as_it_is = np.diag(cost) / noises**2
+        left = cost[np.arange(len(own)), order] / noises**2
+        share = 1.0 - EXPLAINS_MOST
         cycles += [
             tuple((own[i], own[order[i]]) for i in cycle)
             for cycle in _cycles(order)
-            if all(
-                cost[i, order[i]] < (1.0 - EXPLAINS_MOST) * cost[i, i]
-                and cost[i, i] > noise[own[i]] ** 2
-                and _correlation(record.outputs[own[i]], simulated[own[order[i]]]) > ALIKE
-                for i in cycle
-            )
+            if np.all(as_it_is[cycle] > 1.0)
+            and np.all(left[cycle] < share * as_it_is[cycle])
+            and np.sum(left[cycle]) < share * np.sum(spread[cycle])
         ]
     return cycles
 

@@ -244,6 +244,13 @@ def test_exchanged_columns_are_told():
     )
 
 
+def test_single_numbers_are_not_exchanged_columns():
+    model, (first, _) = three()
+    blank = {n: np.where(np.arange(v.size) == 5, v, np.nan) for n, v in first.outputs.items()}
+    swapped = exchanged(replace(first, outputs=blank), "a", "b")
+    assert not [n for n in gap.check(model, swapped).notes if "exchanged" in n]
+
+
 def test_exchanged_columns_end_a_diagnosis_before_any_fit():
     model, records = three()
     told = []
