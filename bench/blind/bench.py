@@ -167,8 +167,14 @@ class Bench:
         progress: Progress | None,
     ) -> None:
         """Make files of cases with the generator of the seal."""
+        seal = self.sealed()
+        if todo and seal.get("outside", "") != self._outside_hash():
+            raise InvalidParameter(
+                f"{self.folder}: {len(todo)} cases have no {what}, and the bench was sealed with "
+                "another file of kinds from outside (--outside)"
+            )
         # Seals of older versions have no hash of the generator.
-        sealed, today = self.sealed().get("generator_sha256"), digest_of(*self.machine.generator)
+        sealed, today = seal.get("generator_sha256"), digest_of(*self.machine.generator)
         if todo and sealed is not None and sealed != today:
             raise InvalidParameter(
                 f"{self.folder}: {len(todo)} cases have no {what}, and the files of the generator "

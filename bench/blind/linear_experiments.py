@@ -58,7 +58,7 @@ class Truth:
     """Deviations of the parameters [their units], then magnitudes of the candidates [scales]."""
 
 
-def outcome(truth: Truth, belief: gap.Belief, same: str = "") -> str:
+def outcome(truth: Truth, belief: gap.Belief) -> str:
     """right, class, wrong or silent; quiet or alarm without an effect."""
     order = sorted(belief.weights, key=lambda n: -belief.weights[n])
     best = belief.weights[order[0]]
@@ -68,7 +68,7 @@ def outcome(truth: Truth, belief: gap.Belief, same: str = "") -> str:
         return "alarm" if said else "quiet"
     if not said:
         return "silent"
-    if not {truth.effect, same} & {*said}:
+    if truth.effect not in said:
         return "wrong"
     return "right" if len(said) == 1 else "class"
 
@@ -216,7 +216,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     bench = Bench(given.pool, seed=given.seed, store=store, sigma=given.sigma)
     truths = bench.truths(given.nulls, given.seed)
     if given.cases:
-        truths = truths[:: max(1, len(truths) // given.cases)]
+        chosen = np.linspace(0, len(truths) - 1, min(given.cases, len(truths))).round()
+        truths = [truths[int(k)] for k in chosen]
     results: dict[str, list[tuple[Truth, list[dict[str, Any]]]]] = {}
     for policy in ("repeats", "random", "designed"):
         results[policy] = []
@@ -225,9 +226,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             results[policy].append((truth, rows))
             print(policy, truth.number, truth.effect or "-", [r["outcome"] for r in rows],
                   flush=True)  # fmt: skip
-            plain = {p: [{"effect": t.effect, "rounds": r} for t, r in own]
-                     for p, own in results.items()}  # fmt: skip
-            write_text(folder / "cases.json", json.dumps(plain, indent=1) + "\n", force=True)
+        plain = {p: [{"effect": t.effect, "rounds": r} for t, r in own]
+                 for p, own in results.items()}  # fmt: skip
+        write_text(folder / "cases.json", json.dumps(plain, indent=1) + "\n", force=True)
         write_text(folder / "table.md", table(results), force=True)
     print(f"\n{len(bench.effects)} effects, {len(bench.strokes)} strokes, "
           f"{len(bench.tests)} tests of parts\n\n{table(results)}")  # fmt: skip

@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, wait
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -174,6 +174,8 @@ def command(
     """
     # Workers of a cluster may start in other folders.
     bench = Bench(output.resolve(), outside and outside.resolve(), MACHINES[machine])
+    if score_only:
+        bench = replace(bench, machine=MACHINES[bench.sealed()["machine"]])
     told = _Told()
     with _cluster(address) as pool:
         if score_only:

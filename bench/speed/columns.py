@@ -42,7 +42,7 @@ def main() -> None:
     zeros = {o: np.zeros(clock.size) for o in model.outputs}
     record = Record(name=stroke.name, time=clock, inputs={"force": stroke.at(clock)}, outputs=zeros)
     candidates = [Candidate(e, s) for e in effects for s in e.shapes]
-    candidates = [c for c in candidates if can_differentiate(c)]
+    candidates = [c for c in candidates if can_differentiate(model, record, c)]
     theta, whole = np.zeros(len(model.parameters)), np.array([[0, clock.size - 1]], dtype=np.intp)
     base = model.version(record, theta, (), np.zeros(0))
 

@@ -77,12 +77,19 @@ class OperatingPoint:
     """Their magnitudes [their units], (k,)."""
 
 
-def can_differentiate(candidate: Candidate) -> bool:
+def can_differentiate(model: DifferentiableMechanism, record: Record, candidate: Candidate) -> bool:
     """Whether the candidate adds no states to the mechanism."""
-    entry = candidate.effect.data
-    if not isinstance(entry, Entry):
+    effect = candidate.effect
+    if not isinstance(effect.data, Entry):
         return False
-    return not entry.adds_states and (entry.insertion is None or entry.insertion.kind == "mass")
+    theta = np.zeros(len(model.parameters))
+    shift = np.array([_shift(0.0, effect.scale, effect.bounds[1])])
+    try:
+        base = model.version(record, theta, (), np.zeros(0))
+        moved = model.version(record, theta, (candidate,), shift)
+    except FeltmbError:
+        return False
+    return base.states == moved.states
 
 
 def forward_sensitivities(
@@ -104,7 +111,7 @@ def forward_sensitivities(
     by_theta
         Indices of parameters.
     candidates
-        Further effects at magnitude zero; all of them satisfy :func:`can_differentiate`.
+        Further effects at magnitude zero; :func:`can_differentiate` holds for all of them.
     input_changes
         Changes of the recorded inputs, {input: (n,)} [unit of the input].
 
@@ -120,32 +127,19 @@ def forward_sensitivities(
         drive = model.drives.of(record)
         columns = _columns(model, at, by_theta, candidates, base, drive)
         columns += _input_columns(model, record, input_changes, base, drive)
+        segment = _segment(model, columns, base, drive)
+        rest = _at_rest(model, columns) if drive.motion else None
     except FeltmbError:
         return None
-    clock = record.time - record.time[0]
     options = _core.SensitivityOptions()
     simulation = _core.SimulationOptions()
     simulation.rtol = model.rtol
     options.simulation = simulation
     options.tolerance = TOLERANCE
-    options.output_rate = output_rate(clock)
+    options.output_rate = output_rate(record.time - record.time[0])
     index = {name: i for i, (name, _, _) in enumerate(_core.observables(base.mechanism))}
     options.outputs = [index[o] for o in model.outputs]
     options.threads = model.workers
-    segment = _core.SensitivitySegment(0.0, float(clock[-1]))  # the core finds the rest pose
-    if drive.motion:
-
-        def start_of(n: _Node) -> Array:
-            return start_state(model.action, n.variant, n.drive)
-
-        state = start_of(_Node(base, drive, 0.0, 1.0))
-        moves = np.zeros((state.size, len(columns)))
-        for c, column in enumerate(columns):
-            moves[:, c] = column.derivative(start_of)
-        none = np.zeros((state.size, 0))
-        segment = _core.SensitivitySegment(
-            0.0, float(clock[-1]), list(state), list(base.memory), none, moves
-        )
     parameters = [
         _core.SensitivityParameter(
             c.name,
@@ -170,15 +164,43 @@ def forward_sensitivities(
     if result.run.status != "done":
         return None
     gradient = np.asarray(result.gradient)[..., : len(columns)]
-    if drive.motion:
-        rest = np.zeros((len(model.outputs), len(columns)))
-        for k, column in enumerate(columns):
-            rest[:, k] = column.derivative(
-                lambda n: [model.at_rest(n.variant, o) for o in model.outputs]
-            )
-    else:
+    if rest is None:
         rest = gradient[0] * (np.array(model.outputs) != FORCE)[:, None]
-    return at_times(result.time, gradient, clock) - rest
+    return at_times(result.time, gradient, record.time - record.time[0]) - rest
+
+
+def _segment(
+    model: DifferentiableMechanism, columns: Sequence[_Column], base: Variant, drive: Drive
+) -> _core.SensitivitySegment:
+    """The record from its start; with a motion, with the start state and its derivatives."""
+    end = float(drive.time[-1] - drive.time[0])
+    if not drive.motion:
+        return _core.SensitivitySegment(0.0, end)  # the core finds the rest pose
+
+    def start_of(n: _Node) -> Array:
+        return start_state(model.action, n.variant, n.drive)
+
+    state = start_of(_Node(base, drive, 0.0, 1.0))
+    moves = np.zeros((state.size, len(columns)))
+    for c, column in enumerate(columns):
+        moves[:, c] = column.derivative(start_of)
+    none = np.zeros((state.size, 0))
+    return _core.SensitivitySegment(0.0, end, list(state), list(base.memory), none, moves)
+
+
+def _at_rest(model: DifferentiableMechanism, columns: Sequence[_Column]) -> Array:
+    """Derivatives (ny, d) of the outputs at rest."""
+    rest = np.zeros((len(model.outputs), len(columns)))
+    for k, column in enumerate(columns):
+        rest[:, k] = column.derivative(
+            lambda n: [model.at_rest(n.variant, o) for o in model.outputs]
+        )
+    return rest
+
+
+def _shift(value: float, scale: float, upper: float) -> float:
+    """Shift of a variable that stays below its upper bound."""
+    return SHIFT * scale if value + SHIFT * scale <= upper else -SHIFT * scale
 
 
 def _columns(
@@ -203,13 +225,10 @@ def _columns(
         version = model.version(at.record, moved, more, sizes)
         return _between(name, _Node(version, drive, shift, 1.0 / shift), base, drive, scale)
 
-    def side(value: float, h: float, upper: float) -> float:
-        return h if value + h <= upper else -h
-
     out = []
     for i in by_theta:
         p = model.parameters[i]
-        shift = side(theta[i], SHIFT * p.size, p.upper)
+        shift = _shift(theta[i], p.size, p.upper)
         moved = theta.copy()
         moved[i] += shift
         out.append(column(p.name, moved, included, magnitudes, shift, p.size))
@@ -219,7 +238,7 @@ def _columns(
         sizes = magnitudes.copy() if known else np.append(magnitudes, 0.0)
         place = k if known else -1
         scale = candidate.effect.scale
-        shift = side(float(sizes[place]), SHIFT * scale, candidate.effect.bounds[1])
+        shift = _shift(float(sizes[place]), scale, candidate.effect.bounds[1])
         sizes[place] += shift
         out.append(column(candidate.name, theta, more, sizes, shift, scale))
     return out

@@ -124,7 +124,6 @@ class _Table(Schema):
     input: _InputTable | None = None
     condition: _ConditionTable | None = None
     shape: _ShapeTable | None = None
-    adds_states: bool = False
     remedy: str = ""
     source: str = ""
     note: str = ""
@@ -209,8 +208,6 @@ class Entry:
     shape_path: str = ""
     shapes: tuple[float | None, ...] = (None,)
     shape_unit: str = ""
-    adds_states: bool = False
-    """Whether the mechanism has further states if the magnitude is not zero."""
     remedy: str = ""
     source: str = ""
     part: str = ""
@@ -577,7 +574,6 @@ def _entry(
         shape_path=_put(table.shape.path, words) if table.shape else "",
         shapes=shapes,
         shape_unit=_put(table.shape.unit, words) if table.shape else "",
-        adds_states=table.adds_states,
         remedy=_put(table.remedy, words),
         source=table.source,
         part=_put(table.part, words),

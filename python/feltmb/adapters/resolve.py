@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from feltmb.adapters.library import load_library
@@ -13,6 +13,7 @@ from feltmb.adapters.signals import partners
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect
 from feltmb.mechanism import Action, load_action, packaged_actions, parse_setting
+from feltmb.mechanism.parameters import told_numbers
 
 __all__ = ["SETTINGS", "resolve"]
 
@@ -40,7 +41,11 @@ def _mechanism(name: str) -> Action | None:
 
 
 def resolve(
-    name: str, settings: Mapping[str, str], also: Sequence[str] = ()
+    name: str,
+    settings: Mapping[str, str],
+    also: Sequence[str] = (),
+    *,
+    tell: Callable[[str], None] | None = None,
 ) -> tuple[MechanismModel, tuple[Effect, ...]] | None:
     """Model and effects of a packaged mechanism or a mechanism file; None for other names.
 
@@ -51,6 +56,8 @@ def resolve(
         ``string.modes``.
     also
         Channels in addition to those of the settings.
+    tell
+        Function that receives sentences about assumptions.
 
     Raises
     ------
@@ -68,7 +75,11 @@ def resolve(
             "mechanism such as string.modes"
         )
     if paths:
-        action = action.with_values(dict(parse_setting(f"{k}={v}") for k, v in paths.items()))
+        values = dict(parse_setting(f"{k}={v}") for k, v in paths.items())
+        before, action = action, action.with_values(values)
+        if tell is not None:
+            for text in told_numbers(before, action, values):
+                tell(text)
     options: dict[str, Any] = {}
     for key in ("rtol", "segment"):
         if key not in settings:

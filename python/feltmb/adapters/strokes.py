@@ -1,4 +1,4 @@
-"""Whole strokes as a model: single shooting with exact derivatives and run-to-run variability.
+"""Whole strokes as a model, with exact derivatives and run-to-run variability.
 
 Every record is simulated as a whole from rest, so that a point of the fit costs one run per record.
 Derivatives are integrated together with the motion, all in one pass (see
@@ -111,6 +111,7 @@ class StrokeModel(MechanismModel):
         self._runs: Latest[tuple[object, ...], Array | None] = Latest(RUNS)
         self._points: Latest[tuple[object, ...], dict[object, Array]] = Latest(POINTS)
         self._versions: Latest[tuple[object, ...], Variant] = Latest(VERSIONS)
+        self._smooth: dict[tuple[object, ...], bool] = {}
         self.passes = 0
         """Number of integrations of derivatives so far."""
 
@@ -473,12 +474,14 @@ class StrokeModel(MechanismModel):
         new_changes = {key: change for key, change in of_changes.items() if key not in known}
         if lacking or fresh or new_changes:
             live = [
-                k for k, c in enumerate(included) if can_differentiate(c) or magnitudes[k] != 0.0
+                k
+                for k, c in enumerate(included)
+                if magnitudes[k] != 0.0 or self._is_smooth(record, c)
             ]
             inside = replace(
                 point, included=tuple(included[k] for k in live), magnitudes=magnitudes[live]
             )
-            beside = tuple(c for c in fresh if c not in included and can_differentiate(c))
+            beside = tuple(c for c in fresh if c not in included and self._is_smooth(record, c))
             known |= self._integrated(inside, lacking, beside, new_changes)
             rough = [c for c in fresh if (c.name, c.shape) not in known]
 
@@ -500,6 +503,13 @@ class StrokeModel(MechanismModel):
 
         by_changes = [known[_digest(change)] for change in changes]
         return columns([known[i] for i in wanted]), columns(of), columns(by_changes)
+
+    def _is_smooth(self, record: Record, candidate: Candidate) -> bool:
+        """Whether an effect at zero can be differentiated in the pass of the others."""
+        key = (candidate.name, candidate.shape, tuple(sorted(record.conditions.items())))
+        if key not in self._smooth:
+            self._smooth[key] = can_differentiate(self, record, candidate)
+        return self._smooth[key]
 
     def _alias(self, candidate: Candidate) -> Alias | None:
         entry = candidate.effect.data

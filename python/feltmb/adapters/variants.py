@@ -1,4 +1,4 @@
-"""Versions of a mechanism: entries applied, assembled, and at rest; cached while in use."""
+"""Versions of a mechanism: entries applied, assembled, and at rest."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PARTS = 5000
 
 
 class Variant:
-    """One mechanism, its rest pose and the indices of its states.
+    """One mechanism and its rest pose.
 
     The rest pose is computed when it is needed.
 
@@ -44,6 +44,12 @@ class Variant:
     def __init__(self, mechanism: _core.Mechanism, *, finger: bool):
         self.mechanism = mechanism
         self._finger = finger
+
+    @property
+    def states(self) -> tuple[int, int, int]:
+        """Numbers of coordinates, of states of laws, and of modes of strings."""
+        m = self.mechanism
+        return len(m.coordinates), len(m.law_state_names), m.total_modes
 
     @cached_property
     def _found(self) -> Mapping[str, Any]:

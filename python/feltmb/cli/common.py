@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from feltmb.cli import completing
+from feltmb.cli.messages import complain
 from feltmb.errors import printable
 
 if TYPE_CHECKING:
@@ -57,7 +58,6 @@ __all__ = [
     "set_option",
     "split_list",
     "tables_as_json",
-    "tell_units",
     "with_settings",
 ]
 
@@ -243,11 +243,6 @@ def interruptible() -> Iterator[Callable[[], bool]]:
         yield asked.is_set
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def complain(text: str) -> None:
-    """Print one message on stderr."""
-    say(f"feltmb: {text}", err=True)
 
 
 def say_written(path: Path) -> None:
@@ -592,22 +587,17 @@ def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
 
 
 def with_settings(model: M, settings: Sequence[str]) -> M:
-    """Model of a file with the values of ``--set``."""
+    """Model of a file with the values of ``--set``; tells what numbers without a unit became."""
     from feltmb.mechanism import parse_setting
+    from feltmb.mechanism.parameters import told_numbers
 
     if not settings:
         return model
-    changed = model.with_values(dict(parse_setting(text) for text in settings))
-    tell_units(model, settings)
-    return changed
-
-
-def tell_units(model: Action | Actuator, settings: Sequence[str]) -> None:
-    """Tell the units of the numbers of ``--set`` that have none."""
-    from feltmb.mechanism import assumed_units, parse_setting
-
-    for text in assumed_units(model.raw, dict(parse_setting(text) for text in settings)):
+    values = dict(parse_setting(text) for text in settings)
+    changed = model.with_values(values)
+    for text in told_numbers(model, changed, values):
         complain(text)
+    return changed
 
 
 def parse_option(option: str, text: str, unit: str) -> float:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from feltmb.cli.common import tell_units
+from feltmb.cli.messages import complain
 from feltmb.data import ReadOptions, Record
 from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
@@ -19,7 +19,6 @@ from feltmb.fit.calling import calling
 from feltmb.gap import Limits, read_limits, read_measured, with_measured
 from feltmb.gap.designs import sensors_now
 from feltmb.gap.information import planned
-from feltmb.mechanism import load_action
 
 __all__ = ["Adapter", "held_out", "load_adapter"]
 
@@ -122,11 +121,9 @@ def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) 
     from feltmb.adapters import STROKE_KINDS, finger_limits, planned_strokes
     from feltmb.adapters.resolve import resolve
 
-    found = resolve(name, settings, channels)
+    found = resolve(name, settings, channels, tell=complain)
     if found is None:
         return None
-    if paths := [f"{k}={v}" for k, v in settings.items() if "." in k]:
-        tell_units(load_action(name), paths)
     model, effects = found
     return Adapter(
         model,

@@ -57,7 +57,10 @@ def read_columns(path: Path) -> Columns:
 
 def _read_text(path: Path) -> Columns:
     lines = text_lines(read_input(path, most=LARGEST_TABLE), path)
-    tracked = read_tracked(path, lines)
+    try:
+        tracked = read_tracked(path, lines)
+    except csv.Error as error:
+        raise DataError(f"{path}: is no table: {error}") from None
     if tracked is not None:
         return tracked
     lines = [line for line in lines if not line.startswith("#")]

@@ -76,7 +76,8 @@ def text_lines(data: bytes, path: Path) -> list[Line]:
         if encoding != "utf-8-sig" or b"\x00" in data:
             raise DataError(f"{path}: is no text (byte {fault.start})") from None
         text = data.decode("cp1252", errors="replace")
-    return [Line(line, i) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
+    lines = re.split(r"\r\n|\r|\n", text)  # as editors count them
+    return [Line(line, i) for i, line in enumerate(lines, 1) if line.strip()]
 
 
 def read_number(cell: str, decimal: str = ".") -> float | None:
@@ -104,7 +105,8 @@ def read_table(lines: Sequence[Line]) -> Table:
     """
     head = list(lines[: LONGEST_PREAMBLE + SAMPLE])
     separator, decimal = _style(_sample(lines))
-    cells = list(_split(head, separator))
+    numbered = list(_numbered(head, separator))
+    cells = [row for _, row in numbered]
     width = _width(cells)
     first = _first_row(cells, width, decimal)
     header = first - 1
@@ -114,9 +116,9 @@ def read_table(lines: Sequence[Line]) -> Table:
     names = tuple(cells[header]) if header >= 0 else ()
     rows = itertools.islice(_numbered(lines, separator), first, None)
     return Table(
-        preamble=tuple(head[: max(header, 0)]),
+        preamble=tuple(line for line in head if line.number < numbered[max(header, 0)][0]),
         header=names,
-        line=lines[max(header, 0)].number,
+        line=numbered[max(header, 0)][0],
         units=units,
         rows=rows,
         decimal=decimal,

@@ -125,6 +125,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
     for record in records:
         warnings += [f"{record.name}: {note}" for note in record.notes]
         _clock(record, problems, warnings)
+        numbers = all(np.isfinite(v).sum() <= 1 for v in record.outputs.values())
         for name, values in record.outputs.items():
             if outputs is not None and name not in outputs:
                 continue
@@ -134,7 +135,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
                 problems.append(f"{where}: {check.samples} values, expected at least 8")
             elif check.samples > 1 and check.spread == 0.0:
                 warnings.append(f"{where}: never changes")
-            elif 1 < check.samples < 8:  # a single value is meant as one
+            elif 0 < check.samples < 8 and not numbers:
                 warnings.append(
                     f"{where}: {check.samples} values: enough for a model of single numbers, not "
                     "for one that moves"

@@ -86,17 +86,14 @@ class AsItIs:
     multiple: float
     """``gap / noise`` [1]"""
     spread: float
-    """Standard deviation of the measured signal [unit]."""
+    """Standard deviation of the measured signal [unit]; NaN: no record has more than one value."""
     failed: tuple[str, ...] = ()
     """Records that the model cannot simulate to the end."""
 
     @property
     def worse_than_constant(self) -> bool:
-        """Whether a constant would be closer to the records than the model.
-
-        Channels that never change, or are a single value, are not judged.
-        """
-        return self.gap > self.spread > 0.0
+        """Whether a constant would be closer to the records than the model."""
+        return self.gap > self.spread
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -131,10 +131,14 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
             if name in outputs:
                 rows.append(_row(record, name, outputs[name], noise[name].sigma))
         notes += _undefined(model, record, outputs, text)
-        notes += [
-            f"{record.name}: {_looks_like(cycle)}: are the columns exchanged?"
-            for cycle in _exchanged(record, outputs, {n: x.sigma for n, x in noise.items()})
-        ]
+        sigma = {n: x.sigma for n, x in noise.items()}
+        for cycle in _exchanged(record, outputs, sigma):
+            channels = [channel for channel, _ in cycle]
+            own = [r for r in rows if r.record == record.name and r.channel in channels]
+            if all(_unit_of(r) and abs(r.correlation) > ALIKE for r in own):
+                continue  # wrong units are as good an explanation
+            rows = [replace(r, factor=float("nan")) if r in own else r for r in rows]
+            notes.append(f"{record.name}: {_looks_like(cycle)}: are the columns exchanged?")
     notes += _hints(rows)
     return GapBefore(
         model=model.name,
@@ -398,34 +402,36 @@ def _exchanged(
     """Cycles of channels, each with the one that it looks like.
 
     The other output must leave less than half of the squared difference that each channel has to
-    its own one, which must be more than noise, and less than half of the variance of all channels
-    of the cycle together.
+    its own one, which must be more than noise. Of the variance of all channels of the cycle, the
+    other outputs must explain at least half, and their own ones less: channels that are nearly
+    equal explain each other.
     """
     from scipy.optimize import linear_sum_assignment
 
     cycles = []
-    names = [n for n in record.outputs if n in simulated]
+    names = [n for n in simulated if n in record.outputs]
+    names = [n for n in names if np.isfinite(record.outputs[n] - simulated[n]).any()]
     for unit in dict.fromkeys(record.sensors[n].unit for n in names):
         own = [n for n in names if record.sensors[n].unit == unit]
-        cost = np.full((len(own), len(own)), np.inf)
-        for i, j in np.ndindex(cost.shape):
-            gap = record.outputs[own[i]] - simulated[own[j]]
-            if np.isfinite(gap).any():
-                cost[i, j] = np.nanmean(gap**2)
-        if len(own) < 2 or not np.isfinite(cost).all():
-            continue
-        order = linear_sum_assignment(cost)[1].tolist()
         noises = np.array([noise[n] for n in own])
-        spread = np.array([np.nanvar(record.outputs[n]) for n in own]) / noises**2
-        as_it_is = np.diag(cost) / noises**2
-        left = cost[np.arange(len(own)), order] / noises**2
+        measured = np.stack([record.outputs[n] for n in own]) / noises[:, None]
+        found = np.stack([simulated[n] for n in own])
+        cost = np.zeros((len(own), len(own)))
+        for i, j in np.ndindex(cost.shape):
+            gap = measured[i] - found[j] / noises[i]
+            # Far from everything without a common sample.
+            cost[i, j] = np.nanmean(gap**2) if np.isfinite(gap).any() else np.inf
+        worst = np.max(cost, where=np.isfinite(cost), initial=1.0)
+        order = linear_sum_assignment(np.minimum(cost, 1e3 * worst))[1].tolist()
+        spread, as_it_is = np.nanvar(measured, axis=1), np.diag(cost)
+        left = cost[np.arange(len(own)), order]
         share = 1.0 - EXPLAINS_MOST
         cycles += [
             tuple((own[i], own[order[i]]) for i in cycle)
             for cycle in _cycles(order)
             if np.all(as_it_is[cycle] > 1.0)
             and np.all(left[cycle] < share * as_it_is[cycle])
-            and np.sum(left[cycle]) < share * np.sum(spread[cycle])
+            and np.sum(left[cycle]) < share * np.sum(spread[cycle]) < np.sum(as_it_is[cycle])
         ]
     return cycles
 

@@ -69,7 +69,7 @@ class Profile:
         parts += [np.linspace(b, b + length, KNOTS) for b, length, _ in self.moves]
         if self.wave is not None:
             _, first, last, begin, stop = self.wave
-            count = max(16, math.ceil(16 * (stop - begin) * max(first, last)))
+            count = max(40, math.ceil(40 * (stop - begin) * max(first, last)))
             parts.append(np.linspace(begin, stop, count))
         time = np.unique(np.round(np.minimum(np.concatenate(parts), self.end), 7))
         return time, self.at(time)

@@ -426,6 +426,11 @@ def _read_asked(here: Path) -> dict[str, Any]:
     raw = read_json(here / "asked.json")
     if not isinstance(raw, dict) or not {"kind", "name", "cost", "expected"} <= raw.keys():
         raise DataError(f"{here / 'asked.json'}: is damaged; remove the folder to plan again")
+    if raw["kind"] not in ("record", "part", "sensor"):
+        raise DataError(
+            f"{here / 'asked.json'}: kind {raw['kind']!r}, expected record, part or sensor; a "
+            "session of another version of feltmb goes on with that version"
+        )
     return raw
 
 

@@ -112,7 +112,9 @@ def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:
                 gap=gap,
                 noise=sigma,
                 multiple=gap / sigma,
-                spread=float(np.sqrt(np.mean(np.concatenate(spread) ** 2))),
+                spread=float(np.sqrt(np.mean(np.concatenate(spread) ** 2)))
+                if max(x.size for x in spread) > 1
+                else math.nan,
                 failed=tuple(failed),
             )
         )

@@ -27,7 +27,6 @@ from feltmb.mechanism.schema import (
 from feltmb.mechanism.to_core import core_law, describe
 from feltmb.mechanism.values import (
     apply_values,
-    assumed_units,
     expand_path,
     parse_setting,
     plain_data,
@@ -49,7 +48,6 @@ __all__ = [
     "Surface",
     "View",
     "apply_values",
-    "assumed_units",
     "core_law",
     "describe",
     "expand_path",

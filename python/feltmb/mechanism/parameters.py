@@ -14,16 +14,22 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 from pydantic import BaseModel, ValidationError
 
 from feltmb import _core
 from feltmb.errors import InvalidParameter
-from feltmb.mechanism import Action, Body, Contact, MechanismFile, describe
+from feltmb.mechanism import Action, Body, Contact, describe, expand_path
 from feltmb.units.quantity import shortened, unit_of
 
-__all__ = ["Parameter", "all_parameters", "find_parameters", "mechanism_with"]
+__all__ = [
+    "Parameter",
+    "all_parameters",
+    "find_parameters",
+    "mechanism_with",
+    "told_numbers",
+]
 
 #: Tables whose numbers are parameters of the equations of motion.
 TABLES = (
@@ -89,7 +95,7 @@ def _children(node: Any) -> Iterator[tuple[str, Any]]:
         yield from zip(_AXES, node, strict=True)
 
 
-def _unit(config: MechanismFile, parents: list[Any], names: list[str]) -> str:
+def _unit(config: BaseModel, parents: list[Any], names: list[str]) -> str:
     """SI unit of the field at the end of a chain of names."""
     for depth in range(len(names) - 1, -1, -1):
         owner = parents[depth]
@@ -108,7 +114,7 @@ def _unit(config: MechanismFile, parents: list[Any], names: list[str]) -> str:
     return "1"
 
 
-def _joint(config: MechanismFile, owners: list[Any]) -> str:
+def _joint(config: BaseModel, owners: list[Any]) -> str:
     """Kind of the joint of a table, from the table or its coordinate, or ``contact``."""
     for owner in reversed(owners):
         if isinstance(owner, Contact):
@@ -116,14 +122,14 @@ def _joint(config: MechanismFile, owners: list[Any]) -> str:
         if isinstance(owner, Body):
             return "prismatic" if owner.joint == "prismatic" else "revolute"
         coordinate = getattr(owner, "coordinate", None)
-        for body in config.bodies.values():
+        for body in getattr(config, "bodies", {}).values():
             if coordinate is not None and body.coordinate == coordinate:
                 return "prismatic" if body.joint == "prismatic" else "revolute"
     return "revolute"
 
 
 def _walk(
-    config: MechanismFile, node: Any, parents: list[Any], names: list[str]
+    config: BaseModel, node: Any, parents: list[Any], names: list[str]
 ) -> Iterator[Parameter]:
     if isinstance(node, bool) or node is None or isinstance(node, str):
         return
@@ -135,6 +141,66 @@ def _walk(
         return
     for name, child in _children(node):
         yield from _walk(config, child, [*parents, node], [*names, name])
+
+
+class _OfFile(Protocol):
+    """A mechanism or an actuator, as its file describes it."""
+
+    @property
+    def config(self) -> Any: ...
+
+    @property
+    def raw(self) -> dict[str, Any]: ...
+
+
+#: Changed numbers of one setting that are told.
+TOLD = 3
+
+
+def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> list[str]:
+    """Sentences about numbers without a unit: what they became, in SI units, and what they were.
+
+    Parameters
+    ----------
+    before, after
+        The model without and with the values.
+    values
+        Values by dotted path, as for ``Action.with_values``.
+    """
+    bare = {path: v for path, v in values.items() if _is_bare(v)}
+    if not bare:
+        return []
+    was = {p.path: p for p in _numbers_of(before.config)}
+    told = []
+    for path in bare:
+        starts = [".".join(parts).removesuffix(".value") for parts in expand_path(after.raw, path)]
+        for k, axis in enumerate(_AXES):
+            starts = [f"{s[:-2]}.{axis}" if s.endswith(f".{k}") else s for s in starts]
+        changed = [
+            f"{p.path} = {p.value:g} {p.unit}"
+            + (f" (was {was[p.path].value:g} {p.unit})" if p.path in was else "")
+            for p in _numbers_of(after.config)
+            if p.unit != "1"
+            and any(p.path == s or p.path.startswith(f"{s}.") for s in starts)
+            and (p.path not in was or was[p.path].value != p.value)
+        ]
+        if changed:
+            more = f"; and {len(changed) - TOLD} more" if len(changed) > TOLD else ""
+            told.append(
+                f"{'; '.join(changed[:TOLD])}{more}. A number without a unit has the unit of the "
+                "file, or else the SI unit"
+            )
+    return told
+
+
+def _is_bare(value: Any) -> bool:
+    if isinstance(value, (list, tuple)):
+        return bool(value) and all(_is_bare(v) for v in value)
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _numbers_of(config: BaseModel) -> list[Parameter]:
+    return list(_walk(config, config, [], []))
 
 
 def all_parameters(action: Action) -> list[Parameter]:

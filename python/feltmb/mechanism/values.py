@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from feltmb.errors import InvalidParameter
@@ -19,7 +19,6 @@ from feltmb.units.quantity import (
 __all__ = [
     "apply_numbers",
     "apply_values",
-    "assumed_units",
     "expand_path",
     "parse_setting",
     "plain_data",
@@ -126,55 +125,6 @@ def apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) 
     if faults:
         raise InvalidParameter("\n".join(faults))
     return out
-
-
-def assumed_units(raw: Mapping[str, Any], values: Mapping[str, Any]) -> list[str]:
-    """Sentences about numbers without a unit: which unit they get, and what the file has.
-
-    Parameters
-    ----------
-    raw
-        Tables of the file.
-    values
-        Values by dotted path, see :func:`apply_values`.
-    """
-    told = []
-    for path, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            continue
-        for parts in expand_path(raw, path):
-            found = _entry(raw, parts)
-            if found is None:
-                continue
-            old, unit = found
-            told.append(
-                f"{'.'.join(parts)} = {value:g} {unit} (in the file {old:g} {unit}); a number "
-                "without a unit has the unit of the file"
-            )
-    return told
-
-
-def _entry(raw: Mapping[str, Any], parts: Sequence[str]) -> tuple[float, str] | None:
-    """Number and unit of an entry; None if it has no unit."""
-    node: Any = raw
-    unit = ""
-    for part in parts:
-        if is_quantity(node):
-            unit, node = node.get("unit", ""), node["value"]
-        if isinstance(node, Mapping):
-            node = node.get(part)
-        elif isinstance(node, list):
-            index = _AXES.get(part, int(part) if part.isdecimal() else len(node))
-            node = node[index] if index < len(node) else None
-        else:
-            return None
-    if is_quantity(node):
-        unit, node = node.get("unit", ""), node["value"]
-    if isinstance(node, str):
-        return split_quantity(node) if (split_quantity(node) or (0.0, ""))[1] else None
-    if isinstance(node, bool) or not isinstance(node, (int, float)) or unit in ("", "1"):
-        return None
-    return float(node), unit
 
 
 #: Tables of parts whose numbers refer to nothing else in the file.

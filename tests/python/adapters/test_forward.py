@@ -40,7 +40,7 @@ def columns_of(monkeypatch, mechanism, stroke, effects, whole):
     zeros = {o: np.zeros(time.size) for o in model.outputs}
     record = Record(name=stroke, time=time, inputs={"force": values}, outputs=zeros)
     candidates = [Candidate(e, s) for e in known for s in e.shapes]
-    candidates = tuple(c for c in candidates if can_differentiate(c))
+    candidates = tuple(c for c in candidates if can_differentiate(model, record, c))
     count = len(model.parameters)
     at = OperatingPoint(record, np.zeros(count), (), np.zeros(0))
     with monkeypatch.context() as patch:
@@ -121,7 +121,7 @@ def agreement(monkeypatch, stroke, effects, tolerances, tolerance=2e-6, rtol=1e-
     record = Record(name=stroke, time=time, inputs={"force": loaded.at(time)}, outputs=zeros)
     candidates = [Candidate(e, s) for e in known for s in e.shapes]
     candidates = tuple(
-        c for c in candidates if can_differentiate(c) and c.effect.bounds[0] < 0.0
+        c for c in candidates if can_differentiate(model, record, c) and c.effect.bounds[0] < 0.0
         and c.effect.data.condition is None
     )  # fmt: skip
     s = model.sensitivities([SensitivityRequest(

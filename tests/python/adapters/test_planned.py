@@ -38,7 +38,7 @@ def designed(profile, name, factor=1.0):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("family", ["step", "repeated pulse", "two steps"])
+@pytest.mark.parametrize("family", FAMILIES)
 def test_a_planned_force_is_a_stroke_and_a_torque(model, family, tmp_path):
     profile = profile_of(model, family)
     experiment = designed(profile, "force")

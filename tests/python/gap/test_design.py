@@ -603,8 +603,8 @@ def test_names_of_families_can_stand_in_a_list_with_commas():
 
 def test_the_name_of_a_profile_has_seconds_from_one_second_upward():
     numbers = {"level": 3.0, "rise": 56.5, "hold": 0.02}
-    profile = Profile(family="press", numbers=numbers, start=0.0, moves=(), end=80.0)
-    assert _words(profile, "u", "N") == "press of u: 3 N, rise 56.5 s, hold 20 ms"
+    profile = Profile(family="step", numbers=numbers, start=0.0, moves=(), end=80.0)
+    assert _words(profile, "u", "N") == "step of u: 3 N, rise 56.5 s, hold 20 ms"
 
 
 def heated():

@@ -215,7 +215,7 @@ def test_a_plan_before_any_data_makes_effects_from_the_limits(tmp_path, capsys):
     with pytest.raises(SystemExit) as end:
         command_line(plan)
     assert end.value.code == 0
-    assert "press" in capsys.readouterr().out
+    assert " of motor: " in capsys.readouterr().out
     report = tmp_path / "report.json"
     report.write_text('{"model": "another"}')
     with pytest.raises(SystemExit):

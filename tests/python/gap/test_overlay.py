@@ -251,6 +251,22 @@ def test_single_numbers_are_not_exchanged_columns():
     assert not [n for n in gap.check(model, swapped).notes if "exchanged" in n]
 
 
+def test_a_wrong_direction_is_no_exchange():
+    model = gap.SimulatorModel(
+        lambda time, inputs, p: {"front": inputs["u"], "back": -p["arm"] * inputs["u"]},
+        parameters=[gap.Parameter(name="arm", value=1.0, sd=0.05)],
+        inputs={"u": "1"},
+        outputs={"front": "m", "back": "m"},
+    )
+    _, (first, _) = three()
+    u = first.inputs["u"]
+    sensors = {n: Sensor(name=n, unit="m", sigma=1e-3) for n in ("front", "back")}
+    seen = replace(first, outputs={"front": -u, "back": u}, sensors=sensors)
+    notes = gap.check(model, seen).notes
+    assert not [n for n in notes if "exchanged" in n]
+    assert len([n for n in notes if "the other direction" in n]) == 2
+
+
 def test_exchanged_columns_end_a_diagnosis_before_any_fit():
     model, records = three()
     told = []
@@ -259,9 +275,40 @@ def test_exchanged_columns_end_a_diagnosis_before_any_fit():
     assert {p.stage for p in told} == {"checks of the data"}
     # One record alone may be a cause of its own, and free parameters may explain another order.
     quick = gap.Options(bootstrap=0, restarts=0, advice=False)
-    assert gap.diagnose(model, [], [exchanged(records[0], "a", "b"), records[1]], options=quick)
+    one = gap.diagnose(model, [], [exchanged(records[0], "a", "b"), records[1]], options=quick)
+    assert one.verdict is gap.Verdict.UNKNOWN
     free, own = three(np.inf)
-    assert gap.diagnose(free, [], [exchanged(r, "a", "b") for r in own], options=quick)
+    assert gap.diagnose(free, [], [exchanged(r, "a", "b") for r in own], options=quick).verdict
+    # Records may list their outputs in another order, or lack some.
+    turned = replace(records[1], outputs=dict(reversed(records[1].outputs.items())))
+    blank = replace(records[0], outputs={**records[0].outputs, "c": np.full(200, np.nan)})
+    with pytest.raises(DataError, match="a looks like b, b looks like a: the columns"):
+        gap.diagnose(model, [], [exchanged(r, "a", "b") for r in (blank, turned)])
+
+
+def test_channels_that_are_nearly_equal_are_not_exchanged():
+    model = gap.SimulatorModel(
+        lambda time, inputs, p: {
+            "left": (1.0 + p["tilt"]) * inputs["u"], "right": (1.0 - p["tilt"]) * inputs["u"]
+        },
+        parameters=[gap.Parameter(name="tilt", value=0.1, sd=0.02)],
+        inputs={"u": "1"},
+        outputs={"left": "m", "right": "m"},
+    )  # fmt: skip
+    generator = np.random.default_rng(6)
+    time = np.arange(200) * 1e-3
+    records = []
+    for i in range(2):
+        u = np.sin((20.0 + 9.0 * i) * time)
+        sensors = {n: Sensor(name=n, unit="m", sigma=1e-3) for n in ("left", "right")}
+        outputs = {n: s * u + 1e-3 * generator.standard_normal(time.size)
+                   for n, s in (("left", 0.92), ("right", 1.08))}  # fmt: skip
+        made = Record(name=f"r{i}", time=time, inputs={"u": u}, outputs=outputs, sensors=sensors,
+                      role="held_out" if i else "fit")  # fmt: skip
+        records.append(made)
+    assert not [n for n in gap.check(model, records).notes if "exchanged" in n]
+    quick = gap.Options(bootstrap=0, restarts=0, advice=False)
+    assert gap.diagnose(model, [], records, options=quick).verdict is gap.Verdict.CALIBRATED
 
 
 def test_a_wrong_unit_ends_a_diagnosis_before_any_fit():

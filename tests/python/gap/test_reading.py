@@ -216,6 +216,17 @@ def test_faults_tell_the_line_of_the_file(tmp_path):
     assert "line 9: 2 cells, expected 3" in str(error.value)
 
 
+def test_a_fault_of_the_header_tells_its_line(tmp_path):
+    head = '"a\nb\nc",,\nt,force [N],force [N]\n'
+    path = put(tmp_path, head + "0,1,1\n1,1,1\n2,1,1\n")
+    with pytest.raises(DataError, match="line 4: a column is named twice"):
+        read_record(path, **MODEL)
+    # A form feed ends no line.
+    path = put(tmp_path, "# page\x0c1\nt,force [N],tip.x [mm]\n0,1,1\n1,x,1\n2,1,1\n")
+    with pytest.raises(DataError, match="line 4, column force: 'x' is no number"):
+        read_record(path, **MODEL)
+
+
 # ---------------------------------------------------------------- exports of trackers
 
 

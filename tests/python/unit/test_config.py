@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.mechanism import assumed_units, parse_setting
+from feltmb.action.actuator import load_actuator
+from feltmb.mechanism import parse_setting
+from feltmb.mechanism.parameters import told_numbers
 
 
 def test_packaged_actions():
@@ -158,20 +160,29 @@ def test_setting_without_path_or_value(text):
         parse_setting(text)
 
 
+def told(model, values):
+    return told_numbers(model, model.with_values(values), values)
+
+
 def test_a_number_without_a_unit_gets_that_of_the_file_and_it_is_told(action):
-    raw = action.raw
-    (told,) = assumed_units(raw, {"head.mass": 7.2})
-    assert told.startswith("bodies.head.mass = 7.2 kg (in the file 0.0078 kg)")
-    assert action.with_values({"head.mass": 7.2}).config.bodies["head"].mass == 7.2
-    (told,) = assumed_units(raw, {"surfaces.Gp10.point.y": 77.1})
-    assert told.startswith("surfaces.Gp10.point.y = 77.1 mm (in the file 77 mm)")
-    assert len(assumed_units(raw, {"bodies.*.mass": 1.0})) > 3
-    silent = {"head.mass": "7.2 g", "string.modes": 80, "wire.rigid": True, "nothing.here": 1.0,
-              "contacts.06.law": "printed", "head.position": [1.0, 2.0]}  # fmt: skip
-    assert assumed_units(raw, silent) == []
-    assert assumed_units({"a": {"m": "15 g"}}, {"a.m": 16}) == [
-        "a.m = 16 g (in the file 15 g); a number without a unit has the unit of the file"
-    ]
+    (text,) = told(action, {"head.mass": 7.2})
+    assert text.startswith("bodies.head.mass = 7.2 kg (was 0.0078 kg). A number without a unit")
+    for path, value, says in (
+        ("head.mass.value", 7.2, "bodies.head.mass = 7.2 kg (was 0.0078 kg)"),
+        ("surfaces.Gp10.point.y", 77.1, "surfaces.Gp10.point.y = 0.0771 m (was 0.077 m)"),
+        ("bodies.head.angle", 30, "bodies.head.angle = 30 rad (was"),  # not in the file
+        ("contacts.01.loading.a", 5, "contacts.01.loading.a = 5 N/m (was 5520 N/m)"),
+        ("head.position", [3, 4], "bodies.head.position.x = 0.003 m (was 0.093 m); bodies.head."),
+        ("contacts.*.loading.a", 5000.0, "; and "),
+    ):
+        (text,) = told(action, {path: value})
+        assert says in text
+    arm = load_actuator("wood")
+    (text,) = told(arm, {"hub.radius": 30})
+    assert text.startswith("hub.radius = ")
+    silent = {"head.mass": "7.2 g", "string.modes": 80, "wire.rigid": True,
+              "contacts.06.law": "printed", "key.mass": 0.1176}  # fmt: skip
+    assert told(action, silent) == []
 
 
 # --- hash, round trip, pickle, extends ---------------------------------------------------------

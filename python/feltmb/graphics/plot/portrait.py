@@ -236,7 +236,7 @@ def _finger_tail(
 
 def _draw_scale(ax: Axes, drawn: Scene, limits: tuple[Array, Array]) -> None:
     """Draw a scale bar of a round length in the lower right corner."""
-    span = 100.0 * drawn.unit
+    span = min(100.0 * drawn.unit, 0.4 * float(limits[1][0] - limits[0][0]))
     round_length = 10.0 ** math.floor(math.log10(span))
     for step in (5.0, 2.0):
         if step * round_length <= span:
@@ -244,7 +244,14 @@ def _draw_scale(ax: Axes, drawn: Scene, limits: tuple[Array, Array]) -> None:
             break
     x1 = limits[1][0] - 6.0 * drawn.unit
     y = limits[0][1] + 0.3 * SCALE_STRIP * drawn.unit
-    ax.plot([x1 - round_length, x1], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt")
+    ax.plot(
+        [x1 - round_length, x1],
+        [y, y],
+        color=INK,
+        linewidth=2.0,
+        solid_capstyle="butt",
+        gid="scale",
+    )
     ax.text(
         x1 - 0.5 * round_length,
         y + 2.0 * drawn.unit,
