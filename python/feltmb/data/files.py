@@ -235,10 +235,14 @@ def _build(path: Path, sheet: Sheet, columns: Columns, *, guessed: bool) -> tupl
 
 
 def _backward(columns: Columns, time: Array, at: NDArray[np.intp]) -> str:
-    """Where the clock of a text file does not increase; "" if it does."""
-    with np.errstate(invalid="ignore"):
-        wrong = np.flatnonzero(np.diff(time[at]) <= 0.0)
-    if columns.lines is None or not wrong.size:
+    """Where the clock of a text file is missing or does not increase; "" if nowhere."""
+    if columns.lines is None:
+        return ""
+    blank = np.flatnonzero(~np.isfinite(time[at]))
+    if blank.size:
+        return f"line {columns.lines[at[blank[0]]]}: no time"
+    wrong = np.flatnonzero(np.diff(time[at]) <= 0.0)
+    if not wrong.size:
         return ""
     before, here = at[wrong[0]], at[wrong[0] + 1]
     more = f" (and {wrong.size - 1} times more)" if wrong.size > 1 else ""
@@ -365,6 +369,9 @@ def _runs(
         return []
     with np.errstate(invalid="ignore"):
         steps = np.diff(time)
+        if np.sum(steps < 0.0) > 0.5 * steps.size:
+            faults.append(f"time decreases, from {time[0]:.10g} s to {time[-1]:.10g} s")
+            return []
         # A clock that starts again, as opposed to a clock with an error.
         again = np.flatnonzero((steps < 0.0) & (time[1:] - time[0] < 0.5 * (time[:-1] - time[0])))
     if name and (sheet.run or np.any(steps <= 0.0)):

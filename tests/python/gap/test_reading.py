@@ -216,6 +216,18 @@ def test_faults_tell_the_line_of_the_file(tmp_path):
     assert "line 9: 2 cells, expected 3" in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("rows", "says"),
+    [
+        ("0,1,1\n,1,1\n2,1,1\n3,1,1\n", "line 3: no time"),
+        ("3,1,1\n2,1,1\n1,1,1\n0,1,1\n", "time decreases, from 3 s to 0 s"),
+    ],
+)
+def test_a_clock_without_time_is_a_fault(tmp_path, rows, says):
+    with pytest.raises(DataError, match=says):
+        read_record(put(tmp_path, f"t,force [N],tip.x [mm]\n{rows}"), **MODEL)
+
+
 def test_a_fault_of_the_header_tells_its_line(tmp_path):
     head = '"a\nb\nc",,\nt,force [N],force [N]\n'
     path = put(tmp_path, head + "0,1,1\n1,1,1\n2,1,1\n")

@@ -5,6 +5,7 @@ import itertools
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 import feltmb
 from feltmb import Action, InvalidParameter, _core, plot
+from feltmb.cli import main
 from feltmb.graphics.plot.poses import bent_beams, point_at
 
 NUMERIC = ("forte", "piano")
@@ -479,3 +481,24 @@ def test_no_global_state_of_matplotlib_is_touched():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", ["steinway45", "falling_mass", "hammer_and_string", "template"])
+def test_the_scale_bar_of_a_mechanism_fits_the_drawing(name, tmp_path):
+    if name == "template":
+        path = tmp_path / "mine.toml"
+        with pytest.raises(SystemExit):
+            main(["new", str(path)])
+    elif name == "steinway45":
+        path = name
+    else:
+        path = Path(__file__).parents[3] / "examples" / "gallery" / f"{name}.toml"
+    (ax,) = plot.mechanism(feltmb.load_action(path)).axes
+    (bar,) = [line for line in ax.lines if line.get_gid() == "scale"]
+    left, right = bar.get_xdata()
+    low, high = ax.get_xlim()
+    assert low < left < right < high
+    assert right - left > 0.05 * (high - low)
+    told = next(t.get_text() for t in ax.texts if t.get_text().endswith(" mm"))
+    assert told == f"{1e3 * (right - left):g} mm"
+    assert ax.get_ylim()[0] < bar.get_ydata()[0]
