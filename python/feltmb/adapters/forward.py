@@ -40,27 +40,35 @@ TOLERANCE = 3e-3
 
 
 @dataclass(frozen=True)
-class _Node:
-    """A version of the mechanism with its input, at one shift of a variable."""
+class _Version:
+    """A version of the mechanism with its input."""
 
     variant: Variant
     drive: Drive
-    shift: float
-    weight: float
 
 
 @dataclass(frozen=True)
 class _Column:
-    """One variable of differentiation: shifted versions of the mechanism with their weights."""
+    """One variable of differentiation: the base, and a version with a shifted variable."""
 
     name: str
-    nodes: tuple[_Node, ...]
+    moved: _Version
+    base: _Version
+    shift: float
     scale: float
 
-    def derivative(self, pick: Callable[[_Node], Any]) -> Array:
+    def derivative(self, pick: Callable[[_Version], Any]) -> Array:
         """Derivative of a quantity of a version by this variable."""
-        out: Array = sum(n.weight * np.asarray(pick(n)) for n in self.nodes)  # type: ignore[assignment]
-        return out
+        return np.asarray((np.asarray(pick(self.moved)) - pick(self.base)) / self.shift)
+
+    def parameter(self) -> _core.SensitivityParameter:
+        """The variable as the core takes it."""
+        parts = ((self.moved, self.shift, 1.0 / self.shift), (self.base, 0.0, -1.0 / self.shift))
+        versions = [
+            _core.Perturbed(v.variant.mechanism, v.drive.input, shift, weight)
+            for v, shift, weight in parts
+        ]
+        return _core.SensitivityParameter(self.name, versions, self.scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +133,10 @@ def forward_sensitivities(
     try:
         base = model.version(record, at.theta, at.included, at.magnitudes)
         drive = model.drives.of(record)
-        columns = _columns(model, at, by_theta, candidates, base, drive)
-        columns += _input_columns(model, record, input_changes, base, drive)
-        segment = _segment(model, columns, base, drive)
+        there = _Version(base, drive)
+        columns = _columns(model, at, by_theta, candidates, there)
+        columns += _input_columns(model, record, input_changes, there)
+        segment = _segment(model, columns, there)
         rest = _at_rest(model, columns) if drive.motion else None
     except FeltmbError:
         return None
@@ -140,22 +149,7 @@ def forward_sensitivities(
     index = {name: i for i, (name, _, _) in enumerate(_core.observables(base.mechanism))}
     options.outputs = [index[o] for o in model.outputs]
     options.threads = model.workers
-    parameters = [
-        _core.SensitivityParameter(
-            c.name,
-            [
-                _core.Perturbed(
-                    n.variant.mechanism,
-                    n.drive.input,
-                    n.shift,
-                    n.weight,
-                )
-                for n in c.nodes
-            ],
-            c.scale,
-        )
-        for c in columns
-    ]
+    parameters = [c.parameter() for c in columns]
     simulated(1.0)
     try:
         (result,) = _core.sensitivities(base.mechanism, drive.input, parameters, [segment], options)
@@ -170,22 +164,22 @@ def forward_sensitivities(
 
 
 def _segment(
-    model: DifferentiableMechanism, columns: Sequence[_Column], base: Variant, drive: Drive
+    model: DifferentiableMechanism, columns: Sequence[_Column], base: _Version
 ) -> _core.SensitivitySegment:
     """The record from its start; with a motion, with the start state and its derivatives."""
-    end = float(drive.time[-1] - drive.time[0])
-    if not drive.motion:
+    end = float(base.drive.time[-1] - base.drive.time[0])
+    if not base.drive.motion:
         return _core.SensitivitySegment(0.0, end)  # the core finds the rest pose
 
-    def start_of(n: _Node) -> Array:
-        return start_state(model.action, n.variant, n.drive)
+    def start_of(v: _Version) -> Array:
+        return start_state(model.action, v.variant, v.drive)
 
-    state = start_of(_Node(base, drive, 0.0, 1.0))
+    state = start_of(base)
     moves = np.zeros((state.size, len(columns)))
     for c, column in enumerate(columns):
         moves[:, c] = column.derivative(start_of)
     none = np.zeros((state.size, 0))
-    return _core.SensitivitySegment(0.0, end, list(state), list(base.memory), none, moves)
+    return _core.SensitivitySegment(0.0, end, list(state), list(base.variant.memory), none, moves)
 
 
 def _at_rest(model: DifferentiableMechanism, columns: Sequence[_Column]) -> Array:
@@ -193,7 +187,7 @@ def _at_rest(model: DifferentiableMechanism, columns: Sequence[_Column]) -> Arra
     rest = np.zeros((len(model.outputs), len(columns)))
     for k, column in enumerate(columns):
         rest[:, k] = column.derivative(
-            lambda n: [model.at_rest(n.variant, o) for o in model.outputs]
+            lambda v: [model.at_rest(v.variant, o) for o in model.outputs]
         )
     return rest
 
@@ -208,8 +202,7 @@ def _columns(
     at: OperatingPoint,
     by_theta: Sequence[int],
     candidates: tuple[Candidate, ...],
-    base: Variant,
-    drive: Drive,
+    base: _Version,
 ) -> list[_Column]:
     """Variables with one-sided differences: their curvature error is below 1e-5 of a derivative."""
     theta, included, magnitudes = at.theta, at.included, at.magnitudes
@@ -223,7 +216,7 @@ def _columns(
         scale: float,
     ) -> _Column:
         version = model.version(at.record, moved, more, sizes)
-        return _between(name, _Node(version, drive, shift, 1.0 / shift), base, drive, scale)
+        return _Column(name, _Version(version, base.drive), base, shift, scale)
 
     out = []
     for i in by_theta:
@@ -248,20 +241,14 @@ def _input_columns(
     model: DifferentiableMechanism,
     record: Record,
     changes: Sequence[Mapping[str, Array]],
-    base: Variant,
-    drive: Drive,
+    base: _Version,
 ) -> list[_Column]:
     """Changes of the inputs as variables; a noisy motion is smoothed before and after a change."""
     out = []
     for k, change in enumerate(changes):
         added = {name: record.inputs[name] + value for name, value in change.items()}
-        whole = model.drives.of(record.with_inputs(added)).value - drive.value
-        near = replace(drive, value=drive.value + INPUT_SHIFT * whole)
-        node = _Node(base, near, INPUT_SHIFT, 1.0 / INPUT_SHIFT)
-        out.append(_between(f"input change {k}", node, base, drive, 1.0))
+        whole = model.drives.of(record.with_inputs(added)).value - base.drive.value
+        near = replace(base.drive, value=base.drive.value + INPUT_SHIFT * whole)
+        moved = _Version(base.variant, near)
+        out.append(_Column(f"input change {k}", moved, base, INPUT_SHIFT, 1.0))
     return out
-
-
-def _between(name: str, node: _Node, base: Variant, drive: Drive, scale: float) -> _Column:
-    """A one-sided difference between a shifted version and the base."""
-    return _Column(name, (node, _Node(base, drive, 0.0, -node.weight)), scale)

@@ -51,7 +51,10 @@ VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
 
 
 class MechanismModel(DifferentiableMechanism):
-    """A mechanism as a model of :mod:`feltmb.fit` and :mod:`feltmb.gap`.
+    """A mechanism as a model of a fit or a diagnosis: parameters, records, files.
+
+    Abstract; :class:`~feltmb.adapters.strokes.StrokeModel` simulates and differentiates it, and
+    :func:`mechanism_model` makes one.
 
     Parameters
     ----------
