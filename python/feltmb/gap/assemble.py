@@ -245,6 +245,8 @@ def how_far_rows(
             if not units:
                 continue
             old = _per_channel(before, segmented_records, which, c)
+            if not sum(p.size for p in old):
+                continue  # no held-out record has a value
             new = _per_channel(after, segmented_records, which, c)
             plain = _per_channel(tabulated, segmented_records, which, c)
             sigma = float(

@@ -286,6 +286,15 @@ def test_exchanged_columns_end_a_diagnosis_before_any_fit():
         gap.diagnose(model, [], [exchanged(r, "a", "b") for r in (blank, turned)])
 
 
+def test_a_channel_without_values_has_no_row():
+    model, records = three()
+    blank = [replace(r, outputs={**r.outputs, "c": np.full(200, np.nan)}) for r in records]
+    quick = gap.Options(bootstrap=0, restarts=0, advice=False)
+    report = gap.diagnose(model, [], blank, options=quick)
+    assert report.verdict is gap.Verdict.CALIBRATED
+    assert {row.channel for row in report.how_far.rows} == {"a", "b"}
+
+
 def test_channels_that_are_nearly_equal_are_not_exchanged():
     model = gap.SimulatorModel(
         lambda time, inputs, p: {
