@@ -12,8 +12,8 @@ from feltmb.adapters.model import MechanismModel
 from feltmb.data import Array, Record, Sensor
 from feltmb.files import write_text
 from feltmb.fit.limits import InputLimits, Limits
-from feltmb.run.stroke import PRESCRIBED, load_stroke
-from feltmb.run.stroke.strokes import Kind
+from feltmb.run.stroke import load_stroke
+from feltmb.run.stroke.strokes import Kind, usual_interpolation
 
 __all__ = [
     "STROKES",
@@ -86,7 +86,7 @@ def finger_limits(model: MechanismModel) -> Limits | None:
 
 
 def write_planned_stroke(
-    path: Path, kind: str, time: Array, value: Array, *, unit: str, about: str, force: bool = False
+    path: Path, kind: Kind, time: Array, value: Array, *, unit: str, about: str, force: bool = False
 ) -> Path:
     """Write a stroke file for ``feltmb stroke`` through points.
 
@@ -114,7 +114,7 @@ def write_planned_stroke(
             "unit": ["s", unit],
             "time": [float(f"{t:.9g}") for t in time],
             "value": [float(f"{v:.9g}") for v in value],
-            "interpolation": "spline" if kind in PRESCRIBED else "monotone",
+            "interpolation": usual_interpolation(kind),
         },
     }
     return write_text(path, tomlkit.dumps(table), force=force)

@@ -19,6 +19,7 @@ from feltmb.fit.calling import calling
 from feltmb.gap import Limits, read_limits, read_measured, with_measured
 from feltmb.gap.designs import sensors_now
 from feltmb.gap.information import planned
+from feltmb.run.stroke.strokes import Kind
 
 __all__ = ["Adapter", "held_out", "load_adapter"]
 
@@ -35,7 +36,7 @@ class Adapter:
     """Function that returns the outputs of named channels."""
     limits: Limits | None = None
     """Limits of experiments, unless a file states others."""
-    kinds: Mapping[str, str] = field(default_factory=dict)
+    kinds: Mapping[str, Kind] = field(default_factory=dict)
     """Inputs that are strokes of a mechanism, with the kind of the stroke."""
     made: Callable[[Sequence[Record]], Sequence[Effect]] | None = None
     """Function that makes the effects from the records; None: ``effects`` are all."""
