@@ -6,6 +6,7 @@ import importlib.util
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +20,9 @@ from feltmb.fit.calling import calling
 from feltmb.gap import Limits, read_limits, read_measured, with_measured
 from feltmb.gap.designs import sensors_now
 from feltmb.gap.information import planned
-from feltmb.run.stroke.strokes import Kind
+
+if TYPE_CHECKING:
+    from feltmb.run.stroke.strokes import Kind
 
 __all__ = ["Adapter", "held_out", "load_adapter"]
 
