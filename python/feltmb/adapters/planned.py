@@ -92,14 +92,20 @@ def write_planned_stroke(
 
     Parameters
     ----------
+    path
+        The file.
     kind
         Kind of the stroke.
     time
         Times [s], the last one is the duration.
     value
         Values [unit].
+    unit
+        Unit of the values.
     about
         What it is for.
+    force
+        Whether an existing file is overwritten.
     """
     import tomlkit
 
@@ -121,7 +127,19 @@ def write_planned_stroke(
 
 
 def write_planned_torque(path: Path, time: Array, torque: Array, *, force: bool = False) -> Path:
-    """Write a torque [N m] over time [s] as CSV, for the controller of a key actuator."""
+    """Write a torque as CSV, for ``feltmb actuator`` and the controller of a key actuator.
+
+    Parameters
+    ----------
+    path
+        The file.
+    time
+        Times [s], evenly spaced.
+    torque
+        Torque of the motor [N m].
+    force
+        Whether an existing file is overwritten.
+    """
     lines = ["time [s],torque [N m]"]
     lines += [f"{t:.9g},{v:.9g}" for t, v in zip(time, torque, strict=True)]
     return write_text(path, "\n".join(lines) + "\n", force=force)

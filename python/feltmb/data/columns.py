@@ -63,7 +63,7 @@ def _read_text(path: Path) -> Columns:
         raise DataError(f"{path}: is no table: {error}") from None
     if tracked is not None:
         return tracked
-    lines = [line for line in lines if not line.startswith("#")]
+    lines = lines.where(lambda line: not line.startswith("#"))
     if len(lines) < 3:
         raise DataError(f"{path}: {len(lines)} lines, expected a header and at least 2 samples")
     try:

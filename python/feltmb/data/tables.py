@@ -9,14 +9,17 @@ from __future__ import annotations
 import csv
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from feltmb.errors import DataError
 from feltmb.units import spelled_unit
 
-__all__ = ["MISSING", "Line", "Table", "read_number", "read_table", "text_lines"]
+__all__ = ["MISSING", "Lines", "Table", "read_number", "read_table", "text_lines"]
 
 MISSING = ("", "nan", "NaN", "NA", "N/A", "-", "--")
 #: Pairs of separator and decimal sign; of equally good pairs, the first is used. None: white space.
@@ -36,16 +39,23 @@ SAMPLE = 60
 LONGEST_PREAMBLE = 200
 
 
-class Line(str):
-    """Text of a line that keeps its number in the file, counted from 1."""
+@dataclass(frozen=True)
+class Lines:
+    """Lines of a text, with their numbers in the file, counted from 1."""
 
-    number: int
+    texts: list[str]
+    numbers: NDArray[np.intp]
 
-    def __new__(cls, text: str, number: int) -> Line:
-        """Line with this text."""
-        made = super().__new__(cls, text)
-        made.number = number
-        return made
+    def __len__(self) -> int:
+        return len(self.texts)
+
+    def __getitem__(self, at: slice) -> Lines:
+        return Lines(self.texts[at], self.numbers[at])
+
+    def where(self, keep: Callable[[str], bool]) -> Lines:
+        """The lines for which a condition holds."""
+        kept = [i for i, text in enumerate(self.texts) if keep(text)]
+        return Lines([self.texts[i] for i in kept], self.numbers[kept])
 
 
 @dataclass(frozen=True)
@@ -66,7 +76,7 @@ class Table:
     """Number of lines below the header, the largest possible number of rows."""
 
 
-def text_lines(data: bytes, path: Path) -> list[Line]:
+def text_lines(data: bytes, path: Path) -> Lines:
     """Non-empty lines of a text in UTF-8, UTF-16 with a byte order mark, or else Windows-1252."""
     encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     try:
@@ -76,8 +86,8 @@ def text_lines(data: bytes, path: Path) -> list[Line]:
         if encoding != "utf-8-sig" or b"\x00" in data:
             raise DataError(f"{path}: is no text (byte {fault.start})") from None
         text = data.decode("cp1252", errors="replace")
-    lines = re.split(r"\r\n|\r|\n", text)  # as editors count them
-    return [Line(line, i) for i, line in enumerate(lines, 1) if line.strip()]
+    texts = re.split(r"\r\n|\r|\n", text)  # as editors count them
+    return Lines(texts, np.arange(1, len(texts) + 1)).where(lambda line: bool(line.strip()))
 
 
 def read_number(cell: str, decimal: str = ".") -> float | None:
@@ -95,7 +105,7 @@ def read_number(cell: str, decimal: str = ".") -> float | None:
         return None
 
 
-def read_table(lines: Sequence[Line]) -> Table:
+def read_table(lines: Lines) -> Table:
     """Split a text, without its comments, into the lines above the table and its rows.
 
     Raises
@@ -103,8 +113,8 @@ def read_table(lines: Sequence[Line]) -> Table:
     DataError
         The text has no table.
     """
-    head = list(lines[: LONGEST_PREAMBLE + SAMPLE])
-    separator, decimal = _style(_sample(lines))
+    head = lines[: LONGEST_PREAMBLE + SAMPLE]
+    separator, decimal = _style(_sample(lines.texts))
     numbered = list(_numbered(head, separator))
     cells = [row for _, row in numbered]
     width = _width(cells)
@@ -116,7 +126,7 @@ def read_table(lines: Sequence[Line]) -> Table:
     names = tuple(cells[header]) if header >= 0 else ()
     rows = itertools.islice(_numbered(lines, separator), first, None)
     return Table(
-        preamble=tuple(line for line in head if line.number < numbered[max(header, 0)][0]),
+        preamble=tuple(head.texts[: int(np.sum(head.numbers < numbered[max(header, 0)][0]))]),
         header=names,
         line=numbered[max(header, 0)][0],
         units=units,
@@ -140,20 +150,20 @@ def _split(lines: Iterable[str], separator: str | None) -> Iterator[list[str]]:
     return csv.reader((line + "\n" for line in lines), delimiter=separator, skipinitialspace=True)
 
 
-def _numbered(lines: Sequence[Line], separator: str | None) -> Iterator[tuple[int, list[str]]]:
+def _numbered(lines: Lines, separator: str | None) -> Iterator[tuple[int, list[str]]]:
     """Rows with the number of the line at which they begin."""
-    taken = iter(lines)
-    last: list[Line] = []
+    taken = 0
 
     def told() -> Iterator[str]:
-        for line in taken:
-            last.append(line)
-            yield line
+        nonlocal taken
+        for text in lines.texts:
+            taken += 1
+            yield text
 
+    first = 0
     for row in _split(told(), separator):
-        number = last[0].number
-        last.clear()
-        yield number, row
+        yield int(lines.numbers[first]), row
+        first = taken
 
 
 def _style(sample: Sequence[str]) -> tuple[str | None, str]:

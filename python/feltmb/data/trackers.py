@@ -6,13 +6,12 @@ The header identifies the program. A point P becomes the columns ``P.x`` and ``P
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from feltmb.data.series import Columns, columns_of
-from feltmb.data.tables import Line, read_number, read_table
+from feltmb.data.tables import Lines, read_number, read_table
 from feltmb.errors import DataError
 from feltmb.units import PIXEL, split_column
 
@@ -22,7 +21,7 @@ _KINOVEA_TEXT = "#kinovea trajectory data export"
 _SEPARATORS = ("\t", ",", ";")
 
 
-def read_tracked(path: Path, lines: Sequence[Line]) -> Columns | None:
+def read_tracked(path: Path, lines: Lines) -> Columns | None:
     """Series of an export with a known header; None for any other text."""
     for reader in (_kinovea_text, _deeplabcut, _tracker, _kinovea_table):
         found = reader(path, lines)
@@ -39,9 +38,9 @@ def _cells(line: str) -> list[str]:
 # ---------------------------------------------------------------- Kinovea
 
 
-def _kinovea_table(path: Path, lines: Sequence[Line]) -> Columns | None:
+def _kinovea_table(path: Path, lines: Lines) -> Columns | None:
     """Columns: time, then NAME/KEY/X and NAME/KEY/Y of every point."""
-    head = _cells(lines[0]) if lines else []
+    head = _cells(lines.texts[0]) if len(lines) else []
     points = [re.fullmatch(r"(.+)/(.+)/([XY])", c) for c in head[1:]]
     if len(head) < 3 or not all(points) or not head[0].lower().startswith("time"):
         return None
@@ -61,14 +60,14 @@ def _kinovea_table(path: Path, lines: Sequence[Line]) -> Columns | None:
     return columns
 
 
-def _kinovea_text(path: Path, lines: Sequence[Line]) -> Columns | None:
+def _kinovea_text(path: Path, lines: Lines) -> Columns | None:
     """Blocks of T X Y, one per trajectory; a block starts at its name or when the time restarts."""
-    if not lines or not lines[0].strip().lower().startswith(_KINOVEA_TEXT):
+    if not (len(lines) and lines.texts[0].strip().lower().startswith(_KINOVEA_TEXT)):
         return None
     blocks: list[tuple[str, list[tuple[float, float, float]]]] = []
     faults = []
     code = False
-    for line in lines[1:]:
+    for number, line in zip(lines.numbers[1:], lines.texts[1:], strict=True):
         text = line.strip()
         if text.startswith("#"):
             if text.replace(" ", "").upper() != "#TXY":
@@ -78,7 +77,7 @@ def _kinovea_text(path: Path, lines: Sequence[Line]) -> Columns | None:
         numbers = [_kinovea_time(cells[0])]
         numbers += [read_number(c.replace(",", ".")) for c in cells[1:3]]
         if len(numbers) != 3 or None in numbers:
-            faults.append(f"line {line.number}: got {text[:60]!r}, expected T X Y")
+            faults.append(f"line {number}: got {text[:60]!r}, expected T X Y")
             continue
         code = code or ":" in cells[0]
         time, x, y = (float(n) for n in numbers if n is not None)
@@ -119,18 +118,18 @@ def _kinovea_time(text: str) -> float | None:
 # ---------------------------------------------------------------- Tracker
 
 
-def _tracker(path: Path, lines: Sequence[Line]) -> Columns | None:
+def _tracker(path: Path, lines: Lines) -> Columns | None:
     """A line with the names of the tracks, then t and the columns of each track: x, y and more."""
-    body = [line for line in lines if line.strip().lower() != "#multi:"]
+    body = lines.where(lambda line: line.strip().lower() != "#multi:")
     if len(body) < 4:
         return None
-    head = [split_column(c) for c in _cells(body[1].lstrip("#"))]
+    head = [split_column(c) for c in _cells(body.texts[1].lstrip("#"))]
     while head and head[-1] == ("", ""):
         head.pop()
     plain = [n.lower() for n, _ in head]
     if not plain or plain[0] != "t" or not {"x", "y"} <= set(plain):
         return None
-    tracks = _cells(body[0].lstrip("#"))
+    tracks = _cells(body.texts[0].lstrip("#"))
     named = [t for t in tracks if t]
     if not named or any(read_number(t) is not None for t in named):
         return None
@@ -141,9 +140,8 @@ def _tracker(path: Path, lines: Sequence[Line]) -> Columns | None:
         if several and j < len(spread) and spread[j]:
             name = spread[j]
         names.append((f"{name}.{column.lower()}", unit))
-    columns = columns_of(
-        path, read_table([Line(body[1].lstrip("#"), body[1].number), *body[2:]]), names
-    )
+    rows = Lines([body.texts[1].lstrip("#"), *body.texts[2:]], body.numbers[1:])
+    columns = columns_of(path, read_table(rows), names)
     columns.source = "Tracker"
     if "time" not in columns.units:
         columns.units["time"] = "s"
@@ -153,9 +151,9 @@ def _tracker(path: Path, lines: Sequence[Line]) -> Columns | None:
 # ---------------------------------------------------------------- DeepLabCut
 
 
-def _deeplabcut(path: Path, lines: Sequence[Line]) -> Columns | None:
+def _deeplabcut(path: Path, lines: Lines) -> Columns | None:
     """Lines scorer, (individuals,) bodyparts, coords; then frames with x, y, likelihood."""
-    heads = [_cells(line) for line in lines[:4]]
+    heads = [_cells(line) for line in lines.texts[:4]]
     kinds = [h[0].lower() for h in heads]
     if not kinds or kinds[0] != "scorer" or "bodyparts" not in kinds or "coords" not in kinds:
         return None
@@ -171,8 +169,7 @@ def _deeplabcut(path: Path, lines: Sequence[Line]) -> Columns | None:
     for j in range(1, len(coords)):
         part = parts[j] if owners is None else f"{owners[j]}.{parts[j]}"
         names.append((f"{part}.{coords[j]}", PIXEL if coords[j] in ("x", "y") else ""))
-    body = [lines[kinds.index("coords")], *lines[kinds.index("coords") + 1 :]]
-    columns = columns_of(path, read_table(body), names)
+    columns = columns_of(path, read_table(lines[kinds.index("coords") :]), names)
     columns.source, columns.frames = "DeepLabCut", "frame"
     for name in columns.values:
         point, _, coordinate = name.rpartition(".")
