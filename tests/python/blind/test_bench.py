@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import blind.run
-from blind.bench import Bench, _diagnose
+from blind.bench import MACHINES, Bench, _diagnose
 from blind.run import command
 from blind.score import read
 from blind.small_machine import load_kinds
@@ -265,3 +265,28 @@ def test_killed_bench_goes_on_where_it_was(tmp_path):
         assert after[name] == data
     score = json.loads((folder / "score_development.json").read_text())
     assert score["cases"] == 2
+
+
+def test_score_only_takes_the_machine_of_the_seal(tmp_path, capsys):
+    """It wrote answers of the machine of the option, and told a changed generator."""
+    bench = Bench(tmp_path / "b", machine=MACHINES["steinway45"])
+    bench.seal(2, 3)
+    with pytest.raises(SystemExit) as end:
+        main(["-o", str(bench.folder), "--score-only"], command)
+    assert end.value.code in (None, 0)
+    assert "Blind bench of steinway45" in (bench.folder / "score.md").read_text()
+    capsys.readouterr()
+
+
+def test_answers_need_the_kinds_of_the_seal(tmp_path):
+    file = tmp_path / "more.py"
+    file.write_text(
+        "class Drag:\n"
+        "    name, component, onset, size = 'magnet', 'hammer', 'key', 0.01\n"
+        "    def force(self, t, x, v, h, w, contacts, size, memory, dt):\n"
+        "        return 0.0, -size * (h > 0.02)\n"
+        "KINDS = (Drag(),)\n"
+    )
+    Bench(tmp_path / "b", file).seal(2, 3)
+    with pytest.raises(InvalidParameter, match="another file of kinds from outside"):
+        Bench(tmp_path / "b").make_records(workers=1)
