@@ -74,7 +74,7 @@ def _cluster(address: str | None) -> Iterator[Executor | None]:
             "--dask: distributed is not installed; install it with pip install feltmb[dask]"
         ) from None
     try:
-        client = Client(address, timeout="10s")
+        client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, TypeError, ValueError) as error:
         raise InvalidParameter(
             f"--dask {address}: no scheduler answers ({error}); expected the address that dask "

@@ -176,7 +176,15 @@ def test_the_line_of_progress(capsys):
     assert duration(7500.0) == "2:05 h"
 
 
-def test_the_first_interrupt_asks_and_the_second_ends(capsys):
+@pytest.fixture
+def heard():
+    """SIGINT is heard: a shell starts background jobs with it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_the_first_interrupt_asks_and_the_second_ends(heard, capsys):
     def second(stop):
         assert not stop()
         os.kill(os.getpid(), signal.SIGINT)
