@@ -208,15 +208,18 @@ class _Attempt:
                 raise _OutOfTime
             if self.progress is not None:
                 self.progress("held-out: " + (" + ".join(key) or "model"), len(self.outcomes), 0)
-            self.outcomes[key] = evaluate(
+            found = evaluate(
                 self.held,
                 fit,
                 self.settings,
                 like=self.outcomes.get(()),
             )
-            if len(self.outcomes) == 2:  # each model has the start states of the other
-                self.before = second_start(self.before, self.outcomes[key])
-                self.outcomes[()] = self.before
+            if len(self.outcomes) == 1:  # each model has the start states of the other
+                self.before = self.outcomes[()] = second_start(self.before, found)
+            elif self.outcomes:
+                best = max(self.outcomes.values(), key=lambda o: o.total)
+                found = second_start(found, best) if not found.fit.defect_sd.size else found
+            self.outcomes[key] = found
         return self.outcomes[key]
 
     def without(self, c: CandidateSet, name: str) -> CandidateSet | None:
@@ -429,7 +432,11 @@ class _Attempt:
         return before.updated(max(0.0, other - none), gains)
 
     def rivals(self, best: CandidateSet) -> list[CandidateSet]:
-        """Other sets that all records together cannot distinguish from the best set."""
+        """Other sets that all records together cannot distinguish from the best set.
+
+        Held-out records that the best set does not explain do not tell which set is wrong.
+        """
+        told = self.outcome(best.fit).explains
         found = []
         for c in self.search.sets:
             if c.key == best.key or len(c.names) > len(best.names):
@@ -438,7 +445,7 @@ class _Attempt:
                 continue
             if self._contradicted(self.outcome(c.fit)):
                 continue
-            if self._total(best) - self._total(c) <= RIVAL:
+            if not told or self._total(best) - self._total(c) <= RIVAL:
                 found.append(c)
         return found
 
@@ -448,7 +455,7 @@ class _Attempt:
         The model alone is one of them. An unknown cause is not: it could gain on these records too.
         Records that the accepted set does not explain do not tell which of several sets is wrong.
         """
-        if not self.outcome(best.fit).fit.explains:
+        if not self.outcome(best.fit).explains:
             return before
         own = self.outcome(best.fit).total
         none = min(0.0, self.before.total - own) if self.before.simulated else 0.0

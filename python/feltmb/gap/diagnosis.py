@@ -610,7 +610,7 @@ class _Diagnosis:
         end = replace(end, problem=replace(end.problem, segmented_records=plain))
         sizes = Sizes(found, accepted, options.form)
         wide = sizes.spread(fit)
-        fitted = Outcome(end, np.zeros(0), settings, end)
+        fitted = Outcome(end, settings, end)
         larger = larger_than_noise(end, options.alpha)
         return _Described(
             fit=fit,

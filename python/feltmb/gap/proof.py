@@ -18,19 +18,28 @@ from functools import cached_property
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.linearize import Place
+from feltmb.fit.linearize import Linear, Place
 from feltmb.fit.model import Model
 from feltmb.fit.observe import machine_candidates
 from feltmb.fit.problem import Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
-from feltmb.fit.solve import Fit, FitSettings, estimate_states, polish
+from feltmb.fit.solve import (
+    SAME,
+    Fit,
+    FitSettings,
+    estimate_states,
+    limit_of_noise,
+    polish,
+)
 from feltmb.fit.starts import from_other_starts
+from feltmb.fit.watch import current
 
 __all__ = [
     "SEGMENTED_LEVEL",
     "HeldOut",
     "Outcome",
     "Paired",
+    "Predicted",
     "compare",
     "evaluate",
     "expected_gain",
@@ -49,6 +58,9 @@ NO_DENSITY = -1e6
 #: states. With exact continuity, a linearization of a chaotic machine would predict that a
 #: friction of 1e-7 N is detectable. The linearization is not valid that far.
 SEGMENTED_LEVEL = 0.01
+#: Largest number of steps to the likeliest parameters of held-out records, and the shares of a step
+#: that are tried.
+STEPS, SHARES = 12, (1.0, 0.5, 0.25, 0.1, 0.03)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +68,21 @@ class Outcome:
     """Result of one model for the held-out segmented records."""
 
     fit: Fit
-    density: Array
-    """Log predictive density of the segments of all segmented records, (segments,)."""
     settings: FitSettings
     model: Fit
     """The fit of the model to the fitted records."""
+    predicted: Predicted | None = None
+    """None if nothing was predicted: the records were fitted."""
+
+    @property
+    def density(self) -> Array:
+        """Log predictive density of the segments of all segmented records, (segments,)."""
+        return np.zeros(0) if self.predicted is None else self.predicted.density
+
+    @property
+    def explains(self) -> bool:
+        """Whether the model explains the records, with parameters that the fit permits."""
+        return self.fit.explains if self.predicted is None else self.predicted.explains
 
     @property
     def total(self) -> float:
@@ -167,8 +189,7 @@ def evaluate(
     way = replace(settings, chain=True)
     fit = polish(base, _converge(base, model), model.level, way)
     fit = from_other_starts(fit, way) if like is None else from_other_starts(fit, way, most=1)
-    density = _density(base, fit, model)
-    found = Outcome(fit, density, settings, model)
+    found = Outcome(fit, settings, model, predict(base, fit, model))
     if not fit.defect_sd.size:
         return found
     starts = [fit.point]
@@ -186,13 +207,20 @@ def evaluate(
 
 
 def second_start(found: Outcome, like: Outcome) -> Outcome:
-    """The result with the start states of another model as a second start, if that is better.
+    """The result with the states of another model as a second start, if that is better.
 
     The states of tightly connected segments may be in a local minimum, which the records do not
-    reveal: they are explained, but less well than by the other model.
+    reveal: they are explained, but less well than by the other model. Without states, the search
+    for the likeliest parameters is repeated from those of the other model, if it explains the
+    records, unless this one does and its linear model holds.
     """
     if not found.fit.defect_sd.size:
-        return found
+        own, other = found.predicted, like.predicted
+        if own is None or other is None or not other.explains or (own.explains and own.holds):
+            return found
+        predicted = predict(found.fit.problem, found.fit, found.model, other.likeliest)
+        better = np.sum(predicted.density) > found.total
+        return replace(found, predicted=predicted) if better else found
     return _better(found, _carried(found, like), found.fit.level)
 
 
@@ -207,10 +235,10 @@ def _better(found: Outcome, start: Point, level: float) -> Outcome:
     """The result, or that of a fit from other start states if its density is larger."""
     way = replace(found.settings, chain=True)
     fit = polish(found.fit.problem, start, level, way)
-    density = _density(fit.problem, fit, found.model)
-    if not np.sum(density) > found.total:
+    predicted = predict(fit.problem, fit, found.model)
+    if not np.sum(predicted.density) > found.total:
         return found
-    return replace(found, fit=fit, density=density)
+    return replace(found, fit=fit, predicted=predicted)
 
 
 def expected_gain(
@@ -229,7 +257,7 @@ def expected_gain(
         base = replace(before.fit.problem, segmented_records=_predicted(held, outcome))
         way = replace(settings, chain=True)
         fit = polish(base, replace(before.fit.point, memo={}), before.fit.level, way)
-        densities.append(float(np.sum(_density(base, fit, before.model))))
+        densities.append(float(np.sum(predict(base, fit, before.model).density)))
     mean = max(0.0, densities[0] - densities[1]) / inflation
     known = {t.name for t in before.fit.included}
     own = [k for k, t in enumerate(after.fit.included) if t.name not in known]
@@ -256,13 +284,75 @@ def _predicted(held: HeldOut, outcome: Outcome) -> tuple[SegmentedRecord, ...]:
     )
 
 
-def _density(base: Problem, fit: Fit, model: Fit) -> Array:
-    """Log predictive density by segment, with the posterior distribution of the parameters."""
+@dataclass(frozen=True, eq=False)
+class _Likeliest:
+    """Where the held-out records and the posterior of the fitted ones are most likely together."""
+
+    point: Point
+    linears: list[Linear]
+    units: Array
+    """Columns are in standard deviations, so that the prior of all of them is N(0, I)."""
+    moved: Array
+    """Distance of the globals from the fitted ones, in these units."""
+    squares: float
+    """Sum of squares there, with the square of this distance."""
+    holds: bool = False
+    """Whether the linear model there promises no gain that a simulation does not have."""
+
+
+def _likeliest(base: Problem, fit: Fit, model: Fit, start: Point | None = None) -> _Likeliest:
+    """Gauss-Newton steps from the fitted parameters, or others, until the linear model holds.
+
+    Where a part is caught in one simulation and missed in another, a derivative at the fitted
+    parameters tells nothing of the outputs at other parameters that the fit permits.
+    """
     loose = replace(base, frozen=False)
-    linears = loose.linear(fit.point)
-    normal = loose.normal(fit.point, linears, fit.defect_sd, keep_heads=True)
-    count = normal.shared
-    covariance = model.covariance
+    free, point = loose.free, fit.point
+    count = len(free) + len(loose.included)
+    nuisances = [sd for s in base.segmented_records for _, _, sd in s.nuisances]
+    units = np.diag(np.concatenate([np.zeros(count), nuisances]))
+    root = units[:count, :count] = _root(model.covariance)
+    moved = np.zeros(len(units))
+    if start is not None:
+        away = np.concatenate([(start.theta - point.theta)[free], np.zeros(len(loose.included))])
+        moved[:count] = root.T @ solve_scaled(root @ root.T, away)
+        point = replace(point, theta=start.theta, places=start.places, memo={})
+    values = [place.nuisances for place in point.places]
+    moved[count:] = np.concatenate([*values, np.zeros(0)]) / np.maximum(nuisances, 1e-300)
+    for _ in range(STEPS):
+        linears = loose.linear(point)
+        total = base.cost_at(point, fit.defect_sd, linears)[0] + moved[:count] @ moved[:count]
+        here = _Likeliest(point, linears, units, moved, float(total))
+        if not np.isfinite(total):
+            return here
+        normal = loose.normal(point, linears, fit.defect_sd)
+        matrix, right = np.eye(len(units)), -moved
+        for chain, own in zip(normal.chains, normal.columns, strict=True):
+            gram, mine = np.sum(chain.grams, axis=0), units[own]
+            matrix = matrix + mine.T @ gram[:-1, :-1] @ mine
+            right = right + mine.T @ gram[:-1, -1]
+        if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
+            return here
+        step = solve_scaled(matrix, right)
+        promised = float(right @ step)
+        if promised < 2.0 * SAME or current().must_end():
+            return replace(here, holds=promised < 2.0 * SAME)
+        for share in SHARES:
+            ahead = moved + share * step
+            tried = loose.moved(point, normal, units @ (share * step))
+            found = base.cost(tried, fit.defect_sd, linears)[0] + ahead[:count] @ ahead[:count]
+            if found < total:
+                break
+        else:
+            return here
+        if share == 1.0 and abs(total - found - promised) < 2.0 * SAME:
+            return replace(here, holds=True)
+        point, moved = tried, ahead
+    return here
+
+
+def _root(covariance: Array) -> Array:
+    """Square root of a covariance; zero for what has no finite variance."""
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     known = np.isfinite(sd)
     sd = np.where(known, sd, 1.0)
@@ -272,28 +362,35 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
     values, vectors = np.linalg.eigh(inner)
     root = (vectors * np.sqrt(np.maximum(values, 0.0))) * sd[:, None]
     root[~known] = 0.0
-    total = normal.matrix.shape[0]
-    # Columns are in posterior standard deviations, so that the prior of all of them is N(0, I).
-    units = np.zeros((total, total))
-    units[:count, :count] = root
-    at = count
-    for segmented in base.segmented_records:
-        for _, _, s in segmented.nuisances:
-            units[at, at] = s
-            at += 1
-    height = np.eye(total)
-    right = np.zeros(total)
-    at = count
-    for segmented, place in zip(base.segmented_records, fit.point.places, strict=True):
-        for j, (_, _, s) in enumerate(segmented.nuisances):
-            right[at] -= place.nuisances[j] / s
-            at += 1
+    return np.asarray(root)
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """The posterior predictive distribution of a model at held-out records."""
+
+    density: Array
+    """Log predictive density of the segments, (segments,)."""
+    explains: bool
+    """Whether the sum of squares at the likeliest parameters agrees with noise."""
+    likeliest: Point
+    """The likeliest parameters and magnitudes."""
+    holds: bool
+    """Whether the model is linear enough there."""
+
+
+def predict(base: Problem, fit: Fit, model: Fit, start: Point | None = None) -> Predicted:
+    """Laplace approximation at the likeliest parameters, which are searched from ``start``."""
+    at = _likeliest(base, fit, model, start)
+    normal = replace(base, frozen=False).normal(
+        at.point, at.linears, fit.defect_sd, keep_heads=True
+    )
+    height, right, units = np.eye(len(at.units)), -at.moved, at.units
     gaps = float(np.sum(np.log(fit.defect_sd))) if fit.defect_sd.size else 0.0
     out = []
-    known_so_far, before = 0.0, 0.5 * float(right @ solve_scaled(height, right))
-    before -= 0.5 * float(np.linalg.slogdet(height)[1])
+    known_so_far, before = 0.0, 0.5 * float(right @ right)
     for segmented, linear, chain, own in zip(
-        base.segmented_records, linears, normal.chains, normal.columns, strict=True
+        base.segmented_records, at.linears, normal.chains, normal.columns, strict=True
     ):
         assert chain.heads is not None
         mine = units[own]
@@ -304,7 +401,8 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
             # All data so far, with this segment as the last one of its record.
             high = height + mine.T @ head[:-1, :-1] @ mine
             if not np.all(np.isfinite(high)):
-                return np.full(sum(s.count for s in base.segmented_records), NO_DENSITY)
+                none = np.full(sum(s.count for s in base.segmented_records), NO_DENSITY)
+                return Predicted(none, False, fit.point, False)
             side = right + mine.T @ head[:-1, -1]
             seen = known_so_far - 0.5 * head[-1, -1] - head_log_det
             seen += 0.5 * float(side @ solve_scaled(high, side) - np.linalg.slogdet(high)[1])
@@ -315,7 +413,8 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
             right = right + mine.T @ gram[:-1, -1]
             known_so_far += -0.5 * gram[-1, -1] - log_det - gaps
         known_so_far += gaps  # the last segment has no next one
-    return np.array(out)
+    explains = bool(at.squares < limit_of_noise(fit.dof))
+    return Predicted(np.array(out), explains, at.point, at.holds)
 
 
 def _converge(problem: Problem, model: Fit) -> Point:

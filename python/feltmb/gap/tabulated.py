@@ -75,7 +75,7 @@ def outcome_at(
         else:
             point = estimate_states(problem, point, tightest)
     fit = polish(problem, point, tightest, replace(quick, chain=True))
-    return Outcome(fit, np.zeros(0), settings.coarser(0.3), fit)
+    return Outcome(fit, settings.coarser(0.3), fit)
 
 
 def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:

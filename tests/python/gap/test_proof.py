@@ -10,7 +10,7 @@ import pytest
 
 from feltmb.data import Record, Sensor
 from feltmb.fit.filter import reduce_chain
-from feltmb.fit.linear import LinearModel
+from feltmb.fit.linear import FunctionModel, LinearModel
 from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Parameter
 from feltmb.fit.problem import Problem
@@ -20,7 +20,7 @@ from feltmb.gap import Candidate, Effect, State, proof
 from feltmb.gap.acceptance import least_gain
 from feltmb.gap.assemble import how_far_rows
 from feltmb.gap.criteria import ALPHA, SURE, contradicted, least_odds
-from feltmb.gap.proof import HeldOut, compare, evaluate, expected_gain
+from feltmb.gap.proof import HeldOut, Predicted, compare, evaluate, expected_gain, second_start
 from feltmb.gap.refine import refit
 
 _spec = importlib.util.spec_from_file_location("gap_models", Path(__file__).parent / "models.py")
@@ -132,19 +132,82 @@ def test_held_out_start_states_have_those_of_the_other_model_as_a_second_start(
     def where_it_is(problem, point, level, _):
         return replace(other.fit, problem=problem, point=point, level=level)
 
-    def density(_, fit, __):
+    def predicted(_, fit, __):
         from_other = np.array_equal(fit.point.places[0].starts, places[0].starts)
-        return np.array([-50.0 if from_other == (better == "other") else -110.0])
+        value = -50.0 if from_other == (better == "other") else -110.0
+        return Predicted(np.array([value]), True, fit.point, True)
 
     monkeypatch.setattr(proof, "polish", where_it_is)
-    monkeypatch.setattr(proof, "_density", density)
+    monkeypatch.setattr(proof, "predict", predicted)
     found = evaluate(held, fit, FitSettings(), like=other)
     assert found.density == pytest.approx([-50.0])
     assert found.fit.explains  # so that no larger defects are tried
     assert found.fit.level == fit.level
     alone = evaluate(held, fit, FitSettings())
     assert alone.density == pytest.approx([-50.0 if better == "own" else -110.0])
-    assert proof.second_start(alone, other).density == pytest.approx([-50.0])
+    assert second_start(alone, other).density == pytest.approx([-50.0])
+
+
+def tone(samples, seed, frequency=1.0, noise=0.1):
+    time = 0.05 * np.arange(samples)
+    value = np.sin(frequency * time)
+    value += noise * np.random.default_rng(seed).standard_normal(samples)
+    sensor = Sensor(name="y", unit="1", sigma=noise)
+    inputs = {"time": time}
+    return Record(
+        name="tone", time=time, inputs=inputs, outputs={"y": value}, sensors={"y": sensor}
+    )
+
+
+TONE = FunctionModel(
+    outputs={"y": lambda record, p: np.sin(p.frequency * record.inputs["time"])},
+    parameters=[Parameter(name="frequency", value=1.05, sd=0.1)],
+    name="tone",
+)
+
+
+def tones(frequency):
+    """A fit to a short record, and a long one in which the fitted tone leaves the measured one."""
+    noise = {"y": Noise(0.1)}
+    fit = fit_problem(Problem(TONE, (segment_record(TONE, tone(80, 1), noise, None),)))
+    long = segment_record(TONE, tone(1600, 2, frequency), noise, None)
+    return fit, HeldOut((long,), np.zeros(0), (long,))
+
+
+def test_the_prediction_of_a_nonlinear_model_agrees_with_an_integral_over_its_parameter():
+    """The fitted frequency is so uncertain that the phase at the end is open by a radian."""
+    fit, held = tones(1.0)
+    outcome = evaluate(held, fit, FitSettings())
+    assert not outcome.fit.explains
+    assert outcome.explains
+    at, sd = fit.point.theta[0], np.sqrt(fit.covariance[0, 0])
+    record = held.segmented_records[0].record
+    time, value = record.time, record.outputs["y"]
+    grid = np.linspace(at - 8.0 * sd, at + 8.0 * sd, 20_001)
+    left = value - np.sin(np.outer(grid, time))
+    log = -0.5 * np.sum((left / 0.1) ** 2, axis=1) - 0.5 * ((grid - at) / sd) ** 2
+    log -= 0.5 * np.log(2.0 * np.pi) + np.log(sd)
+    expected = np.max(log) + np.log(np.trapezoid(np.exp(log - np.max(log)), grid))
+    assert outcome.total == pytest.approx(expected, abs=0.1)
+
+
+def test_parameters_that_the_fit_excludes_explain_no_held_out_record():
+    fit, held = tones(1.1)
+    outcome = evaluate(held, fit, FitSettings())
+    assert not outcome.explains
+    assert outcome.total < -2000.0
+
+
+def test_the_likeliest_parameters_of_another_model_are_a_second_start(monkeypatch):
+    """A search that stops on its way is repeated from where another model explains the record."""
+    fit, held = tones(1.0)
+    other = evaluate(held, fit, FitSettings())
+    monkeypatch.setattr(proof, "STEPS", 1)
+    alone = evaluate(held, fit, FitSettings())
+    assert not alone.predicted.holds
+    assert alone.total < other.total - 5.0
+    assert second_start(alone, other).total == pytest.approx(other.total, abs=0.01)
+    assert second_start(other, alone) is other
 
 
 def test_a_memory_that_starts_known_costs_nothing(fitted):

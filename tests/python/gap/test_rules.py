@@ -345,7 +345,8 @@ def test_held_out_records_can_show_an_effect_that_the_linear_score_misses(decide
         """The same facts with another held-out gain."""
         density = accepted.before.density.copy()
         density[0] += much
-        after = replace(accepted.after, density=density)
+        predicted = replace(accepted.after.predicted, density=density)
+        after = replace(accepted.after, predicted=predicted)
         return replace(clean, accepted=replace(accepted, after=after))
 
     assert gaining(5.0).accepted.p == pytest.approx(np.exp(-5.0))
@@ -378,8 +379,7 @@ def test_held_out_records_take_weight_from_the_rivals_that_they_refute():
     names = (("a",), ("b",), ("c",))
     sets = [SimpleNamespace(key=n, fit=n, names=n, evidence=0.0) for n in names]
     outcomes = {("a",): 3.0, ("b",): 1.0, ("c",): 7.0}
-    fit = SimpleNamespace(explains=True)
-    outcomes = {k: SimpleNamespace(total=v + 1.0, fit=fit) for k, v in outcomes.items()}
+    outcomes = {k: SimpleNamespace(total=v + 1.0, explains=True) for k, v in outcomes.items()}
     attempt = SimpleNamespace(
         search=SimpleNamespace(sets=sets),
         outcomes={k: v for k, v in outcomes.items() if k != ("c",)},
@@ -402,7 +402,7 @@ def test_held_out_records_take_weight_from_the_rivals_that_they_refute():
     attempt.before = SimpleNamespace(total=-1e6, simulated=False)
     assert _Attempt.weighed(attempt, before, sets[0]).none > 0.1
     # Records that the accepted set does not explain say nothing about its rivals.
-    fit.explains = False
+    outcomes[("a",)].explains = False
     assert _Attempt.weighed(attempt, before, sets[0]) is before
 
 

@@ -184,7 +184,8 @@ def heard():
     signal.signal(signal.SIGINT, before)
 
 
-def test_the_first_interrupt_asks_and_the_second_ends(heard, capsys):
+@pytest.mark.usefixtures("heard")
+def test_the_first_interrupt_asks_and_the_second_ends(capsys):
     def second(stop):
         assert not stop()
         os.kill(os.getpid(), signal.SIGINT)
