@@ -12,8 +12,8 @@ from feltmb.adapters.model import MechanismModel
 from feltmb.adapters.signals import partners
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect
-from feltmb.mechanism import Action, load_action, packaged_actions, parse_setting
-from feltmb.mechanism.parameters import told_numbers
+from feltmb.mechanism import Action, load_action, packaged_actions
+from feltmb.mechanism.parameters import with_values_told
 
 __all__ = ["SETTINGS", "resolve"]
 
@@ -74,12 +74,7 @@ def resolve(
             f"--set {', '.join(unknown)}: expected {', '.join(SETTINGS)}, or a path of the "
             "mechanism such as string.modes"
         )
-    if paths:
-        values = dict(parse_setting(f"{k}={v}") for k, v in paths.items())
-        before, action = action, action.with_values(values)
-        if tell is not None:
-            for text in told_numbers(before, action, values):
-                tell(text)
+    action = with_values_told(action, [f"{k}={v}" for k, v in paths.items()], tell)
     options: dict[str, Any] = {}
     for key in ("rtol", "segment"):
         if key not in settings:

@@ -588,16 +588,9 @@ def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
 
 def with_settings(model: M, settings: Sequence[str]) -> M:
     """Model of a file with the values of ``--set``; tells what numbers without a unit became."""
-    from feltmb.mechanism import parse_setting
-    from feltmb.mechanism.parameters import told_numbers
+    from feltmb.mechanism.parameters import with_values_told
 
-    if not settings:
-        return model
-    values = dict(parse_setting(text) for text in settings)
-    changed = model.with_values(values)
-    for text in told_numbers(model, changed, values):
-        complain(text)
-    return changed
+    return with_values_told(model, settings, complain)
 
 
 def parse_option(option: str, text: str, unit: str) -> float:

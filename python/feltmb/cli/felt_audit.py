@@ -9,6 +9,7 @@ import click
 
 from feltmb.cli.common import (
     FolderName,
+    complain,
     console,
     force_option,
     json_option,
@@ -97,7 +98,7 @@ def audit_command(
 
     if everything and ":" in law:
         raise click.UsageError(f"--all is for all contacts of a mechanism; {law} is one of them")
-    targets = audit_targets(law, settings, everything=everything)
+    targets = audit_targets(law, settings, everything=everything, tell=complain)
 
     def picture(name: str) -> Path:
         assert folder is not None

@@ -219,7 +219,7 @@ def fit_command(
     from feltmb.files import write_text
 
     check_targets(output, force=force)
-    ((name, item),) = audit_targets(contact, settings, all_hint="")
+    ((name, item),) = audit_targets(contact, settings, all_hint="", tell=complain)
     e, load, back = contact_loop(item, name=name)
     made = fit_contact(
         e,

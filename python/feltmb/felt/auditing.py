@@ -8,7 +8,7 @@ work of cycles at several amplitudes and frequencies.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -222,6 +222,7 @@ def audit_targets(
     *,
     everything: bool = False,
     all_hint: str = ", or --all",
+    tell: Callable[[str], None] | None = None,
 ) -> list[tuple[str, Contact | FeltEnvelope | FeltMaterial]]:
     """Contacts, felts or envelopes for ``feltmb felt audit TEXT`` and ``feltmb felt fit TEXT``.
 
@@ -236,14 +237,18 @@ def audit_targets(
         Whether all contacts of the mechanism are returned, including switched-off ones.
     all_hint
         Last part of the message about a missing contact.
+    tell
+        Function that receives what numbers without a unit in ``settings`` became.
 
     Raises
     ------
     InvalidParameter
-        A name does not exist; the message has the known names.
+        A name does not exist; the message has the known names. Or there are settings for a felt or
+        an envelope.
     """
     from feltmb.fiber.material import packaged_materials
-    from feltmb.mechanism import packaged_actions, parse_setting
+    from feltmb.mechanism import packaged_actions
+    from feltmb.mechanism.parameters import with_values_told
 
     action_name, colon, contact = text.rpartition(":")
     if not colon:
@@ -252,7 +257,13 @@ def audit_targets(
     is_file = path.suffix == ".toml"
     raw = read_toml(path) if is_file else {}
     if not colon and not everything:
-        if action_name in packaged_materials() or (is_file and "fiber" in raw):
+        felt = action_name in packaged_materials() or (is_file and "fiber" in raw)
+        if settings and (felt or "memory" in raw):
+            raise InvalidParameter(
+                f"{', '.join(settings)}: {text} is {'a felt' if felt else 'an envelope'}, and "
+                "settings change a mechanism; expected ACTION:CONTACT, or a changed file of it"
+            )
+        if felt:
             return [(action_name, load_material(action_name))]
         if is_file and "memory" in raw:
             return [(path.stem, load_envelope(path))]
@@ -262,9 +273,7 @@ def audit_targets(
             f"({', '.join(packaged_materials())}) and no file ending in .toml; expected "
             "ACTION:CONTACT, a felt or an envelope"
         )
-    action = load_action(action_name)
-    if settings:
-        action = action.with_values(dict(parse_setting(s) for s in settings))
+    action = with_values_told(load_action(action_name), settings, tell)
     contacts = action.config.contacts
     if everything and not colon:
         return [(f"{action.name}:{k}", c) for k, c in contacts.items()]

@@ -11,16 +11,16 @@ from __future__ import annotations
 import difflib
 import fnmatch
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from feltmb import _core
 from feltmb.errors import InvalidParameter
-from feltmb.mechanism import Action, Body, Contact, describe, expand_path
+from feltmb.mechanism import Action, Body, Contact, describe, expand_path, parse_setting
 from feltmb.units.quantity import shortened, unit_of
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "find_parameters",
     "mechanism_with",
     "told_numbers",
+    "with_values_told",
 ]
 
 #: Tables whose numbers are parameters of the equations of motion.
@@ -152,6 +153,11 @@ class _OfFile(Protocol):
     @property
     def raw(self) -> dict[str, Any]: ...
 
+    def with_values(self, values: Mapping[str, Any]) -> Any: ...
+
+
+_M = TypeVar("_M", bound=_OfFile)
+
 
 #: Changed numbers of one setting that are told.
 TOLD = 3
@@ -191,6 +197,35 @@ def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> 
                 "file, or else the SI unit"
             )
     return told
+
+
+def with_values_told(
+    model: _M, settings: Sequence[str], tell: Callable[[str], None] | None = None
+) -> _M:
+    """Model of a file with the values of settings; tells what numbers without a unit became.
+
+    Parameters
+    ----------
+    model
+        A mechanism or an actuator.
+    settings
+        ``PATH=VALUE``, as for ``--set``.
+    tell
+        Function that receives the sentences of :func:`told_numbers`; None: nothing is told.
+
+    Raises
+    ------
+    InvalidParameter
+        A path does not exist, or a value is invalid.
+    """
+    if not settings:
+        return model
+    values = dict(parse_setting(text) for text in settings)
+    changed: _M = model.with_values(values)
+    if tell is not None:
+        for text in told_numbers(model, changed, values):
+            tell(text)
+    return changed
 
 
 def _is_bare(value: Any) -> bool:

@@ -7,6 +7,7 @@ from feltmb import load_action
 from feltmb.contact import law
 from feltmb.errors import InvalidParameter
 from feltmb.felt import ConstantArea, audit, audit_targets, envelope, load_material
+from feltmb.fiber.material import packaged_materials
 
 
 @pytest.fixture(scope="module")
@@ -146,3 +147,14 @@ def test_faults_and_plain_data():
         rel=0.02,
     )
     assert out["cycles"][0]["loss"] > 0
+
+
+def test_settings_of_an_audit_are_told_or_refused():
+    told = []
+    ((_, plain),) = audit_targets("steinway45:06")
+    ((_, changed),) = audit_targets("steinway45:06", ["contacts.06.alpha=20"], tell=told.append)
+    assert changed.alpha != plain.alpha
+    assert "contacts.06.alpha = 20 s/m" in told[0]
+    assert f"was {plain.alpha:g} s/m" in told[0]
+    with pytest.raises(InvalidParameter, match="is a felt, and settings change a mechanism"):
+        audit_targets(packaged_materials()[0], ["contacts.06.alpha=20"])
