@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from feltmb.data import Array
+from feltmb.data import Array, evenly_spaced
 
 __all__ = ["at_times", "output_rate"]
 
@@ -20,11 +20,11 @@ def output_rate(time: Array) -> float:
 
     With an even clock, every output is a sample.
     """
-    steps = np.diff(time)
-    if _even(steps):
+    if evenly_spaced(time):
         return (time.size - 1) / float(time[-1] - time[0])
     duration = float(time[-1] - time[0])
-    return math.ceil(FINER * duration / float(np.quantile(steps, SHORT))) / duration
+    step = float(np.quantile(np.diff(time), SHORT))
+    return math.ceil(FINER * duration / step) / duration
 
 
 def at_times(simulated: Array, values: Array, time: Array) -> Array:
@@ -33,14 +33,10 @@ def at_times(simulated: Array, values: Array, time: Array) -> Array:
     They are returned unchanged if the clock of the samples is even, else interpolated by cubic
     polynomials.
     """
-    if simulated.size == time.size and _even(np.diff(time)):
+    if simulated.size == time.size and evenly_spaced(time):
         return values
     from scipy.interpolate import CubicHermiteSpline
 
     slope = np.gradient(values, simulated, axis=0)
     found: Array = CubicHermiteSpline(simulated, values, slope, axis=0)(time)
     return found
-
-
-def _even(steps: Array) -> bool:
-    return bool(np.ptp(steps) < 1e-6 * steps[0])

@@ -10,6 +10,7 @@ from feltmb.data.records import (
     Role,
     Sensor,
     StartPrior,
+    evenly_spaced,
 )
 from feltmb.data.sheet import ReadOptions
 
@@ -23,6 +24,7 @@ __all__ = [
     "Role",
     "Sensor",
     "StartPrior",
+    "evenly_spaced",
     "read_record",
     "read_records",
     "write_record",

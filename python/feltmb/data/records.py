@@ -15,7 +15,17 @@ from feltmb.arguments import checked
 from feltmb.data.readings import true_input
 from feltmb.errors import DataError
 
-__all__ = ["Array", "InputMode", "Integers", "Record", "Reference", "Role", "Sensor", "StartPrior"]
+__all__ = [
+    "Array",
+    "InputMode",
+    "Integers",
+    "Record",
+    "Reference",
+    "Role",
+    "Sensor",
+    "StartPrior",
+    "evenly_spaced",
+]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -115,6 +125,18 @@ class StartPrior:
         faults += [f"{k}: sd = {v!r}, expected >= 0" for k, v in self.sd.items() if not v >= 0.0]
         if faults:
             raise DataError("start: " + "; ".join(faults))
+
+
+def evenly_spaced(time: Array) -> bool:
+    """Whether all steps of a clock are equal to 1e-6 of the median step.
+
+    Parameters
+    ----------
+    time
+        Times [s], (n,), increasing.
+    """
+    steps = np.diff(time)
+    return bool(np.allclose(steps, np.median(steps), rtol=1e-6, atol=0.0))
 
 
 def _missing(name: str, column: Array, time: Array) -> str:
@@ -234,7 +256,7 @@ class Record:
     @cached_property
     def even(self) -> bool:
         """Whether all time steps are equal."""
-        return bool(np.allclose(np.diff(self.time), self.interval, rtol=1e-6, atol=0.0))
+        return evenly_spaced(self.time)
 
     def output_array(self, names: Iterable[str]) -> Array:
         """Outputs as (n, len(names)); an output that was not measured is NaN."""
