@@ -332,10 +332,12 @@ def _name(facts: Facts) -> Decision:
     # If more than noise is left, an effect that explains less than remains may only resemble the
     # cause; unless what remains is not correlated in time, which no cause in the machine is.
     resembles = fitted and not (facts.enough_left or facts.only_noise)
-    if _widens(far) or (resembles and _explained(far) < EXPLAINS_MOST):
+    # A gap that grows within the uncertainty of the fitted parameters refutes nothing.
+    grows = _widens(far) and not accepted.after.explains
+    if grows or (resembles and _explained(far) < EXPLAINS_MOST):
         why = (
             f"the held-out gap grows{_band(far)}"
-            if _widens(far)
+            if grows
             else "more than noise is left, and it explains less of the squared gap than remains"
         )
         return _unsure(facts, sure or tuple(unsure), why, refused=sure or tuple(unsure))

@@ -295,7 +295,7 @@ class _Likeliest:
     moved: Array
     """Distance of the globals from the fitted ones, in these units."""
     squares: float
-    """Sum of squares there, with the square of this distance."""
+    """Smallest sum of squares found, with the square of the distance from the fitted globals."""
     holds: bool = False
     """Whether the linear model there promises no gain that a simulation does not have."""
 
@@ -346,7 +346,7 @@ def _likeliest(base: Problem, fit: Fit, model: Fit, start: Point | None = None) 
         else:
             return here
         if share == 1.0 and abs(total - found - promised) < 2.0 * SAME:
-            return replace(here, holds=True)
+            return replace(here, squares=float(found), holds=True)
         point, moved = tried, ahead
     return here
 

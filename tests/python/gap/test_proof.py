@@ -191,6 +191,34 @@ def test_the_prediction_of_a_nonlinear_model_agrees_with_an_integral_over_its_pa
     assert outcome.total == pytest.approx(expected, abs=0.1)
 
 
+def test_a_linear_model_explains_what_its_uncertain_parameter_permits():
+    """The fitted record hardly shows the slope, and the held-out one a hundred times as well."""
+    line = LinearModel(
+        output="y",
+        columns={"slope": lambda record: record.inputs["u"]},
+        parameters=[Parameter(name="slope", value=1.0, sd=0.5)],
+        name="line",
+    )
+
+    def segmented(size, slope, seed):
+        u = np.linspace(-size, size, 100)
+        y = slope * u + 0.1 * np.random.default_rng(seed).standard_normal(u.size)
+        sensor = Sensor(name="y", unit="1", sigma=0.1)
+        record = Record(
+            name="line", time=np.arange(100) * 0.01, inputs={"u": u}, outputs={"y": y},
+            sensors={"y": sensor},
+        )  # fmt: skip
+        return segment_record(line, record, {"y": Noise(0.1)}, None)
+
+    fit = fit_problem(Problem(line, (segmented(0.1, 1.0, 1),)))
+    for slope, explains in ((1.3, True), (2.5, False)):
+        long = segmented(10.0, slope, 2)
+        outcome = evaluate(HeldOut((long,), np.zeros(0), (long,)), fit, FitSettings())
+        assert not outcome.fit.explains
+        assert outcome.predicted.holds
+        assert outcome.explains is explains
+
+
 def test_parameters_that_the_fit_excludes_explain_no_held_out_record():
     fit, held = tones(1.1)
     outcome = evaluate(held, fit, FitSettings())
