@@ -135,7 +135,7 @@ def test_report_is_the_same_bytes_and_escapes_text():
     assert "<against>" not in page(first)
 
 
-@pytest.mark.parametrize("noise", [{}, {"f": 0.01}])
+@pytest.mark.parametrize("noise", [{}, pytest.param({"f": 0.01}, marks=pytest.mark.slow)])
 def test_cut_off_run_resumes(tmp_path, noise):
     data = [replace(r, input_sigma=noise) for r in models.records(4, dry=0.02)]
     options = Options(bootstrap=0, restarts=0, resume=tmp_path / "resume")

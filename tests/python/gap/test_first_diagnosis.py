@@ -157,7 +157,7 @@ def test_a_planned_record_at_other_parameters_has_continuous_states(tmp_path):
     assert sizes[0] == pytest.approx(sizes[1], rel=1e-3)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(s, marks=pytest.mark.slow) for s in (2, 3))])
 def test_gain_of_a_sensor_and_of_the_input_are_not_told_apart(tmp_path, seed):
     """In a linear machine both give the same record. Unknown starts of blocks favored one."""
     records = motion(1.12, seed)

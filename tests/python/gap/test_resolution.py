@@ -87,18 +87,28 @@ def runs(
     return out
 
 
-def test_the_run_of_an_input_between_samples_is_estimated_and_is_no_cause() -> None:
-    effects = library.standard_effects(
+def standard() -> list[Effect]:
+    return library.standard_effects(
         ["q"], ["f"], [SLIDE], runs("smooth", samples=50)[0], force=4.0, travel=0.03, speed=0.5
     )
-    for held, share in (("smooth", 1.0), ("straight", 0.0)):
-        report = diagnose(make_model(), effects, runs(held), options=Options(bootstrap=0))
-        assert report.verdict is Verdict.CALIBRATED, report.statement
-        assert abs(report.model.parameters["between.f"] - share) < 0.05
-    # Straight lines, said by the user, where the signal was smooth: something is found.
-    told = diagnose(
-        make_model(hold="linear"), effects, runs("smooth"), options=Options(bootstrap=0)
-    )
+
+
+@pytest.mark.parametrize(
+    ("held", "share"),
+    [("smooth", 1.0), pytest.param("straight", 0.0, marks=pytest.mark.slow)],
+)
+def test_the_run_of_an_input_between_samples_is_estimated_and_is_no_cause(
+    held: str, share: float
+) -> None:
+    report = diagnose(make_model(), standard(), runs(held), options=Options(bootstrap=0))
+    assert report.verdict is Verdict.CALIBRATED, report.statement
+    assert abs(report.model.parameters["between.f"] - share) < 0.05
+
+
+@pytest.mark.slow
+def test_straight_lines_said_by_the_user_where_the_signal_was_smooth_are_found() -> None:
+    model, options = make_model(hold="linear"), Options(bootstrap=0)
+    told = diagnose(model, standard(), runs("smooth"), options=options)
     assert told.verdict not in (Verdict.NO_GAP, Verdict.CALIBRATED)
 
 
