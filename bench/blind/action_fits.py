@@ -1,10 +1,11 @@
 """Tests whether the fit of the whole action finds its minimum, and at which cost.
 
 Development cases of the whole action, each with nothing withheld and again, at the same tolerances,
-with one withheld effect. The model alone is fitted from its priors, from random starts within them,
-and from the tolerances of the truth. A fit has found its minimum if its log evidence is at most
-``SAME`` below that of the fit from the truth. A line of JSON a fit; what is in the file is not done
-again.
+with one withheld effect; with ``--drawn``, the cases of the blind bench as they are, with all kinds
+of records. The model alone is fitted as in a diagnosis from its priors and from random starts
+within them, and once, without paths along the records, from the tolerances of the truth. A fit has
+found its minimum if its log evidence is at most ``SAME`` below that of the fit from the truth. A
+line of JSON a fit; what is in the file is not done again.
 
     PYTHONPATH=bench python -m blind.action_fits -o out/fits.jsonl --cases 10
 """
@@ -14,7 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -26,12 +27,11 @@ from blind.action_machine import RTOL
 from feltmb.adapters import mechanism_model
 from feltmb.data import Array
 from feltmb.fit.problem import Point, Problem
-from feltmb.fit.solve import Fit, FitSettings, fit_problem
-from feltmb.gap.checks import check_records
-from feltmb.gap.judged_data import prepare
+from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish
+from feltmb.gap.judged_data import prepare, ready
 from feltmb.gap.refine import full_evidence
 
-__all__ = ["Result", "cases", "measure", "problem_of", "read", "starts", "table"]
+__all__ = ["Result", "cases", "drawn_cases", "measure", "problem_of", "read", "starts", "table"]
 
 #: A fit has found the minimum if its log evidence differs from the fit from the truth by less.
 SAME = 2.0
@@ -45,8 +45,10 @@ class Result:
     """One fit."""
 
     number: int
+    view: str
+    """Kind of the records."""
     withheld: str
-    """Name of the withheld effect; empty: none."""
+    """Names of the withheld effects; empty: none."""
     start: str
     """truth, priors, or random K"""
     evidence: float
@@ -72,15 +74,29 @@ def cases(numbers: Sequence[int], seed: int = SEED) -> Iterator[truth.Case]:
         yield one
 
 
+def drawn_cases(numbers: Sequence[int], seed: int = SEED) -> Iterator[truth.Case]:
+    """Cases of the blind bench."""
+    _, _, library, outputs = truth.setup()
+    scales = packaged_scales()
+    for n in numbers:
+        yield truth.draw(seed, n, scales, library, outputs)
+
+
 def problem_of(case: truth.Case) -> Problem:
-    """The model alone and the fitted records of a case."""
+    """The model alone and the fitted records of a case, prepared as in a diagnosis."""
     action, base, library, outputs = truth.setup()
-    records = [to_record(s, truth.record(base, library, case, s, outputs)[0]) for s in truth.FIT]
-    model, _ = mechanism_model(
-        action, library=library, effects=["input_gain"], rtol=RTOL, workers=1
+    given = [to_record(s, truth.record(base, library, case, s, outputs)[0]) for s in truth.FIT]
+    made, _ = mechanism_model(
+        action,
+        channels=[*given[0].outputs],
+        library=library,
+        effects=["input_gain"],
+        rtol=RTOL,
+        workers=1,
     )
+    model, records, checks, _ = ready(made, given)
     model = model.with_variability(records, truth.VARIATION)  # type: ignore[attr-defined]
-    return Problem(model, prepare(model, records, check_records(records), None))
+    return Problem(model, prepare(model, records, checks, None))
 
 
 def starts(problem: Problem, case: truth.Case, count: int) -> Iterator[tuple[str, Array]]:
@@ -102,29 +118,34 @@ def starts(problem: Problem, case: truth.Case, count: int) -> Iterator[tuple[str
 
 def the_fit(problem: Problem, point: Point) -> Fit:
     """Fit as in a diagnosis."""
-    return fit_problem(problem, FitSettings(restarts=0), point=point)
+    return fit_problem(problem, FitSettings(), point=point)
+
+
+def from_truth(problem: Problem, point: Point) -> Fit:
+    """Fit from a start near the minimum."""
+    return polish(problem, point, 1.0, FitSettings())
 
 
 def measure(
-    numbers: Sequence[int],
+    chosen: Iterable[truth.Case],
     wanted: Sequence[str],
     file: Path,
     *,
-    seed: int = SEED,
     way: Way = the_fit,
 ) -> None:
     """Fit from the given starts (truth, priors, random K), except for results in the file."""
     done = {(r.number, r.withheld, r.start) for r in read(file)}
     most = max((int(name.partition(" ")[2] or 0) for name in wanted), default=0)
-    for case in cases(numbers, seed):
-        withheld = case.parts[0].name if case.parts else ""
+    for case in chosen:
+        withheld = ", ".join(part.name for part in case.parts)
         left = [name for name in wanted if (case.number, withheld, name) not in done]
         if not left:
             continue
         problem = problem_of(case)
         places = dict(starts(problem, case, most))
         for name in left:
-            found = _fitted(problem, case.number, withheld, name, places[name], way)
+            own = from_truth if name == "truth" else way
+            found = _fitted(problem, case, withheld, name, places[name], own)
             with file.open("a", encoding="utf-8") as f:
                 f.write(json.dumps(asdict(found)) + "\n")
 
@@ -136,13 +157,14 @@ def read(file: Path) -> list[Result]:
 
 
 def _fitted(
-    problem: Problem, number: int, withheld: str, name: str, theta: Array, way: Way
+    problem: Problem, case: truth.Case, withheld: str, name: str, theta: Array, way: Way
 ) -> Result:
     problem.model.forget()
     clock = time.process_time()
     fit = way(problem, problem.start(theta=theta))
     return Result(
-        number=number,
+        number=case.number,
+        view=case.view,
         withheld=withheld,
         start=name,
         evidence=full_evidence(fit, 1.0),
@@ -170,13 +192,13 @@ def table(results: Sequence[Result], others: Sequence[Result] = ()) -> str:
             truths[key] = max(truths.get(key, -np.inf), r.evidence)
     results = [r for r in results if (r.number, r.withheld) in truths]
     lines = [
-        "| withheld | start | fits | found its minimum | within 2 of the best known | "
+        "| records | start | fits | found its minimum | within 2 of the best known | "
         "median [s] | mean [s] | most [s] |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for withheld in (False, True):
+    for view in sorted({r.view for r in results}):
         for kind in ("truth", "priors", "random"):
-            some = [r for r in results if bool(r.withheld) == withheld and r.start.startswith(kind)]
+            some = [r for r in results if r.view == view and r.start.startswith(kind)]
             if not some:
                 continue
             at = [(r.number, r.withheld) for r in some]
@@ -184,7 +206,7 @@ def table(results: Sequence[Result], others: Sequence[Result] = ()) -> str:
             near = [r.evidence >= best[k] - SAME for r, k in zip(some, at, strict=True)]
             seconds = [r.seconds for r in some]
             lines.append(
-                f"| {'one effect' if withheld else 'nothing'} | {kind} | {len(some)} | "
+                f"| {view} | {kind} | {len(some)} | "
                 f"{np.mean(found):.0%} | {np.mean(near):.0%} | {np.median(seconds):.1f} | "
                 f"{np.mean(seconds):.1f} | {np.max(seconds):.1f} |"
             )
@@ -197,8 +219,10 @@ if __name__ == "__main__":
     parser.add_argument("--cases", type=int, default=10)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--from", dest="wanted", default="truth,priors,random 1")
+    parser.add_argument("--drawn", action="store_true", help="the cases of the blind bench")
     parser.add_argument("--beside", type=Path, help="results of another engine")
     told = parser.parse_args()
     # Even numbers belong to the development half.
-    measure(range(0, 2 * told.cases, 2), told.wanted.split(","), told.output, seed=told.seed)
+    draw = drawn_cases if told.drawn else cases
+    measure(draw(range(0, 2 * told.cases, 2), told.seed), told.wanted.split(","), told.output)
     print(table(read(told.output), [] if told.beside is None else read(told.beside)))
