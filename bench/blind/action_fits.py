@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -64,22 +65,18 @@ class Result:
 
 def cases(numbers: Sequence[int], seed: int = SEED) -> Iterator[truth.Case]:
     """Cases without an effect, each followed by the same case with one withheld effect."""
-    _, _, library, outputs = truth.setup()
-    scales = packaged_scales()
-    for n in numbers:
-        one = truth.draw(
-            seed, n, scales, library, outputs, mix=(0.0, 1.0, 0.0, 0.0, 0.0), views={"force": 1.0}
-        )
+    one_effect = (0.0, 1.0, 0.0, 0.0, 0.0)
+    for one in drawn_cases(numbers, seed, mix=one_effect, views={"force": 1.0}):
         yield replace(one, parts=())
         yield one
 
 
-def drawn_cases(numbers: Sequence[int], seed: int = SEED) -> Iterator[truth.Case]:
-    """Cases of the blind bench."""
+def drawn_cases(numbers: Sequence[int], seed: int = SEED, **shares: Any) -> Iterator[truth.Case]:
+    """Cases of the blind bench; ``shares``: other shares of effects and views."""
     _, _, library, outputs = truth.setup()
     scales = packaged_scales()
     for n in numbers:
-        yield truth.draw(seed, n, scales, library, outputs)
+        yield truth.draw(seed, n, scales, library, outputs, **shares)
 
 
 def problem_of(case: truth.Case) -> Problem:
@@ -127,11 +124,7 @@ def from_truth(problem: Problem, point: Point) -> Fit:
 
 
 def measure(
-    chosen: Iterable[truth.Case],
-    wanted: Sequence[str],
-    file: Path,
-    *,
-    way: Way = the_fit,
+    chosen: Iterable[truth.Case], wanted: Sequence[str], file: Path, *, way: Way = the_fit
 ) -> None:
     """Fit from the given starts (truth, priors, random K), except for results in the file."""
     done = {(r.number, r.withheld, r.start) for r in read(file)}

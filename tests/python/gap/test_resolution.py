@@ -93,10 +93,7 @@ def standard() -> list[Effect]:
     )
 
 
-@pytest.mark.parametrize(
-    ("held", "share"),
-    [("smooth", 1.0), pytest.param("straight", 0.0, marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize(("held", "share"), [("smooth", 1.0), ("straight", 0.0)])
 def test_the_run_of_an_input_between_samples_is_estimated_and_is_no_cause(
     held: str, share: float
 ) -> None:
@@ -105,7 +102,6 @@ def test_the_run_of_an_input_between_samples_is_estimated_and_is_no_cause(
     assert abs(report.model.parameters["between.f"] - share) < 0.05
 
 
-@pytest.mark.slow
 def test_straight_lines_said_by_the_user_where_the_signal_was_smooth_are_found() -> None:
     model, options = make_model(hold="linear"), Options(bootstrap=0)
     told = diagnose(model, standard(), runs("smooth"), options=options)
