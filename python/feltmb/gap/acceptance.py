@@ -214,13 +214,22 @@ class _Attempt:
                 self.settings,
                 like=self.outcomes.get(()),
             )
-            if len(self.outcomes) == 1:  # each model has the start states of the other
-                self.before = self.outcomes[()] = second_start(self.before, found)
-            elif self.outcomes:
-                best = max(self.outcomes.values(), key=lambda o: o.total)
-                found = second_start(found, best) if not found.fit.defect_sd.size else found
-            self.outcomes[key] = found
+            self.outcomes[key] = self._with_second_starts(found) if self.outcomes else found
         return self.outcomes[key]
+
+    def _with_second_starts(self, found: Outcome) -> Outcome:
+        """The result of a set, with second starts for it and for the results before it.
+
+        The first result that explains the records is the second start of all that came before.
+        """
+        explained = [o for o in self.outcomes.values() if o.explains]
+        if len(self.outcomes) == 1 or (found.explains and not explained):
+            self.outcomes = {k: second_start(o, found) for k, o in self.outcomes.items()}
+            self.before = self.outcomes[()]
+            explained = [o for o in self.outcomes.values() if o.explains]
+        if found.fit.defect_sd.size or not explained:
+            return found
+        return second_start(found, max(explained, key=lambda o: o.total))
 
     def without(self, c: CandidateSet, name: str) -> CandidateSet | None:
         """The set without one of its effects; None: no effect remains."""
@@ -432,9 +441,10 @@ class _Attempt:
         return before.updated(max(0.0, other - none), gains)
 
     def rivals(self, best: CandidateSet) -> list[CandidateSet]:
-        """Other sets that all records together cannot distinguish from the best set.
+        """Other sets that the records cannot distinguish from the best set.
 
-        Held-out records that the best set does not explain do not tell which set is wrong.
+        Held-out records may refuse a set in comparison with the model alone. If the best set does
+        not explain them, they do not decide between it and the sets that remain.
         """
         told = self.outcome(best.fit).explains
         found = []

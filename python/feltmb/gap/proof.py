@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag, null_space
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Linear, Place
@@ -211,17 +212,26 @@ def second_start(found: Outcome, like: Outcome) -> Outcome:
 
     The states of tightly connected segments may be in a local minimum, which the records do not
     reveal: they are explained, but less well than by the other model. Without states, the search
-    for the likeliest parameters is repeated from those of the other model, if it explains the
-    records, unless this one does and its linear model holds.
+    for the likeliest parameters is repeated from those of the other model, if that one explains the
+    records, unless this one does and its search converged.
     """
     if not found.fit.defect_sd.size:
-        own, other = found.predicted, like.predicted
-        if own is None or other is None or not other.explains or (own.explains and own.holds):
-            return found
-        predicted = predict(found.fit.problem, found.fit, found.model, other.likeliest)
-        better = np.sum(predicted.density) > found.total
-        return replace(found, predicted=predicted) if better else found
+        other = like.predicted
+        return (
+            found
+            if other is None or not other.explains
+            else _from_parameters(found, other.likeliest)
+        )
     return _better(found, _carried(found, like), found.fit.level)
+
+
+def _from_parameters(found: Outcome, start: Point) -> Outcome:
+    """The result, or that of a search from other parameters if its density is larger."""
+    own = found.predicted
+    if own is None or (own.explains and own.converged):
+        return found
+    predicted = predict(found.fit.problem, found.fit, found.model, start)
+    return replace(found, predicted=predicted) if np.sum(predicted.density) > found.total else found
 
 
 def _carried(found: Outcome, like: Outcome) -> Point:
@@ -257,7 +267,10 @@ def expected_gain(
         base = replace(before.fit.problem, segmented_records=_predicted(held, outcome))
         way = replace(settings, chain=True)
         fit = polish(base, replace(before.fit.point, memo={}), before.fit.level, way)
-        densities.append(float(np.sum(predict(base, fit, before.model).density)))
+        found = Outcome(fit, settings, before.model, predict(base, fit, before.model))
+        if not fit.defect_sd.size:
+            found = _from_parameters(found, outcome.fit.point)
+        densities.append(found.total)
     mean = max(0.0, densities[0] - densities[1]) / inflation
     known = {t.name for t in before.fit.included}
     own = [k for k, t in enumerate(after.fit.included) if t.name not in known]
@@ -295,32 +308,34 @@ class _Likeliest:
     moved: Array
     """Distance of the globals from the fitted ones, in these units."""
     squares: float
-    """Smallest sum of squares found, with the square of the distance from the fitted globals."""
-    holds: bool = False
-    """Whether the linear model there promises no gain that a simulation does not have."""
+    """Sum of squares, with the square of the distance from the fitted globals."""
+    converged: bool = False
+    """Whether the linear model promises no larger gain at another point."""
 
 
 def _likeliest(base: Problem, fit: Fit, model: Fit, start: Point | None = None) -> _Likeliest:
-    """Gauss-Newton steps from the fitted parameters, or others, until the linear model holds.
+    """Gauss-Newton search from the fitted parameters, or from other ones.
 
     Where a part is caught in one simulation and missed in another, a derivative at the fitted
     parameters tells nothing of the outputs at other parameters that the fit permits.
     """
     loose = replace(base, frozen=False)
-    free, point = loose.free, fit.point
-    count = len(free) + len(loose.included)
-    nuisances = [sd for s in base.segmented_records for _, _, sd in s.nuisances]
-    units = np.diag(np.concatenate([np.zeros(count), nuisances]))
-    root = units[:count, :count] = _root(model.covariance)
-    moved = np.zeros(len(units))
+    count = len(loose.free) + len(loose.included)
+    nuisances = np.array([sd for s in base.segmented_records for _, _, sd in s.nuisances])
+    root, inverse = _roots(model.covariance)
+    units = block_diag(root, np.diag(nuisances))
+    inverse = block_diag(inverse, np.diag(1.0 / np.maximum(nuisances, 1e-300)))
+    origin, point, steps = fit.point, fit.point, 0
     if start is not None:
-        away = np.concatenate([(start.theta - point.theta)[free], np.zeros(len(loose.included))])
-        moved[:count] = root.T @ solve_scaled(root @ root.T, away)
         point = replace(point, theta=start.theta, places=start.places, memo={})
-    values = [place.nuisances for place in point.places]
-    moved[count:] = np.concatenate([*values, np.zeros(0)]) / np.maximum(nuisances, 1e-300)
-    for _ in range(STEPS):
-        linears = loose.linear(point)
+
+    def distance(at: Point) -> Array:
+        by_theta, by_magnitude = at.theta - origin.theta, at.magnitudes - origin.magnitudes
+        own = [place.nuisances for place in at.places]
+        return np.asarray(inverse @ np.concatenate([by_theta[loose.free], by_magnitude, *own]))
+
+    while True:
+        linears, moved = loose.linear(point), distance(point)
         total = base.cost_at(point, fit.defect_sd, linears)[0] + moved[:count] @ moved[:count]
         here = _Likeliest(point, linears, units, moved, float(total))
         if not np.isfinite(total):
@@ -328,31 +343,48 @@ def _likeliest(base: Problem, fit: Fit, model: Fit, start: Point | None = None) 
         normal = loose.normal(point, linears, fit.defect_sd)
         matrix, right = np.eye(len(units)), -moved
         for chain, own in zip(normal.chains, normal.columns, strict=True):
-            gram, mine = np.sum(chain.grams, axis=0), units[own]
-            matrix = matrix + mine.T @ gram[:-1, :-1] @ mine
-            right = right + mine.T @ gram[:-1, -1]
+            matrix, right = _added(matrix, right, np.sum(chain.grams, axis=0), units[own])
         if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
             return here
-        step = solve_scaled(matrix, right)
-        promised = float(right @ step)
-        if promised < 2.0 * SAME or current().must_end():
-            return replace(here, holds=promised < 2.0 * SAME)
+        step = _step_within(matrix, right, units[:count], *loose.room(point))
+        if float(right @ step) < 2.0 * SAME:
+            return replace(here, converged=True)
+        if steps == STEPS or current().must_end():
+            return here
         for share in SHARES:
-            ahead = moved + share * step
             tried = loose.moved(point, normal, units @ (share * step))
-            found = base.cost(tried, fit.defect_sd, linears)[0] + ahead[:count] @ ahead[:count]
-            if found < total:
+            far = distance(tried)[:count]
+            if base.cost(tried, fit.defect_sd, linears)[0] + far @ far < total:
                 break
         else:
             return here
-        if share == 1.0 and abs(total - found - promised) < 2.0 * SAME:
-            return replace(here, squares=float(found), holds=True)
-        point, moved = tried, ahead
-    return here
+        point, steps = tried, steps + 1
 
 
-def _root(covariance: Array) -> Array:
-    """Square root of a covariance; zero for what has no finite variance."""
+def _added(height: Array, right: Array, gram: Array, units: Array) -> tuple[Array, Array]:
+    """Normal equations with those of further residuals, in the given units."""
+    return height + units.T @ gram[:-1, :-1] @ units, right + units.T @ gram[:-1, -1]
+
+
+def _step_within(matrix: Array, right: Array, units: Array, low: Array, high: Array) -> Array:
+    """Newton step of normal equations; a global at a limit does not cross it.
+
+    ``units``: globals by variable, (globals, n). ``low``, ``high``: distances to the limits.
+    """
+    held = np.zeros(low.size, dtype=bool)
+    while True:
+        fixed = units[held] / np.linalg.norm(units[held], axis=1, keepdims=True)
+        free = null_space(fixed) if held.any() else np.eye(right.size)
+        step = np.asarray(free @ solve_scaled(free.T @ matrix @ free, free.T @ right))
+        moves = units @ step
+        beyond = ~held & (((low >= 0.0) & (moves < 0.0)) | ((high <= 0.0) & (moves > 0.0)))
+        if not beyond.any():
+            return step
+        held |= beyond
+
+
+def _roots(covariance: Array) -> tuple[Array, Array]:
+    """Square root of a covariance, and its inverse; zero for what has no finite variance."""
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     known = np.isfinite(sd)
     sd = np.where(known, sd, 1.0)
@@ -360,9 +392,12 @@ def _root(covariance: Array) -> Array:
     inner[~known] = inner[:, ~known] = 0.0
     inner[~known, ~known] = 1.0
     values, vectors = np.linalg.eigh(inner)
-    root = (vectors * np.sqrt(np.maximum(values, 0.0))) * sd[:, None]
-    root[~known] = 0.0
-    return np.asarray(root)
+    size = np.sqrt(np.maximum(values, 0.0))
+    shown = values > 1e-14 * np.max(values, initial=0.0)
+    root = (vectors * size) * sd[:, None]
+    inverse = (vectors / np.where(shown, size, np.inf)).T / sd
+    root[~known] = inverse[:, ~known] = 0.0
+    return root, inverse
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,49 +407,51 @@ class Predicted:
     density: Array
     """Log predictive density of the segments, (segments,)."""
     explains: bool
-    """Whether the sum of squares at the likeliest parameters agrees with noise."""
+    """Whether the records agree with noise at parameters that the fit permits."""
     likeliest: Point
     """The likeliest parameters and magnitudes."""
-    holds: bool
-    """Whether the model is linear enough there."""
+    converged: bool
+    """Whether the search for them converged."""
 
 
 def predict(base: Problem, fit: Fit, model: Fit, start: Point | None = None) -> Predicted:
     """Laplace approximation at the likeliest parameters, which are searched from ``start``."""
     at = _likeliest(base, fit, model, start)
+    none = np.full(sum(s.count for s in base.segmented_records), NO_DENSITY)
+    if not np.isfinite(at.squares):
+        return Predicted(none, False, fit.point, False)
     normal = replace(base, frozen=False).normal(
         at.point, at.linears, fit.defect_sd, keep_heads=True
     )
     height, right, units = np.eye(len(at.units)), -at.moved, at.units
-    gaps = float(np.sum(np.log(fit.defect_sd))) if fit.defect_sd.size else 0.0
-    out = []
-    known_so_far, before = 0.0, 0.5 * float(right @ right)
+    defects = float(np.sum(np.log(fit.defect_sd))) if fit.defect_sd.size else 0.0
+    known, densities, gains = 0.0, [0.0], [0.5 * float(right @ right)]
     for segmented, linear, chain, own in zip(
         base.segmented_records, at.linears, normal.chains, normal.columns, strict=True
     ):
         assert chain.heads is not None
-        mine = units[own]
-        known_so_far += base.log_start_prior(segmented, linear)
+        known += base.log_start_prior(segmented, linear)
         for gram, log_det, head, head_log_det in zip(
             chain.grams, chain.log_dets, *chain.heads, strict=True
         ):
             # All data so far, with this segment as the last one of its record.
-            high = height + mine.T @ head[:-1, :-1] @ mine
+            high, side = _added(height, right, head, units[own])
             if not np.all(np.isfinite(high)):
-                none = np.full(sum(s.count for s in base.segmented_records), NO_DENSITY)
                 return Predicted(none, False, fit.point, False)
-            side = right + mine.T @ head[:-1, -1]
-            seen = known_so_far - 0.5 * head[-1, -1] - head_log_det
-            seen += 0.5 * float(side @ solve_scaled(high, side) - np.linalg.slogdet(high)[1])
-            out.append(seen - before)
-            before = seen
+            volume = head_log_det + 0.5 * float(np.linalg.slogdet(high)[1])
+            densities.append(known - 0.5 * head[-1, -1] - volume)
+            gains.append(0.5 * float(side @ solve_scaled(high, side)))
             # The same segment with its continuity defect to the next one.
-            height = height + mine.T @ gram[:-1, :-1] @ mine
-            right = right + mine.T @ gram[:-1, -1]
-            known_so_far += -0.5 * gram[-1, -1] - log_det - gaps
-        known_so_far += gaps  # the last segment has no next one
-    explains = bool(at.squares < limit_of_noise(fit.dof))
-    return Predicted(np.array(out), explains, at.point, at.holds)
+            height, right = _added(height, right, gram, units[own])
+            known += -0.5 * gram[-1, -1] - log_det - defects
+        known += defects  # the last segment has no next one
+    if gains[-1] > SAME:
+        # The simulation does not have the gain of the linear model, or it is beyond a limit.
+        gains[1:] = [0.0] * (len(gains) - 1)
+    far = at.moved[: normal.shared]
+    explains = at.squares < limit_of_noise(fit.dof) and far @ far <= limit_of_noise(far.size)
+    density = np.diff(np.array(densities) + np.array(gains))
+    return Predicted(density, bool(explains), at.point, at.converged)
 
 
 def _converge(problem: Problem, model: Fit) -> Point:
