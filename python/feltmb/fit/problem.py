@@ -66,7 +66,7 @@ class Problem:
     """Unit of the continuity defects, by state [its unit]."""
     frozen: bool = False
     """Whether parameters and magnitudes are fixed (for held-out records)."""
-    held: tuple[int, ...] = ()
+    fixed: tuple[int, ...] = ()
     """Indices of magnitudes that are fixed."""
     store: Store | None = None
     """Store for finished optimizations; None: they are not stored."""
@@ -336,8 +336,8 @@ class Problem:
         limits += [t.effect.bounds for t in self.included]
         at = np.concatenate([point.theta[self.free], point.magnitudes])
         low, high = np.array(limits, dtype=np.float64).reshape(-1, 2).T
-        fixed = [len(self.free) + k for k in self.held]
-        low[fixed] = high[fixed] = at[fixed]
+        which = [len(self.free) + k for k in self.fixed]
+        low[which] = high[which] = at[which]
         return low - at, high - at
 
     @property
@@ -376,21 +376,21 @@ class Problem:
         high = np.full(normal.right.size, np.inf)
         low[:count], high[:count] = self.room(point)
         matrix = normal.matrix + damping * np.eye(normal.right.size)
-        held = np.zeros(normal.right.size, dtype=bool)
-        held[count : normal.shared] = True  # candidates remain unchanged
+        fixed = np.zeros(normal.right.size, dtype=bool)
+        fixed[count : normal.shared] = True  # candidates remain unchanged
         if self.frozen:
-            held[: normal.shared] = True
+            fixed[: normal.shared] = True
         delta = np.zeros(normal.right.size)
         for _ in range(count + 1):
-            open_ = ~held
-            rhs = normal.right - matrix[:, held] @ delta[held]
+            open_ = ~fixed
+            rhs = normal.right - matrix[:, fixed] @ delta[fixed]
             delta[open_] = solve_scaled(matrix[np.ix_(open_, open_)], rhs[open_])
             beyond = open_ & ((delta < low) | (delta > high))
             if not beyond.any():
                 break
             delta[beyond] = np.clip(delta[beyond], low[beyond], high[beyond])
-            held |= beyond
-        return delta, ~held
+            fixed |= beyond
+        return delta, ~fixed
 
     def step(self, point: Point, normal: Normal, damping: Array | float) -> tuple[Point, float]:
         """Point after a Levenberg step of :meth:`newton`, and its predicted gain."""

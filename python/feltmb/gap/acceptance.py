@@ -502,22 +502,22 @@ def sure_part(
     report states this.
     """
 
-    def held(part: set[str], *, strictly: bool = False) -> float:
+    def share(part: set[str], *, strictly: bool = False) -> float:
         pairs = zip(sets, belief, strict=True)
         return sum(
             w for c, w in pairs if part < set(c.names) or (part == set(c.names) and not strictly)
         )
 
-    if held(set(names)) >= credibility:
+    if share(set(names)) >= credibility:
         return tuple(names)
     for size in range(len(names) - 1, 0, -1):
         found = [
             part
             for part in itertools.combinations(names, size)
-            if held(set(part)) >= credibility > held(set(part), strictly=True)
+            if share(set(part)) >= credibility > share(set(part), strictly=True)
         ]
         if found:
-            return max(found, key=lambda part: held(set(part)))
+            return max(found, key=lambda part: share(set(part)))
     return tuple(names)
 
 

@@ -511,10 +511,10 @@ def _channel(
     clipped = 0.0
     if n > 50 and spread > 0.0:
         for extreme in (good.max(), good.min()):
-            held = (good[1:] == extreme) & (good[:-1] == extreme)
+            same = (good[1:] == extreme) & (good[:-1] == extreme)
             rest = abs(extreme - np.median(good)) < AWAY_FROM_REST * spread
             if not rest and quantum < FINE_DIGITS * spread:
-                clipped = max(clipped, float(np.mean(held)))
+                clipped = max(clipped, float(np.mean(same)))
     tau, drift = sensor.correlation_time, 0.0
     if sensor.sigma is not None:
         sigma, method = sensor.sigma, "sensor"

@@ -51,7 +51,7 @@ def profile_of(
     sd = float(np.sqrt(max(fit.covariance[row, row], 0.0)))
     wanted = np.clip(at + sd * np.array(PLACES), *candidate.effect.bounds)
     values = [float(v) for v in np.unique(wanted) if np.isfinite(v) and v != at]
-    problem = replace(fit.problem, held=(k,), store=None)
+    problem = replace(fit.problem, fixed=(k,), store=None)
     found = [(at, 0.0)]
     complete = True
     # Outwards, each value starting from the neighboring fit.

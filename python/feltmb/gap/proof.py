@@ -371,16 +371,16 @@ def _step_within(matrix: Array, right: Array, units: Array, low: Array, high: Ar
 
     ``units``: globals by variable, (globals, n). ``low``, ``high``: distances to the limits.
     """
-    held = np.zeros(low.size, dtype=bool)
+    fixed = np.zeros(low.size, dtype=bool)
     while True:
-        fixed = units[held] / np.linalg.norm(units[held], axis=1, keepdims=True)
-        free = null_space(fixed) if held.any() else np.eye(right.size)
+        rows = units[fixed] / np.linalg.norm(units[fixed], axis=1, keepdims=True)
+        free = null_space(rows) if fixed.any() else np.eye(right.size)
         step = np.asarray(free @ solve_scaled(free.T @ matrix @ free, free.T @ right))
         moves = units @ step
-        beyond = ~held & (((low >= 0.0) & (moves < 0.0)) | ((high <= 0.0) & (moves > 0.0)))
+        beyond = ~fixed & (((low >= 0.0) & (moves < 0.0)) | ((high <= 0.0) & (moves > 0.0)))
         if not beyond.any():
             return step
-        held |= beyond
+        fixed |= beyond
 
 
 def _roots(covariance: Array) -> tuple[Array, Array]:

@@ -62,7 +62,7 @@ class Search:
     failed: tuple[tuple[str, str], ...]
     total: float
     """Sum of the prior weights of all tested effects."""
-    held: Fit | None = None
+    limited: Fit | None = None
     """The model fitted within the tolerance that the best set exceeds; None if it exceeds none."""
     skipped: tuple[str, ...] = ()
     """Effects of sets that were not refitted because the search was stopped."""
@@ -70,7 +70,7 @@ class Search:
     @property
     def bare(self) -> Fit:
         """The best fit of the model without effects."""
-        return self.held or self.model_fit
+        return self.limited or self.model_fit
 
     @property
     def tightest(self) -> Fit:

@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 #: Note of a model whose parameters were limited to their tolerance.
-HELD = "parameters held within their tolerance"
+LIMITED = "parameters limited to their tolerance"
 
 
 def sd_of_change(found: Interval, tolerance: float) -> float:
@@ -120,7 +120,7 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
     if not names:
         return found
     before = found.model_fit
-    model = _held(before.problem.model, names)
+    model = _limited(before.problem.model, names)
     problem = replace(before.problem, model=model)
     theta = np.clip(
         before.point.theta,
@@ -131,7 +131,7 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
     fit = polish(problem, replace(before.point, theta=theta, memo={}), before.level, quick)
     if not np.isfinite(fit.cost):
         return found
-    return replace(found, held=replace(fit, notes=(*before.notes, HELD)))
+    return replace(found, limited=replace(fit, notes=(*before.notes, LIMITED)))
 
 
 def released(
@@ -176,17 +176,17 @@ def released(
         tight=None if tight is None else score_fit(tight, left),
         sets=tuple(replace(c, evidence=c.evidence - level + own) for c in others),
         model_evidence=own,
-        held=None,
+        limited=None,
     )
 
 
-def evidence_of_release(held: Fit, freed: Fit) -> float:
+def evidence_of_release(limited: Fit, freed: Fit) -> float:
     """Log evidence of a fit without some tolerances, comparable with that of a set of effects.
 
     The change of a parameter counts as the magnitude of an effect, one of as many as there are
-    parameters. ``held``: the fit with all tolerances.
+    parameters. ``limited``: the fit with all tolerances.
     """
-    known = held.problem.model.parameters
+    known = limited.problem.model.parameters
     level = full_evidence(freed, 1.0)
     for p, x in zip(known, freed.point.theta, strict=True):
         if p.name in freed.problem.refuted and math.isfinite(p.sd):
@@ -265,7 +265,7 @@ def _moves(fit: Fit, names: Collection[str]) -> bool:
     return any(t.effect.tolerance_parameter in names for t in fit.included)
 
 
-def _held(model: Model, names: Collection[str]) -> Model:
+def _limited(model: Model, names: Collection[str]) -> Model:
     """The model with limits at the tolerance for some parameters."""
     return model.with_parameters({p.name: _limited(p) for p in model.parameters if p.name in names})
 
