@@ -120,7 +120,7 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
     if not names:
         return found
     before = found.model_fit
-    model = _limited(before.problem.model, names)
+    model = _within_tolerance(before.problem.model, names)
     problem = replace(before.problem, model=model)
     theta = np.clip(
         before.point.theta,
@@ -265,7 +265,7 @@ def _moves(fit: Fit, names: Collection[str]) -> bool:
     return any(t.effect.tolerance_parameter in names for t in fit.included)
 
 
-def _limited(model: Model, names: Collection[str]) -> Model:
+def _within_tolerance(model: Model, names: Collection[str]) -> Model:
     """The model with limits at the tolerance for some parameters."""
     return model.with_parameters({p.name: _limited(p) for p in model.parameters if p.name in names})
 
