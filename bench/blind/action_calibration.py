@@ -86,7 +86,7 @@ def answer_to_force(model: Any, record: Record, force: Array) -> Array | float:
         return 0.0
     zero = np.zeros(model.mechanical)
     shown = record.with_inputs({"force": force})
-    moved, still = (model._motion(r, zero, (), np.zeros(0)) for r in (shown, record))
+    moved, still = (model.simulator.motion(r, zero, (), np.zeros(0)) for r in (shown, record))
     return np.asarray(moved - still)
 
 

@@ -42,12 +42,12 @@ def main() -> None:
     zeros = {o: np.zeros(clock.size) for o in model.outputs}
     record = Record(name=stroke.name, time=clock, inputs={"force": stroke.at(clock)}, outputs=zeros)
     candidates = [Candidate(e, s) for e in effects for s in e.shapes]
-    candidates = [c for c in candidates if can_differentiate(model, record, c)]
+    candidates = [c for c in candidates if can_differentiate(model.simulator, record, c)]
     theta, whole = np.zeros(len(model.parameters)), np.array([[0, clock.size - 1]], dtype=np.intp)
-    base = model.version(record, theta, (), np.zeros(0))
+    base = model.simulator.version(record, theta, (), np.zeros(0))
 
     def strokes() -> None:
-        model.whole(record, base)
+        model.simulator.whole(record, base)
 
     for count in COLUMNS:
         by_theta = range(min(count, len(model.parameters)))

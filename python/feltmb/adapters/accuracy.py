@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.adapters.drives import DISPLACEMENT
+from feltmb.adapters.simulator import Simulator
 from feltmb.data import Array, Record
 from feltmb.data.smoothing import LEAST_SAMPLES, WINDOW, smooth_record
 
@@ -31,7 +30,7 @@ MOVING = 3.0
 
 
 def with_integration_error(
-    model: DifferentiableMechanism, records: Sequence[Record], notes: list[str]
+    simulator: Simulator, records: Sequence[Record], notes: list[str]
 ) -> list[Record]:
     """Increase the noise of sensors to the error of the integration, if it is smaller.
 
@@ -39,22 +38,21 @@ def with_integration_error(
     therefore expressed as the white noise with an equal spectrum at low frequencies; otherwise
     every sample would count as independent information. The largest error of all records counts.
     """
-    fine = copy.copy(model)
-    fine.rtol = 0.1 * model.rtol
+    fine = simulator.with_rtol(0.1 * simulator.rtol)
     errors: dict[str, float] = {}
     for record in records:
         sharp = [
             (i, o)
-            for i, o in enumerate(model.outputs)
+            for i, o in enumerate(simulator.outputs)
             if o in record.outputs
             and (record.sensors[o].sigma or 0.0)
             < (SHARP_AT_FINGER if o == DISPLACEMENT else SHARP)
-            * model.rtol
+            * simulator.rtol
             * float(np.nanmax(np.abs(record.outputs[o]), initial=0.0))
         ]
         if not sharp:
             continue
-        runs = [m.as_tabulated(record) for m in (model, fine)]
+        runs = [m.as_tabulated(record) for m in (simulator, fine)]
         if runs[0] is None or runs[1] is None:
             continue
         for i, name in sharp:
@@ -72,7 +70,7 @@ def with_integration_error(
         for name, error in errors.items():
             own = sensors[name].sigma if name in sensors else None
             if own is not None and own < error:
-                unit = model.units[name]
+                unit = simulator.units[name]
                 notes.append(
                     f"{record.name}: noise of {name} is {own:.2g} {unit}, less than the error of a "
                     f"simulation, which is equivalent to white noise of {error:.2g} {unit}: the "
@@ -85,7 +83,7 @@ def with_integration_error(
 
 
 def with_force_error(
-    model: DifferentiableMechanism, record: Record, turn: float | None, notes: list[str]
+    simulator: Simulator, record: Record, turn: float | None, notes: list[str]
 ) -> Record:
     """Carry the noise of a measured motion into the force that the motion needs.
 
@@ -103,8 +101,8 @@ def with_force_error(
 
     Parameters
     ----------
-    model
-        The mechanism.
+    simulator
+        Simulator of the mechanism.
     record
         A record; it is returned unchanged if its input is not a motion with noise, or if no force
         is measured.
@@ -113,14 +111,14 @@ def with_force_error(
     notes
         A sentence is added for each force that is changed.
     """
-    names = [o for o in model.outputs if model.units[o] == "N" and o in record.outputs]
+    names = [o for o in simulator.outputs if simulator.units[o] == "N" and o in record.outputs]
     sigma = record.input_sigma.get("displacement", 0.0)
     if record.input_mode != "motion" or not names or not sigma > 0.0:
         return record
     if record.samples < LEAST_SAMPLES:
         return record
     width = max(1, round(WINDOW / record.interval))
-    errors = _squared_errors(model, record, sigma, width)
+    errors = _squared_errors(simulator, record, sigma, width)
     if errors is None:
         return record
     square, moving = errors
@@ -131,7 +129,9 @@ def with_force_error(
         own = sensors[name].sigma or 0.0
         if not finite.any():
             continue
-        used, error = _most_informative(square[:, model.outputs.index(name)], measured, own, width)
+        used, error = _most_informative(
+            square[:, simulator.outputs.index(name)], measured, own, width
+        )
         outputs[name] = np.where(used, outputs[name], np.nan)
         sensors[name] = replace(sensors[name], sigma=math.hypot(own, error))
         left = 1.0 - np.count_nonzero(used) / np.count_nonzero(finite)
@@ -144,7 +144,7 @@ def with_force_error(
 
 
 def _squared_errors(
-    model: DifferentiableMechanism, record: Record, sigma: float, width: int
+    simulator: Simulator, record: Record, sigma: float, width: int
 ) -> tuple[Array, Mask] | None:
     """Mean squared error of the outputs by the noise of a motion, (n, ny), and where it moves.
 
@@ -154,9 +154,9 @@ def _squared_errors(
     clean = replace(record, input_sigma={**record.input_sigma, "displacement": 0.0})
 
     def outputs(displacement: Array) -> Array | None:
-        return model.as_tabulated(clean.with_inputs({"displacement": displacement}))
+        return simulator.as_tabulated(clean.with_inputs({"displacement": displacement}))
 
-    smoothed = model.drives.of(record).value
+    smoothed = simulator.drives.of(record).value
     base, squares, speeds = outputs(smoothed), [], []
     for _ in range(DRAWS):
         noisy = smoothed + sigma * random.standard_normal(record.samples)

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from feltmb import _core
-from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.adapters.drives import FORCE, Drive, start_state
 from feltmb.adapters.library import Entry
 from feltmb.adapters.sampling import at_times, output_rate
+from feltmb.adapters.simulator import Simulator
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
@@ -85,23 +85,23 @@ class OperatingPoint:
     """Their magnitudes [their units], (k,)."""
 
 
-def can_differentiate(model: DifferentiableMechanism, record: Record, candidate: Candidate) -> bool:
+def can_differentiate(simulator: Simulator, record: Record, candidate: Candidate) -> bool:
     """Whether the candidate adds no states to the mechanism."""
     effect = candidate.effect
     if not isinstance(effect.data, Entry):
         return False
-    theta = np.zeros(len(model.parameters))
+    theta = np.zeros(len(simulator.parameters))
     shift = np.array([_shift(0.0, effect.scale, effect.bounds[1])])
     try:
-        base = model.version(record, theta, (), np.zeros(0))
-        moved = model.version(record, theta, (candidate,), shift)
+        base = simulator.version(record, theta, (), np.zeros(0))
+        moved = simulator.version(record, theta, (candidate,), shift)
     except FeltmbError:
         return False
     return base.states == moved.states
 
 
 def forward_sensitivities(
-    model: DifferentiableMechanism,
+    simulator: Simulator,
     at: OperatingPoint,
     by_theta: Sequence[int],
     candidates: tuple[Candidate, ...] = (),
@@ -111,8 +111,8 @@ def forward_sensitivities(
 
     Parameters
     ----------
-    model
-        The mechanism.
+    simulator
+        Simulator of the mechanism.
     at
         Where it is differentiated. Included effects with states of their own must have a magnitude
         that is not zero.
@@ -131,24 +131,24 @@ def forward_sensitivities(
     """
     record = at.record
     try:
-        base = model.version(record, at.theta, at.included, at.magnitudes)
-        drive = model.drives.of(record)
+        base = simulator.version(record, at.theta, at.included, at.magnitudes)
+        drive = simulator.drives.of(record)
         there = _Version(base, drive)
-        columns = _columns(model, at, by_theta, candidates, there)
-        columns += _input_columns(model, record, input_changes, there)
-        segment = _segment(model, columns, there)
-        rest = _at_rest(model, columns) if drive.motion else None
+        columns = _columns(simulator, at, by_theta, candidates, there)
+        columns += _input_columns(simulator, record, input_changes, there)
+        segment = _segment(simulator, columns, there)
+        rest = _at_rest(simulator, columns) if drive.motion else None
     except FeltmbError:
         return None
     options = _core.SensitivityOptions()
     simulation = _core.SimulationOptions()
-    simulation.rtol = model.rtol
+    simulation.rtol = simulator.rtol
     options.simulation = simulation
     options.tolerance = TOLERANCE
     options.output_rate = output_rate(record.time - record.time[0])
     index = {name: i for i, (name, _, _) in enumerate(_core.observables(base.mechanism))}
-    options.outputs = [index[o] for o in model.outputs]
-    options.threads = model.workers
+    options.outputs = [index[o] for o in simulator.outputs]
+    options.threads = simulator.workers
     parameters = [c.parameter() for c in columns]
     simulated(1.0)
     try:
@@ -159,12 +159,12 @@ def forward_sensitivities(
         return None
     gradient = np.asarray(result.gradient)[..., : len(columns)]
     if rest is None:
-        rest = gradient[0] * (np.array(model.outputs) != FORCE)[:, None]
+        rest = gradient[0] * (np.array(simulator.outputs) != FORCE)[:, None]
     return at_times(result.time, gradient, record.time - record.time[0]) - rest
 
 
 def _segment(
-    model: DifferentiableMechanism, columns: Sequence[_Column], base: _Version
+    simulator: Simulator, columns: Sequence[_Column], base: _Version
 ) -> _core.SensitivitySegment:
     """The record from its start; with a motion, with the start state and its derivatives."""
     end = float(base.drive.time[-1] - base.drive.time[0])
@@ -172,7 +172,7 @@ def _segment(
         return _core.SensitivitySegment(0.0, end)  # the core finds the rest pose
 
     def start_of(v: _Version) -> Array:
-        return start_state(model.action, v.variant, v.drive)
+        return start_state(simulator.action, v.variant, v.drive)
 
     state = start_of(base)
     moves = np.zeros((state.size, len(columns)))
@@ -182,12 +182,12 @@ def _segment(
     return _core.SensitivitySegment(0.0, end, list(state), list(base.variant.memory), none, moves)
 
 
-def _at_rest(model: DifferentiableMechanism, columns: Sequence[_Column]) -> Array:
+def _at_rest(simulator: Simulator, columns: Sequence[_Column]) -> Array:
     """Derivatives (ny, d) of the outputs at rest."""
-    rest = np.zeros((len(model.outputs), len(columns)))
+    rest = np.zeros((len(simulator.outputs), len(columns)))
     for k, column in enumerate(columns):
         rest[:, k] = column.derivative(
-            lambda v: [model.at_rest(v.variant, o) for o in model.outputs]
+            lambda v: [simulator.at_rest(v.variant, o) for o in simulator.outputs]
         )
     return rest
 
@@ -198,7 +198,7 @@ def _shift(value: float, scale: float, upper: float) -> float:
 
 
 def _columns(
-    model: DifferentiableMechanism,
+    simulator: Simulator,
     at: OperatingPoint,
     by_theta: Sequence[int],
     candidates: tuple[Candidate, ...],
@@ -215,12 +215,12 @@ def _columns(
         shift: float,
         scale: float,
     ) -> _Column:
-        version = model.version(at.record, moved, more, sizes)
+        version = simulator.version(at.record, moved, more, sizes)
         return _Column(name, _Version(version, base.drive), base, shift, scale)
 
     out = []
     for i in by_theta:
-        p = model.parameters[i]
+        p = simulator.parameters[i]
         shift = _shift(theta[i], p.size, p.upper)
         moved = theta.copy()
         moved[i] += shift
@@ -238,7 +238,7 @@ def _columns(
 
 
 def _input_columns(
-    model: DifferentiableMechanism,
+    simulator: Simulator,
     record: Record,
     changes: Sequence[Mapping[str, Array]],
     base: _Version,
@@ -247,7 +247,7 @@ def _input_columns(
     out = []
     for k, change in enumerate(changes):
         added = {name: record.inputs[name] + value for name, value in change.items()}
-        whole = model.drives.of(record.with_inputs(added)).value - base.drive.value
+        whole = simulator.drives.of(record.with_inputs(added)).value - base.drive.value
         near = replace(base.drive, value=base.drive.value + INPUT_SHIFT * whole)
         moved = _Version(base.variant, near)
         out.append(_Column(f"input change {k}", moved, base, INPUT_SHIFT, 1.0))

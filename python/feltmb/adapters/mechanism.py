@@ -9,7 +9,6 @@ from feltmb.adapters.effects import effect_of
 from feltmb.adapters.library import Entry, Library, load_library
 from feltmb.adapters.model import MechanismModel
 from feltmb.adapters.signals import columns_of
-from feltmb.adapters.strokes import StrokeModel
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect
 from feltmb.mechanism import Action
@@ -58,11 +57,13 @@ def mechanism_model(
     if not isinstance(library, Library):
         library = load_library(action, library)
     estimated = _chosen(library, tolerances)
-    model = StrokeModel(action, library, library.outputs(channels), tolerances=estimated, **options)
+    model = MechanismModel(
+        action, library, library.outputs(channels), tolerances=estimated, **options
+    )
     chosen = [e for e in library.select(effects) if _can_show(model, e)]
     ready = []
     for e in chosen:
-        alias = model.alias(e)
+        alias = model.simulator.alias(e)
         ready.append(
             effect_of(
                 e,

@@ -1,60 +1,57 @@
 """A mechanism as a model that :mod:`feltmb.fit` can fit and :mod:`feltmb.gap` can diagnose.
 
 Outputs are displacements of tracking points from rest [m] and, with motion input, the force of the
-finger [N]. Every record starts at rest, for all parameters, and is simulated as a whole.
+finger [N]. Every record starts at rest, for all parameters, and is simulated as a whole, so that a
+point of the fit costs one run per record.
 """
 
 from __future__ import annotations
 
 import copy
-import fnmatch
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from feltmb import _core
 from feltmb.adapters.accuracy import with_force_error, with_integration_error
-from feltmb.adapters.aliases import Alias, alias_of
-from feltmb.adapters.differentiable import DifferentiableMechanism
-from feltmb.adapters.drives import (
-    DISPLACEMENT,
-    FORCE,
-    Drives,
-    driven,
-    start_state,
-    with_noise,
-)
+from feltmb.adapters.derivatives import Derivatives, SimulatedPoint
+from feltmb.adapters.drives import DISPLACEMENT, FORCE, driven, with_noise
 from feltmb.adapters.landmarks import first_turn, landmarks
 from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
-from feltmb.adapters.sampling import at_times, output_rate
-from feltmb.adapters.shifter import Shifter
-from feltmb.adapters.variants import Variant, Workshop
+from feltmb.adapters.simulator import Simulator, key_of
+from feltmb.adapters.variability import RunVariability, variability_of
 from feltmb.adapters.writing import write_mechanism
 from feltmb.data import Array, Record
-from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.fit import Candidate, Effect, Parameter, Ready, State
-from feltmb.fit.watch import simulated
+from feltmb.errors import InvalidParameter
+from feltmb.fit import (
+    VARIABILITY,
+    Candidate,
+    Effect,
+    Jobs,
+    Model,
+    Parameter,
+    Ready,
+    Sensitivity,
+    SensitivityRequest,
+    Simulated,
+    State,
+)
 from feltmb.mechanism import Action
 
 __all__ = ["MechanismModel"]
 
-#: Tolerances of felt and friction, which vary from stroke to stroke.
-VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
 
-
-class MechanismModel(DifferentiableMechanism):
+class MechanismModel(Model):
     """A mechanism as a model of a fit or a diagnosis: parameters, records, files.
 
-    Abstract; :class:`~feltmb.adapters.strokes.StrokeModel` simulates and differentiates it, and
-    :func:`mechanism_model` makes one.
+    :func:`mechanism_model` makes one. ``chaotic`` is False: records should end soon after the
+    impact, while a stroke is still a smooth function of the parameters.
 
     Parameters
     ----------
@@ -78,6 +75,9 @@ class MechanismModel(DifferentiableMechanism):
         library.
     workers
         Number of threads; default: number of cores.
+    variation
+        Relative variation of felt and friction from stroke to stroke [1], for
+        :meth:`with_variability`; None: no variability.
 
     Raises
     ------
@@ -104,38 +104,29 @@ class MechanismModel(DifferentiableMechanism):
         segment: float | None = None,
         until: float | None = None,
         workers: int | None = None,
+        variation: float | None = 0.01,
     ):
         if not 0.0 < rtol < 1.0:
             raise InvalidParameter(f"rtol = {rtol!r}, expected in (0, 1)")
         if until is not None and not until >= 0.0:
             raise InvalidParameter(f"until = {until!r} s, expected >= 0")
-        self.action = action
         self.library = library
         self.name = action.name
         both = FORCE in outputs and DISPLACEMENT not in outputs
         self.outputs = (*outputs, DISPLACEMENT) if both else tuple(outputs)
         self.beside: frozenset[str] = frozenset()
         """Outputs that no planned record has; sensor effects mix them into other outputs."""
-        self.units = {o: "N" if o == FORCE else "m" for o in self.outputs}
-        self.units |= {"force": "N", "displacement": "m"}
-        self.tolerances = tuple(library.tolerances if tolerances is None else tolerances)
-        self.parameters = tuple(
-            Parameter(
-                name=e.name,
-                value=0.0,
-                sd=e.magnitude,
-                unit=e.unit,
-                lower=max(e.lower, -0.9 if e.unit == "1" else -math.inf),
-                upper=e.upper,
-                component=e.component,
-                label=e.part or f"The {e.component}",
-                words=e.words,
-                relative=e.unit == "1",
-            )
-            for e in self.tolerances
+        self.simulator = Simulator(
+            action,
+            self.outputs,
+            library.tolerances if tolerances is None else tolerances,
+            rtol=rtol,
+            workers=workers or min(8, os.cpu_count() or 1),
         )
+        self.derivatives = Derivatives(self.simulator)
+        self.units = self.simulator.units | {"force": "N", "displacement": "m"}
+        self.parameters = self.simulator.parameters
         self.segment = library.segment if segment is None else segment
-        self.rtol = rtol
         self.until = library.until
         if until is not None and math.isfinite(until) and library.until is None:
             raise InvalidParameter(
@@ -144,29 +135,26 @@ class MechanismModel(DifferentiableMechanism):
             )
         if until is not None and library.until is not None:
             self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
-        self.workers = workers or min(8, os.cpu_count() or 1)
-        self.drives = Drives()
         self.carried: frozenset[int] = frozenset()
         """Motions whose noise was carried into the force of their records by :meth:`ready`."""
-        self._aliases: dict[str, Alias | None] = {}
-        self._workshop = Workshop()
-        self._shifter = Shifter(action.config)
-        try:
-            self._base = self._workshop.build(action.config)
-        except FeltmbError as error:
-            raise InvalidParameter(f"mechanism {action.name!r} has no rest pose: {error}") from None
-        self._check_outputs(self._base)
+        self.variation = variation
+        self.variabilities: dict[str, RunVariability] = {}
+        """Run-to-run variability by record."""
 
-    def _check_outputs(self, base: Variant) -> None:
-        known = [f"{p}.{axis}" for p in base.points for axis in "xy"]
-        if self.action.config.finger is not None:
-            known += [FORCE, DISPLACEMENT]
-        unknown = [o for o in self.outputs if o not in known]
-        if unknown:
-            raise InvalidParameter(
-                f"outputs {', '.join(unknown)}: mechanism {self.name!r} has "
-                f"{', '.join(known) or 'no tracking points'}"
-            )
+    @property
+    def action(self) -> Action:
+        """The mechanism with its tabulated values."""
+        return self.simulator.action
+
+    @property
+    def tolerances(self) -> tuple[Entry, ...]:
+        """Estimated parameters of the mechanism."""
+        return self.simulator.tolerances
+
+    @property
+    def mechanical(self) -> int:
+        """Number of parameters of the mechanism; those of the variability follow."""
+        return len(self.simulator.parameters)
 
     # --- the interface of Model ---------------------------------------------------------------
 
@@ -176,7 +164,7 @@ class MechanismModel(DifferentiableMechanism):
         return ()
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """Prepare records: the part until shortly after the impact.
+        """Prepare records: the part until shortly after the impact, with their variability.
 
         The noise of the input is estimated if it is not specified.
         """
@@ -192,7 +180,7 @@ class MechanismModel(DifferentiableMechanism):
         def with_error(record: Record, turn: float | None) -> Record:
             if mark(record) in self.carried:
                 return record
-            out = with_force_error(self, record, turn, notes)
+            out = with_force_error(self.simulator, record, turn, notes)
             if out is not record:
                 model.carried |= {mark(out)}
             return out
@@ -216,9 +204,15 @@ class MechanismModel(DifferentiableMechanism):
                 )
                 record = record.cut(0, kept)
             cut.append(with_error(record, turn))
-        ready = with_integration_error(self, cut, notes)
-        same = model.carried == self.carried
-        return Ready(self if same else model, tuple(ready), tuple(notes))
+        ready = tuple(with_integration_error(self.simulator, cut, notes))
+        if model.carried == self.carried:
+            model = self
+        known = {r.name: model.variabilities.get(r.name) for r in ready}
+        if not all(
+            v is not None and v.covers(r) for r, v in zip(ready, known.values(), strict=True)
+        ):
+            model = model.with_variability(ready)
+        return Ready(model, ready, tuple(notes))
 
     def driven(self, records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:
         """Where motion and force are measured, the force is the input, and the motion an output."""
@@ -231,7 +225,8 @@ class MechanismModel(DifferentiableMechanism):
 
         The sensor states whether a channel is absolute, or its first value shows this.
         """
-        at = {o: self.at_rest(self._base, o) for o in self.outputs if self.units[o] == "m"}
+        rest, base = self.simulator.at_rest, self.simulator.base
+        at = {o: rest(base, o) for o in self.outputs if self.units[o] == "m"}
         return from_rest(record, at, self.name)
 
     def _turn(self, record: Record) -> float | None:
@@ -240,12 +235,8 @@ class MechanismModel(DifferentiableMechanism):
         name = self.until.output
         if name in record.outputs and np.isfinite(record.outputs[name]).sum() > 10:
             return first_turn(record.time, record.outputs[name])
-        run = self._integrate(record, self._base)
-        if run is None:
-            return None
-        result = run[1]
-        column = np.array(result.data)[:, list(result.names).index(name)]
-        return first_turn(record.time[0] + result.time, column - self.at_rest(self._base, name))
+        seen = self.simulator.raw(record, name)
+        return None if seen is None else first_turn(*seen)
 
     def accepts(self, effect: Effect) -> bool:
         """Whether an effect has an :class:`Entry`, or is a sensor or input effect."""
@@ -253,26 +244,17 @@ class MechanismModel(DifferentiableMechanism):
 
     def identity(self) -> str | None:
         """See :class:`~feltmb.fit.Model`: tables of the mechanism, and options of the model."""
-        options = (self.tolerances, self.rtol, self.until, self.segment, self.outputs)
+        own = self.simulator
+        options = (self.tolerances, own.rtol, self.until, self.segment, self.outputs, self.variation)
         return repr((type(self).__name__, self.action.raw, *options))
 
-    def as_tabulated(self, record: Record) -> Array | None:  # noqa: D102
-        return self.whole(record, self._base)
-
-    def whole(self, record: Record, variant: Variant) -> Array | None:
-        """Outputs of one version over the whole record from rest, (n, ny); None if it failed."""
-        run = self._integrate(record, variant)
-        return None if run is None else run[0]
+    def forget(self) -> None:
+        """See :class:`~feltmb.fit.Model`: clears the cached derivatives."""
+        self.derivatives.forget()
 
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
         """Start and end of the key's motion, and reversal of the hammer, if channels show them."""
         return landmarks(record.time, outputs, self.action.config.reading)
-
-    def alias(self, entry: Entry) -> Alias | None:
-        """Tolerance that changes the same values as an effect of the library, or None."""
-        if entry.name not in self._aliases:
-            self._aliases[entry.name] = alias_of(self.action.config, entry, self.tolerances)
-        return self._aliases[entry.name]
 
     def check_writing(self, path: Path) -> None:
         """See :class:`~feltmb.fit.Model`: a mechanism can be written."""
@@ -294,93 +276,209 @@ class MechanismModel(DifferentiableMechanism):
         return write_mechanism(
             path,
             self.action,
-            self._chosen(theta[: len(self.tolerances)], tuple(included), magnitudes),
+            self.simulator.chosen(theta[: self.mechanical], tuple(included), magnitudes),
             provenance=provenance,
             besides=[t.name for t in included if not isinstance(t.effect.data, Entry)],
             force=force,
         )
 
-    # --- for feltmb.adapters ----------------------------------------------------------------------
+    # --- run-to-run variability -------------------------------------------------------------------
 
-    def _chosen(
-        self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
-    ) -> list[tuple[Entry, float, float | None]]:
-        out: list[tuple[Entry, float, float | None]] = [
-            (e, float(v), None) for e, v in zip(self.tolerances, theta, strict=True)
-        ]
-        for candidate, magnitude in zip(included, magnitudes, strict=True):
-            if isinstance(candidate.effect.data, Entry):
-                out.append((candidate.effect.data, float(magnitude), candidate.shape))
-        return out
+    @property
+    def variability_has_input_noise(self) -> bool:  # type: ignore[override]
+        """Whether the records have a run-to-run variability; it contains the noise of the force."""
+        return bool(self.variabilities)
 
-    def _key(
-        self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
-    ) -> bytes:
-        drifting = [
-            (t.effect.data.condition.factor(record.conditions) if t.effect.data.condition else 1.0)
-            if isinstance(t.effect.data, Entry)
-            else 1.0
-            for t in included
-        ]
-        parts = [theta.tobytes()]
-        parts += [
-            f"{t.name}|{t.shape}|{float(magnitude * drift)!r}".encode()
-            for t, magnitude, drift in zip(included, magnitudes, drifting, strict=True)
-            if magnitude * drift != 0.0
-        ]
-        return b";".join(parts)
+    @property
+    def variability_is_tabulated(self) -> bool:  # type: ignore[override]
+        """Whether the variability of at least one record is that of the tabulated parameters."""
+        return any(
+            not v.effects and np.array_equal(v.theta, self._tabulated)
+            for v in self.variabilities.values()
+        )
 
-    def at_rest(self, variant: Variant, output: str) -> float:
-        """Value of an output at rest: position of the tracking point [m]; 0 for a force."""
-        point, _, axis = output.rpartition(".")
-        return variant.points[point]["xy".index(axis)] if point in variant.points else 0.0
+    @property
+    def _tabulated(self) -> Array:
+        return np.array([p.value for p in self.simulator.parameters])
 
-    def in_parallel(self, work: Callable[[Any], None], tasks: Sequence[Any]) -> None:
-        """Run the tasks on the threads of the model; results do not depend on their number."""
-        if self.workers <= 1 or len(tasks) < 2:
-            for task in tasks:
-                work(task)
-            return
-        with ThreadPoolExecutor(self.workers) as pool:
-            list(pool.map(work, tasks))
+    def with_variability(
+        self, records: Sequence[Record], variation: float | None = None
+    ) -> MechanismModel:
+        """The same model with the run-to-run variability of records.
 
-    def _integrate(self, record: Record, v: Variant) -> tuple[Array, Any] | None:
-        """Outputs (n, ny) at the samples of a record, and the run; None if it failed."""
-        time = record.time - record.time[0]
-        options = _core.SimulationOptions()
-        options.duration = float(time[-1])
-        options.rtol = self.rtol
-        options.output_rate = output_rate(time)
-        options.ledger = options.events = options.diagnose = False
-        options.finger_reference = v.finger_reference
-        drive = self.drives.of(record)
-        start = start_state(self.action, v, drive)
-        simulated(1.0)
-        try:
-            result = _core.simulate(
-                v.mechanism,
-                drive.input,
-                options,
-                list(start),
-                [],
-                None,
-                list(v.memory),
+        Parameters
+        ----------
+        records
+            All records of the diagnosis, held-out ones included.
+        variation
+            Relative standard deviation of felt and friction from stroke to stroke [1]; None: the
+            value of the model.
+
+        Returns
+        -------
+        MechanismModel
+            Model with additional parameters ``variability.RECORD.K``; the model itself if its own
+            variation is None as well.
+        """
+        variation = self.variation if variation is None else variation
+        if variation is None:
+            return self
+        at, none = self._tabulated, np.zeros(0)
+        out = copy.copy(self)
+        out.variabilities = {
+            r.name: variability_of(self.derivatives, r, variation, at, (), none)
+            or RunVariability(
+                r, np.zeros((r.samples, len(self.outputs), 0)), variation, at, (), none
             )
-        except (RuntimeError, ValueError, FeltmbError):
-            return None
-        if result.time.size < 2 or result.reached < time[-1] * (1.0 - 1e-9):
-            return None
-        return self._columns(result, at_times(result.time, result.data, time), v), result
+            for r in records
+        }
+        out.parameters = self.simulator.parameters + tuple(
+            Parameter(name=f"variability.{name}.{k + 1}", value=0.0, sd=1.0, component=VARIABILITY)
+            for name, known in out.variabilities.items()
+            for k in range(known.count)
+        )
+        return out
 
-    def _columns(self, result: Any, data: Array, v: Variant) -> Array:
-        where = {name: i for i, name in enumerate(result.names)}
-        out = np.empty((data.shape[0], len(self.outputs)))
-        for o, name in enumerate(self.outputs):
-            column = data[:, where[name]] if name in where else np.full(data.shape[0], np.nan)
-            out[:, o] = column - self.at_rest(v, name)
+    def with_variability_at(  # noqa: D102
+        self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
+    ) -> MechanismModel:
+        # The motion of a refined mechanism, for example, is shifted in time with the impact.
+        own, names = theta[: self.mechanical], tuple((c.name, c.shape) for c in included)
+        found = dict(self.variabilities)
+        for name, known in self.variabilities.items():
+            if known.holds_at(own, names, magnitudes, self.simulator.parameters):
+                continue
+            again = variability_of(
+                self.derivatives,
+                known.record,
+                known.variation,
+                own,
+                included,
+                magnitudes,
+                known.count,
+            )
+            if again is not None:
+                found[name] = again
+        if found == self.variabilities:
+            return self
+        out = copy.copy(self)
+        out.variabilities = found
+        return out
+
+    def _variability_of(self, record: Record) -> RunVariability | None:
+        """Variability of a record, or of the record from which it was cut."""
+        return self.variabilities.get(record.name) or self.variabilities.get(
+            record.name.rpartition("[")[0]
+        )
+
+    def _variability_place(self, record: Record) -> slice | None:
+        """Parameters of the variability of a record."""
+        at, own = self.mechanical, self._variability_of(record)
+        for known in self.variabilities.values():
+            if known is own:
+                return slice(at, at + known.count)
+            at += known.count
+        return None
+
+    def _variability_shift(self, record: Record, theta: Array) -> Array | None:
+        """Change of the outputs (n, ny) by the variability; None: no change."""
+        at, own = self._variability_place(record), self._variability_of(record)
+        if at is None or own is None or not np.any(theta[at]):
+            return None
+        return np.asarray(own.over(record) @ theta[at])
+
+    # --- simulations and derivatives --------------------------------------------------------------
+
+    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+        """Simulate jobs; all jobs of one version use one run from rest. Variability is added."""
+        outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
+        groups: dict[bytes, list[int]] = {}
+        for b in range(jobs.count):
+            magnitudes = jobs.magnitudes[b] if jobs.included else np.zeros(0)
+            theta = jobs.theta[b, : self.mechanical]
+            groups.setdefault(key_of(record, theta, jobs.included, magnitudes), []).append(b)
+
+        def work(rows: list[int]) -> None:
+            magnitudes = jobs.magnitudes[rows[0]] if jobs.included else np.zeros(0)
+            theta = jobs.theta[rows[0], : self.mechanical]
+            motion = self.simulator.motion(record, theta, jobs.included, magnitudes)
+            if motion is None:
+                return
+            for b in rows:
+                i, j = (int(k) for k in jobs.segments[b])
+                outputs[b, : j - i + 1] = motion[i : j + 1]
+                shift = self._variability_shift(record, jobs.theta[b])
+                if shift is not None:
+                    outputs[b, : j - i + 1] += shift[i : j + 1]
+
+        self.simulator.in_parallel(work, list(groups.values()))
+        return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
+
+    def sensitivities(  # noqa: D102
+        self, requests: Sequence[SensitivityRequest]
+    ) -> list[Sensitivity]:
+        # Exact derivatives, all in one pass.
+        return [self._sensitivity(request) for request in requests]
+
+    def _sensitivity(self, request: SensitivityRequest) -> Sensitivity:
+        request.check(self)
+        record, theta, segments = request.record, request.theta, request.segments
+        included, magnitudes = request.included, request.sizes
+        candidates, wanted = request.candidates, request.parameters_of(self)
+        changes = request.input_changes
+        own = theta[: self.mechanical]
+        w, length = len(segments), int(np.max(segments[:, 1] - segments[:, 0])) + 1
+        ny = len(self.outputs)
+        base = self.simulator.motion(record, own, included, magnitudes)
+        if base is None:
+            n = (len(wanted), len(included), len(candidates), len(changes))
+            outputs = np.full((w, length, ny), np.nan)
+            blank = [np.zeros((w, length, ny, k)) for k in n]
+        else:
+            shift = self._variability_shift(record, theta)
+            outputs = _cut(base if shift is None else base + shift, segments, length)
+            inner = [i for i in wanted if i < self.mechanical]
+            point = SimulatedPoint(record, own, included, magnitudes, base)
+            found, of, by_inputs = self.derivatives.at(
+                point, inner, (*included, *candidates), changes
+            )
+            by = self._with_own_variability(record, found, wanted)
+            columns = (by, *np.split(of, [len(included)], -1), by_inputs)
+            blank = [_cut(c, segments, length) for c in columns]
+        ends = [np.zeros((w, 0, c.shape[3])) for c in blank]
+        return Sensitivity(
+            outputs=outputs,
+            ends=np.zeros((w, 0)),
+            d_theta=blank[0],
+            d_theta_ends=ends[0],
+            d_magnitudes=blank[1],
+            d_magnitudes_ends=ends[1],
+            d_starts=np.zeros((w, length, ny, 0)),
+            d_starts_ends=np.zeros((w, 0, 0)),
+            d_candidates=blank[2],
+            d_candidates_ends=ends[2],
+            d_inputs=blank[3],
+            d_inputs_ends=ends[3],
+        )
+
+    def _with_own_variability(
+        self, record: Record, mechanical: Array, wanted: Sequence[int]
+    ) -> Array:
+        """Derivatives (n, ny, p) by parameters of the mechanism and of the variability."""
+        out = np.zeros((*mechanical.shape[:2], len(wanted)))
+        out[..., [c for c, i in enumerate(wanted) if i < self.mechanical]] = mechanical
+        place, own = self._variability_place(record), self._variability_of(record)
+        if place is not None and own is not None:
+            columns = own.over(record)
+            for c, i in enumerate(wanted):
+                if place.start <= i < place.stop:
+                    out[..., c] = columns[..., i - place.start]
         return out
 
 
-def is_law(entry: Entry) -> bool:
-    """Whether a tolerance scales a law of felt or friction."""
-    return entry.unit == "1" and any(fnmatch.fnmatch(entry.name, v) for v in VARYING)
+def _cut(whole: Array, segments: NDArray[np.intp], length: int) -> Array:
+    """A record (n, ...) divided into segments, (W, L, ...); zero after the end of a segment."""
+    out = np.zeros((len(segments), length, *whole.shape[1:]))
+    for w, (first, last) in enumerate(segments):
+        out[w, : last - first + 1] = whole[first : last + 1]
+    return out

@@ -96,7 +96,7 @@ def small():
     wanted = {"let_off_button": -1.2e-3}
     theta = np.array([wanted.get(p.name, 0.0) for p in model.parameters])
     for r in planned_strokes(model):
-        whole = model.whole(r, model.version(r, theta, (), np.zeros(0)))
+        whole = model.simulator.whole(r, model.simulator.version(r, theta, (), np.zeros(0)))
         outputs = {
             o: whole[:, k] + 2e-5 * generator.standard_normal(r.samples)
             for k, o in enumerate(model.outputs)

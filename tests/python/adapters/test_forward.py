@@ -40,13 +40,13 @@ def columns_of(monkeypatch, mechanism, stroke, effects, whole):
     zeros = {o: np.zeros(time.size) for o in model.outputs}
     record = Record(name=stroke, time=time, inputs={"force": values}, outputs=zeros)
     candidates = [Candidate(e, s) for e in known for s in e.shapes]
-    candidates = tuple(c for c in candidates if can_differentiate(model, record, c))
+    candidates = tuple(c for c in candidates if can_differentiate(model.simulator, record, c))
     count = len(model.parameters)
     at = OperatingPoint(record, np.zeros(count), (), np.zeros(0))
     with monkeypatch.context() as patch:
         patch.setattr(_core, "sensitivities", call)
         patch.setattr("feltmb.adapters.forward.TOLERANCE", 2e-6)
-        columns = forward_sensitivities(model, at, range(count), candidates)
+        columns = forward_sensitivities(model.simulator, at, range(count), candidates)
     scales = np.array([p.size for p in model.parameters] + [c.effect.scale for c in candidates])
     names = [p.name for p in model.parameters] + [c.name for c in candidates]
     return names, columns * scales, work[0]
@@ -121,7 +121,8 @@ def agreement(monkeypatch, stroke, effects, tolerances, tolerance=2e-6, rtol=1e-
     record = Record(name=stroke, time=time, inputs={"force": loaded.at(time)}, outputs=zeros)
     candidates = [Candidate(e, s) for e in known for s in e.shapes]
     candidates = tuple(
-        c for c in candidates if can_differentiate(model, record, c) and c.effect.bounds[0] < 0.0
+        c for c in candidates
+        if can_differentiate(model.simulator, record, c) and c.effect.bounds[0] < 0.0
         and c.effect.data.condition is None
     )  # fmt: skip
     s = model.sensitivities([SensitivityRequest(

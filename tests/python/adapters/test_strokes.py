@@ -96,23 +96,23 @@ def test_one_pass_a_point_and_only_what_is_missing_later(adapter):
     theta = np.zeros(len(model.parameters))
     none = np.zeros((1, 0))
     model.forget()
-    before = model.passes
+    before = model.derivatives.passes
     s = model.sensitivities([SensitivityRequest(record, theta, whole(record), none)])[0]
-    assert model.passes == before + 1
+    assert model.derivatives.passes == before + 1
     again = model.sensitivities(
         [SensitivityRequest(record, theta, whole(record), none, candidates=candidates)]
     )[0]
-    assert model.passes == before + 2  # the candidates
+    assert model.derivatives.passes == before + 2  # the candidates
     assert np.array_equal(again.d_theta, s.d_theta)
     model.sensitivities(
         [SensitivityRequest(record, theta, whole(record), none, candidates=candidates)]
     )[0]
-    assert model.passes == before + 2
+    assert model.derivatives.passes == before + 2
     model.sensitivities([SensitivityRequest(record, theta + 1e-9, whole(record), none)])[0]
-    assert model.passes == before + 3
+    assert model.derivatives.passes == before + 3
     model.forget()
     model.sensitivities([SensitivityRequest(record, theta, whole(record), none)])[0]
-    assert model.passes == before + 4
+    assert model.derivatives.passes == before + 4
 
 
 def test_an_effect_that_is_a_tolerance_has_its_column(adapter):
@@ -121,7 +121,7 @@ def test_an_effect_that_is_a_tolerance_has_its_column(adapter):
     from feltmb.adapters.effects import effect_of
 
     entry = model.library.effect("capstan_height")
-    assert model.alias(entry) is not None
+    assert model.simulator.alias(entry) is not None
     effect = effect_of(entry, model.outputs, model.library.channels)
     s = model.sensitivities([SensitivityRequest(
             record, np.zeros(len(model.parameters)), whole(record), np.zeros((1, 0)),
@@ -268,9 +268,9 @@ def test_derivatives_by_the_input_are_exact_and_in_the_same_pass(adapter, monkey
     request = SensitivityRequest(
         record, at, whole(record), none, candidates=(delay,), input_changes=({"force": 0.1 * hat},)
     )
-    before = model.passes
+    before = model.derivatives.passes
     s = observed_sensitivities(model, [request])[0]
-    assert model.passes == before + 1
+    assert model.derivatives.passes == before + 1
     included = observed_sensitivities(
         model, [SensitivityRequest(record, at, whole(record), none, (delay,), np.array([1e-3]))]
     )[0]
