@@ -245,7 +245,14 @@ class MechanismModel(Model):
     def identity(self) -> str | None:
         """See :class:`~feltmb.fit.Model`: tables of the mechanism, and options of the model."""
         own = self.simulator
-        options = (self.tolerances, own.rtol, self.until, self.segment, self.outputs, self.variation)
+        options = (
+            self.tolerances,
+            own.rtol,
+            self.until,
+            self.segment,
+            self.outputs,
+            self.variation,
+        )
         return repr((type(self).__name__, self.action.raw, *options))
 
     def forget(self) -> None:

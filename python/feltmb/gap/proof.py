@@ -191,19 +191,24 @@ def evaluate(
     fit = polish(base, _converge(base, model), model.level, way)
     fit = from_other_starts(fit, way) if like is None else from_other_starts(fit, way, most=1)
     found = Outcome(fit, settings, model, predict(base, fit, model))
-    if not fit.defect_sd.size:
+    if fit.defect_sd.size:
+        found = _with_larger_defects(found, fit.point)
+        found = found if like is None else second_start(found, like)
+    return found
+
+
+def _with_larger_defects(found: Outcome, start: Point) -> Outcome:
+    """The result, or one with larger continuity defects if the records need them.
+
+    Continuity defects that were right for the fitted records may be too tight for another motion,
+    for example with a repeated impact. Models could then not be compared. Larger defects have a
+    cost.
+    """
+    if found.fit.explains:
         return found
-    starts = [fit.point]
-    if like is not None:
-        starts.append(_carried(found, like))
-        found = second_start(found, like)
-    if not found.fit.explains:
-        # Continuity defects that were right for the fitted records may be too tight for another
-        # motion, for example with a repeated impact. Models could then not be compared. Larger
-        # defects have a cost.
-        looser = [v for v in settings.levels if 1.5 * model.level < v < 1.0]
-        for start, level in itertools.product(starts, looser):
-            found = _better(found, start, level)
+    looser = [v for v in found.settings.levels if 1.5 * found.model.level < v < 1.0]
+    for level in looser:
+        found = _better(found, start, level)
     return found
 
 
@@ -222,7 +227,8 @@ def second_start(found: Outcome, like: Outcome) -> Outcome:
             if other is None or not other.explains
             else _from_parameters(found, other.likeliest)
         )
-    return _better(found, _carried(found, like), found.fit.level)
+    start = _carried(found, like)
+    return _with_larger_defects(_better(found, start, found.fit.level), start)
 
 
 def _from_parameters(found: Outcome, start: Point) -> Outcome:

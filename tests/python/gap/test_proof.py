@@ -148,6 +148,31 @@ def test_held_out_start_states_have_those_of_the_other_model_as_a_second_start(
     assert second_start(alone, other).density == pytest.approx([-50.0])
 
 
+def test_larger_defects_are_tried_from_the_start_states_of_the_other_model_too(fitted, monkeypatch):
+    """A null was named: its set had larger defects, which the model alone was not offered."""
+    fit, segmented = fitted
+    held = HeldOut((segmented,), fit.problem.scale(fit.point), (segmented,))
+    other = evaluate(held, fit, FitSettings())
+    places = tuple(replace(p, starts=p.starts + 0.3) for p in other.fit.point.places)
+    other = replace(other, fit=replace(other.fit, point=replace(other.fit.point, places=places)))
+    level = [v for v in FitSettings().levels if v > 1.5 * fit.level][-1]
+
+    def where_it_is(problem, point, level, _):
+        return replace(other.fit, problem=problem, point=point, level=level, chi2=1e6)
+
+    def predicted(_, fit, __):
+        from_other = np.array_equal(fit.point.places[0].starts, places[0].starts)
+        value = -50.0 if from_other and fit.level == level else -110.0
+        return Predicted(np.array([value]), False, fit.point, True)
+
+    monkeypatch.setattr(proof, "polish", where_it_is)
+    monkeypatch.setattr(proof, "predict", predicted)
+    alone = evaluate(held, fit, FitSettings())
+    assert alone.total == -110.0
+    assert second_start(alone, other).total == -50.0
+    assert evaluate(held, fit, FitSettings(), like=other).total == -50.0
+
+
 def tone(samples, seed, frequency=1.0, noise=0.1):
     time = 0.05 * np.arange(samples)
     value = np.sin(frequency * time)
