@@ -207,10 +207,8 @@ class MechanismModel(Model):
         ready = tuple(with_integration_error(self.simulator, cut, notes))
         if model.carried == self.carried:
             model = self
-        known = {r.name: model.variabilities.get(r.name) for r in ready}
-        if not all(
-            v is not None and v.covers(r) for r, v in zip(ready, known.values(), strict=True)
-        ):
+        known = [(r, model.variabilities.get(r.name)) for r in ready]
+        if not all(v is not None and v.covers(r) for r, v in known):
             model = model.with_variability(ready)
         return Ready(model, ready, tuple(notes))
 

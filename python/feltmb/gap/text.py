@@ -153,9 +153,11 @@ def _missing(report: Findings, width: int) -> Iterator[Part]:
         )
     yield table
     if not (report.named or report.one_of or report.stopped):
+        tested = max(0.0, 1.0 - report.which.none - report.which.other)
         yield (
-            f"The probability is {report.which.none:.0%} that nothing is missing, and "
-            f"{report.which.other:.0%} that something else is missing."
+            f"The probability is {report.which.none:.0%} that nothing is missing, "
+            f"{report.which.other:.0%} that something else is missing, and {tested:.0%} that one "
+            "or several of the tested effects are."
         )
     if report.which.form_note:
         yield report.which.form_note
