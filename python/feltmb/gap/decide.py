@@ -501,15 +501,20 @@ def _too_weak(facts: Facts, why: str, refused: tuple[str, ...] = ()) -> Decision
 
 
 def _signs(facts: Facts) -> str:
-    """Evidence for a gap, as text."""
-    first = facts.first
-    text = f"the sum of squares is {_ratio(first):.3g} times that of noise"
+    """Evidence for a gap, as text: only what shows it."""
+    ratio = f"the sum of squares is {_ratio(facts.first):.3g} times that of noise"
+    signs = [ratio] if facts.misfit.far else []
     other = facts.misfit.other
-    if other > unknown_gain(facts.options.alpha) and not first.bare.defect_sd.size:
-        text += f"; a smooth signal is more probable than noise, log Bayes factor {other:.3g}"
-    if facts.p > refuted(facts.options.alpha):
-        return text
-    return f"{text}; p of the largest score is {facts.p:.1g}"
+    if other > unknown_gain(facts.options.alpha):
+        if facts.first.bare.defect_sd.size:
+            signs.append(f"unknown forces would gain {other:.3g} units of log evidence")
+        else:
+            signs.append(
+                f"a smooth signal is more probable than noise, log Bayes factor {other:.3g}"
+            )
+    if facts.p <= refuted(facts.options.alpha):
+        signs.append(f"p of the largest score is {facts.p:.1g}")
+    return "; ".join(signs) or ratio
 
 
 def _ratio(search: Search) -> float:

@@ -102,6 +102,16 @@ def test_the_statement_tells_what_held_out_records_say(decided):
     assert worse.named == ()
     assert worse.verdict == Verdict.UNKNOWN
     assert "the held-out gap grows, 95% from -50% to -10%" in worse.statement
+    assert "There is a gap (the sum of squares is 1.19 times that of noise; " in worse.statement
+    # Only what shows the gap is told as its sign.
+    below = replace(facts.misfit, left=True, far=False, other=50.0)
+    refused = replace(grown, accepted=replace(facts.accepted, after=own), p=0.9, misfit=below)
+    said = decide(refused).statement
+    assert (
+        "There is a gap (a smooth signal is more probable than noise, log Bayes factor 50)" in said
+    )
+    far_off = replace(refused, misfit=replace(below, far=True, other=0.0))
+    assert "There is a gap (the sum of squares is" in decide(far_off).statement
 
     # If more than noise is left, the effect must explain more than remains.
     most = replace(far, before=3.0, after=2.0, closed=0.5, low=0.4, high=0.6)
