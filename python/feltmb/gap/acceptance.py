@@ -32,6 +32,7 @@ from feltmb.gap.law_errors import law_errors
 from feltmb.gap.misfit import allowance
 from feltmb.gap.options import Options
 from feltmb.gap.proof import (
+    SEGMENTED_LEVEL,
     HeldOut,
     Outcome,
     Paired,
@@ -208,28 +209,20 @@ class _Attempt:
                 raise _OutOfTime
             if self.progress is not None:
                 self.progress("held-out: " + (" + ".join(key) or "model"), len(self.outcomes), 0)
-            found = evaluate(
-                self.held,
-                fit,
-                self.settings,
-                like=self.outcomes.get(()),
-            )
-            self.outcomes[key] = self._with_second_starts(found) if self.outcomes else found
+            self.outcomes[key] = self._with_second_starts(fit)
+            self.before = self.outcomes[()]
         return self.outcomes[key]
 
-    def _with_second_starts(self, found: Outcome) -> Outcome:
-        """The result of a set, with second starts for it and for the results before it.
+    def _with_second_starts(self, fit: Fit) -> Outcome:
+        """Evaluate a fit, with the best result so far as its second start.
 
-        The first result that explains the records is the second start of all that came before.
+        A result that is better than all before is the second start of these.
         """
-        explained = [o for o in self.outcomes.values() if o.explains]
-        if len(self.outcomes) == 1 or (found.explains and not explained):
+        best = max(self.outcomes.values(), key=_total_of, default=None)
+        found = evaluate(self.held, fit, self.settings, like=best)
+        if best is not None and _total_of(found) > _total_of(best):
             self.outcomes = {k: second_start(o, found) for k, o in self.outcomes.items()}
-            self.before = self.outcomes[()]
-            explained = [o for o in self.outcomes.values() if o.explains]
-        if found.fit.defect_sd.size or not explained:
-            return found
-        return second_start(found, max(explained, key=lambda o: o.total))
+        return found
 
     def without(self, c: CandidateSet, name: str) -> CandidateSet | None:
         """The set without one of its effects; None: no effect remains."""
@@ -612,6 +605,11 @@ def _part(search: Search, fit: Fit, kept: Sequence[int], settings: FitSettings) 
     return refit(search.bare, included, fit.point.magnitudes[list(kept)], settings)
 
 
+def _total_of(outcome: Outcome) -> float:
+    """Log predictive density; a failed simulation is the worst."""
+    return outcome.total if np.isfinite(outcome.total) else -math.inf
+
+
 def _certainty(fit: Fit) -> dict[str, float]:
     """Magnitude over its posterior standard deviation, for each effect."""
     magnitudes = fit.intervals()[len(fit.problem.free) :]
@@ -621,11 +619,12 @@ def _certainty(fit: Fit) -> dict[str, float]:
 def _follows(outcome: Outcome) -> bool:
     """Whether a model explains held-out records only with larger continuity defects, or not at all.
 
-    Its states then follow these records, and its outputs do not tell what an effect would do there.
+    They are larger than those of its fit, and than those of other held-out records. Its states then
+    follow these records, and its outputs do not tell what an effect would do there.
     """
     fit = outcome.fit
     return not np.isfinite(fit.cost) or bool(
-        fit.defect_sd.size and fit.level > 1.01 * outcome.model.level
+        fit.defect_sd.size and fit.level > 1.01 * max(outcome.model.level, SEGMENTED_LEVEL)
     )
 
 

@@ -55,9 +55,10 @@ __all__ = [
 
 #: Log predictive density of a segment that cannot be linearized.
 NO_DENSITY = -1e6
-#: Continuity defect of the segmented gap and of predictions, as a share of the spread of the
-#: states. With exact continuity, a linearization of a chaotic machine would predict that a
-#: friction of 1e-7 N is detectable. The linearization is not valid that far.
+#: Smallest continuity defect of held-out densities, of predictions and of the segmented gap, as a
+#: share of the spread of the states. With tighter defects, the states of a strike have many local
+#: minima: the densities of one model and record differed by 70. A linearization of a chaotic
+#: machine would predict that a friction of 1e-7 N is detectable. It is not valid that far.
 SEGMENTED_LEVEL = 0.01
 #: Largest number of steps to the likeliest parameters of held-out records, and the shares of a step
 #: that are tried.
@@ -179,7 +180,8 @@ def evaluate(
 ) -> Outcome:
     """Evaluate a fitted model on held-out segmented records.
 
-    ``like``: another model, whose start states are a second start for those of this one.
+    The continuity defects are those of the fit, or :data:`SEGMENTED_LEVEL` if that is larger.
+    ``like``: the result of another model, which is a second start for this one.
     """
     base = replace(
         model.problem,
@@ -188,13 +190,13 @@ def evaluate(
         state_scale=held.state_scale if held.state_scale.size else None,
     )
     way = replace(settings, chain=True)
-    fit = polish(base, _converge(base, model), model.level, way)
+    level = max(model.level, SEGMENTED_LEVEL)
+    fit = polish(base, _converge(base, model, level), level, way)
     fit = from_other_starts(fit, way) if like is None else from_other_starts(fit, way, most=1)
     found = Outcome(fit, settings, model, predict(base, fit, model))
     if fit.defect_sd.size:
         found = _with_larger_defects(found, fit.point)
-        found = found if like is None else second_start(found, like)
-    return found
+    return found if like is None else second_start(found, like)
 
 
 def _with_larger_defects(found: Outcome, start: Point) -> Outcome:
@@ -206,7 +208,7 @@ def _with_larger_defects(found: Outcome, start: Point) -> Outcome:
     """
     if found.fit.explains:
         return found
-    looser = [v for v in found.settings.levels if 1.5 * found.model.level < v < 1.0]
+    looser = [v for v in found.settings.levels if 1.5 * found.fit.level < v < 1.0]
     for level in looser:
         found = _better(found, start, level)
     return found
@@ -221,12 +223,9 @@ def second_start(found: Outcome, like: Outcome) -> Outcome:
     records, unless this one does and its search converged.
     """
     if not found.fit.defect_sd.size:
-        other = like.predicted
-        return (
-            found
-            if other is None or not other.explains
-            else _from_parameters(found, other.likeliest)
-        )
+        if like.predicted is None or not like.predicted.explains:
+            return found
+        return _from_parameters(found, like.predicted.likeliest)
     start = _carried(found, like)
     return _with_larger_defects(_better(found, start, found.fit.level), start)
 
@@ -460,8 +459,8 @@ def predict(base: Problem, fit: Fit, model: Fit, start: Point | None = None) -> 
     return Predicted(density, bool(explains), at.point, at.converged)
 
 
-def _converge(problem: Problem, model: Fit) -> Point:
-    """Start states of new records: from loose continuity defects to those of the model."""
+def _converge(problem: Problem, model: Fit, level: float) -> Point:
+    """Start states of new records: from loose continuity defects to a level of them."""
     point = problem.start(magnitudes=model.point.magnitudes, theta=model.point.theta)
     extra = [t for t in machine_candidates(problem.included) if t.effect.hidden]
     if extra:
@@ -472,7 +471,7 @@ def _converge(problem: Problem, model: Fit) -> Point:
         point = bare.carry(
             Point(bare_point.theta, np.zeros(0), cut), problem.included, model.point.magnitudes
         )
-    return estimate_states(problem, point, model.level)
+    return estimate_states(problem, point, level)
 
 
 def _by_segment(fit: Fit) -> Iterator[tuple[SegmentedRecord, Array]]:
