@@ -32,7 +32,7 @@ from feltmb.gap.law_errors import law_errors
 from feltmb.gap.misfit import allowance
 from feltmb.gap.options import Options
 from feltmb.gap.proof import (
-    SEGMENTED_LEVEL,
+    HELD_OUT_LEVEL,
     HeldOut,
     Outcome,
     Paired,
@@ -624,7 +624,7 @@ def _follows(outcome: Outcome) -> bool:
     """
     fit = outcome.fit
     return not np.isfinite(fit.cost) or bool(
-        fit.defect_sd.size and fit.level > 1.01 * max(outcome.model.level, SEGMENTED_LEVEL)
+        fit.defect_sd.size and fit.level > 1.01 * max(outcome.model.level, HELD_OUT_LEVEL)
     )
 
 

@@ -55,11 +55,14 @@ __all__ = [
 
 #: Log predictive density of a segment that cannot be linearized.
 NO_DENSITY = -1e6
-#: Smallest continuity defect of held-out densities, of predictions and of the segmented gap, as a
-#: share of the spread of the states. With tighter defects, the states of a strike have many local
-#: minima: the densities of one model and record differed by 70. A linearization of a chaotic
-#: machine would predict that a friction of 1e-7 N is detectable. It is not valid that far.
+#: Continuity defect of the segmented gap and of predictions, as a share of the spread of the
+#: states. With exact continuity, a linearization of a chaotic machine would predict that a
+#: friction of 1e-7 N is detectable. The linearization is not valid that far.
 SEGMENTED_LEVEL = 0.01
+#: Smallest continuity defect of held-out densities. With tighter defects, the states of a strike
+#: have many local minima: the densities of one model and record differed by 70. With larger ones,
+#: the states follow what an effect does.
+HELD_OUT_LEVEL = 1e-3
 #: Largest number of steps to the likeliest parameters of held-out records, and the shares of a step
 #: that are tried.
 STEPS, SHARES = 12, (1.0, 0.5, 0.25, 0.1, 0.03)
@@ -180,7 +183,7 @@ def evaluate(
 ) -> Outcome:
     """Evaluate a fitted model on held-out segmented records.
 
-    The continuity defects are those of the fit, or :data:`SEGMENTED_LEVEL` if that is larger.
+    The continuity defects are those of the fit, or ``HELD_OUT_LEVEL`` if that is larger.
     ``like``: the result of another model, which is a second start for this one.
     """
     base = replace(
@@ -190,7 +193,7 @@ def evaluate(
         state_scale=held.state_scale if held.state_scale.size else None,
     )
     way = replace(settings, chain=True)
-    level = max(model.level, SEGMENTED_LEVEL)
+    level = max(model.level, HELD_OUT_LEVEL)
     fit = polish(base, _converge(base, model, level), level, way)
     fit = from_other_starts(fit, way) if like is None else from_other_starts(fit, way, most=1)
     found = Outcome(fit, settings, model, predict(base, fit, model))

@@ -21,7 +21,7 @@ from feltmb.gap.acceptance import _Attempt, least_gain
 from feltmb.gap.assemble import how_far_rows
 from feltmb.gap.criteria import ALPHA, SURE, contradicted, least_odds
 from feltmb.gap.proof import (
-    SEGMENTED_LEVEL,
+    HELD_OUT_LEVEL,
     HeldOut,
     Predicted,
     compare,
@@ -150,7 +150,7 @@ def test_held_out_start_states_have_those_of_the_other_model_as_a_second_start(
     found = evaluate(held, fit, FitSettings(), like=other)
     assert found.density == pytest.approx([-50.0])
     assert found.fit.explains  # so that no larger defects are tried
-    assert found.fit.level == max(fit.level, SEGMENTED_LEVEL)
+    assert found.fit.level == max(fit.level, HELD_OUT_LEVEL)
     alone = evaluate(held, fit, FitSettings())
     assert alone.density == pytest.approx([-50.0 if better == "own" else -110.0])
     assert second_start(alone, other).density == pytest.approx([-50.0])
