@@ -34,6 +34,9 @@ __all__ = ["ChannelCheck", "DataChecks", "check_records"]
 LEAST_COPY = 8
 #: Largest relative difference between the steps of clocks that count as the same.
 SAME_CLOCK = 1e-3
+#: Largest rms difference of the inputs of two repeats, as a share of their spread: the outputs of
+#: other inputs differ, and the difference is no noise.
+SAME_INPUT = 0.1
 #: Four times the relative error of a noise estimate from n samples, 2 / sqrt(n), times sqrt(n).
 QUIET_RECORDS = 8.0
 #: Differences of values below this share of their spread are errors of arithmetic.
@@ -471,6 +474,18 @@ def _clock(record: Record, problems: list[str], warnings: list[str]) -> None:
         )
 
 
+def _same_inputs(record: Record, other: Record) -> bool:
+    """Whether two records on one clock have the same inputs, within the spread of repeats."""
+    if record.inputs.keys() != other.inputs.keys():
+        return False
+    for name, value in record.inputs.items():
+        spread = max(float(np.std(value)), float(np.std(other.inputs[name])))
+        apart = float(np.sqrt(np.mean((value - other.inputs[name]) ** 2)))
+        if apart > SAME_INPUT * spread + 1e-12 * float(np.max(np.abs(value), initial=0.0)):
+            return False
+    return True
+
+
 def _repeatability(records: Sequence[Record], warnings: list[str]) -> dict[tuple[str, str], float]:
     """Standard deviation between repeats of one run, for each label and channel."""
     groups: dict[str, list[Record]] = {}
@@ -487,6 +502,15 @@ def _repeatability(records: Sequence[Record], warnings: list[str]) -> dict[tuple
         ]
         if len(same) < len(group):
             warnings.append(f"repeats {label}: clocks differ; only {len(same)} are compared")
+        alike = [r for r in same if _same_inputs(r, same[0])]
+        if len(alike) < len(same):
+            others = [r.name for r in same if r not in alike]
+            warnings.append(
+                f"repeats {label}: {', '.join(others[:4])}{' and others' * (len(others) > 4)} "
+                f"{'has' if len(others) == 1 else 'have'} other inputs than {same[0].name}: they "
+                "are other experiments, and their differences are not taken for noise"
+            )
+        same = alike
         if len(same) < 2:
             continue
         for channel in same[0].outputs:

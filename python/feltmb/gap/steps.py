@@ -57,7 +57,7 @@ def next_steps(
         for row in calibrated
         if row.sure and row.prior_deviations is not None and abs(row.prior_deviations) > MOVED
     ][:3]
-    texts += [f"{r.effect}: {r.remedy}" for r in named if r.remedy]
+    texts += [f"{r.effect}: {r.remedy or _remedy(r)}" for r in named]
     # A direct test decides between effects that no record can separate.
     texts += [f"If it is {r.effect}: {r.remedy}" for r in one_of if r.remedy]
     if verdict in (Verdict.UNKNOWN, Verdict.NAMED_RESIDUAL):
@@ -89,3 +89,10 @@ def next_steps(
             "is added to the noise."
         )
     return tuple(Advice(text=t) for t in texts)
+
+
+def _remedy(effect: Ranked) -> str:
+    """What to do about a named effect that states no remedy."""
+    if effect.kind in ("sensor", "input"):
+        return "correct the records, or add it to the model"
+    return "add it to the model, or remove its cause from the machine"

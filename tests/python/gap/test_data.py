@@ -505,6 +505,27 @@ def test_the_rounding_error_counts_once_in_an_estimated_noise():
     assert free >= 0.05 / np.sqrt(12.0)
 
 
+@pytest.mark.parametrize(("change", "repeats"), [(0.02, True), (1.0, False)])
+def test_runs_with_other_inputs_are_no_repeats(change, repeats):
+    """Four experiments of one file had twenty thousand times the noise of their sensor."""
+    generator = np.random.default_rng(0)
+    time = 0.01 * np.arange(300)
+    runs = []
+    for k in range(3):
+        u = np.sin(5.0 * time) + change * np.sin((2.0 + k) * time)
+        q = u + 1e-3 * generator.standard_normal(time.size)
+        runs.append(
+            Record(name=f"f[{k}]", time=time, inputs={"u": u}, outputs={"q": q}, repeats="f")
+        )
+    found = check_records(runs)
+    assert bool(found.repeatability) is repeats
+    told = [w for w in found.warnings if "other inputs than f[0]" in w]
+    assert bool(told) is not repeats
+    if not repeats:
+        assert "f[1], f[2] have other inputs" in told[0]
+        assert found.channels[0].sigma < 5e-3
+
+
 def test_values_missing_in_repeats_and_everywhere_are_told_without_numpy():
     (_, other) = flat_and_moving(sigma=1e-2)
     time = np.arange(200)
