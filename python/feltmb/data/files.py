@@ -388,10 +388,13 @@ def _runs(
 _SI = ("m", "kg", "s", "rad", "Hz", "N", "Pa", "J", "m/s", "m/s^2", "rad/s", "N m", "1")
 #: Units of other quantities, which are kept.
 _OTHERS = ("V", "A", "ohm", "W", "K", "degC", "T", "Pa s", "%", "dB", "counts")
+#: Those of them that may have a prefix (mV, kW), and the prefixes.
+_PREFIXED = ("V", "A", "ohm", "W", "T")
+_PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6}
 
 
 def _to_si(unit: str, si: str) -> tuple[float | None, str]:
-    """Factor to SI and the SI unit; units of other quantities (V, degC) are kept."""
+    """Factor to SI and the SI unit; units of other quantities (V, degC) are kept, mV becomes V."""
     if not unit:
         return 1.0, si or "1"
     for target in (si,) if si else _SI:
@@ -399,6 +402,9 @@ def _to_si(unit: str, si: str) -> tuple[float | None, str]:
             return conversion_factor(unit, target), target
         except (InvalidParameter, ValueError):
             continue
+    prefix, plain = unit[:1], unit[1:]
+    if plain in _PREFIXED and prefix in _PREFIXES and si in ("", plain):
+        return _PREFIXES[prefix], plain
     if (si and si != unit) or (not si and unit not in _OTHERS):
         return None, si
     return 1.0, unit

@@ -711,6 +711,13 @@ class Findings:
     """Stage in which the diagnosis was stopped, and why; empty: it was completed."""
 
     @property
+    def no_step(self) -> str:
+        """What a report says if it has no next step."""
+        if self.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED):
+            return "Nothing: the model explains these records."
+        return "No step is known that would tell more."
+
+    @property
     def remaining_cells(self) -> tuple[LedgerCell, ...]:
         """Channels and times in which the final model leaves more than noise."""
         cells = self.where.remains if self.model.included else self.where.ledger

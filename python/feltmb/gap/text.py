@@ -232,6 +232,6 @@ def _next(report: Findings) -> Iterator[Part]:
     for advice in report.next:
         yield f"- {advice.text}"
     if not report.next:
-        yield "Nothing: the model explains these records."
+        yield report.no_step
     for warning in report.checks.warnings:
         yield f"Warning: {warning}"

@@ -32,6 +32,7 @@ _NAMES = {
     "kHz": "kilohertz",
     "Pa": "pascal pascals",
     "%": "percent",
+    "degC": "°c celsius",
     PIXEL: "px pixel pixels pix",
 }
 #: Torques as instruments write them; "nm" is a length.

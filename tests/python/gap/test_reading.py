@@ -120,6 +120,16 @@ PIXELS = (
 )
 
 
+def test_electrical_and_thermal_columns_may_have_prefixes(tmp_path):
+    path = put(tmp_path, "time [s],u [mV],T [°C],heat [kW]\n0,10,20,1\n0.1,20,21,2\n0.2,5,22,3\n")
+    (found,) = read_records([path], inputs=["u"], outputs=["T", "heat"])
+    assert found.inputs["u"] == pytest.approx([0.01, 0.02, 0.005])
+    assert found.input_units["u"] == "V"
+    assert found.outputs["T"] == pytest.approx([20.0, 21.0, 22.0])
+    assert found.outputs["heat"] == pytest.approx([1e3, 2e3, 3e3])
+    assert [found.sensors[n].unit for n in ("T", "heat")] == ["degC", "W"]
+
+
 def test_columns_in_pixels_with_scale_and_origin(tmp_path):
     options = ReadOptions(
         columns={"tip.x": "Marker 3 X", "tip.y": "Marker 3 Y"},

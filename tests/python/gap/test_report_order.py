@@ -172,6 +172,9 @@ def test_a_limit_and_a_useless_model_are_told():
     assert "At a limit of its range: slope" in shown
     assert report.as_it_is[0].worse_than_constant
     assert any("is at its limit" in a.text for a in report.next)
+    silent = replace(report, next=(), verdict=Verdict.ONE_OF)
+    assert silent.no_step == "No step is known that would tell more."
+    assert "the model explains" in replace(silent, verdict=Verdict.CALIBRATED).no_step
     assert "further from the records than a constant is" in page(report)
 
 
