@@ -15,14 +15,17 @@ AT_CART = ComponentRow(
 )
 
 
-def texts(verdict=Verdict.NAMED_RESIDUAL, *, named=(), sd=1.0, tested=(FRICTION,)):
+def texts(
+    verdict=Verdict.NAMED_RESIDUAL, *, named=(), sd=1.0, tested=(FRICTION,), remedy="", kind="force"
+):
     model = LinearModel(
         output="y",
         columns={"k": lambda r: r.time},
         parameters=[Parameter(name="k", value=1.0, sd=sd)],
     )
     named = [
-        SimpleNamespace(effect=n, component="cart", remedy="", prior_deviations=None) for n in named
+        SimpleNamespace(effect=n, component="cart", remedy=remedy, prior_deviations=None, kind=kind)
+        for n in named
     ]
     steps = next_steps(verdict, [], [], named, [], None, [AT_CART], [], model, tested)
     return " ".join(a.text for a in steps)
@@ -32,6 +35,13 @@ def test_a_place_where_an_effect_is_named_is_no_place_to_look():
     assert "Look at cart" in texts()
     assert "94% of the gap of the model" in texts()
     assert "Look at cart" not in texts(named=["friction"])
+
+
+def test_every_named_effect_has_a_step():
+    of = {"verdict": Verdict.NAMED, "named": ["friction"]}
+    assert texts(**of) == "friction: add it to the model, or remove its cause from the machine"
+    assert texts(**of, kind="sensor") == "friction: correct the records, or add it to the model"
+    assert texts(**of, remedy="oil it") == "friction: oil it"
 
 
 def test_errors_of_sensors_are_recommended_if_none_was_tested():
