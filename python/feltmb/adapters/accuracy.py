@@ -38,7 +38,6 @@ def with_integration_error(
     therefore expressed as the white noise with an equal spectrum at low frequencies; otherwise
     every sample would count as independent information. The largest error of all records counts.
     """
-    fine = simulator.with_rtol(0.1 * simulator.rtol)
     errors: dict[str, float] = {}
     for record in records:
         sharp = [
@@ -52,7 +51,7 @@ def with_integration_error(
         ]
         if not sharp:
             continue
-        runs = [m.as_tabulated(record) for m in (simulator, fine)]
+        runs = [simulator.as_tabulated(record, r * simulator.rtol) for r in (1.0, 0.1)]
         if runs[0] is None or runs[1] is None:
             continue
         for i, name in sharp:

@@ -1,15 +1,16 @@
-"""Effects of :mod:`feltmb.gap` from entries of a library."""
+"""Effects and parameters of :mod:`feltmb.fit` from entries of a library."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from feltmb.adapters.library import Entry
 from feltmb.adapters.signals import excite_by, observe_by
-from feltmb.fit import Effect
+from feltmb.fit import Effect, Parameter
 
-__all__ = ["effect_of"]
+__all__ = ["effect_of", "parameter_of"]
 
 
 def effect_of(
@@ -59,4 +60,17 @@ def effect_of(
         tolerance_parameter=tolerance_parameter,
         tolerance_ratio=tolerance_ratio,
         data=data,
+    )
+
+
+def parameter_of(entry: Entry) -> Parameter:
+    """Make a parameter from a tolerance of a library; zero is the tabulated value."""
+    return Parameter(
+        name=entry.name,
+        value=0.0,
+        sd=entry.magnitude,
+        unit=entry.unit,
+        lower=max(entry.lower, -0.9 if entry.unit == "1" else -math.inf),
+        upper=entry.upper,
+        component=entry.component,
     )

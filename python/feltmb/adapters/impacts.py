@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field
 
 from feltmb import _core
-from feltmb.adapters.effects import effect_of
+from feltmb.adapters.effects import effect_of, parameter_of
 from feltmb.adapters.library import Entry, load_library
 from feltmb.adapters.reuse import Reuse
 from feltmb.adapters.variants import Variant, Workshop, changed_config
@@ -30,7 +30,6 @@ from feltmb.fit import (
     Effect,
     Jobs,
     Model,
-    Parameter,
     Sensitivity,
     SensitivityRequest,
     Simulated,
@@ -126,18 +125,7 @@ class ImpactModel(Model):
         self.units = {**_UNITS, "impact_speed": "m/s"}
         self.tolerances = tuple(tolerances)
         self.rtol = rtol
-        self.parameters = tuple(
-            Parameter(
-                name=e.name,
-                value=0.0,
-                sd=e.magnitude,
-                unit=e.unit,
-                lower=max(e.lower, -0.9 if e.unit == "1" else -np.inf),
-                upper=e.upper,
-                component=e.component,
-            )
-            for e in tolerances
-        )
+        self.parameters = tuple(parameter_of(e) for e in tolerances)
         self.reuse = Reuse()
         self._known: dict[bytes, Array] = {}
         self._impact_times: dict[str, float] = {}

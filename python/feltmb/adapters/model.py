@@ -370,27 +370,24 @@ class MechanismModel(Model):
         out.variabilities = found
         return out
 
-    def _variability_of(self, record: Record) -> RunVariability | None:
-        """Variability of a record, or of the record from which it was cut."""
-        return self.variabilities.get(record.name) or self.variabilities.get(
-            record.name.rpartition("[")[0]
-        )
-
-    def _variability_place(self, record: Record) -> slice | None:
-        """Parameters of the variability of a record."""
-        at, own = self.mechanical, self._variability_of(record)
+    def _variability_of(self, record: Record) -> tuple[RunVariability, slice] | None:
+        """Variability of a record, or of the record from which it was cut; its parameters."""
+        name = record.name
+        own = self.variabilities.get(name) or self.variabilities.get(name.rpartition("[")[0])
+        at = self.mechanical
         for known in self.variabilities.values():
             if known is own:
-                return slice(at, at + known.count)
+                return known, slice(at, at + known.count)
             at += known.count
         return None
 
     def _variability_shift(self, record: Record, theta: Array) -> Array | None:
         """Change of the outputs (n, ny) by the variability; None: no change."""
-        at, own = self._variability_place(record), self._variability_of(record)
-        if at is None or own is None or not np.any(theta[at]):
+        own = self._variability_of(record)
+        if own is None or not np.any(theta[own[1]]):
             return None
-        return np.asarray(own.over(record) @ theta[at])
+        known, at = own
+        return np.asarray(known.over(record) @ theta[at])
 
     # --- simulations and derivatives --------------------------------------------------------------
 
@@ -472,12 +469,13 @@ class MechanismModel(Model):
         """Derivatives (n, ny, p) by parameters of the mechanism and of the variability."""
         out = np.zeros((*mechanical.shape[:2], len(wanted)))
         out[..., [c for c, i in enumerate(wanted) if i < self.mechanical]] = mechanical
-        place, own = self._variability_place(record), self._variability_of(record)
-        if place is not None and own is not None:
-            columns = own.over(record)
+        own = self._variability_of(record)
+        if own is not None:
+            known, at = own
+            columns = known.over(record)
             for c, i in enumerate(wanted):
-                if place.start <= i < place.stop:
-                    out[..., c] = columns[..., i - place.start]
+                if at.start <= i < at.stop:
+                    out[..., c] = columns[..., i - at.start]
         return out
 
 

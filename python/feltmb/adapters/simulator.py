@@ -5,9 +5,9 @@ Every record starts at rest, for all parameters.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from feltmb import _core
 from feltmb.adapters.aliases import Alias, alias_of
 from feltmb.adapters.drives import DISPLACEMENT, FORCE, Drives, start_state
+from feltmb.adapters.effects import parameter_of
 from feltmb.adapters.library import Entry
 from feltmb.adapters.refined import KINDS, refined
 from feltmb.adapters.sampling import at_times, output_rate
@@ -23,10 +24,10 @@ from feltmb.adapters.shifter import Shifter
 from feltmb.adapters.variants import Variant, Workshop
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.fit import Candidate, Parameter
+from feltmb.fit import Candidate
 from feltmb.fit.latest import Latest
 from feltmb.fit.watch import simulated
-from feltmb.mechanism import Action
+from feltmb.mechanism import Action, MechanismFile
 
 __all__ = ["Simulator", "digest", "key_of"]
 
@@ -78,14 +79,8 @@ class Simulator:
         self.units = {o: "N" if o == FORCE else "m" for o in self.outputs}
         """Units of the outputs."""
         self.parameters = tuple(
-            Parameter(
-                name=e.name,
-                value=0.0,
-                sd=e.magnitude,
-                unit=e.unit,
-                lower=max(e.lower, -0.9 if e.unit == "1" else -math.inf),
-                upper=e.upper,
-                component=e.component,
+            replace(
+                parameter_of(e),
                 label=e.part or f"The {e.component}",
                 words=e.words,
                 relative=e.unit == "1",
@@ -117,18 +112,15 @@ class Simulator:
                 f"{', '.join(known) or 'no tracking points'}"
             )
 
-    def with_rtol(self, rtol: float) -> Simulator:
-        """The same simulator with another relative tolerance of the integrator [1]."""
-        return self._of(self.action, rtol)
-
     @cached_property
     def refined(self) -> tuple[Simulator, ...]:
         """Simulators of refined numerical models, one by kind of refinement."""
         actions = [refined(self.action, (kind,)) for kind in KINDS]
-        return tuple(self._of(a, self.rtol) for a in actions if a is not self.action)
-
-    def _of(self, action: Action, rtol: float) -> Simulator:
-        return Simulator(action, self.outputs, self.tolerances, rtol=rtol, workers=self.workers)
+        return tuple(
+            Simulator(a, self.outputs, self.tolerances, rtol=self.rtol, workers=self.workers)
+            for a in actions
+            if a is not self.action
+        )
 
     # --- versions of the mechanism ----------------------------------------------------------------
 
@@ -144,13 +136,18 @@ class Simulator:
         """
 
         def make() -> Variant:
-            chosen = self.chosen(theta, included, magnitudes)
-            config = self._shifter.config(chosen, record.conditions)
+            config = self._config(record, theta, included, magnitudes)
             return self.base if config is self.action.config else self._workshop.assemble(config)
 
         # All records of one linearization need the same versions.
         conditions = tuple(sorted(record.conditions.items()))
         return self._versions.get((key_of(record, theta, included, magnitudes), conditions), make)
+
+    def _config(
+        self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
+    ) -> MechanismFile:
+        chosen = self.chosen(theta, included, magnitudes)
+        return self._shifter.config(chosen, record.conditions)
 
     def chosen(
         self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
@@ -183,9 +180,8 @@ class Simulator:
         """Outputs of a version over the whole record, (n, ny); None if it failed."""
 
         def make() -> Array | None:
-            chosen = self.chosen(theta, included, magnitudes)
             try:
-                config = self._shifter.config(chosen, record.conditions)
+                config = self._config(record, theta, included, magnitudes)
                 variant = self._workshop.build(config)
             except FeltmbError:
                 return None
@@ -194,13 +190,16 @@ class Simulator:
         place = (record.name, digest(record.inputs), key_of(record, theta, included, magnitudes))
         return self._motions.get(place, make)
 
-    def as_tabulated(self, record: Record) -> Array | None:
-        """Outputs of the tabulated mechanism over a whole record, (n, ny); None if it failed."""
-        return self.whole(record, self.base)
+    def as_tabulated(self, record: Record, rtol: float | None = None) -> Array | None:
+        """Outputs of the tabulated mechanism over a whole record, (n, ny); None if it failed.
 
-    def whole(self, record: Record, variant: Variant) -> Array | None:
+        ``rtol``: relative tolerance [1]; None: that of the simulator.
+        """
+        return self.whole(record, self.base, rtol)
+
+    def whole(self, record: Record, variant: Variant, rtol: float | None = None) -> Array | None:
         """Outputs of one version over the whole record, (n, ny); None if it failed."""
-        run = self.run(record, variant)
+        run = self.run(record, variant, rtol)
         if run is None:
             return None
         time = record.time - record.time[0]
@@ -214,12 +213,12 @@ class Simulator:
         column = np.array(run.data)[:, list(run.names).index(output)]
         return record.time[0] + run.time, column - self.at_rest(self.base, output)
 
-    def run(self, record: Record, variant: Variant) -> Any | None:
+    def run(self, record: Record, variant: Variant, rtol: float | None = None) -> Any | None:
         """Result of the core for one version; None if the simulation failed."""
         time = record.time - record.time[0]
         options = _core.SimulationOptions()
         options.duration = float(time[-1])
-        options.rtol = self.rtol
+        options.rtol = self.rtol if rtol is None else rtol
         options.output_rate = output_rate(time)
         options.ledger = options.events = options.diagnose = False
         options.finger_reference = variant.finger_reference

@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
+from feltmb.fit.model import OF_RECORDS
 from feltmb.fit.solve import SAME, Fit
 from feltmb.gap.acceptance import Accepted, Posterior
 from feltmb.gap.checks import DataChecks
@@ -299,7 +300,7 @@ def _name(facts: Facts) -> Decision:
     accepted = facts.accepted
     best = accepted.best
     assert best is not None
-    data = {t.name for t in best.fit.included if t.effect.kind in ("sensor", "input")}
+    data = {t.name for t in best.fit.included if t.effect.kind in OF_RECORDS}
     sets = [set(best.names), *(set(r.names) for r in accepted.rivals)]
     sure = tuple(n for n in best.names if all(n in s for s in sets))
     # If rivals are as good as the best set, rounding must not determine their order.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from feltmb.fit.model import Effect, Model
+from feltmb.fit.model import OF_RECORDS, Effect, Model
 from feltmb.fit.solve import Interval
 from feltmb.gap.criteria import MOVED
 from feltmb.gap.findings import (
@@ -73,7 +73,7 @@ def next_steps(
                 f"Give more held-out records that excite {' and '.join(closest.effects)}: it is "
                 "closest."
             )
-        if not any(e.kind in ("sensor", "input") for e in tested):
+        if not any(e.kind in OF_RECORDS for e in tested):
             texts.append(
                 "No error of a sensor or an input was tested: add for_sensor and for_input of "
                 "feltmb.gap.library."
@@ -93,6 +93,6 @@ def next_steps(
 
 def _remedy(effect: Ranked) -> str:
     """What to do about a named effect that states no remedy."""
-    if effect.kind in ("sensor", "input"):
+    if effect.kind in OF_RECORDS:
         return "correct the records, or add it to the model"
     return "add it to the model, or remove its cause from the machine"
