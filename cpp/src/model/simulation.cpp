@@ -256,8 +256,12 @@ class Run {
   RunResult again(const Input& input, const SimulationState& start, double duration) {
     options_.duration = duration;
     result_ = {};
+    const double share = share_of_tolerance(duration);
+    system_.set_tolerance(share * options_.rtol);
     for (auto* each : {whole_.get(), apart_.get()}) {
-      if (each != nullptr) each->forget();
+      if (each == nullptr) continue;
+      each->forget();
+      each->scale_tolerances(share);
     }
     join_strings();
     std::fill(string_heat_.begin(), string_heat_.end(), 0.0);
@@ -403,6 +407,17 @@ class Run {
                      [](const Stop& a, const Stop& b) { return a.time < b.time; });
     stops_.push_back({options_.duration, false});
   }
+
+  /// Share of the tolerance for a step of the caller. Each start without history has an error of
+  /// about one tolerance, however short the step is. With a share in proportion to its duration, the
+  /// error over a time does not depend on the number of steps.
+  double share_of_tolerance(double duration) const {
+    const double least = std::min(1.0, kLeastTolerance / options_.rtol);
+    return std::clamp(duration / kWholeTolerance, least, 1.0);
+  }
+
+  static constexpr double kWholeTolerance = 0.01;  ///< duration from which the share is one [s]
+  static constexpr double kLeastTolerance = 1e-12;  ///< relative, for rounding errors
 
   struct Stop {
     double time;

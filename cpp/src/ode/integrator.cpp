@@ -91,6 +91,8 @@ struct Integrator::Impl {
                                   : options.stable_step;
   }
   bool started = false;
+  double share = 1.0;   ///< of the tolerances that apply
+  double wanted = 1.0;  ///< share from the next start on
   bool given = false;  ///< quad holds values for the next start
   double time = 0.0;
   std::exception_ptr thrown;
@@ -128,6 +130,15 @@ struct Integrator::Impl {
       thrown = std::current_exception();
       return -1;
     }
+  }
+
+  void apply_tolerances() {
+    share = wanted;
+    N_VScale(share, atol, work);
+    check(CVodeSVtolerances(cvode, share * options.rtol, work), "CVodeSVtolerances");
+    if (quad == nullptr) return;
+    N_VScale(share, quad_atol, quad_work);
+    check(CVodeQuadSVtolerances(cvode, share * options.rtol, quad_work), "CVodeQuadSVtolerances");
   }
 
   void check(int flag, const char* what) const {
@@ -306,7 +317,6 @@ void Integrator::start(double t, std::span<const double> y, bool reset_quadratur
     CVodeSetErrHandlerFn(d.cvode, IntegratorCallbacks::error<Impl>, &d);
 #endif
     d.check(CVodeInit(d.cvode, IntegratorCallbacks::rhs<Impl>, t, d.y), "CVodeInit");
-    d.check(CVodeSVtolerances(d.cvode, d.options.rtol, d.atol), "CVodeSVtolerances");
     d.check(CVodeSetUserData(d.cvode, &d), "CVodeSetUserData");
     d.check(CVodeSetLinearSolver(d.cvode, d.solver, d.matrix), "CVodeSetLinearSolver");
     d.check(CVodeSetNonlinearSolver(d.cvode, d.newton->handle()), "CVodeSetNonlinearSolver");
@@ -330,9 +340,9 @@ void Integrator::start(double t, std::span<const double> y, bool reset_quadratur
     if (d.quad != nullptr) {
       d.check(CVodeQuadInit(d.cvode, IntegratorCallbacks::quadratures<Impl>, d.quad),
               "CVodeQuadInit");
-      d.check(CVodeQuadSVtolerances(d.cvode, d.options.rtol, d.quad_atol), "CVodeQuadSVtolerances");
       d.check(CVodeSetQuadErrCon(d.cvode, SUNTRUE), "CVodeSetQuadErrCon");
     }
+    d.apply_tolerances();
     d.started = true;
     d.given = false;
     return;
@@ -351,6 +361,7 @@ void Integrator::start(double t, std::span<const double> y, bool reset_quadratur
   }
   d.check(CVodeReInit(d.cvode, t, d.y), "CVodeReInit");
   if (d.quad != nullptr) d.check(CVodeQuadReInit(d.cvode, d.quad), "CVodeQuadReInit");
+  if (d.share != d.wanted) d.apply_tolerances();
   d.seen = 0;
 }
 
@@ -386,6 +397,8 @@ void Integrator::forget() {
   impl_->newton->forget();
   impl_->stalled = 0;
 }
+
+void Integrator::scale_tolerances(double share) { impl_->wanted = share; }
 
 void Integrator::set_quadratures(std::span<const double> z) {
   Impl& d = *impl_;

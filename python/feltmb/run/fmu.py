@@ -100,7 +100,7 @@ def export(
     parameters
         Names of the values that become parameters, with ``*`` for any part; default: all.
     rtol, method, max_order
-        As in :class:`RunOptions`; ``rtol`` is also a parameter of the FMU.
+        As in :class:`Machine`; ``rtol`` is also a parameter of the FMU.
     force
         Replace an existing file.
 

@@ -99,7 +99,8 @@ class Machine:
         Time function of a force, a torque or a finger's motion within a step. ``"zero"``: constant
         at the given value. ``"linear"``: a straight line from the value of the last step.
     rtol, method, max_order, max_step, max_wall
-        As in :class:`RunOptions`; ``max_wall`` applies to one step.
+        As in :class:`RunOptions`; ``max_wall`` applies to one step. In a step shorter than 10 ms,
+        the tolerance is smaller in proportion to its duration.
     events
         Whether contact openings and closings are found.
     """

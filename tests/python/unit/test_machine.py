@@ -104,6 +104,44 @@ def test_a_prescribed_key_is_where_it_is_told(action, told):
     assert abs(machine.read("finger.force")) < 20.0
 
 
+def test_the_error_does_not_depend_on_the_number_of_steps(undamped):
+    """Closed form x = F/k (1 - cos(omega t)). Every step starts without history, at order one."""
+    stiffness, mass, force, duration = 2000.0, 0.4, 10.0, 0.4
+    omega = np.sqrt(stiffness / mass)
+    for step in (1e-2, 1e-3, 1e-4):
+        machine = feltmb.Machine(undamped)
+        for _ in range(round(duration / step)):
+            machine.advance(step, force=force)
+        x, v = machine.read("cart.x"), machine.read("cart.x.rate")
+        energy = 0.5 * mass * v**2 + 0.5 * stiffness * x**2 - force * x
+        assert x == pytest.approx(
+            force / stiffness * (1 - np.cos(omega * duration)), abs=2e-4 * force / stiffness
+        )
+        assert abs(energy) < 5e-4 * 0.5 * force**2 / stiffness
+
+
+@pytest.fixture
+def undamped(tmp_path):
+    path = tmp_path / "undamped.toml"
+    path.write_text("""schema = 1
+name = "undamped"
+[bodies.cart]
+joint = "prismatic"
+axis = [1.0, 0.0]
+coordinate = "cart.x"
+mass = "0.4 kg"
+[springs.c]
+coordinate = "cart.x"
+stiffness = "2000 N/m"
+rest_angle = "0 m"
+[finger]
+body = "cart"
+point = [0.0, 0.0]
+direction = [1.0, 0.0]
+""")
+    return feltmb.load_action(path)
+
+
 def test_a_motor(motored):
     stroke = feltmb.torque_stroke([0.0, 1.0], [2e-3, 2e-3], duration=0.05)
     run = feltmb.simulate(motored, stroke, rtol=1e-8, output_rate=1 / STEP)

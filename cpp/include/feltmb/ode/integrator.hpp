@@ -56,6 +56,9 @@ class Integrator {
   /// Forgets everything learned about the system: the next start is like the first one.
   void forget();
 
+  /// All tolerances are the given share, in (0, 1], of those of the options from the next start on.
+  void scale_tolerances(double share);
+
   /// Values of the quadratures from which the next start goes on.
   void set_quadratures(std::span<const double> z);
 
