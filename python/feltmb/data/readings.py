@@ -31,11 +31,12 @@ def true_input(
     gain: float = 1.0,
     offset: float = 0.0,
     smooth: bool = False,
+    before: float | None = None,
 ) -> Array:
     """True input from the reading ``gain * low_pass(truth)(t - delay) + offset`` of a sensor.
 
-    The low-pass is inverted with the slope of the reading, which increases the noise. Before and
-    after the record, the input is constant.
+    The low-pass is inverted with the slope of the reading, which increases the noise. After the
+    record, the input is constant.
 
     Parameters
     ----------
@@ -51,12 +52,19 @@ def true_input(
         Gain [1] and offset [unit of the input].
     smooth
         Cubic interpolation between samples, for an input without jumps; else linear.
+    before
+        True input one sample before the record and earlier [its unit]; default: that of the first
+        sample.
     """
     out = (reading - offset) / gain
     if math.isfinite(bandwidth):
         out = out + np.gradient(out, time) / (2.0 * math.pi * bandwidth)
     if delay != 0.0:
-        moments = np.clip(time + delay, time[0], time[-1])
+        moments = time + delay
+        if before is not None:
+            time = np.concatenate([[2.0 * time[0] - time[1]], time])
+            out = np.concatenate([[before], out])
+        moments = np.clip(moments, time[0], time[-1])
         if smooth:
             from scipy.interpolate import CubicSpline
 

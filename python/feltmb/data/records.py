@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -190,6 +190,9 @@ class Record:
     """File and license, for the report."""
     notes: tuple[str, ...] = ()
     """Assumptions made when the record was read, for the data checks."""
+    before: Record | None = None
+    """The samples before the first one, if the record is the later part of a run: a late input
+    depends on them."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -291,6 +294,7 @@ class Record:
             outputs={k: v[part] for k, v in self.outputs.items()},
             role=role or self.role,
             start=self.start if first == 0 else StartPrior(known=False),
+            before=self.cut(0, first) if first > 1 else None if first else self.before,
         )
 
     def with_sensed_input(
@@ -347,6 +351,47 @@ class Record:
     def with_inputs(self, inputs: Mapping[str, Array]) -> Record:
         """Copy of the record, with some inputs replaced."""
         return replace(self, inputs={**self.inputs, **inputs})
+
+    def with_changed_inputs(self, change: Callable[[Record], Mapping[str, Array]]) -> Record:
+        """Copy of the record, with inputs changed by a function of the whole run.
+
+        Parameters
+        ----------
+        change
+            Gets the record together with the samples before it; returns the changed inputs.
+        """
+        if self.before is None:
+            return self.with_inputs(change(self))
+        whole = self.before.joined(self)
+        changed = whole.with_changed_inputs(change)
+        parts = [
+            {k: v[part] for k, v in changed.inputs.items()}
+            for part in (slice(self.before.samples), slice(self.before.samples, None))
+        ]
+        before = replace(self.before, inputs=parts[0], before=changed.before)
+        return replace(self, inputs=parts[1], before=before)
+
+    def joined(self, after: Record) -> Record:
+        """The samples of the record, followed by those of another one, with its sensors.
+
+        Parameters
+        ----------
+        after
+            Record with the same channels, and later times.
+        """
+
+        def both(kind: str) -> dict[str, Array]:
+            first, second = getattr(self, kind), getattr(after, kind)
+            return {k: np.concatenate([first[k], v]) for k, v in second.items()}
+
+        return replace(
+            after,
+            time=np.concatenate([self.time, after.time]),
+            inputs=both("inputs"),
+            outputs=both("outputs"),
+            start=self.start,
+            before=self.before,
+        )
 
 
 def _column(values: object) -> Array:

@@ -121,9 +121,10 @@ def _seen(
 
 def _changed(candidate: Candidate, record: Record, size: float) -> Record:
     """A record with inputs changed by an input effect."""
-    assert candidate.effect.excite is not None
+    excite = candidate.effect.excite
+    assert excite is not None
     with calling(f"effect {candidate.name}: its excite"):
-        return record.with_inputs(candidate.effect.excite(record, size, candidate.shape))
+        return record.with_changed_inputs(lambda whole: excite(whole, size, candidate.shape))
 
 
 def _excited(record: Record, jobs: Jobs) -> list[tuple[NDArray[np.intp], Batch]]:

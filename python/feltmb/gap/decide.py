@@ -369,7 +369,9 @@ def _name(facts: Facts) -> Decision:
     elif all(n in data for n in (*sure, *unsure, *possible)) and not left:
         # With an unexplained residual, the text must not state that the machine is as modeled.
         verdict = Verdict.DATA_PROBLEM
-        text = f"The records, not the machine: {told}. {closed}"
+        drive = any(t.effect.kind == "input" for t in best.fit.included)
+        cause = "The records or the drive" if drive else "The records"
+        text = f"{cause}, not the machine: {told}. {closed}"
     else:
         verdict = Verdict.NAMED_RESIDUAL if left or unsure else Verdict.NAMED
         where = "records show" if all(n in data for n in sure) else "model lacks"

@@ -541,3 +541,19 @@ def test_values_missing_in_repeats_and_everywhere_are_told_without_numpy():
         empty = check_records([other, replace(other, name="e", outputs={"q": np.nan * time})])
     assert apart.repeatability == ()  # no sample was measured twice
     assert empty.warnings == ("e.q: 100% of the values are missing",)
+
+
+def test_a_part_of_a_record_knows_what_came_before():
+    time = 0.01 * np.arange(60)
+    whole = Record(name="r", time=time, inputs={"u": np.sin(time)}, outputs={"y": time})
+
+    def late(record):
+        return {"u": np.interp(record.time - 0.035, record.time, record.inputs["u"])}
+
+    expected = whole.with_changed_inputs(late).inputs["u"]
+    for part in (whole.cut(20, 50), whole.cut(18, 55).cut(2, 32)):
+        moved = part.with_changed_inputs(late)
+        twice = moved.with_changed_inputs(lambda r: {"u": 2.0 * r.inputs["u"]})
+        assert twice.inputs["u"] == pytest.approx(2.0 * expected[20:50], abs=1e-15)
+        assert np.array_equal(twice.outputs["y"], time[20:50])
+    assert whole.cut(0, 30).before is None

@@ -194,6 +194,41 @@ def test_an_early_record_of_an_input_is_a_data_problem():
     assert report.which["delay of input f"].magnitude == pytest.approx(-0.004, rel=0.05)
 
 
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_drive_that_acts_late_from_the_first_sample(count):
+    """The input of a machine at rest is not zero at the first sample, and acts 6 ms later.
+
+    Two records are divided into blocks, whose inputs depend on the blocks before them.
+    """
+    from feltmb.gap import Jobs, library
+
+    late = []
+    for k in range(count):
+        r = models.record("r", 1.0, k)
+        time = np.linspace(0.0, r.time[-1], 4 * (r.samples - 1) + 1)
+        step, steps = 1.0 + k, np.interp(time, r.time, r.inputs["f"])
+        acting = np.where(time < 0.006, 0.0, step + np.interp(time - 0.006, time, steps))
+        fine = replace(r, time=time, inputs={"f": acting}, outputs={"q": np.zeros(time.size)})
+        jobs = Jobs(
+            theta=models.TRUTH[None, :],
+            segments=np.array([[0, fine.samples - 1]]),
+            starts=np.zeros((1, 2)),
+            included=(),
+            magnitudes=np.zeros((1, 0)),
+        )
+        moved = models.NOMINAL.simulate(fine, jobs).outputs[0, ::4, 0]
+        noise = 1e-4 * np.random.default_rng(100 + k).standard_normal(r.samples)
+        shown = {"f": step + r.inputs["f"]}
+        late.append(replace(r, name=f"r{k}", inputs=shown, outputs={"q": moved + noise}))
+    effects = (*models.EFFECTS, library.delay_input("f", scale=0.002))
+    report = diagnose(models.NOMINAL, effects, late)
+    assert report.verdict is Verdict.DATA_PROBLEM
+    assert report.named == ("delay of input f",)
+    # The model interpolates the step over one sample, which is half a sample early.
+    assert report.which["delay of input f"].magnitude == pytest.approx(-0.006, abs=0.0021)
+    assert report.statement.startswith("The records or the drive, not the machine")
+
+
 def test_known_sensors_are_applied_to_the_model():
     from feltmb.gap import Sensor
 

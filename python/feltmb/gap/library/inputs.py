@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from feltmb.data import Array, Record
-from feltmb.data.readings import ReadingError, acting
+from feltmb.data.readings import ReadingError, acting, true_input
 from feltmb.fit import Effect, EffectKind
 from feltmb.gap.library.curve import curve
 
@@ -38,15 +38,30 @@ def _input(
 
 
 def delay_input(name: str, *, scale: float) -> Effect:
-    """The record of the input is late by the magnitude [s]; a negative value means early."""
-    return _misread(
+    """The record of the input is late by the magnitude [s]; a negative value means early.
+
+    If the input acts later, a record does not contain what acts at its begin. Two shapes are
+    tried: the input had the value of the first sample, or it was zero, as with a machine at rest
+    that is switched on at the first sample. A record that starts during a motion has the first one.
+    """
+
+    def change(values: Array, delay: float, before: str, record: Record) -> Array:
+        known = record.start is None or record.start.known
+        zero = before == "zero" and known
+        return true_input(record.time, values, delay=delay, before=0.0 if zero else None)
+
+    return _input(
         name,
-        "delay",
+        "delay of input",
+        change,
         unit="s",
         scale=scale,
         step=0.5,
-        mechanism="The record of the input is late, or early: the input acts later.",
-        remedy="Synchronize the clocks, or model the delay.",
+        shapes=("constant", "zero"),
+        shape_names=("input before the record",),
+        mechanism="The input acts later or earlier than recorded: the clocks differ, or the drive "
+        "is slow to act.",
+        remedy="Synchronize the clocks, or model the delay of the drive.",
     )
 
 
