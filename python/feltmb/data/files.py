@@ -29,7 +29,7 @@ from feltmb.data.sheet import ColumnSpec, OutputSpec, ReadOptions, Sheet
 from feltmb.data.smoothing import start_of
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
-from feltmb.units import PIXEL, conversion_factor, split_quantity
+from feltmb.units import PIXEL, conversion_factor, split_quantity, to_si
 from feltmb.units.quantity import fault_text, shortened, validated
 
 __all__ = ["read_each", "read_record", "read_records", "read_sheet", "write_record"]
@@ -384,8 +384,6 @@ def _runs(
     return [(str(k), part) for k, part in enumerate(parts, 1)]
 
 
-#: Units whose SI form keeps its name in reports.
-_SI = ("m", "kg", "s", "rad", "Hz", "N", "Pa", "J", "m/s", "m/s^2", "rad/s", "N m", "1")
 #: Units of other quantities, which are kept.
 _OTHERS = ("V", "A", "ohm", "W", "K", "degC", "T", "Pa s", "%", "dB", "counts")
 #: Those of them that may have a prefix (mV, kW), and the prefixes.
@@ -397,11 +395,10 @@ def _to_si(unit: str, si: str) -> tuple[float | None, str]:
     """Factor to SI and the SI unit; units of other quantities (V, degC) are kept, mV becomes V."""
     if not unit:
         return 1.0, si or "1"
-    for target in (si,) if si else _SI:
-        try:
-            return conversion_factor(unit, target), target
-        except (InvalidParameter, ValueError):
-            continue
+    try:
+        return (conversion_factor(unit, si), si) if si else to_si(unit)
+    except InvalidParameter:
+        pass
     prefix, plain = unit[:1], unit[1:]
     if plain in _PREFIXED and prefix in _PREFIXES and si in ("", plain):
         return _PREFIXES[prefix], plain

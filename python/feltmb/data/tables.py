@@ -206,8 +206,7 @@ def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    """Whether a line holds units: at least one, and otherwise only empty cells."""
+    """Whether a line holds units: most of its cells that are not empty. An unknown one is told."""
     filled = [c.strip() for c in row if c.strip() not in ("", "-", "[]", "()")]
-    return bool(filled) and all(
-        spelled_unit(c) is not None or (c[0] in "[(" and c[-1] in "])") for c in filled
-    )
+    known = [spelled_unit(c) is not None or (c[0] in "[(" and c[-1] in "])") for c in filled]
+    return 2 * sum(known) > len(known)

@@ -10,6 +10,7 @@ from feltmb.units.names import (
     readable_unit,
     si_value,
     split_quantity,
+    to_si,
     unit_suffix,
 )
 from feltmb.units.spelling import PIXEL, spelled_unit, split_column
@@ -27,5 +28,6 @@ __all__ = [
     "spelled_unit",
     "split_column",
     "split_quantity",
+    "to_si",
     "unit_suffix",
 ]

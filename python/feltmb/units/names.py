@@ -22,6 +22,7 @@ __all__ = [
     "readable_unit",
     "si_value",
     "split_quantity",
+    "to_si",
     "unit_suffix",
 ]
 
@@ -35,17 +36,26 @@ ACCEPTED_UNITS: dict[str, tuple[float, tuple[float, float, float, float]]] = {
     "um": (1e-6, (1, 0, 0, 0)),
     "µm": (1e-6, (1, 0, 0, 0)),
     "in": (0.0254, (1, 0, 0, 0)),
+    "ft": (0.3048, (1, 0, 0, 0)),
+    "L": (1e-3, (3, 0, 0, 0)),
+    "l": (1e-3, (3, 0, 0, 0)),
+    "mL": (1e-6, (3, 0, 0, 0)),
+    "ml": (1e-6, (3, 0, 0, 0)),
     "kg": (1.0, (0, 1, 0, 0)),
     "g": (1e-3, (0, 1, 0, 0)),
     "mg": (1e-6, (0, 1, 0, 0)),
+    "lb": (0.45359237, (0, 1, 0, 0)),
     "s": (1.0, (0, 0, 1, 0)),
     "ms": (1e-3, (0, 0, 1, 0)),
     "us": (1e-6, (0, 0, 1, 0)),
     "µs": (1e-6, (0, 0, 1, 0)),
     "min": (60.0, (0, 0, 1, 0)),
+    "h": (3600.0, (0, 0, 1, 0)),
     "rad": (1.0, (0, 0, 0, 1)),
     "mrad": (1e-3, (0, 0, 0, 1)),
     "deg": (math.pi / 180.0, (0, 0, 0, 1)),
+    "rev": (2.0 * math.pi, (0, 0, 0, 1)),
+    "rpm": (math.pi / 30.0, (0, 0, -1, 1)),
     "Hz": (1.0, (0, 0, -1, 0)),
     "kHz": (1e3, (0, 0, -1, 0)),
     "N": (1.0, (1, 1, -2, 0)),
@@ -190,6 +200,48 @@ def si_value(text: str) -> float | None:
     """Value in SI units of a text such as ``"300 ms"``, for any quantity; None if invalid."""
     found = split_quantity(text)
     return None if found is None else found[0] * _parse(found[1])[0]
+
+
+#: SI units of quantities that have a usual form.
+_USUAL = (
+    *("1", "m", "kg", "s", "rad", "Hz", "N", "Pa", "J", "m^2", "m^3", "m/s", "m/s^2", "rad/s"),
+    *("rad/s^2", "N/m", "N s/m", "N m/rad", "N m s/rad", "kg m^2", "m^3/s", "kg/s", "kg/m^3"),
+)
+
+
+def to_si(unit: str) -> tuple[float, str]:
+    """Factor to SI, and the SI unit, of any accepted unit.
+
+    A product of a force and a length is a torque in N m, the unit of energy J has its own name.
+
+    Parameters
+    ----------
+    unit
+        As written in a file, for example ``"L/min"``.
+
+    Raises
+    ------
+    InvalidParameter
+        The unit is unknown.
+    """
+    try:
+        factor, dims = _parse(unit)
+    except ValueError as error:
+        raise InvalidParameter(f"unit {unit!r}: {error}") from None
+    named = {token for part in unit.split("/") for token in part.split()}
+    if dims == _parse("J")[1] and not named & {"J", "mJ"}:
+        return factor, "N m"
+    for usual in _USUAL:
+        if _parse(usual)[1] == dims:
+            return factor, usual
+    powers = dict(zip(("m", "kg", "s", "rad"), dims, strict=True))
+    over = " ".join(_power(name, p) for name, p in powers.items() if p > 0.0)
+    under = " ".join(_power(name, -p) for name, p in powers.items() if p < 0.0)
+    return factor, f"{over or '1'}/{under}" if under else over
+
+
+def _power(name: str, power: float) -> str:
+    return name if power == 1.0 else f"{name}^{power:g}"
 
 
 #: SI unit -> (limit of the value, factor, unit) for small values, in ascending order.

@@ -104,7 +104,7 @@ def test_a_body_that_moves_no_mass_is_told_beside_other_faults(raw):
     ("path", "value", "message"),
     [
         (("bodies", "key", "mass"), math.nan, "expected a finite number"),
-        (("bodies", "key", "mass"), {"value": 1.0, "unit": "lb"}, "unknown unit 'lb'"),
+        (("bodies", "key", "mass"), {"value": 1.0, "unit": "stone"}, "unknown unit 'stone'"),
         (("bodies", "key", "joint"), "ball", "got 'ball', expected 'revolute'"),
         (("bodies", "key", "parent"), "nobody", "bodies.key.parent: body 'nobody' is missing"),
         (("bodies", "key", "position"), [1.0], "got [1.0], expected 2 numbers"),

@@ -11,6 +11,7 @@ from feltmb.units import (
     convert,
     dimension_text,
     spelled_unit,
+    to_si,
 )
 from feltmb.units.quantity import parse_scalar
 
@@ -47,6 +48,28 @@ def test_conversion(value, unit, si, expected):
 @pytest.mark.parametrize("unit", sorted(ACCEPTED_UNITS))
 def test_every_unit_converts_to_itself(unit):
     assert conversion_factor(unit, unit) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "si"),
+    [
+        ("rpm", math.pi / 30.0, "rad/s"),
+        ("L/min", 1e-3 / 60.0, "m^3/s"),
+        ("l/h", 1e-3 / 3600.0, "m^3/s"),
+        ("N mm", 1e-3, "N m"),
+        ("mJ", 1e-3, "J"),
+        ("N/mm", 1e3, "N/m"),
+        ("kg m^2", 1.0, "kg m^2"),
+        ("g/cm^3", 1e3, "kg/m^3"),
+        ("kg/s^2", 1.0, "N/m"),
+        ("m^2/s^3", 1.0, "m^2/s^3"),
+    ],
+)
+def test_si_units_of_any_unit(unit, factor, si):
+    found, name = to_si(unit)
+    assert name == si
+    assert found == pytest.approx(factor, rel=1e-15)
+    assert conversion_factor(unit, si) == pytest.approx(factor, rel=1e-15)
 
 
 @pytest.mark.parametrize(
