@@ -362,7 +362,7 @@ class Record:
         """
         if self.before is None:
             return self.with_inputs(change(self))
-        whole = self.before.joined(self)
+        whole = _joined(self.before, self)
         changed = whole.with_changed_inputs(change)
         parts = [
             {k: v[part] for k, v in changed.inputs.items()}
@@ -371,27 +371,22 @@ class Record:
         before = replace(self.before, inputs=parts[0], before=changed.before)
         return replace(self, inputs=parts[1], before=before)
 
-    def joined(self, after: Record) -> Record:
-        """The samples of the record, followed by those of another one, with its sensors.
 
-        Parameters
-        ----------
-        after
-            Record with the same channels, and later times.
-        """
+def _joined(first: Record, after: Record) -> Record:
+    """The samples of two records with the same channels, one after the other."""
 
-        def both(kind: str) -> dict[str, Array]:
-            first, second = getattr(self, kind), getattr(after, kind)
-            return {k: np.concatenate([first[k], v]) for k, v in second.items()}
+    def both(kind: str) -> dict[str, Array]:
+        one, other = getattr(first, kind), getattr(after, kind)
+        return {k: np.concatenate([one[k], v]) for k, v in other.items()}
 
-        return replace(
-            after,
-            time=np.concatenate([self.time, after.time]),
-            inputs=both("inputs"),
-            outputs=both("outputs"),
-            start=self.start,
-            before=self.before,
-        )
+    return replace(
+        after,
+        time=np.concatenate([first.time, after.time]),
+        inputs=both("inputs"),
+        outputs=both("outputs"),
+        start=first.start,
+        before=first.before,
+    )
 
 
 def _column(values: object) -> Array:

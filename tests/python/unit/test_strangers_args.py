@@ -1010,6 +1010,10 @@ CALLS = {
         {"first": 0, "last": 100, "name": "part", "role": "fit"},
     ),
     "feltmb.gap.Record.output_array": lambda: (record(), {"names": ["q"]}),
+    "feltmb.gap.Record.with_changed_inputs": lambda: (
+        record(),
+        {"change": lambda whole: {"f": 2.0 * whole.inputs["f"]}},
+    ),
     "feltmb.gap.Record.with_inputs": lambda: (record(), {"inputs": {"f": np.zeros(200)}}),
     "feltmb.gap.Record.with_sensed_input": lambda: (record(), {"name": "f", "gain": 1.1}),
     "feltmb.gap.Report.write": lambda: (report(), {"folder": "report", "force": True}),
