@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from feltmb.run.study.page import Table
 
 WIDTH = 80
+#: Number of simulations of a study whose warnings are printed; `--json` has all.
+MOST_WARNINGS = 3
 
 
 @click.command("study")
@@ -90,6 +92,12 @@ def command(
     for result in results:
         for name, error in result.failed.items():
             complain(f"{result.study.name}: {name}: {error}")
+        warned = list(result.warnings.items())
+        for name, text in warned[:MOST_WARNINGS]:
+            complain(f"warning: {result.study.name}: {name}: {text}")
+        if len(warned) > MOST_WARNINGS:
+            rest = len(warned) - MOST_WARNINGS
+            complain(f"warning: {result.study.name}: and {rest} more simulations (--json)")
 
 
 def _list(as_json: bool) -> None:

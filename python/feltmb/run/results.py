@@ -124,10 +124,20 @@ class Run:
     def __repr__(self) -> str:
         action = self.provenance.get("action", "?")
         stroke = self.provenance.get("stroke", {}).get("name", "?")
+        count = len(self.warnings)
+        warned = f", {count} warning{'s' if count > 1 else ''}" if count else ""
         return (
             f"Run({action!r}, {stroke!r}, {len(self.time)} samples to {self.reached:g} s, "
-            f"{self.status})"
+            f"{self.status}{warned})"
         )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Where the accuracy is poor, or where the equations are not valid.
+
+        Examples: a felt beyond its measured range, a finger that pulls, a member that bends far.
+        """
+        return tuple(self.stats.get("warnings", ()))
 
     def _repr_html_(self) -> str:
         times = {name: value for name, value in self.summary.items() if name.endswith("_time")}

@@ -40,6 +40,18 @@ def test_a_felt_pressed_beyond_its_loop_is_told():
     assert "at which it is solid" in warnings[0]
 
 
+def test_sweeps_keep_the_warnings_of_their_runs(tmp_path):
+    action, _, _ = pressed(1e-3, 0.3)
+    strokes = [feltmb.ramp_stroke(force, 0.001, 0.02, duration=0.03) for force in (0.01, 60.0)]
+    run = feltmb.simulate(action, strokes[1])
+    assert len(run.warnings) == 1
+    assert repr(run).endswith("done, 1 warning)")
+    for _ in range(2):  # computed, then read from the folder
+        found = feltmb.sweep(action, strokes, [{}], mode="list", folder=tmp_path / "members")
+        assert list(found.table["warnings"]) == ["", run.warnings[0]]
+        assert "1 with warnings" in repr(found)
+
+
 def test_all_faults_of_a_law_come_at_once():
     from feltmb.contact import law
 

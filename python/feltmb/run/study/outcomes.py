@@ -281,9 +281,18 @@ class StudyOutcomes(ABC):
     def failed(self) -> dict[str, str]:
         """Error messages by simulation."""
         return {
-            " ".join([case.variant, *map(short, case.point), case.stroke]): outcome.error
+            _said(case): outcome.error
             for case, outcome in self.outcomes.items()
             if outcome.status != "done"
+        }
+
+    @property
+    def warnings(self) -> dict[str, str]:
+        """Warnings by simulation (:attr:`Run.warnings`)."""
+        return {
+            _said(case): "; ".join(outcome.warnings)
+            for case, outcome in self.outcomes.items()
+            if outcome.warnings
         }
 
     def as_dict(self) -> dict[str, Any]:
@@ -308,7 +317,13 @@ class StudyOutcomes(ABC):
             "table": rows,
             "findings": [f.as_dict() for f in self.findings],
             "failed": self.failed,
+            "warnings": self.warnings,
         }
+
+
+def _said(case: Case) -> str:
+    """Name of a simulation for people."""
+    return " ".join([case.variant, *map(short, case.point), case.stroke])
 
 
 def _outcome(

@@ -248,6 +248,7 @@ def page(results: Sequence[StudyOutcomes], *, title: str = "") -> str:
                     if v.note
                 ],
                 "failed": result.failed,
+                "warnings": result.warnings,
                 "counts": _counts(result.findings),
                 "findings": {
                     title: [

@@ -26,6 +26,7 @@ def store(folder: Path, member: Member, outcome: Outcome) -> None:
         "numbers": outcome.numbers,
         "reached": outcome.reached,
         "wall": outcome.wall,
+        "warnings": list(outcome.warnings),
     }
     Store(folder).put(member.key, found, outcome.series, _files(member, outcome.status))
 
@@ -39,5 +40,5 @@ def recall(folder: Path, member: Member) -> Outcome | None:
     numbers = {str(name): float(value) for name, value in found["numbers"].items()}
     return Outcome(
         str(found["status"]), str(found["error"]), numbers, kept.arrays, float(found["reached"]),
-        float(found["wall"]), resumed=True,
+        float(found["wall"]), tuple(map(str, found["warnings"])), resumed=True,
     )  # fmt: skip

@@ -97,6 +97,8 @@ class Outcome:
         Extracted arrays.
     wall
         Wall time of the simulation [s].
+    warnings
+        Warnings of the run (:attr:`Run.warnings`).
     resumed
         Whether it was read from the folder instead of computed.
     """
@@ -107,6 +109,7 @@ class Outcome:
     series: dict[str, Array] = field(default_factory=dict)
     reached: float = 0.0
     wall: float = 0.0
+    warnings: tuple[str, ...] = ()
     resumed: bool = False
 
 
@@ -155,7 +158,8 @@ def to_outcome(member: Member, action: Action, result: Run | FeltmbError) -> Out
     except Exception as failure:  # a member must not stop the others
         return failure_outcome(failure)
     numbers.update(steps=float(run.stats["steps"]), rhs=float(run.stats["rhs"]))
-    return Outcome(status, error, numbers, series, run.reached, float(run.stats["wall"]))
+    wall = float(run.stats["wall"])
+    return Outcome(status, error, numbers, series, run.reached, wall, run.warnings)
 
 
 @checked

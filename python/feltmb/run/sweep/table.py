@@ -42,8 +42,8 @@ class SweepResult:
     ----------
     table : DataFrame
         One row for each member, in the order of the values, the last path varying fastest. Columns:
-        each path, ``stroke``, ``status``, ``error``, and the summary of the run in SI units with
-        ``steps`` and ``rhs``. NaN: the run does not have the value.
+        each path, ``stroke``, ``status``, ``error``, ``warnings``, and the summary of the run in SI
+        units with ``steps`` and ``rhs``. NaN: the run does not have the value.
     """
 
     table: pd.DataFrame
@@ -52,7 +52,9 @@ class SweepResult:
     """Column of each varied path -> unit of its values."""
 
     def __repr__(self) -> str:
-        return f"SweepResult({len(self.table)} members, {len(self.failed)} failed)"
+        warned = int((self.table["warnings"] != "").sum())
+        more = f", {warned} with warnings" if warned else ""
+        return f"SweepResult({len(self.table)} members, {len(self.failed)} failed{more})"
 
     def _repr_html_(self) -> str:
         rows = self.table.head(MOST_ROWS).itertuples(index=False, name=None)
@@ -281,6 +283,7 @@ def _table(rows: list[dict[str, Any]], outcomes: Sequence[Outcome | None], pd: A
                 **row,
                 "status": found.status,
                 "error": found.error,
+                "warnings": "; ".join(found.warnings),
                 **{n: found.numbers.get(n, math.nan) for n in numbers},
             }
         )
