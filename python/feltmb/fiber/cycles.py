@@ -13,6 +13,10 @@ Array = NDArray[np.float64]
 #: Smallest change of the volume fraction between reversals, as a share of its range. Smaller
 #: changes are noise of the thickness.
 LEAST_CYCLE = 0.05
+#: Distance from a largest volume fraction within which it is held, as a share of the range.
+HELD = 0.01
+#: Number of samples at a reversal that are no hold.
+MOST_AT_TURN = 8
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,8 @@ class Branches:
     """Whether each of them is on the loading branch."""
     cycles: int
     """Number of loadings."""
+    held: NDArray[np.intp]
+    """Indices of the samples of a hold at the largest volume fraction, in its order."""
 
 
 def find_branches(v_f: Array) -> Branches:
@@ -33,6 +39,8 @@ def find_branches(v_f: Array) -> Branches:
     The loading envelope consists of the samples of each loading that are beyond all earlier
     reversals, because a felt follows inner loops below them. The unloading envelope begins at the
     largest volume fraction and ends at the next reversal. The other samples are on inner loops.
+    While the largest volume fraction is held, the pressure relaxes: these samples are neither
+    loading nor unloading.
 
     Parameters
     ----------
@@ -42,6 +50,7 @@ def find_branches(v_f: Array) -> Branches:
     turns = _reversals(v_f)
     loading, unloading = [], [np.zeros(0, dtype=np.intp)]
     highest, cycles = -np.inf, 0
+    held = _held(v_f, turns)
     for a, b in itertools.pairwise(turns):
         part = np.arange(a if a == 0 else a + 1, b + 1)
         if v_f[b] >= v_f[a]:
@@ -52,9 +61,29 @@ def find_branches(v_f: Array) -> Branches:
             unloading.append(part)
     # Of equal maxima the last one counts: the felt has then softened.
     kept = np.concatenate([*loading, unloading[-1]])
-    number = sum(p.size for p in loading)
+    rising = np.arange(kept.size) < sum(p.size for p in loading)
     order = np.argsort(kept, kind="stable")
-    return Branches(kept[order], (np.arange(kept.size) < number)[order], cycles)
+    order = order[~np.isin(kept[order], held)]
+    return Branches(kept[order], rising[order], cycles, held)
+
+
+def _held(v_f: Array, turns: list[int]) -> NDArray[np.intp]:
+    """Samples between the first and the last one at the largest volume fraction, if it is held.
+
+    It is held if there are more than twice as many samples in a band below it as in the three next
+    bands of this width. A steady or sinusoidal test of any number of samples has no hold.
+    """
+    top, band = int(np.argmax(v_f)), HELD * float(np.ptp(v_f))
+
+    begin = max((t for t in turns if t < top), default=0)
+    end = min((t for t in turns if t > top), default=v_f.size - 1)
+    below = v_f[top] - v_f[begin : end + 1]
+    near = begin + np.flatnonzero(below <= band)
+    next_to = int(np.sum(below <= 4.0 * band)) - near.size
+    if near.size <= max(2 * next_to, MOST_AT_TURN):
+        return np.zeros(0, dtype=np.intp)
+    at_level = near[v_f[near] >= np.median(v_f[near])]
+    return np.arange(at_level[0] + 1, at_level[-1] + 1)
 
 
 def _reversals(v_f: Array) -> list[int]:

@@ -130,13 +130,23 @@ class CompressionData:
 def _by_reversals(test: CompressionData) -> CompressionData:
     """The test with its branches, which are found from the reversals."""
     found = find_branches(test.v_f)
-    left_out = len(test.v_f) - len(found.kept)
-    notes = (
-        f"{found.cycles} loadings: what each loads beyond all earlier reversals and the unloading "
-        f"from the largest volume fraction are used; {left_out} samples of inner loops are left "
-        "out (a column branch with the words loading and unloading uses all samples)",
-    )
-    return replace(test._part(found.kept), loading=found.loading, notes=notes if left_out else ())
+    left_out = len(test.v_f) - len(found.kept) - len(found.held)
+    all_used = "(a column branch with the words loading and unloading uses all samples)"
+    notes = []
+    if left_out:
+        notes.append(
+            f"{found.cycles} loadings: what each loads beyond all earlier reversals and the "
+            f"unloading from the largest volume fraction are used; {left_out} samples of inner "
+            f"loops are left out {all_used}"
+        )
+    if found.held.size:
+        before, after = test.pressure[found.held[0] - 1], test.pressure[found.held[-1]]
+        notes.append(
+            f"the largest compression is held: {found.held.size} samples, while the pressure "
+            f"relaxes from {before:.4g} to {after:.4g} Pa, are left out; no law of a felt here "
+            f"describes relaxation {all_used}"
+        )
+    return replace(test._part(found.kept), loading=found.loading, notes=tuple(notes))
 
 
 def _scatter(data: CompressionData) -> float:
@@ -206,7 +216,8 @@ def read_compression(
     loading and unloading. Without it, the branches are found from the reversals. Of a test with
     several cycles, loading are the samples of each loading beyond all earlier reversals, and
     unloading are those from the largest volume fraction to the next reversal; the samples of
-    inner loops are left out. Lines that start with ``#`` are comments. Other columns are ignored.
+    inner loops and of a hold at the largest volume fraction are left out. Lines that start with
+    ``#`` are comments. Other columns are ignored.
 
     Parameters
     ----------

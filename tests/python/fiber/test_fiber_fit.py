@@ -257,6 +257,26 @@ def test_a_dwell_at_the_end_is_no_cycle(noise):
     assert np.sum(found.loading) == pytest.approx(41, abs=1)
 
 
+@pytest.mark.parametrize("samples", [41, 2000])
+@pytest.mark.parametrize("noise", [0.0, 1e-5, 3e-4])
+def test_a_hold_at_the_largest_compression_is_left_out(samples, noise):
+    random = np.random.default_rng(3)
+    up = np.linspace(0.1, 0.3, samples)
+    steady = np.concatenate([up, up[-2::-1]])
+    steady += noise * random.standard_normal(steady.size)
+    found = find_branches(steady)
+    assert found.held.size == 0
+    assert found.kept.size == steady.size
+    sine = 0.2 - 0.1 * np.cos(np.linspace(0.0, 2.0 * np.pi, 2 * samples))
+    assert find_branches(sine).held.size == 0
+    hold = np.full(6 * samples, 0.3) + noise * random.standard_normal(6 * samples)
+    v = np.concatenate([steady[:samples], hold, steady[samples:]])
+    found = find_branches(v)
+    assert found.held.size == pytest.approx(6 * samples, abs=12)
+    assert np.sum(found.loading) == pytest.approx(samples, abs=6)
+    assert found.kept.size == pytest.approx(2 * samples, abs=12)
+
+
 def test_inner_loops_are_left_out_and_told(tmp_path):
     v, _ = cycles_of((0.2, 0.3), np.random.default_rng(2), 0.0)
     rows = "\n".join(f"{x:.6f},{1e6 * x**3:.3f}" for x in v)
