@@ -10,6 +10,7 @@ are therefore repeated until they converge, separately for each branch.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -34,8 +35,7 @@ __all__ = ["BranchFit", "Identification", "identify"]
 Array = NDArray[np.float64]
 BranchName = Literal["loading", "unloading"]
 
-_TOLERANCE = 1e-10  # largest change of log gamma between two rounds
-_ROUNDS = 100
+_TOLERANCE = 1e-10  # of log gamma
 _GAMMA_RANGE = (1e-3, 30.0)
 _PLAUSIBLE_GAMMA = (0.5, 5.0)
 
@@ -312,6 +312,28 @@ def _with_intervals(fit: BranchFit, covariance: Array, freedom: int, level: floa
     return replace(fit, interval=interval, correlation=correlation)
 
 
+def _fixed_point(change: Callable[[float], float], start: float) -> float:
+    """Where a round changes nothing, the first such point in the direction of the first change.
+
+    At an end of the range, a round cannot lead out of it, so that there is such a point. Repeated
+    rounds would reach it only if they contract.
+    """
+    from scipy.optimize import brentq
+
+    low, high = (math.log(x) for x in _GAMMA_RANGE)
+    here, value = start, change(start)
+    reach = 1.2 * value
+    while abs(value) > _TOLERANCE:
+        there = min(max(here + reach, low), high)
+        further = change(there)
+        if further * value <= 0.0:
+            return float(brentq(change, here, there, xtol=_TOLERANCE))
+        if there in (low, high):
+            return there
+        here, value, reach = there, further, 2.0 * reach
+    return here
+
+
 def _identify_branch(
     which: BranchName,
     v: Array,
@@ -325,26 +347,17 @@ def _identify_branch(
     v, pressure = v[order], pressure[order]
     weight = 1.0 / (1.0 + relative * np.maximum(pressure, 0.0) / np.max(pressure))
     q, v0 = material.fiber.Q, material.v_f0
-    gamma = start
     rounds: list[float] = []
-    K = math.nan
-    step = math.inf
-    for _ in range(_ROUNDS):
-        rows = sliding_at_pressure(material, v, pressure, which, gamma)
-        K, found = _fit_elastic(v, rows[:, 5], weight, v0, q, gamma)
-        rounds.append(found)
-        change = math.log(found / gamma)
-        # Half of the step if the iteration would oscillate or diverge.
-        gamma = found if abs(change) < step else math.sqrt(found * gamma)
-        step = abs(change)
-        if step < _TOLERANCE:
-            break
-    else:
-        raise ModelError(
-            f"identify: {which}: gamma still changes by {step:.3g} after {_ROUNDS} rounds (last "
-            f"{gamma:.6g}); expected a fixed point. Check friction, withdrawal force and fiber "
-            "diameter of the material"
-        )
+
+    def change(x: float) -> float:
+        """Change of log gamma by a round: friction at this gamma, then the best gamma."""
+        rows = sliding_at_pressure(material, v, pressure, which, math.exp(x))
+        rounds.append(_fit_elastic(v, rows[:, 5], weight, v0, q, math.exp(x))[1])
+        return math.log(rounds[-1]) - x
+
+    gamma = math.exp(_fixed_point(change, math.log(start)))
+    rows = sliding_at_pressure(material, v, pressure, which, gamma)
+    K = _fit_elastic(v, rows[:, 5], weight, v0, q, gamma)[0]
     if not K > 0:
         raise ModelError(
             f"identify: {which}: the best K_p = {K:.6g} Pa, expected > 0: the elastic part of the "
@@ -356,7 +369,6 @@ def _identify_branch(
             f"{_GAMMA_RANGE[0]:g} to {_GAMMA_RANGE[1]:g}: the data have not the shape of the law. "
             "Check the unloaded thickness, v_f0, the area and the fibers of the material"
         )
-    rows = sliding_at_pressure(material, v, pressure, which, gamma)
     branch = Branch(K_p=K, gamma=gamma)
     curve: BranchCurve = material.model_copy(update={which: branch}).branch(which, v)
     linear = _linear(v, pressure, curve.pressure, weight, material, which, branch)

@@ -16,6 +16,7 @@ from feltmb.felt import (
     load_material,
     packaged_materials,
 )
+from feltmb.felt.identification import _fixed_point
 from feltmb.fiber import read_compression
 
 NAMES = [name for name in packaged_materials() if name.startswith("synthetic")]
@@ -108,8 +109,17 @@ def test_fixed_point_matters():
     v, p, loading = samples(m)
     found = identify(v, p, material=m, loading=loading)
     assert abs(found.loading.rounds[0] / found.loading.gamma - 1) > 1e-4
-    changes = np.abs(np.diff(np.log(found.loading.rounds)))
-    assert np.all(changes[1:-1] < changes[:-2])
+    assert found.loading.rounds[-1] == pytest.approx(found.loading.gamma, rel=1e-8)
+
+
+def test_a_round_that_does_not_contract_has_its_fixed_point():
+    # Rounds x -> 3 - 2 x diverge from every start but their fixed point, 1.
+    def change(x):
+        return 3.0 - 3.0 * x
+
+    for start in (-2.0, 0.9, 1.0, 2.5):
+        assert _fixed_point(change, start) == pytest.approx(1.0, abs=1e-9)
+    assert _fixed_point(lambda _: 1.0, 0.0) == pytest.approx(np.log(30.0))
 
 
 def test_low_friction_is_warned_of():
