@@ -391,7 +391,8 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
     const Eigen::VectorXd along =
         eigen.eigenvectors().transpose() * (way.transpose() * rest.force());
     if (force.cwiseAbs().maxCoeff() <= enough) {
-      stable = values.minCoeff() > 0.0;
+      // A body that no force moves in either direction rests where it is.
+      stable = values.minCoeff() >= -1e-14 * values.cwiseAbs().maxCoeff();
       if (stable) break;
     }
     // Newton step with the eigenvalues made positive, cut to the trust region.
@@ -435,7 +436,9 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
                        m.coordinate_is_angle[static_cast<std::size_t>(k)] ? "N m" : "N");
       }
     }
-    text += " is a body without support, or start_pose on the wrong side of a contact?";
+    text +=
+        " is a body without support, or start_pose on the wrong side of a contact? (A body that is "
+        "to fall or fly needs a support to rest on, or no gravity, and an initial speed.)";
     throw ModelError(text);
   }
   refuse_nonsense(rest, q);

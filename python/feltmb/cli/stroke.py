@@ -120,6 +120,13 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="Start at the end of this saved run.",
 )
+@list_option(
+    "--initial",
+    "initial",
+    metavar="NAME=VALUE",
+    help="Initial value of a coordinate or speed that differs from the rest pose, such as "
+    "hammer.angle=5deg or hammer.angle.rate=2rad/s; a bare number is in SI units.",
+)
 @click.option(
     "--noise",
     metavar="LENGTH",
@@ -156,6 +163,7 @@ def command(
     max_wall: float | None,
     ledger_limit: float,
     start: Path | None,
+    initial: tuple[str, ...],
     noise: str | None,
     jobs: int,
     no_ledger: bool,
@@ -188,6 +196,8 @@ def command(
         raise click.UsageError("--damper, --pad and --torque need --actuator")
     if not loaded:
         raise click.UsageError("Missing argument 'STROKES...'.")
+    if start is not None and initial:
+        raise click.UsageError("--start and --initial both give the start state")
     if noise is not None:
         loaded = [s.smoothed(parse_option("--noise", noise, s.unit)) for s in loaded]
     stems = _stems([s.name for s in loaded])
@@ -200,7 +210,8 @@ def command(
         "output_rate": output_rate,
         "ledger": not no_ledger,
     }
-    keys = [_inputs(mechanism, s, options, start) for s in loaded]
+    begin = _initial(mechanism, initial)
+    keys = [_inputs(mechanism, s, options, start, begin) for s in loaded]
     kept: dict[int, Run] = {}
     if out is not None and out not in targets:
         make_folder(out)
@@ -209,7 +220,7 @@ def command(
     for i, (target, stem) in enumerate(zip(targets, stems, strict=True)):
         for path in _files(target, stem, plot=plot, wav=wav) if i not in kept else []:
             check_writable(path, force=force)
-    first = load_run(start) if start is not None else None
+    first = load_run(start) if start is not None else begin or None
 
     stop = {"now": False}
 
@@ -301,12 +312,31 @@ def _with_actuator(
     return compose(action, made, pad=pad), made.torque
 
 
-def _inputs(action: Action, stroke: Stroke, options: dict[str, Any], start: Path | None) -> str:
+def _initial(action: Action, texts: tuple[str, ...]) -> dict[str, str]:
+    """Initial values of ``--initial``, checked before anything is simulated."""
+    from feltmb.run.simulate import initial_values
+
+    pairs = [text.partition("=") for text in texts]
+    for text, (name, equals, value) in zip(texts, pairs, strict=True):
+        if not (name and equals and value):
+            raise click.UsageError(f"--initial {text}: expected NAME=VALUE")
+    found = {name.strip(): value.strip() for name, _, value in pairs}
+    initial_values(action, found)
+    return found
+
+
+def _inputs(
+    action: Action,
+    stroke: Stroke,
+    options: dict[str, Any],
+    start: Path | None,
+    initial: dict[str, str],
+) -> str:
     """Hash of everything that determines a run."""
     from feltmb.files import digest_of, package_digest
 
     first = None if start is None else start.read_bytes()
-    return digest_of(package_digest(), action.hash, stroke.as_dict(), options, first)
+    return digest_of(package_digest(), action.hash, stroke.as_dict(), options, first, initial)
 
 
 def _finished(targets: list[Path | None], keys: list[str]) -> dict[int, Run]:

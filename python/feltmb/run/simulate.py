@@ -12,13 +12,14 @@ import numpy.typing as npt
 
 from feltmb import _core
 from feltmb.arguments import checked
-from feltmb.errors import IntegrationError, InvalidParameter
+from feltmb.errors import IntegrationError, InvalidParameter, near_names
 from feltmb.mechanism import Action, load_action
 from feltmb.run.events import Change, name_events
 from feltmb.run.options import ALL_OPTIONS, RunOptions, check_options
 from feltmb.run.results import Provenance, Run
 from feltmb.run.stroke import MOTORS, Stroke, load_stroke
 from feltmb.run.warnings import run_warnings
+from feltmb.units.quantity import parse_scalar
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -113,7 +114,7 @@ def simulate(
     rtol: float | None = None,
     *,
     options: RunOptions | None = None,
-    start: Run | None = None,
+    start: Run | Mapping[str, float | str] | None = None,
     progress: Callable[[float], object] | None = None,
     **given: Any,
 ) -> Run:
@@ -128,8 +129,9 @@ def simulate(
     options
         See :class:`RunOptions`.
     start
-        Run of the same mechanism whose end is the start state; time starts at zero again. Default:
-        the rest pose.
+        Run of the same mechanism whose end is the start state; time starts at zero again. Or
+        coordinates and speeds that differ from the rest pose, in SI units or as texts with a unit:
+        ``{"hammer.x": "-20 mm", "hammer.x.rate": "2 m/s"}``. Default: the rest pose.
     progress
         Function that is called now and then with the simulated time [s]. If it returns False, the
         run is interrupted; any other value, None included, continues it.
@@ -159,7 +161,9 @@ def simulate(
     mechanism, drive, y, monitors, memory = arguments
     result = _core.simulate(mechanism, drive, settings, y, monitors, progress, memory)
     run = to_run(action, stroke, settings, result)
-    if start is not None and start.provenance.get("hash") != action.hash:
+    if isinstance(start, Mapping):
+        run.provenance["initial"] = {k: str(v) for k, v in start.items()}
+    if isinstance(start, Run) and start.provenance.get("hash") != action.hash:
         run.stats["warnings"].append(
             f"started from a run of {start.provenance.get('action')!r} with other parameters"
         )
@@ -177,7 +181,10 @@ def simulate(
 
 
 def prepare(
-    action: Action, stroke: Stroke, given: RunOptions, start: Run | None = None
+    action: Action,
+    stroke: Stroke,
+    given: RunOptions,
+    start: Run | Mapping[str, float | str] | None = None,
 ) -> tuple[_core.SimulationOptions, tuple[Any, ...]]:
     """Options and other arguments of the core for a call of :func:`simulate`.
 
@@ -249,17 +256,23 @@ def refuse_kind(action: Action, kind: str, what: str) -> None:
         )
 
 
-def _start_state(action: Action, start: Run | None) -> tuple[Array, Array]:
+def _start_state(
+    action: Action, start: Run | Mapping[str, float | str] | None
+) -> tuple[Array, Array]:
     """Full state [q, v, law states, eta, deta/dt] and remembered compressions."""
     n = len(action.coordinates)
     modes = action.mechanism.total_modes
     size = 2 * (n + modes) + action.mechanism.total_law_states
-    if start is None:
+    if start is None or isinstance(start, Mapping):
         rest = action._equilibrium
         y = np.concatenate([rest["q"], np.zeros(n), rest["law"], rest["eta"], np.zeros(modes)])
+        for index, value in initial_values(action, start or {}).items():
+            y[index] = value
         return y, np.asarray(rest["largest_compression"])
     if not isinstance(start, Run):
-        raise InvalidParameter(f"start: got a {type(start).__name__}, expected a run")
+        raise InvalidParameter(
+            f"start: got a {type(start).__name__}, expected a run or initial values by coordinate"
+        )
     state, memory = (_reals(start, name) for name in ("end_state", "end_memory"))
     if start.coordinates != action.coordinates or state.size != size:
         raise InvalidParameter(
@@ -273,6 +286,44 @@ def _start_state(action: Action, start: Run | None) -> tuple[Array, Array]:
             f"contact of this mechanism ({len(rest_memory)}); without them its felts would forget"
         )
     return state, memory
+
+
+def initial_values(action: Action, values: Mapping[str, float | str]) -> dict[int, float]:
+    """Initial values of coordinates and speeds by their place in the state.
+
+    Parameters
+    ----------
+    values
+        ``"NAME"`` or ``"NAME.rate"`` of a coordinate -> value in SI units, or text with a unit.
+
+    Raises
+    ------
+    InvalidParameter
+        A coordinate does not exist or a value is invalid; all faults are in one message.
+    """
+    names = {name: (i, unit) for i, (name, unit) in enumerate(_coordinates(action))}
+    known = [*names, *(f"{name}.rate" for name in names)]
+    out, faults = {}, []
+    for name, value in values.items():
+        coordinate = name.removesuffix(".rate")
+        if coordinate not in names:
+            faults.append(f"start: there is no coordinate {name!r}{near_names(name, known)}")
+            continue
+        index, unit = names[coordinate]
+        if name != coordinate:
+            index, unit = index + len(names), f"{unit}/s"
+        try:
+            out[index] = parse_scalar(value, unit)
+        except ValueError as error:
+            faults.append(f"start: {name}: {error}")
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+    return out
+
+
+def _coordinates(action: Action) -> list[tuple[str, str]]:
+    """Names and units of the coordinates."""
+    return list(zip(action.coordinates, action.mechanism.coordinate_units, strict=True))
 
 
 def _reals(run: Run, name: str) -> Array:

@@ -379,7 +379,7 @@ def test_sounds_out_of_range(run_of, tmp_path, options):
 
 def test_restart_from_something_else(action, pendulum):
     # AttributeError: 'str' object has no attribute 'coordinates'
-    refused(lambda: feltmb.simulate(action, "forte", start="run.nc"), "expected a Run or None")
+    refused(lambda: feltmb.simulate(action, "forte", start="run.nc"), "expected a Run or a mapping")
     # accepted in silence
     first = feltmb.simulate(pendulum, "staccato", 0.001)
     other = pendulum.with_values({"bodies.hammer.mass": 13.0})

@@ -195,6 +195,29 @@ def test_start_of_another_mechanism_is_refused(action, pendulum):
         feltmb.simulate(action, "forte", start=other)
 
 
+def test_initial_values_of_a_body_that_flies(data):
+    """Closed forms: a free flight, and a linear spring met with v gives the force v sqrt(m k)."""
+    sledge = feltmb.load_action(data / "mass_spring.toml")
+    still = feltmb.ramp_stroke(0.0, duration=0.01)
+    free = sledge.with_values({"springs": {}})
+    for action in (sledge, free):
+        start = {"x": "-4 mm", "x.rate": 2.0}
+        run = feltmb.simulate(action, still, rtol=1e-9, output_rate=1e5, start=start)
+        assert run["x"][0] == -4e-3
+        assert np.interp(1e-3, run.time, run["x"]) == pytest.approx(-2e-3, abs=1e-8)
+        assert run["contact01.force"].max() == pytest.approx(2.0 * np.sqrt(20e-3 * 2e4), rel=1e-5)
+        assert run["x.rate"][-1] == pytest.approx(-2.0, rel=1e-5)
+        assert run.provenance["initial"] == {"x": "-4 mm", "x.rate": "2.0"}
+
+
+def test_faults_of_initial_values_come_at_once(data):
+    sledge = feltmb.load_action(data / "mass_spring.toml")
+    with pytest.raises(feltmb.InvalidParameter) as caught:
+        feltmb.simulate(sledge, feltmb.ramp_stroke(0.0), start={"y.rate": 1.0, "x": "3 s"})
+    assert "there is no coordinate 'y.rate'; near are x.rate" in str(caught.value)
+    assert "start: x: unit 's'" in str(caught.value)
+
+
 def test_second_blow_from_the_end_of_the_first(action):
     first = feltmb.simulate(action, "staccato", duration=0.6)
     second = feltmb.simulate(action, "staccato", start=first)
