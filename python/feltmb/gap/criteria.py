@@ -269,6 +269,16 @@ UNEVEN_STEP = _pair(
     "UNEVEN_STEP", (0.5, 1.5), "median step",
     "range of the steps of an even clock", _JUDGED, "gap/test_data.py",
 )  # fmt: skip
+REGULAR_CLOCK = _pair(
+    "REGULAR_CLOCK", (0.1, 0.9), "median step, share",
+    "distance from the median step, and share of the other steps within it, for which a long step "
+    "is a missing row", _JUDGED, "gap/test_data.py",
+)  # fmt: skip
+BRIDGED = _number(
+    "BRIDGED", 0.05, "standard deviation of the input",
+    "error of a line over missing rows, up to which the input there is interpolated",
+    _JUDGED, "gap/test_data.py",
+)  # fmt: skip
 WHOLE_STEPS = _pair(
     "WHOLE_STEPS", (0.02, 0.95), "step, share",
     "distance from a multiple of the smallest step between different values, and share of the "

@@ -25,6 +25,7 @@ from feltmb.gap.checks import (
 )
 from feltmb.gap.criteria import GIVEN_SIGMA
 from feltmb.gap.discrepancy import Discrepancy, with_color, with_factor, with_noise
+from feltmb.gap.missing_rows import divided, with_parts
 from feltmb.gap.split import split_records
 
 __all__ = ["JudgedData", "judged_data", "prepare", "ready", "with_other_noise"]
@@ -105,7 +106,10 @@ def judged_data(
     DataError
         The faults because of which the records cannot be used, all in one message.
     """
-    named = [hold_out] if isinstance(hold_out, str) else hold_out or ()
+    records = divided(model, records)
+    if hold_out is not None:
+        hold_out = with_parts([hold_out] if isinstance(hold_out, str) else hold_out, records)
+    named = hold_out or ()
     model, records, whole, copies = ready(model, records, named)
     fitted, held = split_records(records, hold_out, masked=model.from_rest, left_out=copies)
     checks = check_records([*fitted, *held], model.outputs)

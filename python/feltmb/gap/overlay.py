@@ -17,6 +17,7 @@ from feltmb.fit.model import Model
 from feltmb.fit.observe import observe_whole
 from feltmb.gap.checks import DataChecks, check_against, not_recorded, with_sigma
 from feltmb.gap.criteria import ALIKE, ANY_FACTOR, EXPLAINS_MOST, NEAR_UNIT, SAME_DELAY
+from feltmb.gap.missing_rows import divided
 from feltmb.gap.smoke_test import divergence
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
 from feltmb.units import readable_unit
@@ -109,7 +110,7 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     """
     if isinstance(records, Record):
         records = [records]
-    records, told = model.driven(records)
+    records, told = model.driven(divided(model, records))
     notes = [*told, *not_recorded(model, records)]
     checks = check_against(model, records)
     rows: list[GapBeforeRow] = []

@@ -22,6 +22,7 @@ from feltmb.data import (
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import SimulatorModel, check_records
 from feltmb.gap.checks import without_constant, without_copies
+from feltmb.gap.missing_rows import divided, with_parts
 from feltmb.gap.split import split_records
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -152,6 +153,47 @@ def test_gates_see_clocks_and_saturation():
     checks = check_records([Record(name="a", time=jumped, inputs={}, outputs={"q": signal})])
     assert "the clock jumps" in checks.problems[0]
     assert any("saturated" in w for w in checks.warnings)
+
+
+def with_missing_rows(input_of, *, jitter=0.0, lost=range(100, 106)):
+    """A record without some rows."""
+    random = np.random.default_rng(1)
+    time = 0.004 * np.arange(400)
+    kept = np.delete(np.arange(400), lost)
+    u = input_of(time)
+    time = time + jitter * 0.004 * random.standard_normal(400)
+    y = np.cumsum(u) + 0.01 * random.standard_normal(400)
+    return Record(name="r", time=np.sort(time)[kept], inputs={"f": u[kept]},
+                  outputs={"q": y[kept]})  # fmt: skip
+
+
+def test_a_record_is_divided_where_an_input_is_missing():
+    jumps = np.sign(np.random.default_rng(0).standard_normal(400))
+    record = with_missing_rows(lambda _: jumps)
+    one, two = divided(models.NOMINAL, [record])
+    assert (one.name, two.name) == ("r[1/2]", "r[2/2]")
+    assert (one.samples, two.samples) == (100, 294)
+    assert not two.start.known
+    assert "6 rows are missing, the first after 0.396 s" in one.notes[0]
+    assert with_parts(["r"], [one, two]) == ["r[1/2]", "r[2/2]"]
+    # Short parts are left out.
+    (long,) = divided(models.NOMINAL, [with_missing_rows(lambda _: jumps, lost=[2, 5])])
+    assert long.samples == 394
+    assert "4 samples of shorter parts" in long.notes[0]
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        with_missing_rows(lambda t: np.sin(5.0 * t)),
+        with_missing_rows(lambda t: 0.0 * t),
+        with_missing_rows(lambda t: np.sign(np.sin(900.0 * t**2)), jitter=0.5),
+        with_missing_rows(lambda t: np.sign(np.sin(900.0 * t**2)), lost=[]),
+    ],
+)
+def test_a_record_is_not_divided_without_need(record):
+    """The input can be interpolated, or the clock is irregular, or no row is missing."""
+    assert divided(models.NOMINAL, [record]) == (record,)
 
 
 def test_a_unit_that_does_not_exist_is_refused(tmp_path):

@@ -13,7 +13,7 @@ from feltmb.data import read_records
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import fit_problem
-from feltmb.gap import Options, Verdict, diagnose, fit_model, including
+from feltmb.gap import Jobs, Options, Verdict, diagnose, fit_model, including, library
 from feltmb.gap.page import page
 from feltmb.gap.refine import refit
 from feltmb.gap.report import report_json
@@ -181,7 +181,6 @@ def test_emps_names_dry_friction():
 
 
 def test_an_early_record_of_an_input_is_a_data_problem():
-    from feltmb.gap import library
 
     late = []
     for r in models.records(4):
@@ -200,8 +199,6 @@ def test_a_drive_that_acts_late_from_the_first_sample(count):
 
     Two records are divided into blocks, whose inputs depend on the blocks before them.
     """
-    from feltmb.gap import Jobs, library
-
     late = []
     for k in range(count):
         r = models.record("r", 1.0, k)
@@ -227,6 +224,36 @@ def test_a_drive_that_acts_late_from_the_first_sample(count):
     # The model interpolates the step over one sample, which is half a sample early.
     assert report.which["delay of input f"].magnitude == pytest.approx(-0.006, abs=0.0021)
     assert report.statement.startswith("The records or the drive, not the machine")
+
+
+def test_missing_rows_are_no_gap():
+    """The rows of 8 samples are missing, while the force changes from sample to sample."""
+    random = np.random.default_rng(8)
+    shown = []
+    for k in range(3):
+        r = models.record("r", 1.0, k)
+        force = np.repeat(random.choice([-1.0, 1.0], r.samples // 3), 3)
+        jobs = Jobs(
+            theta=models.TRUTH[None, :],
+            segments=np.array([[0, r.samples - 1]]),
+            starts=np.zeros((1, 2)),
+            included=(),
+            magnitudes=np.zeros((1, 0)),
+        )
+        driven = replace(r, name=f"r{k}", inputs={"f": force})
+        clean = models.NOMINAL.simulate(driven, jobs).outputs[0, :, 0]
+        kept = np.delete(np.arange(r.samples), np.arange(200, 208))
+        shown.append(
+            replace(
+                driven,
+                time=r.time[kept],
+                inputs={"f": force[kept]},
+                outputs={"q": (clean + 1e-4 * random.standard_normal(r.samples))[kept]},
+            )
+        )
+    report = diagnose(models.NOMINAL, models.EFFECTS, shown, hold_out="r2")
+    assert report.verdict is Verdict.CALIBRATED
+    assert any("8 rows are missing" in w for w in report.checks.warnings)
 
 
 def test_known_sensors_are_applied_to_the_model():
@@ -279,7 +306,6 @@ def test_tanks_name_the_overflow():
 @pytest.mark.slow
 def test_false_alarms_are_rare():
     """Thirty records without an effect, a library of twenty: not one alarm is expected."""
-    from feltmb.gap import library
 
     alarms = []
     for seed in range(100, 130):
