@@ -209,7 +209,7 @@ def _with_larger_defects(found: Outcome, start: Point) -> Outcome:
     for example with a repeated impact. Models could then not be compared. Larger defects have a
     cost.
     """
-    if found.fit.explains:
+    if found.explains:
         return found
     looser = [v for v in found.settings.levels if 1.5 * found.fit.level < v < 1.0]
     for level in looser:

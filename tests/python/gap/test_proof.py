@@ -149,15 +149,22 @@ def test_held_out_start_states_have_those_of_the_other_model_as_a_second_start(
     monkeypatch.setattr(proof, "predict", predicted)
     found = evaluate(held, fit, FitSettings(), like=other)
     assert found.density == pytest.approx([-50.0])
-    assert found.fit.explains  # so that no larger defects are tried
+    assert found.explains  # so that no larger defects are tried
     assert found.fit.level == max(fit.level, HELD_OUT_LEVEL)
     alone = evaluate(held, fit, FitSettings())
     assert alone.density == pytest.approx([-50.0 if better == "own" else -110.0])
     assert second_start(alone, other).density == pytest.approx([-50.0])
 
 
-def test_larger_defects_are_tried_from_the_start_states_of_the_other_model_too(fitted, monkeypatch):
-    """A null was named: its set had larger defects, which the model alone was not offered."""
+@pytest.mark.parametrize("squares", [1e6, 0.0])
+def test_larger_defects_are_tried_from_the_start_states_of_the_other_model_too(
+    fitted, monkeypatch, squares
+):
+    """A null was named: its set had larger defects, which the model alone was not offered.
+
+    It was UNKNOWN if the states alone agreed with noise, but not with parameters that the fit
+    permits.
+    """
     fit, segmented = fitted
     held = HeldOut((segmented,), fit.problem.scale(fit.point), (segmented,))
     other = evaluate(held, fit, FitSettings())
@@ -167,7 +174,7 @@ def test_larger_defects_are_tried_from_the_start_states_of_the_other_model_too(f
     assert level in FitSettings().levels
 
     def where_it_is(problem, point, level, _):
-        return replace(other.fit, problem=problem, point=point, level=level, chi2=1e6)
+        return replace(other.fit, problem=problem, point=point, level=level, chi2=squares)
 
     def predicted(_, fit, __):
         from_other = np.array_equal(fit.point.places[0].starts, places[0].starts)
