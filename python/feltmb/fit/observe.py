@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.data import Array, Record, Sensor
+from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
+from feltmb.fit.low_pass import low_passed
 from feltmb.fit.model import (
     Batch,
     Candidate,
@@ -179,7 +180,8 @@ def _sensed(
         y = changed[:, :, o]
         new = y
         if np.isfinite(sensor.bandwidth):
-            new = _low_pass(record, jobs, new, sensor, going_on)
+            constants = np.full(jobs.count, 1.0 / (2.0 * np.pi * sensor.bandwidth))
+            new = low_passed(record, new, jobs.segments, constants, going_on)
         if sensor.delay != 0.0:
             new = shifted(record, new, jobs.segments, np.full(jobs.count, sensor.delay))
         if sensor.gain != 1.0 or sensor.offset != 0.0:
@@ -189,48 +191,6 @@ def _sensed(
                 changed = outputs.copy()
             changed[:, :, o] = new
     return changed
-
-
-def _times(record: Record, jobs: Jobs, length: int) -> Array:
-    at = np.minimum(jobs.segments[:, :1] + np.arange(length), record.samples - 1)
-    return np.asarray(record.time[at])
-
-
-def _low_pass(
-    record: Record,
-    jobs: Jobs,
-    y: Array,
-    sensor: Sensor,
-    going_on: NDArray[np.bool_] | None = None,
-) -> Array:
-    """First-order low-pass, exact for a signal that is linear between samples.
-
-    If a segment starts at the last sample of the segment before it in the list, it continues with
-    the filter state of that segment. Any other segment starts as if the signal always had its first
-    slope. ``going_on``: segments whose predecessor is not among the jobs; their filter starts with
-    their first value.
-    """
-    time = _times(record, jobs, y.shape[1])
-    rate = 2.0 * np.pi * sensor.bandwidth
-    out = np.empty_like(y)
-    slope = (y[:, 1] - y[:, 0]) / np.maximum(time[:, 1] - time[:, 0], 1e-300)
-    out[:, 0] = y[:, 0] - slope / rate
-    for j in range(1, y.shape[1]):
-        h = np.maximum(time[:, j] - time[:, j - 1], 0.0)
-        decay = np.exp(-rate * h)
-        ramp = np.divide(y[:, j] - y[:, j - 1], h, out=np.zeros_like(h), where=h > 0.0)
-        steady = y[:, j] - ramp / rate
-        out[:, j] = steady + (out[:, j - 1] - (y[:, j - 1] - ramp / rate)) * decay
-    if going_on is not None:
-        change = np.where(going_on, y[:, 0] - out[:, 0], 0.0)
-        return np.asarray(out + change[:, None] * np.exp(-rate * (time - time[:, :1])))
-    for b in range(1, len(y)):
-        end = jobs.segments[b - 1, 1] - jobs.segments[b - 1, 0]
-        if jobs.segments[b - 1, 1] != jobs.segments[b, 0] or not np.isfinite(out[b - 1, end]):
-            continue
-        held = y[b, 0] + out[b - 1, end] - y[b - 1, end]
-        out[b] += (held - out[b, 0]) * np.exp(-rate * (time[b] - time[b, 0]))
-    return out
 
 
 def observed_sensitivities(

@@ -40,6 +40,7 @@ from feltmb.gap.library.inputs import (
     dead_zone_input,
     delay_input,
     gain_input,
+    lag_input,
     offset_input,
     saturation_input,
 )
@@ -53,6 +54,7 @@ from feltmb.gap.library.sensors import (
     sensor_bend,
     sensor_delay,
     sensor_gain,
+    sensor_lag,
     sensor_offset,
 )
 
@@ -75,6 +77,7 @@ __all__ = [
     "for_sensor",
     "gain_input",
     "hysteresis",
+    "lag_input",
     "leak",
     "offset_force",
     "offset_input",
@@ -86,6 +89,7 @@ __all__ = [
     "sensor_bend",
     "sensor_delay",
     "sensor_gain",
+    "sensor_lag",
     "sensor_offset",
     "speed_of",
     "standard_effects",
@@ -132,6 +136,7 @@ def for_input(name: str, record: Record, *, unit: str = "1") -> tuple[Effect, ..
     size = float(np.quantile(np.abs(u), 0.98)) or 1.0
     return (
         delay_input(name, scale=record.interval),
+        lag_input(name, scale=3.0 * record.interval),
         gain_input(name),
         bent_input(name, level=size),
         offset_input(name, unit=unit, scale=0.02 * size),
@@ -160,6 +165,7 @@ def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effec
         sensor_bend(outputs, name, level=float(np.nanmax(np.abs(y))) or 1.0),
         sensor_offset(outputs, name, unit=unit, scale=0.05 * spread),
         sensor_delay(outputs, name, scale=record.interval),
+        sensor_lag(outputs, name, scale=3.0 * record.interval),
     )
 
 

@@ -14,7 +14,11 @@ import numpy as np
 from feltmb.data import Array, Record
 from feltmb.data.readings import ReadingError, acting, true_input
 from feltmb.fit import Effect, EffectKind
+from feltmb.fit.low_pass import low_passed
 from feltmb.gap.library.curve import curve
+
+#: Shapes of a late input: what acted before the record.
+BEFORE = ("constant", "zero")
 
 
 def _input(
@@ -46,8 +50,7 @@ def delay_input(name: str, *, scale: float) -> Effect:
     """
 
     def change(values: Array, delay: float, before: str, record: Record) -> Array:
-        known = record.start is None or record.start.known
-        zero = before == "zero" and known
+        zero = _starts_from_zero(record, before)
         return true_input(record.time, values, delay=delay, before=0.0 if zero else None)
 
     return _input(
@@ -57,11 +60,56 @@ def delay_input(name: str, *, scale: float) -> Effect:
         unit="s",
         scale=scale,
         step=0.5,
-        shapes=("constant", "zero"),
+        shapes=BEFORE,
         shape_names=("input before the record",),
         mechanism="The input acts later or earlier than recorded: the clocks differ, or the drive "
         "is slow to act.",
         remedy="Synchronize the clocks, or model the delay of the drive.",
+    )
+
+
+def _starts_from_zero(record: Record, before: str) -> bool:
+    """Whether the input was zero before the record, by the shape of the effect."""
+    return before == "zero" and (record.start is None or record.start.known)
+
+
+def lag_input(name: str, *, scale: float) -> Effect:
+    """The input acts with the time constant ``magnitude`` [s]: a first-order low-pass.
+
+    magnitude * d(acting)/dt = recorded - acting. The shapes are those of :func:`delay_input`: at
+    the first sample, the first value of the record acts, or nothing does.
+    """
+
+    def change(values: Array, constant: float, before: str, record: Record) -> Array:
+        if constant <= 0.0:
+            return values
+        first = 0.0 if _starts_from_zero(record, before) else values[0]
+        time = np.concatenate([[2.0 * record.time[0] - record.time[1]], record.time])
+        run = Record(
+            name=record.name,
+            time=time,
+            inputs={},
+            outputs={name: np.concatenate([[first], values])},
+        )
+        whole = np.array([[0, run.samples - 1]])
+        # The filter starts with its first value.
+        starts = np.array([True])
+        signal = run.outputs[name][None]
+        return low_passed(run, signal, whole, np.array([constant]), starts)[0, 1:]
+
+    return _input(
+        name,
+        "lag of input",
+        change,
+        kind="force",
+        unit="s",
+        scale=scale,
+        sign=1,
+        step=0.5,
+        shapes=BEFORE,
+        shape_names=("input before the record",),
+        mechanism="The drive follows its input slowly.",
+        remedy="Measure what acts on the machine, or model the drive.",
     )
 
 

@@ -1,12 +1,15 @@
-"""Sensor effects: gain, nonlinearity, offset and delay of a channel."""
+"""Sensor effects: gain, nonlinearity, offset, delay and lag of a channel."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from feltmb.data import Array, Record
 from feltmb.fit import Effect
+from feltmb.fit.low_pass import low_passed
 from feltmb.fit.shift import shifted
 from feltmb.gap.library.curve import curve
 
@@ -120,6 +123,42 @@ def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
         lambda y, size, r, w, shape: shifted(r, y, w, size),
         unit="s",
         scale=scale,
-        mechanism="The sensor lags.",
+        mechanism="The sensor is late.",
         remedy="Synchronize the clocks.",
+    )
+
+
+def sensor_lag(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
+    """The channel follows with the time constant ``magnitude`` [s]: a first-order low-pass.
+
+    magnitude * d(reading)/dt = output - reading. A record in motion at its first sample starts as
+    if the output always had its first slope.
+
+    Parameters
+    ----------
+    outputs
+        Outputs of the model.
+    name
+        Channel of the sensor.
+    scale
+        Time constant that one would expect [s].
+    """
+
+    def change(y: Array, constants: Array, record: Record, segments: Array, shape: Any) -> Array:
+        del shape
+        before = np.append(-1, segments[:-1, 1])
+        # Derivatives of single segments: their predecessors are not in the list.
+        going_on = (segments[:, 0] > 0) & (segments[:, 0] != before)
+        return low_passed(record, y, segments, constants, going_on)
+
+    return _sensor(
+        outputs,
+        name,
+        "lag of sensor",
+        change,
+        unit="s",
+        scale=scale,
+        sign=1,
+        mechanism="The sensor follows slowly, as a thermometer or a filtered signal does.",
+        remedy="Use a faster sensor, or state its bandwidth.",
     )

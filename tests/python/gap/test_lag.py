@@ -1,0 +1,140 @@
+"""First-order lags: closed forms, segments, derivatives, and a diagnosis that finds them."""
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from feltmb.data import Record, Sensor
+from feltmb.fit.low_pass import low_passed
+from feltmb.fit.model import Candidate, Jobs, SensitivityRequest
+from feltmb.fit.observe import observe_jobs, observed_sensitivities
+from feltmb.gap import diagnose, library
+
+_spec = importlib.util.spec_from_file_location("gap_models", Path(__file__).parent / "models.py")
+models = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(models)
+
+WHOLE = np.array([[0, 300]])
+
+
+def clock(even):
+    time = 0.01 * np.arange(301)
+    return time if even else time + 0.004 * np.sin(time * 40.0)
+
+
+def record(time, u):
+    return Record(name="r", time=time, inputs={"f": u}, outputs={"q": 0.0 * time})
+
+
+@pytest.mark.parametrize("even", [True, False])
+@pytest.mark.parametrize("constant", [1e-4, 0.03, 2.0])
+def test_the_filter_is_the_solution_of_its_equation(even, constant):
+    time = clock(even)
+    y = np.sin(3.0 * time) + 0.2 * time
+    r = record(time, y)
+    seen = low_passed(r, y[None], WHOLE, np.array([constant]), np.array([True]))[0]
+    exact = solve_ivp(
+        lambda t, x: (np.interp(t, time, y) - x) / constant,
+        (time[0], time[-1]),
+        [y[0]],
+        t_eval=time,
+        method="Radau",
+        rtol=1e-9,
+        atol=1e-11,
+        max_step=5e-3,
+    ).y[0]
+    assert np.allclose(seen, exact, atol=2e-6)
+
+
+@pytest.mark.parametrize("even", [True, False])
+def test_segments_continue_the_filter(even):
+    time = clock(even)
+    y = np.sin(3.0 * time)
+    r = record(time, y)
+    whole = low_passed(r, y[None], WHOLE, np.array([0.2]))[0]
+    segments = np.array([[0, 120], [120, 200], [200, 300]])
+    parts = np.zeros((3, 121))
+    for b, (i, j) in enumerate(segments):
+        parts[b, : j - i + 1] = y[i : j + 1]
+    seen = low_passed(r, parts, segments, np.full(3, 0.2))
+    for b, (i, j) in enumerate(segments):
+        assert np.allclose(seen[b, : j - i + 1], whole[i : j + 1], atol=1e-12)
+
+
+def test_no_time_constant_changes_nothing():
+    y = np.random.default_rng(0).standard_normal((2, 101))
+    segments = np.array([[0, 100], [100, 200]])
+    seen = low_passed(record(clock(True), clock(True)), y, segments, np.array([0.0, 0.1]))
+    assert np.array_equal(seen[0], y[0])
+    assert not np.array_equal(seen[1], y[1])
+
+
+@pytest.mark.parametrize("before", ["constant", "zero"])
+def test_a_drive_that_lags(before):
+    """Closed form of a step: 1 - exp(-t / constant), or nothing happens."""
+    time = clock(True)
+    effect = library.lag_input("f", scale=0.1)
+    seen = effect.excite(record(time, np.ones(301)), 0.2, before)["f"]
+    # The input that is zero one sample before rises on a line.
+    rising = 1.0 - 0.2 / 0.01 * (1.0 - np.exp(-0.01 / 0.2)) * np.exp(-time / 0.2)
+    assert np.allclose(seen, rising if before == "zero" else 1.0, atol=1e-12)
+    unknown = record(time, np.ones(301)).cut(20, 300)
+    moved = unknown.with_changed_inputs(lambda r: effect.excite(r, 0.2, before))
+    assert np.allclose(moved.inputs["f"], seen[20:300], atol=1e-12)
+
+
+@pytest.mark.parametrize("make", ["sensor", "input"])
+def test_derivatives_by_a_lag_are_differences(make):
+    r = models.record("r", 1.0, 3)
+    if make == "sensor":
+        candidate = Candidate(library.sensor_lag(["q"], "q", scale=0.01))
+    else:
+        candidate = Candidate(library.lag_input("f", scale=0.01), "constant")
+    segments = np.array([[0, 200], [200, 400], [400, 599]])
+    starts = np.array([[0.0, 0.0], [0.004, 0.02], [-0.002, 0.05]])
+
+    def jobs(size):
+        return Jobs(
+            theta=np.repeat(models.TRUTH[None], 3, axis=0),
+            segments=segments,
+            starts=starts,
+            included=(candidate,),
+            magnitudes=np.full((3, 1), size),
+        )
+
+    request = SensitivityRequest(
+        record=r,
+        theta=models.TRUTH,
+        segments=segments,
+        starts=starts,
+        included=(candidate,),
+        magnitudes=np.array([0.05]),
+        candidates=(),
+    )
+    (found,) = observed_sensitivities(models.NOMINAL, [request])
+    up, down = (observe_jobs(models.NOMINAL, r, jobs(0.05 + h)).outputs for h in (1e-5, -1e-5))
+    numeric = (up - down)[..., 0] / 2e-5
+    exact = found.d_magnitudes[..., 0, 0]
+    inside = np.arange(numeric.shape[1]) <= (segments[:, 1] - segments[:, 0])[:, None]
+    scale = np.max(np.abs(numeric[inside]))
+    assert np.allclose(exact[inside], numeric[inside], atol=2e-2 * scale)
+
+
+def test_a_slow_sensor_is_found():
+    records = []
+    for r in models.records(5):
+        slow = low_passed(r, r.outputs["q"][None], np.array([[0, 599]]), np.array([0.03]))[0]
+        noise = 1e-4 * np.random.default_rng(len(records)).standard_normal(600)
+        sensor = Sensor(name="q", unit="m", sigma=1.1e-4)
+        records.append(replace(r, outputs={"q": slow + noise}, sensors={"q": sensor}))
+    effects = [
+        *models.EFFECTS,
+        *library.for_sensor(["q"], "q", records[0]),
+    ]
+    report = diagnose(models.NOMINAL, effects, records)
+    assert report.named == ("lag of sensor q",)
+    assert report.which["lag of sensor q"].magnitude == pytest.approx(0.03, rel=0.05)
