@@ -111,6 +111,7 @@ def identify_command(
                 "name": result.name,
                 "level": level,
                 "loss": result.material.loss(),
+                "measured_loss": result.measured_loss,
                 "closing_gap": result.closing_gap,
                 "warnings": list(result.warnings),
                 "thickness": result.thickness,
@@ -154,7 +155,12 @@ def identify_command(
             ends = ("given", "") if span is None else [f"{1e3 * x:.5g}" for x in span]
             table.add_row("both", "thickness [mm]", f"{1e3 * result.thickness:.5g}", *ends)
         console().print(table)
-        say(f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work")
+        if v_f0 is None:
+            say(f"v_f0 = {base.v_f0:g}, that of {material} (--v-f0)")
+        say(
+            f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work; of the "
+            f"samples: {100 * result.measured_loss:.2f} %"
+        )
         for warning in result.warnings:
             complain(f"warning: {warning}")
     if output is not None:

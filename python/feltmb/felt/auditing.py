@@ -169,7 +169,8 @@ def audit(
         law = law.core
     if isinstance(law, FeltMaterial):
         findings += material_findings(law)
-        about = law.about
+        specimen = "a flat specimen, 10 mm thick, 100 mm^2"
+        about = f"{law.about}; {specimen}" if law.about else specimen
         law = envelope(law, 10e-3, ConstantArea(1e-4))
     if isinstance(law, FeltEnvelope):
         about = about or law.about

@@ -117,6 +117,24 @@ class Identification:
         load = self.material.pressure("loading", end)[0]
         return float(self.material.pressure("unloading", end)[0] / load) - 1.0
 
+    @property
+    def measured_loss(self) -> float:
+        """Share of the loading work that is lost between the samples of both branches [-].
+
+        Over the compressions that both branches have. ``material.loss()`` is the loss of the fitted
+        law up to the end of the loop, where its branches are closed.
+        """
+        depths = [1.0 - self.material.v_f0 / b.v_f for b in (self.loading, self.unloading)]
+        low, high = max(d[0] for d in depths), min(d[-1] for d in depths)
+        if not high > low:
+            return math.nan
+        x = np.linspace(low, high, 1001)
+        load, back = (
+            float(np.sum(np.interp(x, d, b.pressure)))
+            for d, b in zip(depths, (self.loading, self.unloading), strict=True)
+        )
+        return 1.0 - back / load
+
     def report(self) -> str:
         """Markdown: parameters with intervals, quality, warnings."""
         m = self.material

@@ -103,6 +103,13 @@ def test_offset_is_taken_off():
     assert m.branch("loading", [m.end]).elastic[0] == pytest.approx(law[1] - law[0], rel=1e-12)
 
 
+def test_the_loss_of_the_samples_is_that_of_the_felt():
+    m = load_material("synthetic_soft_red")
+    v, p, loading = samples(m, n=400)
+    found = identify(v, p, material=m, loading=loading)
+    assert found.measured_loss == pytest.approx(m.loss(), rel=5e-3)
+
+
 def test_fixed_point_matters():
     # Friction taken off with another gamma would move the result: that is why it is repeated.
     m = load_material("synthetic_soft_red")
