@@ -149,14 +149,18 @@ def _read_file(path: Path, signals: Signals, options: ReadOptions) -> tuple[Reco
     given = read_sheet(path)
     columns = read_columns(path)
     sheet = sheet_for(path, columns, signals, options, given)
-    return _build(path, sheet, columns, guessed=given is None)
+    return _build(path, sheet, columns, signals.units, guessed=given is None)
 
 
-def _build(path: Path, sheet: Sheet, columns: Columns, *, guessed: bool) -> tuple[Record, ...]:
-    """Records of a file, one for each run."""
+def _build(
+    path: Path, sheet: Sheet, columns: Columns, model: Mapping[str, str], *, guessed: bool
+) -> tuple[Record, ...]:
+    """Records of a file, one for each run. ``model``: units of the signals in the model."""
     faults: list[str] = []
-    read_in = {n: _series(n, s, sheet, columns, faults) for n, s in sheet.inputs.items()}
-    read_out = {n: _series(n, s, sheet, columns, faults) for n, s in sheet.outputs.items()}
+    read_in, read_out = (
+        {n: _series(n, s, sheet, columns, model.get(n, ""), faults) for n, s in group}
+        for group in (sheet.inputs.items(), sheet.outputs.items())
+    )
     time = _clock(sheet, columns, faults)
     sensors = {}
     for name, spec in sheet.outputs.items():
@@ -264,9 +268,9 @@ def _acted(sheet: Sheet, record: Record) -> Record:
 
 
 def _series(
-    name: str, spec: ColumnSpec, sheet: Sheet, columns: Columns, faults: list[str]
+    name: str, spec: ColumnSpec, sheet: Sheet, columns: Columns, model: str, faults: list[str]
 ) -> tuple[Array, str]:
-    """Values of a signal and their unit."""
+    """Values of a signal and their unit. ``model``: unit of the signal in the model."""
     empty = np.zeros(0), ""
     key = columns.find(spec.column or name)
     shown = shortened(spec.column or name)
@@ -291,7 +295,7 @@ def _series(
             "--scale 0.21mm, in Python scales of ReadOptions)"
         )
         return empty
-    factor, si = _to_si(unit, spec.si)
+    zero, factor, si = _temperature(unit, spec.si or model) or (0.0, *_to_si(unit, spec.si))
     if factor is None:
         expected = f"expected one of {spec.si}" if spec.si else "give its si and factor"
         faults.append(f"column {shown}: unit {shortened(unit)!r} is unknown; {expected}")
@@ -299,6 +303,7 @@ def _series(
     values = columns.values[key]
     if isinstance(spec.origin, float) and spec.origin != 0.0:
         values = values - spec.origin
+    values = values - zero if zero else values
     with np.errstate(over="ignore", invalid="ignore"):  # the record reports infinite values
         values = values * (-factor if down else factor) * scale * spec.factor + spec.shift
     trust = columns.likelihood.get(key)
@@ -385,10 +390,25 @@ def _runs(
 
 
 #: Units of other quantities, which are kept.
-_OTHERS = ("V", "A", "ohm", "W", "K", "degC", "T", "Pa s", "%", "dB", "counts")
+_OTHERS = ("V", "A", "ohm", "W", "K", "degC", "degF", "T", "Pa s", "%", "dB", "counts")
 #: Those of them that may have a prefix (mV, kW), and the prefixes.
 _PREFIXED = ("V", "A", "ohm", "W", "T")
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6}
+
+
+#: Unit of a column and of the model -> zero of the latter in the former, and factor.
+_TEMPERATURES = {
+    ("K", "degC"): (273.15, 1.0),
+    ("degC", "K"): (-273.15, 1.0),
+    ("degF", "degC"): (32.0, 1.0 / 1.8),
+    ("degF", "K"): (-459.67, 1.0 / 1.8),
+}
+
+
+def _temperature(unit: str, model: str) -> tuple[float, float, str] | None:
+    """Zero, factor and unit of a temperature that is on another scale than that of the model."""
+    found = _TEMPERATURES.get((unit, model))
+    return None if found is None else (*found, model)
 
 
 def _to_si(unit: str, si: str) -> tuple[float | None, str]:

@@ -269,6 +269,10 @@ UNEVEN_STEP = _pair(
     "UNEVEN_STEP", (0.5, 1.5), "median step",
     "range of the steps of an even clock", _JUDGED, "gap/test_data.py",
 )  # fmt: skip
+OTHER_SCALE = _number(
+    "OTHER_SCALE", 0.2, "share of the gap",
+    "gap that another scale of temperature leaves in every record", _JUDGED, "gap/test_overlay.py",
+)  # fmt: skip
 REGULAR_CLOCK = _pair(
     "REGULAR_CLOCK", (0.1, 0.9), "median step, share",
     "distance from the median step, and share of the other steps within it, for which a long step "

@@ -16,7 +16,7 @@ from feltmb.fit.linearize import RUNAWAY
 from feltmb.fit.model import Model
 from feltmb.fit.observe import observe_whole
 from feltmb.gap.checks import DataChecks, check_against, not_recorded, with_sigma
-from feltmb.gap.criteria import ALIKE, ANY_FACTOR, EXPLAINS_MOST, NEAR_UNIT, SAME_DELAY
+from feltmb.gap.criteria import ALIKE, ANY_FACTOR, EXPLAINS_MOST, NEAR_UNIT, OTHER_SCALE, SAME_DELAY
 from feltmb.gap.missing_rows import divided
 from feltmb.gap.smoke_test import divergence
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
@@ -349,7 +349,80 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
         sentences.append(
             f"{', '.join(names)}: {factor:.3g} times the model in {where} ({text}?{other})"
         )
-    return "; ".join(sentences)
+    return "; ".join([*sentences, *_scales_of_temperature(model, runs)]) or _scale_of_inputs(
+        model, runs
+    )
+
+
+#: Unit of a channel -> slope and offset of the readings on another scale, and its description.
+_TEMPERATURES = {
+    "degC": ((1.0, 273.15, "K labeled as degC"), (1.8, 32.0, "degrees Fahrenheit labeled as degC")),
+    "K": (
+        (1.0, -273.15, "degC labeled as K"),
+        (1.8, -459.67, "degrees Fahrenheit labeled as K"),
+    ),
+}
+
+
+def _pairs(
+    runs: Sequence[tuple[Record, Array, Mapping[str, float]]], i: int, name: str
+) -> list[tuple[Array, Array]]:
+    """Measured and simulated values of an output by record."""
+    out = []
+    for record, rest, _ in runs:
+        if name not in record.outputs:
+            continue
+        x, gap = record.outputs[name], rest[:, i]
+        both = np.isfinite(x) & np.isfinite(gap)
+        if both.sum() > 2:
+            out.append((x[both], (x - gap)[both]))
+    return out
+
+
+def _scales_of_temperature(
+    model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]
+) -> list[str]:
+    """Channels whose temperatures are on another scale in all records."""
+    out = []
+    for i, name in enumerate(model.outputs):
+        pairs = _pairs(runs, i, name)
+        for slope, offset, text in _TEMPERATURES.get(model.units.get(name, ""), ()):
+            left = [np.mean((x - slope * y - offset) ** 2) for x, y in pairs]
+            gap = [np.mean((x - y) ** 2) for x, y in pairs]
+            if pairs and all(a < OTHER_SCALE**2 * b for a, b in zip(left, gap, strict=True)):
+                out.append(f"{name}: another scale in all records ({text}?)")
+    return out
+
+
+def _scale_of_inputs(
+    model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]
+) -> str:
+    """A sentence if all outputs change a thousand times as much as the model; empty otherwise.
+
+    Beside a constant, such as the temperature of the room, only the changes have the factor of a
+    wrong unit of the inputs.
+    """
+    inputs = sorted({name for r, _, _ in runs for name in r.inputs})
+    if not inputs:
+        return ""
+    found = set()
+    for i, name in enumerate(model.outputs):
+        for x, y in _pairs(runs, i, name):
+            x, y = x - x.mean(), y - y.mean()
+            size = float(np.sqrt((x @ x) * (y @ y)))
+            if not size > 0.0 or abs(x @ y) < ALIKE * size:
+                return ""
+            factor = float(x @ y / (y @ y))
+            near = [unit for unit in (1e3, 1e-3) if _distance(factor, unit) < NEAR_UNIT]
+            found.add(near[0] if near else 0.0)
+    if len(found) != 1 or 0.0 in found:
+        return ""
+    (factor,) = found
+    return (
+        f"{' or '.join(inputs)}: all outputs change about {factor:g} times as much as in the model "
+        f"(is an input {'1000 times larger' if factor > 1.0 else '1000 times smaller'} than it is "
+        "labeled?)"
+    )
 
 
 def exchanged_channels(

@@ -33,6 +33,8 @@ _NAMES = {
     "Pa": "pascal pascals",
     "%": "percent",
     "degC": "°c celsius",
+    "degF": "°f fahrenheit degf",
+    "K": "kelvin",
     PIXEL: "px pixel pixels pix",
 }
 #: Torques as instruments write them; "nm" is a length.

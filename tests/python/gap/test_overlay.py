@@ -368,6 +368,61 @@ def test_no_length_is_labeled_as_a_force():
         gap.diagnose(model, [], newtons)
 
 
+def heated(change_input=1.0, scale=(1.0, 0.0), gain=1.0):
+    """Model and records of a block in a room of 22 degC, with a wrong input or scale."""
+    random = np.random.default_rng(2)
+    model = gap.OdeModel(
+        name="block",
+        states=[gap.State(name="T", unit="degC", scale=10.0, start=22.0, start_sd=0.5)],
+        parameters=[
+            gap.Parameter(name="C", value=100.0, sd=5.0, lower=1.0),
+            gap.Parameter(name="G", value=1.0, sd=0.1, lower=0.01),
+        ],
+        inputs=["P"],
+        rates=lambda t, x, u, p: ((u.P - p.G * (x.T - 22.0)) / p.C,),
+        outputs={"T": "T"},
+    )
+    records = []
+    for k in range(3):
+        time = np.arange(0.0, 400.0, 2.0)
+        power = 20.0 * (np.sin(0.02 * time + k) > 0.0)
+        rise = np.zeros(time.size)
+        for i in range(1, time.size):
+            rise[i] = rise[i - 1] + 2.0 * (power[i - 1] - 1.02 * rise[i - 1]) / 103.0
+        shown = (
+            scale[0] * (22.0 + gain * rise) + scale[1] + 0.02 * random.standard_normal(time.size)
+        )
+        sensor = Sensor(name="T", unit="degC", sigma=0.02)
+        inputs = {"P": change_input * power}
+        records.append(
+            Record(name=f"r{k}", time=time, inputs=inputs, outputs={"T": shown},
+                   sensors={"T": sensor})
+        )  # fmt: skip
+    return model, records
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"change_input": 1e-3}, r"unit of P: all outputs change about 1000 times"),
+        ({"change_input": 1e3}, r"unit of P: all outputs change about 0\.001 times"),
+        ({"scale": (1.0, 273.15)}, r"unit of T: .* \(K labeled as degC"),
+        ({"scale": (1.8, 32.0)}, r"unit of T: .* \(degrees Fahrenheit labeled as degC"),
+    ],
+)
+def test_a_wrong_unit_beside_a_constant_is_found(wrong, told):
+    model, records = heated(**wrong)
+    with pytest.raises(DataError, match=told):
+        gap.diagnose(model, [], records)
+
+
+@pytest.mark.parametrize("gain", [1.0, 2.0, 5.0])
+def test_a_gap_of_a_temperature_is_no_wrong_unit(gain):
+    model, records = heated(gain=gain)
+    quick = gap.Options(bootstrap=0, restarts=0, advice=False)
+    assert gap.diagnose(model, [], records, options=quick).verdict
+
+
 def test_an_estimated_interpolation_does_not_hide_a_wrong_unit():
     """Its share of 0.5 with a standard deviation of 0.5 is no factor of an output."""
     rng = np.random.default_rng(3)

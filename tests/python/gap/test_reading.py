@@ -120,6 +120,24 @@ PIXELS = (
 )
 
 
+@pytest.mark.parametrize(
+    ("unit", "model", "first"),
+    [
+        ("K", "degC", 26.85),
+        ("°F", "degC", 148.888889),
+        ("°C", "K", 573.15),
+        ("degF", "K", 422.038889),
+        ("K", "K", 300.0),
+        ("°F", "", 300.0),
+    ],
+)
+def test_a_temperature_is_converted_to_the_scale_of_the_model(tmp_path, unit, model, first):
+    path = put(tmp_path, f"time [s],u [V],T [{unit}]\n0,1,300\n1,2,301\n2,3,302\n")
+    record = read_record(path, inputs=["u"], outputs=["T"], units={"T": model, "u": "V"})
+    assert record.outputs["T"][0] == pytest.approx(first, abs=1e-6)
+    assert record.sensors["T"].unit == (model or "degF")
+
+
 def test_electrical_and_thermal_columns_may_have_prefixes(tmp_path):
     path = put(tmp_path, "time [s],u [mV],T [°C],heat [kW]\n0,10,20,1\n0.1,20,21,2\n0.2,5,22,3\n")
     (found,) = read_records([path], inputs=["u"], outputs=["T", "heat"])
