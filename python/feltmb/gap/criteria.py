@@ -271,7 +271,13 @@ UNEVEN_STEP = _pair(
 )  # fmt: skip
 OTHER_SCALE = _number(
     "OTHER_SCALE", 0.2, "share of the gap",
-    "gap that another scale of temperature leaves in every record", _JUDGED, "gap/test_overlay.py",
+    "gap that another scale of temperature or time leaves in every record",
+    _JUDGED, "gap/test_overlay.py",
+)  # fmt: skip
+WRONG_CLOCK = _number(
+    "WRONG_CLOCK", 0.1, "share of the variance",
+    "smallest squared gap of every record for which other units of the time are tried",
+    _JUDGED, "gap/test_overlay.py",
 )  # fmt: skip
 REGULAR_CLOCK = _pair(
     "REGULAR_CLOCK", (0.1, 0.9), "median step, share",

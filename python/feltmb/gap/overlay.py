@@ -16,7 +16,15 @@ from feltmb.fit.linearize import RUNAWAY
 from feltmb.fit.model import Model
 from feltmb.fit.observe import observe_whole
 from feltmb.gap.checks import DataChecks, check_against, not_recorded, with_sigma
-from feltmb.gap.criteria import ALIKE, ANY_FACTOR, EXPLAINS_MOST, NEAR_UNIT, OTHER_SCALE, SAME_DELAY
+from feltmb.gap.criteria import (
+    ALIKE,
+    ANY_FACTOR,
+    EXPLAINS_MOST,
+    NEAR_UNIT,
+    OTHER_SCALE,
+    SAME_DELAY,
+    WRONG_CLOCK,
+)
 from feltmb.gap.missing_rows import divided
 from feltmb.gap.smoke_test import divergence
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
@@ -423,6 +431,52 @@ def _scale_of_inputs(
         f"(is an input {'1000 times larger' if factor > 1.0 else '1000 times smaller'} than it is "
         "labeled?)"
     )
+
+
+#: Factors of a clock in a wrong unit, and their description.
+_CLOCKS = (
+    (60.0, "minutes labeled as s"),
+    (1.0 / 60.0, "s labeled as minutes"),
+    (1e-3, "ms labeled as s"),
+    (1e3, "s labeled as ms"),
+)
+
+
+def wrong_clock(model: Model, records: Sequence[Record]) -> str:
+    """Description of a clock in a wrong unit, in one sentence; empty if it is right.
+
+    The model follows all records with another clock far better than with the recorded one. The
+    parameters have their tabulated values. A model with impacts is not tested: a thousand times the
+    length of its strokes would take minutes.
+    """
+
+    def gap(record: Record, factor: float) -> float:
+        """Mean over the outputs of the squared gap, each over the variance of the output."""
+        values = expected_outputs(model, replace(record, time=factor * record.time))
+        shares = []
+        for i, name in enumerate(model.outputs):
+            measured = record.outputs.get(name, np.zeros(0))
+            there = np.isfinite(measured)
+            variance = float(np.var(measured[there])) if there.any() else 0.0
+            if variance > 0.0:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    off = float(np.mean((measured[there] - values[there, i]) ** 2))
+                shares.append(off / variance if math.isfinite(off) else math.inf)
+        return float(np.mean(shares)) if shares else 0.0
+
+    if not records or model.chaotic or not _is_tabulated(model):
+        return ""
+    own = [gap(r, 1.0) for r in records]
+    if min(own) < WRONG_CLOCK:
+        return ""
+    for factor, text in _CLOCKS:
+        most = [min(OTHER_SCALE**2 * g, EXPLAINS_MOST) for g in own]
+        if all(gap(r, factor) < m for r, m in zip(records, most, strict=True)):
+            return (
+                f"time: the model follows all records with a clock {factor:.3g} times as long "
+                f"({text}?)"
+            )
+    return ""
 
 
 def exchanged_channels(

@@ -416,6 +416,17 @@ def test_a_wrong_unit_beside_a_constant_is_found(wrong, told):
         gap.diagnose(model, [], records)
 
 
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [(1.0 / 60.0, "minutes labeled as s"), (1e3, "ms labeled as s"), (60.0, "s labeled as min")],
+)
+def test_a_clock_in_a_wrong_unit_is_found(factor, told):
+    model, records = heated()
+    wrong = [dataclasses.replace(r, time=factor * r.time) for r in records]
+    with pytest.raises(DataError, match=f"unit of time: .*{told}"):
+        gap.diagnose(model, [], wrong)
+
+
 @pytest.mark.parametrize("gain", [1.0, 2.0, 5.0])
 def test_a_gap_of_a_temperature_is_no_wrong_unit(gain):
     model, records = heated(gain=gain)
