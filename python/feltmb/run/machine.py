@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import difflib
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -18,7 +19,7 @@ from feltmb.errors import IntegrationError, InvalidParameter, shown
 from feltmb.mechanism import Action, load_action
 from feltmb.run.events import Change
 from feltmb.run.options import check_options
-from feltmb.run.simulate import list_changes, refuse_kind, start_monitors
+from feltmb.run.simulate import initial_values, list_changes, refuse_kind, start_monitors
 from feltmb.run.stroke.strokes import LARGEST, PRESCRIBED, UNITS, Kind
 from feltmb.units import conversion_factor
 
@@ -200,9 +201,22 @@ class Machine:
         """Present values of all channels, SI units, in the order of :attr:`names`."""
         return self._stepper.outputs()
 
-    def reset(self) -> None:
-        """Set the rest pose and time zero, and clear the memory of felts."""
+    def reset(self, start: Mapping[str, float | str] | None = None) -> None:
+        """Set the rest pose and time zero, and clear the memory of felts.
+
+        Parameters
+        ----------
+        start
+            Coordinates and speeds that differ from the rest pose, as in :func:`simulate`:
+            ``{"hammer.angle": "5 deg", "hammer.angle.rate": 2.0}``.
+        """
+        values = initial_values(self.action, start or {})
         self._stepper.state = self._stepper.rest
+        if values:
+            state = self.state()
+            y = np.array(state.y)
+            y[list(values)] = list(values.values())
+            self.restore(replace(state, y=y))
 
     def read(self, channel: str, unit: str | None = None) -> float:
         """Present value of a channel.

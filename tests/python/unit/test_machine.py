@@ -142,6 +142,22 @@ direction = [1.0, 0.0]
     return feltmb.load_action(path)
 
 
+def test_a_reset_to_initial_values(undamped):
+    machine = feltmb.Machine(undamped)
+    machine.advance(0.01, force=3.0)
+    machine.reset({"cart.x": "2 mm", "cart.x.rate": 0.1})
+    assert (machine.time, machine.read("cart.x"), machine.read("cart.x.rate")) == (0.0, 2e-3, 0.1)
+    omega = np.sqrt(2000.0 / 0.4)
+    for _ in range(30):
+        machine.advance(1e-3, force=0.0)
+    expected = 2e-3 * np.cos(0.03 * omega) + 0.1 / omega * np.sin(0.03 * omega)
+    assert machine.read("cart.x") == pytest.approx(expected, abs=1e-7)
+    with pytest.raises(feltmb.InvalidParameter, match="no coordinate 'cart'"):
+        machine.reset({"cart": 1.0})
+    machine.reset()
+    assert machine.read("cart.x.rate") == 0.0
+
+
 def test_a_motor(motored):
     stroke = feltmb.torque_stroke([0.0, 1.0], [2e-3, 2e-3], duration=0.05)
     run = feltmb.simulate(motored, stroke, rtol=1e-8, output_rate=1 / STEP)

@@ -586,6 +586,7 @@ CALLS = {
             "speed": None,
         },
     ),
+    "feltmb.Machine.reset": lambda: (feltmb.Machine(pendulum()), {"start": {"arm.angle": 0.1}}),
     "feltmb.Machine.read": lambda: (
         feltmb.Machine(pendulum()),
         {"channel": "arm.angle", "unit": "deg"},
