@@ -321,6 +321,8 @@ def _initial(action: Action, texts: tuple[str, ...]) -> dict[str, str]:
         if not (name and equals and value):
             raise click.UsageError(f"--initial {text}: expected NAME=VALUE")
     found = {name.strip(): value.strip() for name, _, value in pairs}
+    if len(found) < len(pairs):
+        raise click.UsageError("--initial: a name is given twice")
     initial_values(action, found)
     return found
 

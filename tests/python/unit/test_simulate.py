@@ -218,6 +218,21 @@ def test_faults_of_initial_values_come_at_once(data):
     assert "start: x: unit 's'" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [("x", "expected NAME=VALUE"), ("x=1mm,x=2mm", "twice"), ("z=1", "no coordinate 'z'")],
+)
+def test_initial_values_of_the_command_line_are_checked_first(data, given, told, capsys, tmp_path):
+    from feltmb.cli import main
+
+    still = tmp_path / "still.csv"
+    still.write_text("time [s],force [N]\n0,0\n0.01,0\n")
+    with pytest.raises(SystemExit) as stop:
+        main(["stroke", str(data / "mass_spring.toml"), str(still), "--initial", given])
+    assert stop.value.code == 2
+    assert told in capsys.readouterr().err
+
+
 def test_second_blow_from_the_end_of_the_first(action):
     first = feltmb.simulate(action, "staccato", duration=0.6)
     second = feltmb.simulate(action, "staccato", start=first)
