@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ONE_STRIKE", "Evaluation", "evaluate", "simulate"]
 
+#: Compression at the start beyond that of the rest pose, above which it is told [m].
+PRESSED = 1e-5
+
 _CONTACT_COLUMNS = (
     "compression",
     "rate",
@@ -163,6 +166,7 @@ def simulate(
     run = to_run(action, stroke, settings, result)
     if isinstance(start, Mapping):
         run.provenance["initial"] = {k: str(v) for k, v in start.items()}
+        run.stats["warnings"] += _pressed_at_start(action, np.asarray(y))
     if isinstance(start, Run) and start.provenance.get("hash") != action.hash:
         run.stats["warnings"].append(
             f"started from a run of {start.provenance.get('action')!r} with other parameters"
@@ -286,6 +290,22 @@ def _start_state(
             f"contact of this mechanism ({len(rest_memory)}); without them its felts would forget"
         )
     return state, memory
+
+
+def _pressed_at_start(action: Action, y: Array) -> list[str]:
+    """Warnings about contacts that initial values press more than the rest pose does."""
+    n = len(action.coordinates)
+    rest, begin = (
+        evaluate(action, q, v).contacts
+        for q, v in ((action.rest_pose, np.zeros(n)), (y[:n], y[n : 2 * n]))
+    )
+    before = rest["compression"].clip(lower=0.0)
+    more = begin["compression"] - before.reindex(begin.index, fill_value=0.0)
+    return [
+        f"contact {number:02d} is pressed by {1e3 * row.compression:.3g} mm in the initial pose, "
+        f"with {row.normal_force:.3g} N; in the rest pose by {1e3 * before.get(number, 0.0):.3g} mm"
+        for number, row in begin[more > PRESSED].iterrows()
+    ]
 
 
 def initial_values(action: Action, values: Mapping[str, float | str]) -> dict[int, float]:

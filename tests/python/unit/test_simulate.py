@@ -210,6 +210,16 @@ def test_initial_values_of_a_body_that_flies(data):
         assert run.provenance["initial"] == {"x": "-4 mm", "x.rate": "2.0"}
 
 
+def test_a_contact_that_the_initial_pose_presses_is_told(data):
+    sledge = feltmb.load_action(data / "mass_spring.toml")
+    still = feltmb.ramp_stroke(0.0, duration=0.01)
+    (told,) = feltmb.simulate(sledge, still, start={"x": "2 mm"}).warnings
+    assert told == (
+        "contact 01 is pressed by 2 mm in the initial pose, with 40 N; in the rest pose by 0 mm"
+    )
+    assert not feltmb.simulate(sledge, still, start={"x": "-2 mm"}).warnings
+
+
 def test_faults_of_initial_values_come_at_once(data):
     sledge = feltmb.load_action(data / "mass_spring.toml")
     with pytest.raises(feltmb.InvalidParameter) as caught:
