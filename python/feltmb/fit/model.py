@@ -151,7 +151,8 @@ class Effect:
     ``observe(record, outputs (B, L, ny), segments (B, 2), magnitudes (B,), shape) -> (B, L, ny)``
         Sensor effect, for any model.
     ``excite(record, magnitude, shape) -> {input: (n,)}``
-        Input effect, for any model: the inputs that replace those of the record.
+        Input effect, for any model: the inputs that replace those of the record. If a record is the
+        later part of a run (:attr:`Record.before`), the function gets the run from its start.
     """
 
     name: str
