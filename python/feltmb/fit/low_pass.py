@@ -18,13 +18,13 @@ def low_passed(
     y: Array,
     segments: NDArray[Any],
     constants: Array,
-    going_on: NDArray[np.bool_] | None = None,
+    starts: Array | None = None,
 ) -> Array:
     """Outputs as a sensor with a first-order lag shows them: constant * d(out)/dt = y - out.
 
-    If a segment starts at the last sample of the segment before it in the list, it continues with
-    the filter state of that segment. Any other segment starts as if the signal always had its first
-    slope.
+    The filter of a segment starts with a given value. Otherwise, if the segment starts at the last
+    sample of the segment before it in the list, it continues with the filter state of that segment.
+    Any other segment starts as if the signal always had its first slope.
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ def low_passed(
         First and last sample, (B, 2).
     constants
         Time constant of every segment [s], (B,), >= 0; 0: the output is unchanged.
-    going_on
-        Segments whose predecessor is not among them: their filter starts with their first value.
+    starts
+        First value of each segment's filter [unit of y], (B,); NaN: not given.
 
     Returns
     -------
@@ -54,8 +54,8 @@ def low_passed(
         filtered = _even if record.even else _uneven
         out[rows] = filtered(time[rows], y[rows], constant, first)
     for b in np.flatnonzero(constants > 0.0):
-        if going_on is not None and going_on[b]:
-            start = y[b, 0]
+        if starts is not None and np.isfinite(starts[b]):
+            start = starts[b]
         elif b > 0 and segments[b - 1, 1] == segments[b, 0]:
             end = segments[b - 1, 1] - segments[b - 1, 0]
             start = y[b, 0] + out[b - 1, end] - y[b - 1, end]

@@ -36,7 +36,7 @@ def test_the_filter_is_the_solution_of_its_equation(even, constant):
     time = clock(even)
     y = np.sin(3.0 * time) + 0.2 * time
     r = record(time, y)
-    seen = low_passed(r, y[None], WHOLE, np.array([constant]), np.array([True]))[0]
+    seen = low_passed(r, y[None], WHOLE, np.array([constant]), y[:1])[0]
     exact = solve_ivp(
         lambda t, x: (np.interp(t, time, y) - x) / constant,
         (time[0], time[-1]),
@@ -124,13 +124,17 @@ def test_derivatives_by_a_lag_are_differences(make):
     assert np.allclose(exact[inside], numeric[inside], atol=2e-2 * scale)
 
 
-def test_a_slow_sensor_is_found():
+@pytest.mark.parametrize("cut", [False, True])
+def test_a_slow_sensor_is_found(cut):
+    """The force is not zero at the first sample; parts of a record begin during a motion."""
     records = []
     for r in models.records(5):
-        slow = low_passed(r, r.outputs["q"][None], np.array([[0, 599]]), np.array([0.03]))[0]
+        y = r.outputs["q"][None]
+        slow = low_passed(r, y, np.array([[0, 599]]), np.array([0.03]), y[:, 0])[0]
         noise = 1e-4 * np.random.default_rng(len(records)).standard_normal(600)
         sensor = Sensor(name="q", unit="m", sigma=1.1e-4)
-        records.append(replace(r, outputs={"q": slow + noise}, sensors={"q": sensor}))
+        seen = replace(r, outputs={"q": slow + noise}, sensors={"q": sensor})
+        records += [seen.cut(0, 250, f"{r.name} 1"), seen.cut(250, 600, r.name)] if cut else [seen]
     effects = [
         *models.EFFECTS,
         *library.for_sensor(["q"], "q", records[0]),

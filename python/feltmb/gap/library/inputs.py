@@ -92,10 +92,8 @@ def lag_input(name: str, *, scale: float) -> Effect:
             outputs={name: np.concatenate([[first], values])},
         )
         whole = np.array([[0, run.samples - 1]])
-        # The filter starts with its first value.
-        starts = np.array([True])
         signal = run.outputs[name][None]
-        return low_passed(run, signal, whole, np.array([constant]), starts)[0, 1:]
+        return low_passed(run, signal, whole, np.array([constant]), signal[:, 0])[0, 1:]
 
     return _input(
         name,

@@ -128,11 +128,24 @@ def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
     )
 
 
+def _first_reading(record: Record, name: str, constant: float) -> float:
+    """Reading at the first sample, by a line over a quarter of a time constant; NaN: none."""
+    reading = record.outputs.get(name, np.zeros(0))
+    near = (record.time - record.time[0] <= 0.25 * constant)[: reading.size]
+    near[:1] = True
+    near &= np.isfinite(reading)
+    if near.sum() < 3:
+        return float(reading[0]) if reading.size else float("nan")
+    time = record.time[near] - record.time[0]
+    return float(np.polynomial.Polynomial.fit(time, reading[near], 1)(0.0))
+
+
 def sensor_lag(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
     """The channel follows with the time constant ``magnitude`` [s]: a first-order low-pass.
 
-    magnitude * d(reading)/dt = output - reading. A record in motion at its first sample starts as
-    if the output always had its first slope.
+    magnitude * d(reading)/dt = output - reading. A record begins at rest, so that its first reading
+    is the output. A record with an unknown start (:attr:`StartPrior.known`) begins with its own
+    first reading, which is estimated from a line through the first readings.
 
     Parameters
     ----------
@@ -147,9 +160,12 @@ def sensor_lag(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
     def change(y: Array, constants: Array, record: Record, segments: Array, shape: Any) -> Array:
         del shape
         before = np.append(-1, segments[:-1, 1])
-        # Derivatives of single segments: their predecessors are not in the list.
-        going_on = (segments[:, 0] > 0) & (segments[:, 0] != before)
-        return low_passed(record, y, segments, constants, going_on)
+        # A start at rest, and derivatives of segments whose predecessors are not in the list.
+        starts = np.where(segments[:, 0] != before, y[:, 0], np.nan)
+        if record.start is not None and not record.start.known:
+            for b in np.flatnonzero((segments[:, 0] == 0) & (constants > 0.0)):
+                starts[b] = _first_reading(record, name, float(constants[b]))
+        return low_passed(record, y, segments, constants, starts)
 
     return _sensor(
         outputs,
