@@ -409,14 +409,14 @@ class Run {
   }
 
   /// Share of the tolerance for a step of the caller. Each start without history has an error of
-  /// about one tolerance, however short the step is. With a share in proportion to its duration, the
-  /// error over a time does not depend on the number of steps.
+  /// about one tolerance, however short the step is. With a share in proportion to its duration,
+  /// the error over a time does not depend on the number of steps.
   double share_of_tolerance(double duration) const {
     const double least = std::min(1.0, kLeastTolerance / options_.rtol);
     return std::clamp(duration / kWholeTolerance, least, 1.0);
   }
 
-  static constexpr double kWholeTolerance = 0.01;  ///< duration from which the share is one [s]
+  static constexpr double kWholeTolerance = 0.01;   ///< duration from which the share is one [s]
   static constexpr double kLeastTolerance = 1e-12;  ///< relative, for rounding errors
 
   struct Stop {

@@ -93,7 +93,7 @@ struct Integrator::Impl {
   bool started = false;
   double share = 1.0;   ///< of the tolerances that apply
   double wanted = 1.0;  ///< share from the next start on
-  bool given = false;  ///< quad holds values for the next start
+  bool given = false;   ///< quad holds values for the next start
   double time = 0.0;
   std::exception_ptr thrown;
   std::string message;

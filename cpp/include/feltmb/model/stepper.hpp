@@ -13,9 +13,9 @@
 namespace feltmb {
 
 struct StepperOptions {
-  /// Relative tolerance of a step of 10 ms or more; in proportion to the duration of shorter ones, so
-  /// that the error over a time does not depend on the number of steps. The others are as those of
-  /// SimulationOptions.
+  /// Relative tolerance of a step of 10 ms or more; in proportion to the duration of shorter ones,
+  /// so that the error over a time does not depend on the number of steps. The others are as those
+  /// of SimulationOptions.
   double rtol = 1e-6;
   Method method = Method::kAuto;
   int max_order = 0;
