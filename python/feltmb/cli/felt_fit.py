@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import click
@@ -27,6 +28,11 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions, felts
 
 __all__ = ["fit_command", "identify_command"]
+
+
+def _number(value: float) -> float | None:
+    """A number for JSON; None: there is none."""
+    return value if math.isfinite(value) else None
 
 
 @click.command(name="identify", short_help="Identify a felt from the measured loop in TEST.")
@@ -111,7 +117,7 @@ def identify_command(
                 "name": result.name,
                 "level": level,
                 "loss": result.material.loss(),
-                "measured_loss": result.measured_loss,
+                "measured_loss": _number(result.measured_loss),
                 "closing_gap": result.closing_gap,
                 "warnings": list(result.warnings),
                 "thickness": result.thickness,
@@ -157,10 +163,9 @@ def identify_command(
         console().print(table)
         if v_f0 is None:
             say(f"v_f0 = {base.v_f0:g}, that of {material} (--v-f0)")
-        say(
-            f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work; of the "
-            f"samples: {100 * result.measured_loss:.2f} %"
-        )
+        measured = _number(result.measured_loss)
+        told = "" if measured is None else f"; of the samples: {100 * measured:.2f} %"
+        say(f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work{told}")
         for warning in result.warnings:
             complain(f"warning: {warning}")
     if output is not None:

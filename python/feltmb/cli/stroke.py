@@ -125,7 +125,7 @@ if TYPE_CHECKING:
     "initial",
     metavar="NAME=VALUE",
     help="Initial value of a coordinate or speed that differs from the rest pose, such as "
-    "hammer.angle=5deg or hammer.angle.rate=2rad/s; a bare number is in SI units.",
+    "x=-5mm or x.rate=2m/s; a bare number is in SI units.",
 )
 @click.option(
     "--noise",

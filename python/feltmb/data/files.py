@@ -303,7 +303,8 @@ def _series(
     values = columns.values[key]
     if isinstance(spec.origin, float) and spec.origin != 0.0:
         values = values - spec.origin
-    values = values - zero if zero else values
+    elif zero:
+        values = values - zero  # a difference from an origin has no zero
     with np.errstate(over="ignore", invalid="ignore"):  # the record reports infinite values
         values = values * (-factor if down else factor) * scale * spec.factor + spec.shift
     trust = columns.likelihood.get(key)

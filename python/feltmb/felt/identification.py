@@ -130,10 +130,10 @@ class Identification:
             return math.nan
         x = np.linspace(low, high, 1001)
         load, back = (
-            float(np.sum(np.interp(x, d, b.pressure)))
+            np.interp(x, d, b.pressure)
             for d, b in zip(depths, (self.loading, self.unloading), strict=True)
         )
-        return 1.0 - back / load
+        return 1.0 - float(np.sum(back[1:] + back[:-1]) / np.sum(load[1:] + load[:-1]))
 
     def report(self) -> str:
         """Markdown: parameters with intervals, quality, warnings."""

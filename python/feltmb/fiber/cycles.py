@@ -73,7 +73,8 @@ def _held(v_f: Array, turns: list[int]) -> NDArray[np.intp]:
     It is held if there are more than twice as many samples in a band below it as in the three next
     bands of this width. A steady or sinusoidal test of any number of samples has no hold.
     """
-    top, band = int(np.argmax(v_f)), HELD * float(np.ptp(v_f))
+    # Of equal values, the last one is the reversal.
+    top, band = int(np.flatnonzero(v_f == np.max(v_f))[-1]), HELD * float(np.ptp(v_f))
 
     begin = max((t for t in turns if t < top), default=0)
     end = min((t for t in turns if t > top), default=v_f.size - 1)

@@ -44,7 +44,11 @@ def _parts(record: Record, least: int) -> list[Record]:
     near, share = REGULAR_CLOCK
     if not long.any() or np.mean(np.abs(steps[~long] - middle) < near * middle) < share:
         return [record]
-    at = [i for i in np.flatnonzero(long) if not _bridged(record, round(steps[i] / middle))]
+    at = [
+        i
+        for i in map(int, np.flatnonzero(long))
+        if not (_bridged(record, count := round(steps[i] / middle)) and _smooth(record, i, count))
+    ]
     edges = [0, *(int(i) + 1 for i in at), record.samples]
     spans = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= least]
     if len(edges) == 2 or not spans:
@@ -63,6 +67,16 @@ def _parts(record: Record, least: int) -> list[Record]:
     ]
     parts = [replace(p, repeats="") for p in parts]
     return [replace(parts[0], notes=(*record.notes, note)), *parts[1:]]
+
+
+def _smooth(record: Record, at: int, count: int) -> bool:
+    """Whether the inputs change over the missing rows as they do before and after them."""
+    for u in record.inputs.values():
+        slopes = np.diff(u)[[max(at - 1, 0), min(at + 1, u.size - 2)]]
+        jump = float(u[at + 1] - u[at] - count * np.mean(slopes))
+        if at > 0 and abs(jump) > BRIDGED * float(np.std(u)):
+            return False
+    return True
 
 
 def _bridged(record: Record, count: int) -> bool:

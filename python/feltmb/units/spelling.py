@@ -82,7 +82,8 @@ def split_column(heading: str) -> tuple[str, str]:
         name, unit = (found[1] or "").strip(), found[2].strip()
         if text.endswith("]"):
             return name, spelled_unit(unit) or unit
-        known = spelled_unit(unit)
+        # "Force (L)" is a force at the left.
+        known = None if unit in ("L", "l", "h") else spelled_unit(unit)
         return (name, known) if name and known else (text, "")
     bare = _BARE.fullmatch(text)
     if bare is not None:

@@ -182,6 +182,11 @@ def test_a_record_is_divided_where_an_input_is_missing():
     assert "4 samples of shorter parts" in long.notes[0]
 
 
+def test_a_single_step_of_an_input_in_missing_rows_divides_the_record():
+    step = with_missing_rows(lambda t: np.where(t < 0.41, 0.0, 1.0))
+    assert len(divided(models.NOMINAL, [step])) == 2
+
+
 @pytest.mark.parametrize(
     "record",
     [

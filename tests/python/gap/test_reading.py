@@ -35,6 +35,8 @@ def put(folder, text, name="a.csv", encoding="utf-8"):
 @pytest.mark.parametrize(
     ("heading", "name", "unit"),
     [
+        ("Force (L)", "Force (L)", ""),
+        ("Position (h)", "Position (h)", ""),
         ("force [N]", "force", "N"),
         ("Extension (mm)", "Extension", "mm"),
         ("displacement [millimeters]", "displacement", "mm"),
