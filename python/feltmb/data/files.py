@@ -29,7 +29,13 @@ from feltmb.data.sheet import ColumnSpec, OutputSpec, ReadOptions, Sheet
 from feltmb.data.smoothing import start_of
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
-from feltmb.units import PIXEL, conversion_factor, split_quantity, to_si
+from feltmb.units import (
+    PIXEL,
+    TEMPERATURE_SCALES,
+    conversion_factor,
+    split_quantity,
+    to_si,
+)
 from feltmb.units.quantity import fault_text, shortened, validated
 
 __all__ = ["read_each", "read_record", "read_records", "read_sheet", "write_record"]
@@ -397,18 +403,9 @@ _PREFIXED = ("V", "A", "ohm", "W", "T")
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6}
 
 
-#: Unit of a column and of the model -> zero of the latter in the former, and factor.
-_TEMPERATURES = {
-    ("K", "degC"): (273.15, 1.0),
-    ("degC", "K"): (-273.15, 1.0),
-    ("degF", "degC"): (32.0, 1.0 / 1.8),
-    ("degF", "K"): (-459.67, 1.0 / 1.8),
-}
-
-
 def _temperature(unit: str, model: str) -> tuple[float, float, str] | None:
     """Zero, factor and unit of a temperature that is on another scale than that of the model."""
-    found = _TEMPERATURES.get((unit, model))
+    found = TEMPERATURE_SCALES.get((unit, model))
     return None if found is None else (*found, model)
 
 

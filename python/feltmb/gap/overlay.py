@@ -28,7 +28,7 @@ from feltmb.gap.criteria import (
 from feltmb.gap.missing_rows import divided
 from feltmb.gap.smoke_test import divergence
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
-from feltmb.units import readable_unit
+from feltmb.units import TEMPERATURE_SCALES, readable_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -362,16 +362,6 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
     )
 
 
-#: Unit of a channel -> slope and offset of the readings on another scale, and its description.
-_TEMPERATURES = {
-    "degC": ((1.0, 273.15, "K labeled as degC"), (1.8, 32.0, "degrees Fahrenheit labeled as degC")),
-    "K": (
-        (1.0, -273.15, "degC labeled as K"),
-        (1.8, -459.67, "degrees Fahrenheit labeled as K"),
-    ),
-}
-
-
 def _pairs(
     runs: Sequence[tuple[Record, Array, Mapping[str, float]]], i: int, name: str
 ) -> list[tuple[Array, Array]]:
@@ -394,11 +384,14 @@ def _scales_of_temperature(
     out = []
     for i, name in enumerate(model.outputs):
         pairs = _pairs(runs, i, name)
-        for slope, offset, text in _TEMPERATURES.get(model.units.get(name, ""), ()):
-            left = [np.mean((x - slope * y - offset) ** 2) for x, y in pairs]
+        for (true, labeled), (zero, factor) in TEMPERATURE_SCALES.items():
+            if labeled != model.units.get(name, ""):
+                continue
+            left = [np.mean((x - y / factor - zero) ** 2) for x, y in pairs]
             gap = [np.mean((x - y) ** 2) for x, y in pairs]
             if pairs and all(a < OTHER_SCALE**2 * b for a, b in zip(left, gap, strict=True)):
-                out.append(f"{name}: another scale in all records ({text}?)")
+                scale = "degrees Fahrenheit" if true == "degF" else true
+                out.append(f"{name}: another scale in all records ({scale} labeled as {labeled}?)")
     return out
 
 

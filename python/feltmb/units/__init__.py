@@ -2,6 +2,7 @@
 
 from feltmb.units.names import (
     ACCEPTED_UNITS,
+    TEMPERATURE_SCALES,
     conversion_factor,
     convert,
     dimension_text,
@@ -18,6 +19,7 @@ from feltmb.units.spelling import PIXEL, spelled_unit, split_column
 __all__ = [
     "ACCEPTED_UNITS",
     "PIXEL",
+    "TEMPERATURE_SCALES",
     "conversion_factor",
     "convert",
     "dimension_text",

@@ -15,6 +15,7 @@ from feltmb.errors import InvalidParameter
 
 __all__ = [
     "ACCEPTED_UNITS",
+    "TEMPERATURE_SCALES",
     "conversion_factor",
     "convert",
     "dimension_text",
@@ -73,6 +74,15 @@ ACCEPTED_UNITS: dict[str, tuple[float, tuple[float, float, float, float]]] = {
     "J": (1.0, (2, 1, -2, 0)),
     "mJ": (1e-3, (2, 1, -2, 0)),
     "%": (1e-2, (0, 0, 0, 0)),
+}
+
+#: Unit of a reading, and unit of a scale -> zero of the scale as a reading, and factor: on the
+#: scale, the temperature is (reading - zero) * factor.
+TEMPERATURE_SCALES = {
+    ("K", "degC"): (273.15, 1.0),
+    ("degC", "K"): (-273.15, 1.0),
+    ("degF", "degC"): (32.0, 1.0 / 1.8),
+    ("degF", "K"): (-459.67, 1.0 / 1.8),
 }
 
 _FACTOR = re.compile(r"^(1(?=\^|$)|[A-Za-zµ%]+)(?:\^?([-+]?\d*\.?\d+))?$")
