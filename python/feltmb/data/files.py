@@ -178,11 +178,12 @@ def _build(
         except DataError as error:
             faults.append(str(error))
     start = None
-    if sheet.start:
+    if sheet.start or not sheet.start_known:
         try:
             start = StartPrior(
                 mean={k: v[0] for k, v in sheet.start.items()},
                 sd={k: v[1] for k, v in sheet.start.items()},
+                known=sheet.start_known,
             )
         except DataError as error:
             faults.append(str(error))
@@ -397,7 +398,7 @@ def _runs(
 
 
 #: Units of other quantities, which are kept.
-_OTHERS = ("V", "A", "ohm", "W", "K", "degC", "degF", "T", "Pa s", "%", "dB", "counts")
+_OTHERS = ("V", "A", "ohm", "W", "K", "degC", "degF", "T", "dB", "counts")
 #: Those of them that may have a prefix (mV, kW), and the prefixes.
 _PREFIXED = ("V", "A", "ohm", "W", "T")
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6}
@@ -427,6 +428,8 @@ def _to_si(unit: str, si: str) -> tuple[float | None, str]:
 
 def write_record(record: Record, path: str | Path, *, force: bool = False) -> Path:
     """Write a record as a CSV file and a TOML file, which :func:`read_record` can read.
+
+    The samples before the record (:attr:`Record.before`) are not written.
 
     Parameters
     ----------
@@ -479,6 +482,8 @@ def write_record(record: Record, path: str | Path, *, force: bool = False) -> Pa
         fields.pop("unit", None)
         sheet["outputs"][n] = {k: v for k, v in fields.items() if v is not None}
     if record.start is not None:
+        if not record.start.known:
+            sheet["start_known"] = False
         sheet["start"] = {
             k: [float(record.start.mean.get(k, 0.0)), float(record.start.sd.get(k, 1e300))]
             for k in {**record.start.mean, **record.start.sd}

@@ -192,7 +192,7 @@ class Record:
     """Assumptions made when the record was read, for the data checks."""
     before: Record | None = None
     """The samples before the first one, if the record is the later part of a run: a late input
-    depends on them."""
+    depends on them. It has the same inputs, ends before the record, and has no earlier one."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -235,6 +235,8 @@ class Record:
                 faults.append(f"input_sigma names {name}, no input ({', '.join(inputs) or 'none'})")
             elif not 0.0 <= sigma <= LARGEST:
                 faults.append(f"input_sigma of {name} is {sigma!r}, expected a number >= 0")
+        if self.before is not None and n:
+            faults += _faults_before(self.before, inputs, time[0])
         if faults:
             raise DataError(f"record {self.name}: " + "; ".join(faults))
         sensors = {k: self.sensors.get(k, Sensor(name=k)) for k in outputs}
@@ -294,8 +296,14 @@ class Record:
             outputs={k: v[part] for k, v in self.outputs.items()},
             role=role or self.role,
             start=self.start if first == 0 else StartPrior(known=False),
-            before=self.cut(0, first) if first > 1 else None if first else self.before,
+            before=self._up_to(first) if first else self.before,
         )
+
+    def _up_to(self, first: int) -> Record | None:
+        """The run from its start to a sample of this record; None if that is less than a step."""
+        whole = self if self.before is None else _joined(self.before, self)
+        end = whole.samples - self.samples + first
+        return whole.cut(0, end) if end > 1 else None
 
     def with_sensed_input(
         self,
@@ -331,25 +339,28 @@ class Record:
             )
         # The same limits as for the sensor of an output.
         Sensor(name=name, delay=delay, bandwidth=bandwidth, gain=gain, offset=offset)
-        acted = true_input(
-            self.time,
-            self.inputs[name],
-            delay=delay,
-            bandwidth=bandwidth,
-            gain=gain,
-            offset=offset,
-        )
+
+        def acted(run: Record) -> Mapping[str, Array]:
+            read = run.inputs[name]
+            true = true_input(
+                run.time, read, delay=delay, bandwidth=bandwidth, gain=gain, offset=offset
+            )
+            return {name: true}
+
         sigma = self.input_sigma.get(name, 0.0) / abs(gain)
         if math.isfinite(bandwidth):
             forget = 1.0 / (2.0 * math.pi * bandwidth)
             sigma *= math.hypot(1.0, forget / (math.sqrt(2.0) * self.interval))
         return replace(
-            self.with_inputs({name: acted}),
+            self.with_changed_inputs(acted),
             input_sigma={**self.input_sigma, name: sigma} if sigma > 0.0 else self.input_sigma,
         )
 
     def with_inputs(self, inputs: Mapping[str, Array]) -> Record:
-        """Copy of the record, with some inputs replaced."""
+        """Copy of the record, with some inputs replaced.
+
+        The samples before it (:attr:`before`) keep their inputs.
+        """
         return replace(self, inputs={**self.inputs, **inputs})
 
     def with_changed_inputs(self, change: Callable[[Record], Mapping[str, Array]]) -> Record:
@@ -368,16 +379,32 @@ class Record:
             {k: v[part] for k, v in changed.inputs.items()}
             for part in (slice(self.before.samples), slice(self.before.samples, None))
         ]
-        before = replace(self.before, inputs=parts[0], before=changed.before)
+        before = replace(self.before, inputs=parts[0])
         return replace(self, inputs=parts[1], before=before)
 
 
+def _faults_before(before: Record, inputs: Iterable[str], start: float) -> list[str]:
+    """Faults of the samples before a record, which starts at a time."""
+    faults = []
+    lacking = [k for k in inputs if k not in before.inputs]
+    if lacking:
+        faults.append(f"the record before it has no input {', '.join(lacking)}")
+    if before.time[-1] >= start:
+        faults.append(
+            f"the record before it ends at {before.time[-1]:.10g} s, expected before {start:.10g} s"
+        )
+    if before.before is not None:
+        faults.append("the record before it has an earlier one, expected one for all samples")
+    return faults
+
+
 def _joined(first: Record, after: Record) -> Record:
-    """The samples of two records with the same channels, one after the other."""
+    """The samples of a record and of the one before it, with the channels of the later one."""
+    missing = np.full(first.samples, np.nan)
 
     def both(kind: str) -> dict[str, Array]:
         one, other = getattr(first, kind), getattr(after, kind)
-        return {k: np.concatenate([one[k], v]) for k, v in other.items()}
+        return {k: np.concatenate([one.get(k, missing), v]) for k, v in other.items()}
 
     return replace(
         after,
@@ -385,7 +412,7 @@ def _joined(first: Record, after: Record) -> Record:
         inputs=both("inputs"),
         outputs=both("outputs"),
         start=first.start,
-        before=first.before,
+        before=None,
     )
 
 

@@ -102,6 +102,8 @@ class Sheet(Schema):
     outputs: dict[str, OutputSpec] = Field(default_factory=dict)
     start: dict[str, tuple[float, float]] = Field(default_factory=dict)
     """State -> (mean, standard deviation) at the first sample [SI]."""
+    start_known: bool = True
+    """false: the record starts during a motion; the start of the model does not apply."""
     conditions: dict[str, float | str] = Field(default_factory=dict)
 
 

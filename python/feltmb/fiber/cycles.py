@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,10 @@ Array = NDArray[np.float64]
 #: Smallest change of the volume fraction between reversals, as a share of its range. Smaller
 #: changes are noise of the thickness.
 LEAST_CYCLE = 0.05
-#: Distance from a largest volume fraction within which it is held, as a share of the range.
-HELD = 0.01
+#: Width of the band of volume fractions of a hold, as a share of the range.
+HELD = 0.03
+#: Distance of the bands that are tried, as a share of their width.
+STEP_OF_BAND = 0.25
 #: Number of samples at a reversal that are no hold.
 MOST_AT_TURN = 8
 
@@ -29,8 +32,14 @@ class Branches:
     """Whether each of them is on the loading branch."""
     cycles: int
     """Number of loadings."""
-    held: NDArray[np.intp]
-    """Indices of the samples of a hold at the largest volume fraction, in its order."""
+    holds: list[tuple[int, int]]
+    """First and last sample of each hold. All of its samples but the first are left out."""
+
+    @property
+    def held(self) -> NDArray[np.intp]:
+        """Indices of the samples that are left out because they belong to a hold."""
+        runs = [np.arange(first + 1, last + 1) for first, last in self.holds]
+        return np.concatenate([np.zeros(0, dtype=np.intp), *runs])
 
 
 def find_branches(v_f: Array) -> Branches:
@@ -39,8 +48,8 @@ def find_branches(v_f: Array) -> Branches:
     The loading envelope consists of the samples of each loading that are beyond all earlier
     reversals, because a felt follows inner loops below them. The unloading envelope begins at the
     largest volume fraction and ends at the next reversal. The other samples are on inner loops.
-    While the largest volume fraction is held, the pressure relaxes: these samples are neither
-    loading nor unloading.
+    While a volume fraction is held, the pressure relaxes: these samples are neither loading nor
+    unloading.
 
     Parameters
     ----------
@@ -50,7 +59,6 @@ def find_branches(v_f: Array) -> Branches:
     turns = _reversals(v_f)
     loading, unloading = [], [np.zeros(0, dtype=np.intp)]
     highest, cycles = -np.inf, 0
-    held = _held(v_f, turns)
     for a, b in itertools.pairwise(turns):
         part = np.arange(a if a == 0 else a + 1, b + 1)
         if v_f[b] >= v_f[a]:
@@ -63,28 +71,57 @@ def find_branches(v_f: Array) -> Branches:
     kept = np.concatenate([*loading, unloading[-1]])
     rising = np.arange(kept.size) < sum(p.size for p in loading)
     order = np.argsort(kept, kind="stable")
-    order = order[~np.isin(kept[order], held)]
-    return Branches(kept[order], rising[order], cycles, held)
+    branches = Branches(kept[order], rising[order], cycles, _find_holds(v_f, turns))
+    free = ~np.isin(branches.kept, branches.held)
+    return replace(branches, kept=branches.kept[free], loading=branches.loading[free])
 
 
-def _held(v_f: Array, turns: list[int]) -> NDArray[np.intp]:
-    """Samples between the first and the last one at the largest volume fraction, if it is held.
+def _find_holds(v_f: Array, turns: list[int]) -> list[tuple[int, int]]:
+    """First and last sample of each hold, in the order of the test.
 
-    It is held if there are more than twice as many samples in a band below it as in the three next
-    bands of this width. A steady or sinusoidal test of any number of samples has no hold.
+    Between two reversals, a hold is a band of volume fractions with more than twice as many
+    samples as the three next bands on each side of it together. A steady or sinusoidal test, or
+    one with steady force, has no hold: near an extremum of a sine, one band has as many samples
+    as the three next ones. The band is wide enough for noise, sagging and creeping.
     """
-    # Of equal values, the last one is the reversal.
-    top, band = int(np.flatnonzero(v_f == np.max(v_f))[-1]), HELD * float(np.ptp(v_f))
+    band = HELD * float(np.ptp(v_f))
+    if band == 0.0:
+        return []
+    holds: list[tuple[int, int]] = []
+    for a, b in itertools.pairwise(turns):
+        begin = a if a == 0 else a + 1
+        part = v_f[begin : b + 1]
+        values = np.sort(part)
+        lower = values[0] + STEP_OF_BAND * band * np.arange(
+            1 + math.ceil(np.ptp(part) / band / STEP_OF_BAND)
+        )
+        limits = np.searchsorted(values, lower[:, None] + band * np.array([-3.0, 0.0, 1.0, 4.0]))
+        inside = limits[:, 2] - limits[:, 1]
+        next_to = limits[:, 3] - limits[:, 0] - inside
+        free = inside > np.maximum(2 * next_to, MOST_AT_TURN)
+        found = []
+        while free.any():
+            best = int(np.argmax(np.where(free, inside, 0)))
+            within = np.flatnonzero((part >= lower[best]) & (part < lower[best] + band))
+            # The motion to the level and from it crosses the band as it crosses the next ones.
+            motion = math.ceil(next_to[best] / 6)
+            first = int(within[0]) + (motion if within[0] > 0 else 0)
+            last = int(within[-1]) - (motion if within[-1] < part.size - 1 else 0)
+            found.append((begin + first, begin + last))
+            free &= np.abs(lower - lower[best]) >= band
+        holds += sorted(found)
+    return _joined(holds)
 
-    begin = max((t for t in turns if t < top), default=0)
-    end = min((t for t in turns if t > top), default=v_f.size - 1)
-    below = v_f[top] - v_f[begin : end + 1]
-    near = begin + np.flatnonzero(below <= band)
-    next_to = int(np.sum(below <= 4.0 * band)) - near.size
-    if near.size <= max(2 * next_to, MOST_AT_TURN):
-        return np.zeros(0, dtype=np.intp)
-    at_level = near[v_f[near] >= np.median(v_f[near])]
-    return np.arange(at_level[0] + 1, at_level[-1] + 1)
+
+def _joined(holds: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """The holds, those on the two sides of a reversal joined to one."""
+    joined: list[tuple[int, int]] = []
+    for first, last in holds:
+        if joined and first <= joined[-1][1] + 1:
+            joined[-1] = (joined[-1][0], last)
+        else:
+            joined.append((first, last))
+    return joined
 
 
 def _reversals(v_f: Array) -> list[int]:

@@ -130,7 +130,7 @@ class CompressionData:
 def _by_reversals(test: CompressionData) -> CompressionData:
     """The test with its branches, which are found from the reversals."""
     found = find_branches(test.v_f)
-    left_out = len(test.v_f) - len(found.kept) - len(found.held)
+    left_out = len(test.v_f) - np.union1d(found.kept, found.held).size
     all_used = "(a column branch with the words loading and unloading uses all samples)"
     notes = []
     if left_out:
@@ -139,12 +139,14 @@ def _by_reversals(test: CompressionData) -> CompressionData:
             f"unloading from the largest volume fraction are used; {left_out} samples of inner "
             f"loops are left out {all_used}"
         )
-    if found.held.size:
-        before, after = test.pressure[found.held[0] - 1], test.pressure[found.held[-1]]
+    if found.holds:
+        first, last = max(found.holds, key=lambda hold: hold[1] - hold[0])
+        where = "is held" if len(found.holds) == 1 else f"is held {len(found.holds)} times"
+        which = "while" if len(found.holds) == 1 else "in the longest hold"
         notes.append(
-            f"the largest compression is held: {found.held.size} samples, while the pressure "
-            f"relaxes from {before:.4g} to {after:.4g} Pa, are left out; no law of a felt here "
-            f"describes relaxation {all_used}"
+            f"the compression {where}: {found.held.size} samples are left out; {which} the "
+            f"pressure goes from {test.pressure[first]:.4g} to {test.pressure[last]:.4g} Pa at "
+            f"v_f = {test.v_f[last]:.4g}; no law of a felt here describes relaxation {all_used}"
         )
     return replace(test._part(found.kept), loading=found.loading, notes=tuple(notes))
 
@@ -216,7 +218,7 @@ def read_compression(
     loading and unloading. Without it, the branches are found from the reversals. Of a test with
     several cycles, loading are the samples of each loading beyond all earlier reversals, and
     unloading are those from the largest volume fraction to the next reversal; the samples of
-    inner loops and of a hold at the largest volume fraction are left out. Lines that start with
+    inner loops and of holds are left out. Lines that start with
     ``#`` are comments. Other columns are ignored.
 
     Parameters

@@ -317,6 +317,12 @@ def faults_against(model: Model, records: Sequence[Record]) -> list[str]:
                 f"{record.name}: start of {', '.join(unknown)}, no state of the model "
                 f"{model.name} ({', '.join(states)})"
             )
+        if known is not None and not known.known and model.from_rest:
+            problems.append(
+                f"{record.name}: its start is unknown (start_known), but the model {model.name} "
+                "simulates every record from a start of its own; expected a record that begins "
+                "before the motion"
+            )
         if record.samples < model.least_samples:
             problems.append(
                 f"{record.name}: {record.samples} samples; the model {model.name} needs at least "

@@ -45,7 +45,6 @@ from feltmb.gap.judged_data import judged_data, prepare, ready, with_other_noise
 from feltmb.gap.law_errors import law_errors
 from feltmb.gap.measured import known_by_test
 from feltmb.gap.misfit import Misfit, form_of, misfit
-from feltmb.gap.missing_rows import divided
 from feltmb.gap.options import Options
 from feltmb.gap.overlay import exchanged_channels, expected_outputs, wrong_clock, wrong_units
 from feltmb.gap.profile import profile_of
@@ -846,7 +845,6 @@ def _fitted(
 ) -> Fit:
     watch.enter(watch.stage)
     model.forget()
-    records = divided(model, records)
     model, records, checks, _ = ready(model, records)
     try_effects(model, (), records[0])
     segmented_records = prepare(model, records, checks, segment)

@@ -106,11 +106,10 @@ def judged_data(
     DataError
         The faults because of which the records cannot be used, all in one message.
     """
-    records = divided(model, records)
-    if hold_out is not None:
-        hold_out = with_parts([hold_out] if isinstance(hold_out, str) else hold_out, records)
-    named = hold_out or ()
-    model, records, whole, copies = ready(model, records, named)
+    named = [hold_out] if isinstance(hold_out, str) else hold_out
+    model, records, whole, copies = ready(model, records, named or ())
+    if named is not None:
+        hold_out = with_parts(named, records)
     fitted, held = split_records(records, hold_out, masked=model.from_rest, left_out=copies)
     checks = check_records([*fitted, *held], model.outputs)
     if checks.problems:
@@ -128,7 +127,8 @@ def ready(
 ) -> tuple[Model, tuple[Record, ...], DataChecks, tuple[str, ...]]:
     """Prepare the model and the records; also return the data checks and notes about copies.
 
-    ``hold_out``: names of records that are kept if they have a copy.
+    Records are divided at missing rows (:mod:`feltmb.gap.missing_rows`). ``hold_out``: names of
+    records that are kept if they have a copy.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def ready(
         The faults because of which the records cannot be used, all in one message.
     """
     records, copies = without_copies(records, hold_out)
-    records, inputs = model.driven(records)
+    records, inputs = model.driven(divided(model, records))
     absent = not_recorded(model, records)
     records, constant = without_constant(records, model.outputs)
     checks = check_against(model, records)

@@ -18,9 +18,10 @@ __all__ = ["divided", "with_parts"]
 def divided(model: Model, records: Sequence[Record]) -> tuple[Record, ...]:
     """Divide records where rows are missing and the inputs there cannot be interpolated.
 
-    The parts start in an unknown state. Parts that are too short for the model are left out. A
-    record with an irregular clock is not divided: there, no row is missing. Neither are the records
-    of a model whose runs start from rest.
+    The parts start in an unknown state. Parts that are too short for the model are left out. If
+    all of them are, the record stays whole, with a note. A record with an irregular clock is not
+    divided: there, no row is missing. Neither are the records of a model whose runs start from
+    rest.
     """
     if model.from_rest:
         return tuple(records)
@@ -51,15 +52,23 @@ def _parts(record: Record, least: int) -> list[Record]:
     ]
     edges = [0, *(int(i) + 1 for i in at), record.samples]
     spans = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= least]
-    if len(edges) == 2 or not spans:
+    if not at:
         return [record]
     lost = sum(round(steps[i] / middle) - 1 for i in at)
-    left_out = record.samples - sum(b - a for a, b in spans)
     note = (
         f"{lost} rows are missing, the first after {record.time[at[0]]:.6g} s, and the input there "
-        f"cannot be interpolated: the record is divided there (parts: {len(spans)}); a part that "
-        "begins there has an unknown start state"
+        "cannot be interpolated: "
     )
+    if not spans:
+        note += (
+            f"the parts between them are shorter than {least} samples, so that the record is not "
+            "divided and the input is a line over the missing rows"
+        )
+        return [replace(record, notes=(*record.notes, note))]
+    left_out = record.samples - sum(b - a for a, b in spans)
+    note += f"the record is divided there (parts: {len(spans)})"
+    if spans[-1][0] > 0:
+        note += "; a part that begins there has an unknown start state"
     if left_out:
         note += f"; {left_out} samples of shorter parts are left out"
     parts = [

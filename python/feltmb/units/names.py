@@ -83,6 +83,8 @@ TEMPERATURE_SCALES = {
     ("degC", "K"): (-273.15, 1.0),
     ("degF", "degC"): (32.0, 1.0 / 1.8),
     ("degF", "K"): (-459.67, 1.0 / 1.8),
+    ("degC", "degF"): (-32.0 / 1.8, 1.8),
+    ("K", "degF"): (273.15 - 32.0 / 1.8, 1.8),
 }
 
 _FACTOR = re.compile(r"^(1(?=\^|$)|[A-Za-zµ%]+)(?:\^?([-+]?\d*\.?\d+))?$")
@@ -102,7 +104,7 @@ def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
         for token in part.replace("*", " ").replace("·", " ").split():
             match = _FACTOR.match(token)
             if match is None or match.group(1) not in ACCEPTED_UNITS:
-                raise ValueError(f"unknown unit {token!r}")
+                raise ValueError(f"unknown unit {token!r}{_other_case(token)}")
             power = sign * float(match.group(2) or 1.0)
             if abs(power) > 10.0:
                 raise ValueError(f"the power of {token!r} is beyond 10")
@@ -110,6 +112,12 @@ def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
             factor *= scale**power
             exponents = [e + power * d for e, d in zip(exponents, dims, strict=True)]
     return factor, tuple(exponents)
+
+
+def _other_case(token: str) -> str:
+    """A hint if a unit exists in another case."""
+    near = [name for name in ACCEPTED_UNITS if name.lower() == token.lower()]
+    return f" (did you mean {' or '.join(near)}?)" if near else ""
 
 
 def dimension_text(si_unit: str) -> str:
@@ -216,13 +224,15 @@ def si_value(text: str) -> float | None:
 _USUAL = (
     *("1", "m", "kg", "s", "rad", "Hz", "N", "Pa", "J", "m^2", "m^3", "m/s", "m/s^2", "rad/s"),
     *("rad/s^2", "N/m", "N s/m", "N m/rad", "N m s/rad", "kg m^2", "m^3/s", "kg/s", "kg/m^3"),
+    *("N m", "Pa s"),
 )
 
 
 def to_si(unit: str) -> tuple[float, str]:
     """Factor to SI, and the SI unit, of any accepted unit.
 
-    A product of a force and a length is a torque in N m, the unit of energy J has its own name.
+    Of several SI units of one dimension, the unit is the one that is written most alike: N mm is a
+    torque in N m and mJ an energy in J; kg/h is a flow in kg/s and N s/mm a damping in N s/m.
 
     Parameters
     ----------
@@ -238,16 +248,19 @@ def to_si(unit: str) -> tuple[float, str]:
         factor, dims = _parse(unit)
     except ValueError as error:
         raise InvalidParameter(f"unit {unit!r}: {error}") from None
-    named = {token for part in unit.split("/") for token in part.split()}
-    if dims == _parse("J")[1] and not named & {"J", "mJ"}:
-        return factor, "N m"
-    for usual in _USUAL:
-        if _parse(usual)[1] == dims:
-            return factor, usual
+    same = [usual for usual in _USUAL if _parse(usual)[1] == dims]
+    if same:
+        named = _quantities_in(unit)
+        return factor, max(same, key=lambda usual: len(_quantities_in(usual) & named))
     powers = dict(zip(("m", "kg", "s", "rad"), dims, strict=True))
     over = " ".join(_power(name, p) for name, p in powers.items() if p > 0.0)
     under = " ".join(_power(name, -p) for name, p in powers.items() if p < 0.0)
     return factor, f"{over or '1'}/{under}" if under else over
+
+
+def _quantities_in(unit: str) -> set[tuple[float, ...]]:
+    """Dimensions of the units of which a unit is composed."""
+    return {_parse(re.sub(r"\^.*", "", token))[1] for token in re.findall(r"[^\s/*·]+", unit)}
 
 
 def _power(name: str, power: float) -> str:

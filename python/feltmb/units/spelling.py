@@ -21,6 +21,11 @@ _NAMES = {
     "ms": "msec msecs millisecond milliseconds",
     "us": "usec microsecond microseconds",
     "min": "minute minutes",
+    "h": "hour hours hr hrs stunde stunden",
+    "rpm": "rpm u/min r/min",
+    "L": "liter liters litre litres",
+    "mL": "milliliter milliliters millilitre millilitres",
+    "lb": "lbs pound pounds",
     "N": "newton newtons",
     "mN": "millinewton millinewtons",
     "kN": "kilonewton kilonewtons",
@@ -82,20 +87,24 @@ def split_column(heading: str) -> tuple[str, str]:
         name, unit = (found[1] or "").strip(), found[2].strip()
         if text.endswith("]"):
             return name, spelled_unit(unit) or unit
-        # "Force (L)" is a force at the left.
-        known = None if unit in ("L", "l", "h") else spelled_unit(unit)
+        known = spelled_unit(unit)
+        # "Force (L)" is a force at the left, but "Time (h)" is in hours.
+        if unit in ("L", "l", "h") and not (known and _fits(name, known)):
+            known = None
         return (name, known) if name and known else (text, "")
     bare = _BARE.fullmatch(text)
     if bare is not None:
         name, known = bare[1].strip(), spelled_unit(bare[2])
-        word = re.split(r"[\s_./]", name.lower())[-1]
-        si = _MEASURED.get(word)
-        if known and si and (_measures(known, si) or (known == PIXEL and si == _LENGTH)):
+        if known and _fits(name, known):
             return name, known
     return text, ""
 
 
-def _measures(unit: str, si: str) -> bool:
-    if unit == PIXEL or unit not in ACCEPTED_UNITS:
+def _fits(name: str, unit: str) -> bool:
+    """Whether the last word of a name is a quantity that the unit measures."""
+    si = _MEASURED.get(re.split(r"[\s_./]", name.lower())[-1])
+    if si is None or unit == PIXEL:
+        return unit == PIXEL and si == _LENGTH
+    if unit not in ACCEPTED_UNITS:
         return False
     return ACCEPTED_UNITS[unit][1] == ACCEPTED_UNITS[si][1]

@@ -253,8 +253,10 @@ def test_a_dwell_at_the_end_is_no_cycle(noise):
     rest = np.full(40, 0.1) + noise * np.random.default_rng(6).standard_normal(40)
     found = find_branches(np.concatenate([v, rest]))
     assert found.cycles == 1
-    assert found.kept.size == v.size + 40
     assert np.sum(found.loading) == pytest.approx(41, abs=1)
+    # The felt is at rest, which is a hold.
+    assert found.held.size == pytest.approx(40, abs=4)
+    assert found.kept.size == pytest.approx(v.size, abs=4)
 
 
 @pytest.mark.parametrize("samples", [41, 2000])
@@ -272,9 +274,45 @@ def test_a_hold_at_the_largest_compression_is_left_out(samples, noise):
     hold = np.full(6 * samples, 0.3) + noise * random.standard_normal(6 * samples)
     v = np.concatenate([steady[:samples], hold, steady[samples:]])
     found = find_branches(v)
-    assert found.held.size == pytest.approx(6 * samples, abs=12)
-    assert np.sum(found.loading) == pytest.approx(samples, abs=6)
-    assert found.kept.size == pytest.approx(2 * samples, abs=12)
+    assert found.held.size == pytest.approx(6 * samples, abs=12 + samples // 50)
+    assert np.sum(found.loading) == pytest.approx(samples, abs=6 + samples // 100)
+    assert found.kept.size == pytest.approx(2 * samples, abs=12 + samples // 50)
+
+
+@pytest.mark.parametrize("noise", [0.0, 3e-4, 1e-3])
+@pytest.mark.parametrize(
+    ("reached", "held", "last"),
+    [
+        (0.3, lambda t: 0.3 - 0.003 * (1.0 - np.exp(-t / 80.0)), 0.297),
+        (0.3, lambda t: 0.3 + 0.0015 * (1.0 - np.exp(-t / 80.0)), 0.3015),
+        (0.3, lambda t: 0.297 + 0.003 * np.exp(-t), 0.297),
+    ],
+    ids=["sags", "creeps", "overshoots"],
+)
+def test_a_hold_whose_compression_changes_a_little_is_left_out(noise, reached, held, last):
+    random = np.random.default_rng(3)
+    hold = held(np.arange(600))
+    v = np.concatenate([np.linspace(0.1, reached, 200), hold, np.linspace(last, 0.1, 200)])
+    found = find_branches(v + noise * random.standard_normal(v.size))
+    assert found.held.size == pytest.approx(600, abs=12)
+    assert np.sum(found.loading) == pytest.approx(200, abs=8)
+
+
+def test_a_hold_below_the_largest_compression_is_left_out():
+    up, further, down = (np.linspace(a, b, 100) for a, b in ((0.1, 0.2), (0.2, 0.3), (0.3, 0.1)))
+    found = find_branches(np.concatenate([up, np.full(300, 0.2), further, down]))
+    assert found.held.size == pytest.approx(300, abs=8)
+    assert np.sum(found.loading) == pytest.approx(200, abs=8)
+    assert found.cycles == 1
+
+
+@pytest.mark.parametrize("power", [3, 7])
+def test_a_test_with_a_steady_force_or_with_coarse_readings_has_no_hold(power):
+    # The pressure rises with a power of the volume fraction beyond the unloaded one.
+    up = 0.1 + 0.2 * np.linspace(0.0, 1.0, 200) ** (1.0 / power)
+    assert find_branches(np.concatenate([up, up[::-1]])).held.size == 0
+    coarse = np.round(np.linspace(0.1, 0.3, 200), 2)
+    assert find_branches(np.concatenate([coarse, coarse[::-1]])).held.size == 0
 
 
 def test_inner_loops_are_left_out_and_told(tmp_path):

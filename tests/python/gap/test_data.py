@@ -1,5 +1,6 @@
 """Measured files: what is read, and what is said of files that cannot be used."""
 
+import copy
 import sys
 import warnings
 from dataclasses import replace
@@ -180,6 +181,17 @@ def test_a_record_is_divided_where_an_input_is_missing():
     (long,) = divided(models.NOMINAL, [with_missing_rows(lambda _: jumps, lost=[2, 5])])
     assert long.samples == 394
     assert "4 samples of shorter parts" in long.notes[0]
+    assert "a part that begins there has an unknown start state" in long.notes[0]
+
+
+def test_a_record_whose_parts_would_be_too_short_stays_whole_and_that_is_told():
+    jumps = np.sign(np.random.default_rng(0).standard_normal(400))
+    record = with_missing_rows(lambda _: jumps, lost=range(6, 400, 7))
+    model = copy.copy(models.NOMINAL)
+    model.least_samples = 8
+    (same,) = divided(model, [record])
+    assert same.samples == record.samples
+    assert "shorter than 8 samples, so that the record is not divided" in same.notes[0]
 
 
 def test_a_single_step_of_an_input_in_missing_rows_divides_the_record():
@@ -604,3 +616,34 @@ def test_a_part_of_a_record_knows_what_came_before():
         assert twice.inputs["u"] == pytest.approx(2.0 * expected[20:50], abs=1e-15)
         assert np.array_equal(twice.outputs["y"], time[20:50])
     assert whole.cut(0, 30).before is None
+    part = whole.cut(20, 50).cut(1, 30)
+    assert np.array_equal(part.before.time, time[:21])
+    # A reading that is late is converted with the samples of the whole run.
+    sensed = whole.with_sensed_input("u", delay=-0.035).inputs["u"]
+    assert part.with_sensed_input("u", delay=-0.035).inputs["u"] == pytest.approx(sensed[21:50])
+
+
+def test_faults_of_the_samples_before_a_record():
+    time = 0.01 * np.arange(60)
+    whole = Record(name="r", time=time, inputs={"u": time}, outputs={"y": time})
+    part = whole.cut(20, 50)
+    with pytest.raises(DataError, match=r"ends at 0\.19 s, expected before -0\.8 s"):
+        replace(part, time=part.time - 1.0)
+    with pytest.raises(DataError, match="the record before it has no input v"):
+        replace(part, inputs={"u": part.time, "v": part.time})
+    with pytest.raises(DataError, match="the record before it has an earlier one"):
+        replace(whole.cut(40, 50), before=part)
+    # A further output was not measured before.
+    more = replace(part, outputs={"z": part.time}, sensors={})
+    assert more.with_changed_inputs(lambda r: {"u": r.time}).inputs["u"] == pytest.approx(
+        time[20:50]
+    )
+
+
+def test_a_record_in_motion_is_written_and_read(tmp_path):
+    time = 0.01 * np.arange(60)
+    whole = Record(name="r", time=time, inputs={"u": time}, outputs={"y": time})
+    write_record(whole.cut(20, 50), tmp_path / "part.csv")
+    start = read_record(tmp_path / "part.csv").start
+    assert start is not None
+    assert not start.known

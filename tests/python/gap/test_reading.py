@@ -37,6 +37,8 @@ def put(folder, text, name="a.csv", encoding="utf-8"):
     [
         ("Force (L)", "Force (L)", ""),
         ("Position (h)", "Position (h)", ""),
+        ("Time (h)", "Time", "h"),
+        ("Speed (RPM)", "Speed", "rpm"),
         ("force [N]", "force", "N"),
         ("Extension (mm)", "Extension", "mm"),
         ("displacement [millimeters]", "displacement", "mm"),
@@ -58,7 +60,17 @@ def test_headings_hold_units(heading, name, unit):
 
 
 def test_units_are_spelled_in_many_ways():
-    spelled = {"(mm)": "mm", "Seconds": "s", "sec.": "s", "pixels": "px", "N/mm": "N/mm"}
+    spelled = {
+        "(mm)": "mm",
+        "Seconds": "s",
+        "sec.": "s",
+        "pixels": "px",
+        "N/mm": "N/mm",
+        "U/min": "rpm",
+        "Hours": "h",
+        "liters": "L",
+        "lbs": "lb",
+    }
     assert {k: spelled_unit(k) for k in spelled} == spelled
     assert spelled_unit("X") is None
 
