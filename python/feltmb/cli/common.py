@@ -57,6 +57,7 @@ __all__ = [
     "say_written",
     "set_option",
     "split_list",
+    "split_pairs",
     "tables_as_json",
     "with_settings",
 ]
@@ -608,6 +609,34 @@ def parse_option(option: str, text: str, unit: str) -> float:
         return parse_scalar(text, unit)
     except ValueError as error:
         raise InvalidParameter(f"{option}: {error}") from None
+
+
+def split_pairs(option: str, texts: Sequence[str], form: str) -> dict[str, str]:
+    """Names and values of an option that is given as ``NAME=VALUE``, as text.
+
+    Parameters
+    ----------
+    option
+        Name of the option, for the message.
+    texts
+        Values of the option.
+    form
+        What is expected, for the message.
+
+    Raises
+    ------
+    click.UsageError
+        A text is no pair, or a name is given twice.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not (name and value):
+            raise click.UsageError(f"{option} {text}: expected {form}")
+        if name in found:
+            raise click.UsageError(f"{option} {name}: given twice")
+        found[name] = value
+    return found
 
 
 def parse_damper(text: str) -> tuple[str, float | None]:

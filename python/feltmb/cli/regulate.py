@@ -20,6 +20,7 @@ from feltmb.cli.common import (
     print_json,
     say_written,
     set_option,
+    split_pairs,
 )
 from feltmb.cli.completing import actions, packaged
 
@@ -72,7 +73,9 @@ def command(
     mechanism = load_with_settings(action, settings)
     wanted = load_targets(targets) if targets is not None else None
     if own:
-        wanted = (wanted or default_targets(mechanism)).with_targets(_own_targets(own))
+        wanted = (wanted or default_targets(mechanism)).with_targets(
+            split_pairs("--target", own, "STEP=VALUE, such as let-off=4mm")
+        )
     if out is not None:
         check_writable(out, force=force)
     if is_terminal():
@@ -99,18 +102,6 @@ def command(
         raise FeltmbError(f"{last}\nnothing was written" if out is not None else last)
     if out is not None:
         say_written(write_text(out, result.to_toml(), force=force))
-
-
-def _own_targets(texts: tuple[str, ...]) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for text in texts:
-        name, sign, value = text.partition("=")
-        if not (sign and name.strip() and value.strip()):
-            raise click.UsageError(f"--target {text}: expected STEP=VALUE, such as let-off=4mm")
-        if name.strip() in found:
-            raise click.UsageError(f"--target {name.strip()}: given twice")
-        found[name.strip()] = value.strip()
-    return found
 
 
 def _unmet(row: Any) -> str:

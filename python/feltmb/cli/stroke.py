@@ -27,6 +27,7 @@ from feltmb.cli.common import (
     say,
     say_written,
     set_option,
+    split_pairs,
 )
 from feltmb.cli.completing import actions, actuators, strokes
 
@@ -316,13 +317,7 @@ def _initial(action: Action, texts: tuple[str, ...]) -> dict[str, str]:
     """Initial values of ``--initial``, checked before anything is simulated."""
     from feltmb.run.simulate import initial_values
 
-    pairs = [text.partition("=") for text in texts]
-    for text, (name, equals, value) in zip(texts, pairs, strict=True):
-        if not (name and equals and value):
-            raise click.UsageError(f"--initial {text}: expected NAME=VALUE")
-    found = {name.strip(): value.strip() for name, _, value in pairs}
-    if len(found) < len(pairs):
-        raise click.UsageError("--initial: a name is given twice")
+    found = split_pairs("--initial", texts, "NAME=VALUE")
     initial_values(action, found)
     return found
 

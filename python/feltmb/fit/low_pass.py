@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from feltmb.data import Array, Record
+from feltmb.data import Array
+from feltmb.data.records import evenly_spaced
 
 __all__ = ["low_passed"]
 
 
 def low_passed(
-    record: Record,
+    clock: Array,
     y: Array,
     segments: NDArray[Any],
     constants: Array,
@@ -28,6 +29,8 @@ def low_passed(
 
     Parameters
     ----------
+    clock
+        Times of the samples [s], (n,).
     y
         Outputs of the segments, (B, L).
     segments
@@ -45,13 +48,13 @@ def low_passed(
     out = np.array(y, dtype=np.float64)
     if y.shape[1] < 2:
         return out
-    at = np.minimum(segments[:, :1] + np.arange(y.shape[1]), record.samples - 1)
-    time = np.asarray(record.time[at])
+    at = np.minimum(segments[:, :1] + np.arange(y.shape[1]), clock.size - 1)
+    time = np.asarray(clock[at])
+    filtered = _even if evenly_spaced(clock) else _uneven
     for constant in np.unique(constants[constants > 0.0]):
         rows = np.flatnonzero(constants == constant)
         step = time[rows, 1] - time[rows, 0]
         first = y[rows, 0] - constant * (y[rows, 1] - y[rows, 0]) / np.maximum(step, 1e-300)
-        filtered = _even if record.even else _uneven
         out[rows] = filtered(time[rows], y[rows], constant, first)
     for b in np.flatnonzero(constants > 0.0):
         if starts is not None and np.isfinite(starts[b]):

@@ -182,7 +182,7 @@ def _sensed(
         if np.isfinite(sensor.bandwidth):
             constants = np.full(jobs.count, 1.0 / (2.0 * np.pi * sensor.bandwidth))
             starts = None if going_on is None else np.where(going_on, new[:, 0], np.nan)
-            new = low_passed(record, new, jobs.segments, constants, starts)
+            new = low_passed(record.time, new, jobs.segments, constants, starts)
         if sensor.delay != 0.0:
             new = shifted(record, new, jobs.segments, np.full(jobs.count, sensor.delay))
         if sensor.gain != 1.0 or sensor.offset != 0.0:

@@ -164,9 +164,11 @@ def simulate(
     mechanism, drive, y, monitors, memory = arguments
     result = _core.simulate(mechanism, drive, settings, y, monitors, progress, memory)
     run = to_run(action, stroke, settings, result)
+    pressed: list[str] = []
     if isinstance(start, Mapping):
         run.provenance["initial"] = {k: str(v) for k, v in start.items()}
-        run.stats["warnings"] += _pressed_at_start(action, np.asarray(y))
+        pressed = _pressed_at_start(action, np.asarray(y))
+        run.stats["warnings"] += pressed
     if isinstance(start, Run) and start.provenance.get("hash") != action.hash:
         run.stats["warnings"].append(
             f"started from a run of {start.provenance.get('action')!r} with other parameters"
@@ -175,7 +177,7 @@ def simulate(
         raise KeyboardInterrupt(run.message)
     if run.status != "done":
         raise IntegrationError(
-            run.message,
+            "\n".join([run.message, *pressed]),
             partial=run,
             time=run.reached,
             state=result.failed_state,

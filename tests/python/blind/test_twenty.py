@@ -1,4 +1,4 @@
-"""Blind cases: the whole engine on sealed truths; four in every run, twenty in the slow tests."""
+"""Blind cases: the whole engine on sealed truths; two in every run, twenty in the slow tests."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from blind.score import read
 SEED = 1
 
 
-@pytest.fixture(scope="module", params=[4, pytest.param(20, marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[2, pytest.param(20, marks=pytest.mark.slow)])
 def cases(request, tmp_path_factory):
     bench = Bench(tmp_path_factory.mktemp("twenty") / "b")
     bench.seal(request.param, SEED)

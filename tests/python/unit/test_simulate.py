@@ -220,6 +220,18 @@ def test_a_contact_that_the_initial_pose_presses_is_told(data):
     assert not feltmb.simulate(sledge, still, start={"x": "-2 mm"}).warnings
 
 
+def test_numbers_of_numpy_are_initial_values(data):
+    sledge = feltmb.load_action(data / "mass_spring.toml")
+    still = feltmb.ramp_stroke(0.0, duration=0.01)
+    for value in (np.float32(-0.5), np.int64(-2), np.float64(-0.5)):
+        assert feltmb.simulate(sledge, still, start={"x": value})["x"][0] == float(value)
+
+
+def test_a_run_that_fails_tells_what_the_initial_pose_presses():
+    with pytest.raises(feltmb.IntegrationError, match=r"(?s)no progress.*is pressed by 94.9 mm in"):
+        feltmb.simulate("steinway45", "forte", start={"hammer.angle": "60 deg"})
+
+
 def test_faults_of_initial_values_come_at_once(data):
     sledge = feltmb.load_action(data / "mass_spring.toml")
     with pytest.raises(feltmb.InvalidParameter) as caught:

@@ -85,15 +85,9 @@ def lag_input(name: str, *, scale: float) -> Effect:
             return values
         first = 0.0 if _starts_from_zero(record, before) else values[0]
         time = np.concatenate([[2.0 * record.time[0] - record.time[1]], record.time])
-        run = Record(
-            name=record.name,
-            time=time,
-            inputs={},
-            outputs={name: np.concatenate([[first], values])},
-        )
-        whole = np.array([[0, run.samples - 1]])
-        signal = run.outputs[name][None]
-        return low_passed(run, signal, whole, np.array([constant]), signal[:, 0])[0, 1:]
+        signal = np.concatenate([[first], values])[None]
+        whole = np.array([[0, time.size - 1]])
+        return low_passed(time, signal, whole, np.array([constant]), signal[:, 0])[0, 1:]
 
     return _input(
         name,

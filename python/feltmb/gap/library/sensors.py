@@ -165,7 +165,7 @@ def sensor_lag(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
         if record.start is not None and not record.start.known:
             for b in np.flatnonzero((segments[:, 0] == 0) & (constants > 0.0)):
                 starts[b] = _first_reading(record, name, float(constants[b]))
-        return low_passed(record, y, segments, constants, starts)
+        return low_passed(record.time, y, segments, constants, starts)
 
     return _sensor(
         outputs,
