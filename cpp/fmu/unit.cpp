@@ -1,5 +1,6 @@
 #include "unit.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <sstream>
@@ -28,6 +29,7 @@ Unit::Unit(const std::string& resources, const std::string& token) {
   original_ = read_description(rest.str());
   description_ = original_;
   numbers_ = numbers_of(description_);
+  starts_.assign(2 * static_cast<std::size_t>(assemble(description_)->size()), 0.0);
 }
 
 Stepper& Unit::stepper() {
@@ -37,7 +39,11 @@ Stepper& Unit::stepper() {
       throw InvalidParameter(
           number_fault(number.path.c_str(), *number.value, number.unit.c_str(), number.range));
     }
-    stepper_ = std::make_unique<Stepper>(assemble(description_), kind_, options_);
+    auto made = std::make_unique<Stepper>(assemble(description_), kind_, options_);
+    StepState start = made->rest();
+    for (std::size_t i = 0; i < starts_.size(); ++i) start.machine.y[i] += starts_[i];
+    made->set_state(start);
+    stepper_ = std::move(made);
   }
   return *stepper_;
 }
@@ -48,6 +54,9 @@ double Unit::get(std::uint32_t reference) {
   if (reference == kTime) return time();
   if (reference == kInput) return input_;
   if (reference == kTolerance) return options_.rtol;
+  if (reference >= kStarts && reference - kStarts < starts_.size()) {
+    return starts_[reference - kStarts];
+  }
   if (reference >= kParameters && reference - kParameters < numbers_.size()) {
     return *numbers_[reference - kParameters].value;
   }
@@ -69,6 +78,9 @@ void Unit::set(std::uint32_t reference, double value) {
     input_ = value;
   } else if (reference == kTolerance) {
     change(options_.rtol, "rtol");
+  } else if (reference >= kStarts && reference - kStarts < starts_.size()) {
+    if (!std::isfinite(value)) throw InvalidParameter("an initial value is not a finite number");
+    change(starts_[reference - kStarts], "an initial value");
   } else if (reference >= kParameters && reference - kParameters < numbers_.size()) {
     const DescriptionNumber& number = numbers_[reference - kParameters];
     change(*number.value, number.path);
@@ -82,6 +94,7 @@ void Unit::reset() {
   // In place: the numbers point into it.
   std::vector<DescriptionNumber> first = numbers_of(original_);
   for (std::size_t i = 0; i < first.size(); ++i) *numbers_[i].value = *first[i].value;
+  std::fill(starts_.begin(), starts_.end(), 0.0);
   start_ = input_ = 0.0;
 }
 
@@ -99,6 +112,7 @@ std::vector<double> Unit::save() {
   std::vector<double> out{start_,        input_,       options_.rtol,        s.machine.time,
                           s.drive.value, s.drive.rate, s.drive.acceleration, s.drive.mean};
   for (const DescriptionNumber& number : numbers_) out.push_back(*number.value);
+  out.insert(out.end(), starts_.begin(), starts_.end());
   out.insert(out.end(), s.machine.y.begin(), s.machine.y.end());
   out.insert(out.end(), s.machine.largest_compression.begin(), s.machine.largest_compression.end());
   return out;
@@ -123,6 +137,7 @@ void Unit::restore(const std::vector<double>& saved) {
     other = other || *number.value != saved[i];
     *number.value = next();
   }
+  for (double& start : starts_) start = next();
   if (other) stepper_.reset();
   for (std::size_t n = stepper().rest().machine.y.size(); n > 0; --n) s.machine.y.push_back(next());
   while (i < saved.size()) s.machine.largest_compression.push_back(next());

@@ -18,6 +18,7 @@ enum Reference : std::uint32_t {
   kInput = 1,      ///< in the unit of the kind
   kTolerance = 2,  ///< relative, of the integrator
   kOutputs = 1000,
+  kStarts = 90000,  ///< distance of each coordinate from the rest pose, then its rate
   kParameters = 100000,
 };
 
@@ -48,6 +49,7 @@ class Unit {
   StepperOptions options_;
   MechanismDescription original_, description_;
   std::vector<DescriptionNumber> numbers_;  ///< of description_
+  std::vector<double> starts_;              ///< initial values, see kStarts
   double start_ = 0.0;
   double input_ = 0.0;
   std::unique_ptr<Stepper> stepper_;  ///< once it is asked for; a parameter makes it anew

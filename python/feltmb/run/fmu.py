@@ -8,7 +8,7 @@ import platform
 import re
 import sys
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -25,7 +25,7 @@ from feltmb.run.stroke.strokes import MOTORS, PRESCRIBED, UNITS, Kind
 __all__ = ["export"]
 
 #: Value references of variables, as in cpp/fmu/unit.hpp.
-_TIME, _INPUT, _TOLERANCE, _OUTPUTS, _PARAMETERS = 0, 1, 2, 1000, 100_000
+_TIME, _INPUT, _TOLERANCE, _OUTPUTS, _STARTS, _PARAMETERS = 0, 1, 2, 1000, 90_000, 100_000
 
 #: Exponents of kg, m, s, rad by symbol.
 _BASE = {
@@ -80,7 +80,9 @@ def export(
 
     The FMU contains the mechanism and its own binary; it does not need Python. All channels are
     outputs, and the input is one of the five kinds. The values of the mechanism are parameters, and
-    the rest pose follows from them. Its steps are the steps of :class:`feltmb.Machine`.
+    the rest pose follows from them. It starts at rest, unless the parameters
+    ``start_offset.COORDINATE`` (distance from the rest pose) or ``start_rate.COORDINATE`` are not
+    zero. Its steps are the steps of :class:`feltmb.Machine`.
 
     Parameters
     ----------
@@ -212,14 +214,18 @@ def _parameters(
     patterns = [wanted] if isinstance(wanted, str) else list(wanted)
     used = [False] * len(patterns)
     idle = [False] * len(patterns)
-    found = []
+
+    def wants(path: str, *, acts: bool = True) -> bool:
+        """Whether a pattern matches; notes which one does."""
+        matches = [fnmatch.fnmatchcase(path, pattern) for pattern in patterns]
+        noted = used if acts else idle
+        noted[:] = [a or b for a, b in zip(noted, matches, strict=True)]
+        return acts and any(matches)
+
+    found = _starts(action, wants)
     for i, row in enumerate(_core.description_numbers(description)):
-        matches = [fnmatch.fnmatchcase(row["path"], pattern) for pattern in patterns]
-        if row["path"].startswith("finger.pad.") and drive != "motion":
-            idle = [a or b for a, b in zip(idle, matches, strict=True)]
-            continue
-        used = [a or b for a, b in zip(used, matches, strict=True)]
-        if not any(matches):
+        acts = drive == "motion" or not row["path"].startswith("finger.pad.")
+        if not wants(row["path"], acts=acts):
             continue
         # A limit that is itself not permitted cannot be stated.
         low = None if row["low_open"] else row["low"]
@@ -247,6 +253,20 @@ def _parameters(
         if not hit:
             raise InvalidParameter(f"parameters: {pattern!r} matches no number of {action.name!r}")
     return found
+
+
+def _starts(action: Action, wants: Callable[[str], bool]) -> list[_Variable]:
+    """Initial values of the coordinates and their rates, against the rest pose."""
+    pairs = list(zip(action.coordinates, action.mechanism.coordinate_units, strict=True))
+    rows = [
+        *((f"start_offset.{n}", u, f"initial value of {n} minus that at rest") for n, u in pairs),
+        *((f"start_rate.{n}", f"{u}/s", f"initial rate of {n}") for n, u in pairs),
+    ]
+    return [
+        _Variable(name, _STARTS + i, "parameter", "fixed", unit, text, 0.0)
+        for i, (name, unit, text) in enumerate(rows)
+        if wants(name)
+    ]
 
 
 # ---------------------------------------------------------------- model descriptions

@@ -227,6 +227,25 @@ def test_parameters_change_the_mechanism(fmpy, pendulum, small):
     assert np.max(np.abs(seen["arm.angle"] - here)) > 1e-3
 
 
+@pytest.mark.parametrize("version", ["3.0", "2.0"])
+def test_initial_values_count_from_rest(version, fmpy, pendulum, tmp_path):
+    path = fmu.export(pendulum, tmp_path / "pendulum.fmu", version=version)
+    seen = fmpy.simulate_fmu(
+        str(path),
+        stop_time=0.05,
+        output_interval=STEP,
+        start_values={"start_offset.arm.angle": -0.02, "start_rate.arm.angle": 0.3},
+        output=["arm.angle", "arm.angle.rate"],
+    )
+    rest = pendulum.rest_pose[0]
+    start = {"arm.angle": rest - 0.02, "arm.angle.rate": 0.3}
+    still = feltmb.ramp_stroke(0.0, duration=0.05)
+    run = feltmb.simulate(pendulum, still, start=start, output_rate=1 / STEP, rtol=1e-8)
+    assert seen["arm.angle"][0] == pytest.approx(rest - 0.02, rel=1e-12)
+    assert np.allclose(seen["arm.angle"], run["arm.angle"], rtol=1e-5, atol=1e-7)
+    assert np.allclose(seen["arm.angle.rate"], run["arm.angle.rate"], rtol=1e-4, atol=1e-5)
+
+
 @pytest.fixture
 def loaded(fmpy, small, tmp_path):
     """The unit of the pendulum, ready for steps."""
@@ -251,6 +270,7 @@ def loaded(fmpy, small, tmp_path):
 
 def test_a_state_is_kept_and_restored(loaded):
     unit, references = loaded
+    unit.setFloat64([references["start_rate.arm.angle"]], [0.1])
     angle, force = [references["arm.angle"]], [references["force"]]
 
     def go(start, steps, value):
@@ -282,6 +302,8 @@ def test_faults_are_told(loaded):
     unit.doStep(currentCommunicationPoint=0.0, communicationStepSize=STEP)
     with pytest.raises(FMICallException):
         unit.setFloat64([references["bodies.arm.mass"]], [1.0])
+    with pytest.raises(FMICallException):
+        unit.setFloat64([references["start_rate.arm.angle"]], [1.0])
     with pytest.raises(FMICallException):  # fixed as well; it would start anew
         unit.setFloat64([references["rtol"]], [1e-4])
     assert unit.getFloat64([references["time"]])[0] == pytest.approx(STEP)
