@@ -382,6 +382,8 @@ def _name(facts: Facts) -> Decision:
     if possible:
         which = ("one of " if len(possible) > 1 else "") + listed(map(facts.sizes.text, possible))
         text += f" These records do not determine whether {which} acts in addition."
+    if left and sure:
+        rest += " The named effects may imitate a cause that the library does not have."
     if left:
         rest += _noise(facts)
     if left and (far_off := prior_deviations_told(best.fit, facts.sizes.spread(best.fit))):
