@@ -14,7 +14,7 @@ import numpy as np
 from feltmb.adapters.aliases import Alias
 from feltmb.adapters.forward import OperatingPoint, can_differentiate, forward_sensitivities
 from feltmb.adapters.library import Entry
-from feltmb.adapters.simulator import Simulator, digest, key_of
+from feltmb.adapters.simulator import Simulator, key_of
 from feltmb.data import Array, Record
 from feltmb.fit import Candidate
 from feltmb.fit.latest import Latest
@@ -82,15 +82,11 @@ class Derivatives:
         """
         record, theta = point.record, point.theta
         included, magnitudes = point.included, point.magnitudes
-        place = (
-            record.name,
-            digest(record.inputs),
-            key_of(record, theta, included, magnitudes),
-        )
+        place = (record.excitation, key_of(record, theta, included, magnitudes))
         known = self._points.get(place, dict)
         names = [(c.name, c.shape) for c in effects]
         aliases = [self._alias(c) for c in effects]
-        of_changes = {digest(change): change for change in changes}
+        of_changes = {_digest(change): change for change in changes}
         needed = dict.fromkeys([*wanted, *(a.index for a in aliases if a is not None)])
         lacking = [i for i in needed if i not in known]
         fresh = tuple(
@@ -128,7 +124,7 @@ class Derivatives:
         def columns(found: list[Array]) -> Array:
             return np.stack(found, axis=-1) if found else none
 
-        by_changes = [known[digest(change)] for change in changes]
+        by_changes = [known[_digest(change)] for change in changes]
         return columns([known[i] for i in wanted]), columns(of), columns(by_changes)
 
     def _is_smooth(self, record: Record, candidate: Candidate) -> bool:
@@ -172,3 +168,8 @@ class Derivatives:
         motion = self.simulator.motion(point.record, point.theta, more, sizes)
         base = point.outputs
         return np.full_like(base, np.nan) if motion is None else (motion - base) / step
+
+
+def _digest(change: Mapping[str, Array]) -> int:
+    """Key of a change of inputs."""
+    return hash(tuple((name, value.tobytes()) for name, value in change.items()))

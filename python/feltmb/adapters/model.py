@@ -86,6 +86,7 @@ class MechanismModel(Model):
     """
 
     from_rest = True
+    longest_run = 20.0
     difference_step = 0.1
     many_outputs = True
     input_modes = MappingProxyType({"force": ("force",), "motion": ("displacement",)})

@@ -32,8 +32,7 @@ class Kept:
 def _key(model: Model, request: SensitivityRequest) -> tuple[object, ...]:
     """Everything except the point that must be equal for cached derivatives to apply."""
     return (
-        request.record.name,
-        hash(tuple(v.tobytes() for v in request.record.inputs.values())),
+        request.record.excitation,
         request.segments.tobytes(),
         tuple((t.name, t.shape) for t in request.included),
         request.parameters_of(model),

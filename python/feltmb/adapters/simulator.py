@@ -5,7 +5,7 @@ Every record starts at rest, for all parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
@@ -29,7 +29,7 @@ from feltmb.fit.latest import Latest
 from feltmb.fit.watch import simulated
 from feltmb.mechanism import Action, MechanismFile
 
-__all__ = ["Simulator", "digest", "key_of"]
+__all__ = ["Simulator", "key_of"]
 
 #: Number of cached simulated motions.
 MOTIONS = 64
@@ -187,7 +187,7 @@ class Simulator:
                 return None
             return self.whole(record, variant)
 
-        place = (record.name, digest(record.inputs), key_of(record, theta, included, magnitudes))
+        place = (record.excitation, key_of(record, theta, included, magnitudes))
         return self._motions.get(place, make)
 
     def as_tabulated(self, record: Record, rtol: float | None = None) -> Array | None:
@@ -276,8 +276,3 @@ def key_of(
         if magnitude * drift != 0.0
     ]
     return b";".join(parts)
-
-
-def digest(inputs: Mapping[str, Array]) -> int:
-    """Key of the values of some inputs."""
-    return hash(tuple((name, value.tobytes()) for name, value in inputs.items()))

@@ -259,6 +259,12 @@ class Record:
         return float(np.median(np.diff(self.time)))
 
     @cached_property
+    def excitation(self) -> tuple[str, int]:
+        """Name, and hash of clock and inputs: the key of a simulation of this record in a cache."""
+        inputs = ((name, value.tobytes()) for name, value in self.inputs.items())
+        return self.name, hash((self.time.tobytes(), *inputs))
+
+    @cached_property
     def even(self) -> bool:
         """Whether all time steps are equal."""
         return evenly_spaced(self.time)

@@ -126,6 +126,7 @@ class Including(Model):
         self.difference_step = model.difference_step
         self.chaotic = model.chaotic
         self.from_rest = model.from_rest
+        self.longest_run = model.longest_run
         self.variability_has_input_noise = model.variability_has_input_noise
         self.variability_is_tabulated = model.variability_is_tabulated
         self.input_modes = model.input_modes

@@ -538,6 +538,9 @@ class Model(ABC):
     from_rest: bool = False
     """Whether the model can only simulate a record from its first sample. Such records are split by
     removing values instead of cutting them into blocks."""
+    longest_run: float = math.inf
+    """Longest duration that is simulated to find out whether the clock of a record has a wrong unit
+    [s]."""
 
     variability_has_input_noise: bool = False
     """Whether the noise of the inputs is a part of the run-to-run variability of the records."""

@@ -46,7 +46,7 @@ from feltmb.gap.law_errors import law_errors
 from feltmb.gap.measured import known_by_test
 from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.options import Options
-from feltmb.gap.overlay import exchanged_channels, expected_outputs, wrong_clock, wrong_units
+from feltmb.gap.overlay import exchanged_channels, expected_outputs, wrong_units
 from feltmb.gap.profile import profile_of
 from feltmb.gap.proof import HeldOut, Outcome, metric_of, residuals_by_segment
 from feltmb.gap.refine import tighten
@@ -690,11 +690,6 @@ def _check_columns(model: Model, tabulated: Outcome, metric: str, whole: Sequenc
         rest = [r.output_array(model.outputs) - expected_outputs(model, r) for r in known]
         sigma = {r.name: _noise_of(r, own, noise) for r in known}
         cases.append([(r, x, sigma[r.name]) for r, x in zip(known, rest, strict=True)])
-    if wrong := wrong_clock(model, known):
-        raise DataError(
-            f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit time=UNIT, unit of "
-            "the time in the TOML file"
-        )
     for runs in cases:
         if wrong := wrong_units(model, runs):
             raise DataError(

@@ -26,6 +26,7 @@ from feltmb.gap.checks import (
 from feltmb.gap.criteria import GIVEN_SIGMA
 from feltmb.gap.discrepancy import Discrepancy, with_color, with_factor, with_noise
 from feltmb.gap.missing_rows import divided, with_parts
+from feltmb.gap.overlay import wrong_clock
 from feltmb.gap.split import split_records
 
 __all__ = ["JudgedData", "judged_data", "prepare", "ready", "with_other_noise"]
@@ -140,11 +141,17 @@ def ready(
     absent = not_recorded(model, records)
     records, constant = without_constant(records, model.outputs)
     checks = check_against(model, records)
+    # A simulation of a record with a wrong clock may not end.
+    if wrong := wrong_clock(model, records):
+        raise DataError(
+            f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit time=UNIT, unit of "
+            "the time in the TOML file"
+        )
     prepared = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
     # A model may increase the noise of a sensor to the error of its own outputs.
-    known = {r.name: r.sensors for r in prepared.records}
+    sensors = {r.name: r.sensors for r in prepared.records}
     channels = [
-        replace(c, sigma=max(c.sigma, known[c.record][c.channel].sigma or 0.0))
+        replace(c, sigma=max(c.sigma, sensors[c.record][c.channel].sigma or 0.0))
         for c in checks.channels
     ]
     noisy = _taken_as_exact(prepared.records) if prepared.model.states() else []

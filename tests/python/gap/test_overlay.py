@@ -427,6 +427,22 @@ def test_a_clock_in_a_wrong_unit_is_found(factor, told):
         gap.diagnose(model, [], wrong)
 
 
+@pytest.mark.parametrize(("factor", "told"), [(1e3, "ms labeled as s"), (1e-3, "s labeled as ms")])
+def test_a_clock_of_a_stroke_in_a_wrong_unit_is_found_before_a_long_simulation(factor, told):
+    model = action()
+    stroke = record(0.0)
+    wrong = dataclasses.replace(stroke, time=factor * stroke.time)
+    with pytest.raises(DataError, match=f"unit of time: .*{told}"):
+        gap.diagnose(model, [], [wrong])
+    assert any(f"({told}?)" in note for note in gap.check(model, wrong).notes)
+    # Simulations of another clock are not those of the first one.
+    slow, fast = (
+        overlay.expected_outputs(model, dataclasses.replace(stroke, time=f * stroke.time))
+        for f in (2.0, 1.0)
+    )
+    assert np.ptp(slow - fast, axis=0).max() > 1e-3
+
+
 @pytest.mark.parametrize("gain", [1.0, 2.0, 5.0])
 def test_a_gap_of_a_temperature_is_no_wrong_unit(gain):
     model, records = heated(gain=gain)

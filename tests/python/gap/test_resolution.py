@@ -97,7 +97,9 @@ def standard() -> list[Effect]:
 def test_the_run_of_an_input_between_samples_is_estimated_and_is_no_cause(
     held: str, share: float
 ) -> None:
-    report = diagnose(make_model(), standard(), runs(held, samples=240), options=Options(bootstrap=0))
+    report = diagnose(
+        make_model(), standard(), runs(held, samples=240), options=Options(bootstrap=0)
+    )
     assert report.verdict is Verdict.CALIBRATED, report.statement
     assert abs(report.model.parameters["between.f"] - share) < 0.05
 
