@@ -50,7 +50,7 @@ MAY_USE = {
         "_core": "",
         "params": "errors units",
         "data": GROUND,
-        "fiber": f"{GROUND} _core params",
+        "fiber": f"{GROUND} _core params data",
         "contact": f"{GROUND} _core fiber",
         "mechanism": f"{GROUND} _core params fiber contact",
         "felt": MODEL,

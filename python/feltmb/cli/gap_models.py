@@ -191,7 +191,9 @@ def _from_file(path: Path) -> Adapter:
     with calling(f"{path}: effects"):
         effects, fault = ((), "") if made else _listed(given)
     faults = []
-    if not isinstance(model, Model):
+    if model is None:
+        faults.append("model is missing, expected a feltmb.gap.Model with this name")
+    elif not isinstance(model, Model):
         faults.append(f"model is {type(model).__name__}, expected a feltmb.gap.Model")
     if given is None:
         faults.append("effects is missing, expected a sequence of feltmb.gap.Effect")

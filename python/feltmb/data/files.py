@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -193,6 +194,13 @@ def _build(
         f"{', '.join(bare)}: no unit in the header; the numbers are taken as they stand, in SI "
         "units (--unit NAME=UNIT, in Python units of ReadOptions)",
     )
+    headed = {
+        n: unit_of_column(columns, columns.find(s.column or n), s.unit)
+        for n, s in (*sheet.inputs.items(), *sheet.outputs.items())
+    }
+    fractions = [n for n, (_, u) in (read_in | read_out).items() if (headed[n], u) == ("%", "1")]
+    if fractions:
+        columns = replace(columns, notes=[*columns.notes, _FRACTIONS.format(", ".join(fractions))])
     parts = [] if faults else _runs(sheet, columns, time, faults)
     if faults:
         raise DataError(fault_text(str(path), faults))
@@ -224,7 +232,11 @@ def _build(
                         outputs={n: v[at] - zero[n] for n, (v, _) in read_out.items()},
                         sensors=sensors,
                         input_mode=mode,
-                        input_units={n: u for n, (_, u) in read_in.items() if u not in ("", "1")},
+                        input_units={
+                            n: u
+                            for n, (_, u) in read_in.items()
+                            if u not in ("", "1") or headed[n] not in ("", "1")
+                        },
                         input_sigma={n: s.sigma for n, s in sheet.inputs.items() if s.sigma > 0.0},
                         input_correlation_time={
                             n: s.correlation_time
@@ -243,6 +255,12 @@ def _build(
         except DataError as error:
             raise DataError(f"{path}: {error}") from None
     return tuple(records)
+
+
+_FRACTIONS = (
+    "{}: percent in the file become fractions, 45 % is 0.45 (a model that states the unit % for "
+    "this signal gets percent)"
+)
 
 
 def _backward(columns: Columns, time: Array, at: NDArray[np.intp]) -> str:
@@ -302,7 +320,10 @@ def _series(
             "--scale 0.21mm, in Python scales of ReadOptions)"
         )
         return empty
-    zero, factor, si = _temperature(unit, spec.si or model) or (0.0, *_to_si(unit, spec.si))
+    found_unit = _to_unit_of_model(unit, model) if model and not spec.si else None
+    zero, factor, si = (
+        _temperature(unit, spec.si or model) or found_unit or (0.0, *_to_si(unit, spec.si))
+    )
     if factor is None:
         expected = f"expected one of {spec.si}" if spec.si else "give its si and factor"
         faults.append(f"column {shown}: unit {shortened(unit)!r} is unknown; {expected}")
@@ -408,6 +429,16 @@ def _temperature(unit: str, model: str) -> tuple[float, float, str] | None:
     """Zero, factor and unit of a temperature that is on another scale than that of the model."""
     found = TEMPERATURE_SCALES.get((unit, model))
     return None if found is None else (*found, model)
+
+
+def _to_unit_of_model(unit: str, model: str) -> tuple[float, float, str] | None:
+    """Zero, factor and unit of a quantity of which the model has another unit than SI."""
+    try:
+        if to_si(model)[0] == 1.0:
+            return None
+        return 0.0, conversion_factor(unit, model), model
+    except InvalidParameter:
+        return None
 
 
 def _to_si(unit: str, si: str) -> tuple[float | None, str]:

@@ -19,7 +19,17 @@ from numpy.typing import NDArray
 from feltmb.errors import DataError
 from feltmb.units import spelled_unit
 
-__all__ = ["MISSING", "Lines", "Table", "read_number", "read_table", "text_lines"]
+__all__ = [
+    "MISSING",
+    "Lines",
+    "Table",
+    "are_units",
+    "numbered_rows",
+    "read_number",
+    "read_table",
+    "style_of",
+    "text_lines",
+]
 
 MISSING = ("", "nan", "NaN", "NA", "N/A", "-", "--")
 #: Pairs of separator and decimal sign; of equally good pairs, the first is used. None: white space.
@@ -114,17 +124,17 @@ def read_table(lines: Lines) -> Table:
         The text has no table.
     """
     head = lines[: LONGEST_PREAMBLE + SAMPLE]
-    separator, decimal = _style(_sample(lines.texts))
-    numbered = list(_numbered(head, separator))
+    separator, decimal = style_of(lines)
+    numbered = list(numbered_rows(head, separator))
     cells = [row for _, row in numbered]
     width = _width(cells)
     first = _first_row(cells, width, decimal)
     header = first - 1
     units: tuple[str, ...] = ()
-    if first >= 2 and len(cells[first - 2]) == width and _are_units(cells[first - 1]):
+    if first >= 2 and len(cells[first - 2]) == width and are_units(cells[first - 1]):
         header, units = first - 2, tuple(c.strip() for c in cells[first - 1])
     names = tuple(cells[header]) if header >= 0 else ()
-    rows = itertools.islice(_numbered(lines, separator), first, None)
+    rows = itertools.islice(numbered_rows(lines, separator), first, None)
     return Table(
         preamble=tuple(head.texts[: int(np.sum(head.numbers < numbered[max(header, 0)][0]))]),
         header=names,
@@ -150,7 +160,7 @@ def _split(lines: Iterable[str], separator: str | None) -> Iterator[list[str]]:
     return csv.reader((line + "\n" for line in lines), delimiter=separator, skipinitialspace=True)
 
 
-def _numbered(lines: Lines, separator: str | None) -> Iterator[tuple[int, list[str]]]:
+def numbered_rows(lines: Lines, separator: str | None) -> Iterator[tuple[int, list[str]]]:
     """Rows with the number of the line at which they begin."""
     taken = 0
 
@@ -166,7 +176,9 @@ def _numbered(lines: Lines, separator: str | None) -> Iterator[tuple[int, list[s
         first = taken
 
 
-def _style(sample: Sequence[str]) -> tuple[str | None, str]:
+def style_of(lines: Lines) -> tuple[str | None, str]:
+    """Separator of the cells (None: white space) and decimal sign of the rows of a text."""
+    sample = _sample(lines.texts)
     best, chosen = (-1.0, 0.0), _STYLES[0]
     for separator, decimal in _STYLES:
         rows = list(_split(sample, separator))
@@ -205,7 +217,7 @@ def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
     return first
 
 
-def _are_units(row: Sequence[str]) -> bool:
+def are_units(row: Sequence[str]) -> bool:
     """Whether a line holds units: most of its cells that are not empty. An unknown one is told."""
     filled = [c.strip() for c in row if c.strip() not in ("", "-", "[]", "()")]
     known = [spelled_unit(c) is not None or (c[0] in "[(" and c[-1] in "])") for c in filled]

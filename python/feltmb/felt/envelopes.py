@@ -29,7 +29,7 @@ from feltmb.contact.layer import (
 from feltmb.errors import InvalidParameter
 from feltmb.fiber.material import FeltMaterial
 from feltmb.files import read_toml
-from feltmb.units import conversion_factor
+from feltmb.units import conversion_factor, split_quantity
 from feltmb.units.quantity import parse_scalar
 
 __all__ = [
@@ -70,7 +70,9 @@ def parse_area(text: str) -> Area:
 
     usage = "; ".join(usage_of(kind) for kind in AREAS)
     if name.strip() not in AREAS:
-        raise InvalidParameter(f"area {text!r}: expected {usage} (lengths such as 9mm)")
+        plain = split_quantity(text.strip())
+        hint = f"; an area that does not change is constant:{text.strip()}" if plain else ""
+        raise InvalidParameter(f"area {text!r}: expected {usage} (lengths such as 9mm){hint}")
     kind, fields, needed = AREAS[name.strip()]
     parts = [p.strip() for p in rest.split(",")] if rest.strip() else []
     if not needed <= len(parts) <= len(fields):

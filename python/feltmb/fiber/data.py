@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.arguments import checked
+from feltmb.data.tables import are_units, numbered_rows, read_number, style_of, text_lines
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fiber.cycles import find_branches
 from feltmb.files import LARGEST_TABLE, plain_text, read_text
-from feltmb.units import conversion_factor, dimension_text
-from feltmb.units.quantity import shortened, split_heading
+from feltmb.units import conversion_factor, dimension_text, spelled_unit, split_column
+from feltmb.units.quantity import shortened
 
 Array = NDArray[np.float64]
 
@@ -25,12 +27,24 @@ _UNITS = {
     "v_f": "1",
     "strain": "1",
     "thickness": "m",
+    "displacement": "m",
     "pressure": "Pa",
     "force": "N",
     "branch": "1",
 }
+#: column -> other names, in lower case
+_NAMES = {
+    "thickness": "gap height dicke höhe",
+    "displacement": "extension travel position weg traverse standardweg",
+    "strain": "dehnung stauchung",
+    "pressure": "stress druck spannung",
+    "force": "load kraft standardkraft",
+}
+_COLUMNS = {word: key for key, words in _NAMES.items() for word in words.split()}
 _RESOLUTION = 1e-3  # resolution of a load cell relative to the largest load of a test [-]
 _FRACTIONS = ("v_f", "strain", "thickness")
+#: Number of lines above the header that may be a preamble.
+_PREAMBLE = 200
 _LOADS = ("pressure", "force")
 
 
@@ -140,9 +154,10 @@ def _by_reversals(test: CompressionData) -> CompressionData:
             f"loops are left out {all_used}"
         )
     if found.holds:
-        first, last = max(found.holds, key=lambda hold: hold[1] - hold[0])
+        # Of several holds, the one under the largest load: a felt at rest does not relax.
+        first, last = max(found.holds, key=lambda hold: test.pressure[hold[0]])
         where = "is held" if len(found.holds) == 1 else f"is held {len(found.holds)} times"
-        which = "while" if len(found.holds) == 1 else "in the longest hold"
+        which = "while" if len(found.holds) == 1 else "in the one under the largest load,"
         notes.append(
             f"the compression {where}: {found.held.size} samples are left out; {which} the "
             f"pressure goes from {test.pressure[first]:.4g} to {test.pressure[last]:.4g} Pa at "
@@ -202,6 +217,22 @@ def _listed(faults: list[str], most: int = 20) -> str:
     return "\n".join([*(plain_text(shortened(f, 1000)) for f in faults[:most]), *more])
 
 
+def _column_of(title: str) -> tuple[str, str]:
+    """Column of a heading, "" or its name if it is none, and the unit that it states."""
+    name, unit = split_column(title.replace("(", "[").replace(")", "]"))
+    key = name.lower().replace(" ", "_")
+    return _COLUMNS.get(key, key), unit
+
+
+def _header_of(table: Sequence[tuple[int, list[str]]]) -> int:
+    """Index of the first row with a compression and a load; 0 if there is none."""
+    for i, (_, cells) in enumerate(table[:_PREAMBLE]):
+        keys = {_column_of(cell.strip())[0] for cell in cells}
+        if keys & {*_FRACTIONS, "displacement"} and keys & set(_LOADS):
+            return i
+    return 0
+
+
 @checked
 def read_compression(
     path: str | Path,
@@ -213,18 +244,20 @@ def read_compression(
     """Read a compression test from CSV.
 
     The header states quantity and unit. One column is ``v_f [-]``, ``strain [-]`` or ``[%]``
-    (engineering, compression positive), or ``thickness [mm]``. Another one is ``pressure [kPa]``
+    (engineering, compression positive), ``thickness [mm]``, or ``displacement [mm]`` (compression
+    positive, zero at ``thickness0``). Another one is ``pressure [kPa]``
     (Pa, MPa, N/mm^2, bar) or ``force [N]``. An optional column ``branch`` contains the words
     loading and unloading. Without it, the branches are found from the reversals. Of a test with
     several cycles, loading are the samples of each loading beyond all earlier reversals, and
     unloading are those from the largest volume fraction to the next reversal; the samples of
-    inner loops and of holds are left out. Lines that start with
-    ``#`` are comments. Other columns are ignored.
+    inner loops and of holds are left out. Lines that start with ``#`` and those above the header
+    are comments. Units may be in a line below the header. Other columns are ignored. Common other
+    names are known, also German ones (``Kraft in N``, ``Dicke [mm]``).
 
     Parameters
     ----------
     path
-        CSV file, comma, semicolon or tab separated, decimal point.
+        CSV file: comma, semicolon, tab or space separated, decimal point or comma.
     v_f0
         Volume fraction at zero pressure [-]; required with strain or thickness. If it is missing
         with ``v_f`` data, the value of the loosest sample is used, and ``reference_known`` is
@@ -241,26 +274,29 @@ def read_compression(
         The file has faults; all of them are in the message, with line numbers.
     """
     file = Path(path)
-    text = read_text(file, most=LARGEST_TABLE)
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    data = read_text(file, most=LARGEST_TABLE).encode()
+    lines = text_lines(data, file).where(lambda line: not line.lstrip().startswith("#"))
     faults: list[str] = []
 
     def fault(message: str) -> None:
         faults.append(f"{file}: {message}")
 
-    if not lines:
+    if not len(lines):
         raise DataError(f"{file}: is empty, expected a header line with units and data")
-    number, header_line = lines[0]
-    separator = max(",;\t", key=header_line.count)
-    header = [h.strip() for h in header_line.split(separator)]
+    try:
+        separator, decimal = style_of(lines)
+        table = list(numbered_rows(lines, separator))
+    except csv.Error as error:  # for example a cell of more than 131 072 letters
+        raise DataError(f"{file}: {error}") from None
+    start = _header_of(table)
+    number, header = table[start][0], [h.strip() for h in table[start][1]]
+    # The units may be in a line of their own.
+    below = [c.strip() for c in table[start + 1][1]] if start + 1 < len(table) else []
+    units = below if len(below) == len(header) and are_units(below) else []
     columns: dict[str, tuple[int, float]] = {}
     for position, title in enumerate(header):
-        name, stated = split_heading(title.replace("(", "[").replace(")", "]"))
-        key, unit = name.lower().replace(" ", "_"), stated or ""
+        key, stated = _column_of(title)
+        unit = stated or (spelled_unit(units[position]) or units[position] if units else "")
         if key not in _UNITS:
             continue
         if key in columns:
@@ -276,10 +312,15 @@ def read_compression(
             )
             continue
     fractions = [c for c in _FRACTIONS if c in columns]
+    if not fractions and "displacement" in columns:
+        fractions = ["displacement"]
     loads = [c for c in _LOADS if c in columns]
     seen = shortened(", ".join(f'"{h}"' for h in header), 300)
     if len(fractions) != 1 and not faults:
-        fault(f"line {number}: columns {seen}, expected exactly one of v_f, strain, thickness")
+        fault(
+            f"line {number}: columns {seen}, expected exactly one of v_f, strain, thickness, or a "
+            "displacement"
+        )
     if len(loads) != 1 and not faults:
         fault(f"line {number}: columns {seen}, expected exactly one of pressure, force")
     if faults:
@@ -288,26 +329,23 @@ def read_compression(
     fraction, load = fractions[0], loads[0]
     rows: list[tuple[float, float]] = []
     branches: list[str] = []
-    for number, line in lines[1:]:
-        try:
-            cells = next(csv.reader([line], delimiter=separator))
-        except csv.Error as error:  # for example a cell of more than 131 072 letters
-            fault(f"line {number}: {error}")
-            continue
+    for number, cells in table[start + (2 if units else 1) :]:
         values = []
         for key in (fraction, load):
             position, scale = columns[key]
             cell = cells[position].strip() if position < len(cells) else ""
-            try:
-                value = float(cell) * scale
-            except ValueError:
-                hint = " (decimal point expected)" if re.fullmatch(r"-?\d++,\d++", cell) else ""
+            value = read_number(cell, decimal)
+            if value is None or not cell:
+                sign = "comma" if decimal == "," else "point"
+                hint = (
+                    f" (decimal {sign} expected)" if re.fullmatch(r"-?\d++[,.]\d++", cell) else ""
+                )
                 fault(f'line {number}: {key} = "{cell}", expected a number{hint}')
                 continue
             if not math.isfinite(value):
                 fault(f"line {number}: {key} = {cell}, expected a finite number")
                 continue
-            values.append(value)
+            values.append(value * scale)
         if "branch" in columns:
             position = columns["branch"][0]
             word = cells[position].strip().lower() if position < len(cells) else ""
@@ -320,8 +358,10 @@ def read_compression(
         fault(f"{len(rows)} samples, expected at least 3")
     if load == "force" and area is None:
         fault("force without a sample area, expected area in m^2 (--area)")
-    if area is not None and not 1e-10 <= area <= 100.0:
-        fault(f"area = {area:.6g} m^2, expected 1e-10 to 100")
+    if area is not None and not 1e-10 <= area <= 1.0:
+        fault(f"area = {area:.6g} m^2, expected 1e-10 to 1 m^2, with its unit, such as 3.14cm^2")
+    if fraction == "displacement" and thickness0 is None:
+        fault("displacement without the thickness at its zero, expected thickness0 (--thickness)")
     if fraction != "v_f" and v_f0 is None:
         fault(f"{fraction} without a reference, expected v_f0 (--v-f0)")
     if v_f0 is not None and not 0 < v_f0 < 1:
@@ -329,8 +369,15 @@ def read_compression(
     if faults:
         raise DataError(_listed(faults))
 
-    table = np.array(rows)
-    x, p = table[:, 0], table[:, 1]
+    given = np.array(rows)
+    x, p = given[:, 0], given[:, 1]
+    if fraction == "displacement":
+        assert thickness0 is not None
+        if np.sum((x - np.mean(x)) * p) < 0.0:
+            raise DataError(
+                f"{file}: displacement decreases with the load, expected compression to be positive"
+            )
+        fraction, x = "thickness", thickness0 - x
     if load == "force":
         assert area is not None
         p = p / area
@@ -359,8 +406,11 @@ def read_compression(
                 v = v_f0 * h0 / np.where(x > 0, x, np.nan)
     if not faults and not np.all((v > 0) & (v <= 1)):
         fault(f"v_f from {np.min(v):.6g} to {np.max(v):.6g}, expected > 0 and <= 1")
-    if not faults and np.all(p <= 0):
-        fault("no positive pressure, expected compression to be positive")
+    if not faults and not np.max(p) > max(0.0, -np.min(p)):
+        fault(
+            f"{load} from {np.min(given[:, 1]):.4g} to {np.max(given[:, 1]):.4g} "
+            f"{'N' if load == 'force' else 'Pa'}, expected compression to be positive"
+        )
     if faults:
         raise DataError(_listed(faults))
     heights = x if fraction == "thickness" else None

@@ -46,7 +46,8 @@ class OdeModel(Stepped):
         Name -> name of a state; or ``Rate("v")``, the rate of a state including effects; or a
         function ``(t, x, u, p) -> (B,)``, which gets the states of the model without effects.
     inputs
-        Names of the inputs that the rates use; a record must contain them.
+        Names of the inputs that the rates use; a record must contain them. With their units, as
+        ``{"valve": "%"}``, files in other units are converted to these.
     coordinates
         Coordinates of a second-order system, and couplings between them; each is also a port for
         unknown forces.
@@ -73,7 +74,7 @@ class OdeModel(Stepped):
         rates: Callable[[Any, Named, Named, Named], Any],
         outputs: Mapping[str, str | Rate | Callable[[Any, Named, Named, Named], Any]],
         parameters: Sequence[Parameter] = (),
-        inputs: Sequence[str] = (),
+        inputs: Sequence[str] | Mapping[str, str] = (),
         coordinates: Sequence[Coordinate | Coupling] = (),
         ports: Mapping[str, str] | None = None,
         method: Literal["rk4", "rosenbrock"] = "rk4",
@@ -104,6 +105,8 @@ class OdeModel(Stepped):
             for k, v in outputs.items()
             if isinstance(v, Rate) and units.get(v.state, "1") != "1"
         }
+        if isinstance(inputs, Mapping):
+            self.units |= inputs
         self._port_states = dict(ports or {})
         self.ports = tuple(
             Port(

@@ -295,7 +295,8 @@ class _Hunt:
         self.failed: dict[str, str] = {}
         self.skipped: dict[str, None] = {}
         self.tried: set[tuple[tuple[str, str], ...]] = set()
-        self.shaped: set[tuple[str, ...]] = set()
+        # Fits whose shapes were examined, by set.
+        self.shaped: dict[tuple[str, ...], Fit] = {}
         self.explained = False
         self.near: Fit | None = None
         self.annealed: set[str] = set()
@@ -623,11 +624,11 @@ class _Hunt:
 
     def _shape(self, c: CandidateSet) -> None:
         """Fit the shapes of a set, if the values of the lists may be too coarse."""
-        if c.key in self.shaped or not any(movable(t.effect) for t in c.fit.included):
+        if self.shaped.get(c.key) is c.fit or not any(movable(t.effect) for t in c.fit.included):
             return
         if current().stopping():
             return
-        self.shaped.add(c.key)
+        self.shaped[c.key] = c.fit
         tightest = self.settings.levels[-1]
         loose = not c.fit.explains or (c.fit.defect_sd.size and c.fit.level > tightest)
         if not loose and not off_grid(c.fit):
@@ -643,8 +644,9 @@ class _Hunt:
         again = self._keep(refit_at(fit.problem, fit.point, fit.level, self.quick))
         # Smaller continuity defects determine the shape better.
         if again.evidence > c.evidence and again.fit.level < c.fit.level:
-            self.shaped.discard(c.key)
             self._shape(again)
+        else:
+            self.shaped[c.key] = self.done[c.key].fit
 
     def _finish(self) -> None:
         """Check whether the best set is in a local minimum."""

@@ -7,17 +7,20 @@ and the search would compensate it with effects that do not exist.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from feltmb.data import Array
+from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Candidate, Effect
 from feltmb.fit.solve import Fit
 from feltmb.gap.criteria import FITTED_SHAPE
 from feltmb.gap.score import score_fit
 
-__all__ = ["between", "movable", "moved_shape", "off_grid", "shape_number"]
+__all__ = ["between", "by_shapes", "movable", "moved_shape", "off_grid", "shape_number"]
 
 #: Factor by which a fitted shape may exceed the range of its list.
 BEYOND = 5.0
@@ -25,6 +28,8 @@ BEYOND = 5.0
 STEPS, FINER = 3, 6
 #: Relative accuracy of a shape.
 CLOSE = 0.002
+#: Step of the difference for a derivative, in the logarithm of a shape.
+STEP = 0.01
 #: Log evidence of a fit that cannot be simulated.
 WORST = 1e30
 
@@ -48,26 +53,68 @@ def movable(effect: Effect) -> tuple[int, ...]:
 
 
 def off_grid(fit: Fit) -> bool:
-    """Whether a second shape of an effect improves a fit, so that the true one is not listed."""
-    included = [
-        Candidate(t.effect, s)
-        for t in fit.included
-        if movable(t.effect) and _adds(t.effect)
-        for s in t.effect.shapes
-        if repr(s) != repr(t.shape)
-    ]
-    if not included:
+    """Whether other shapes of its effects improve a fit, so that the true ones are not listed.
+
+    It is a score test of the logarithm of each number of a shape, with all other unknowns
+    projected out.
+    """
+    places = [(k, i) for k, c in enumerate(fit.included) for i in movable(c.effect)]
+    if not places:
         return False
-    scores = score_fit(fit, tuple(included))
+    numbers = tuple(
+        Candidate(replace(fit.included[k].effect, scale=1.0, sign=0), None) for k, _ in places
+    )
+    scores = score_fit(fit, numbers, linears=by_shapes(fit, places))
     gram = np.where(scores.testable, np.diag(scores.gram), np.inf)
-    # A mixture may need a negative share of one shape; signs are therefore ignored.
     return bool(np.max(scores.b**2 / gram) > 2.0 * FITTED_SHAPE)
 
 
-def _adds(effect: Effect) -> bool:
-    """Whether two shapes of an effect can be added, which effects of the model itself cannot."""
-    ways = (effect.rate, effect.regressor, effect.observe, effect.excite)
-    return any(w is not None for w in ways)
+def by_shapes(fit: Fit, places: Sequence[tuple[int, int]]) -> list[Linear]:
+    """Linearizations of a fit, with the derivatives by the logarithms of numbers of its shapes.
+
+    They are differences of simulations, in the place of the candidates.
+
+    Parameters
+    ----------
+    places
+        Candidate and number of its shape, by their indices.
+    """
+    columns = [_columns(fit, k, place) for k, place in places]
+    shared = len(fit.problem.free) + len(fit.included)
+    return [_with(x, [c[n] for c in columns], shared) for n, x in enumerate(fit.linears)]
+
+
+def _columns(fit: Fit, k: int, place: int) -> list[tuple[Array, Array]]:
+    """By record: minus the derivative of the residual (W, m), and of the ends (W - 1, nx)."""
+    up, down = (_seen(fit, k, place, math.exp(s)) for s in (STEP, -STEP))
+    out = []
+    for (high, end), (low, start) in zip(up, down, strict=True):
+        with np.errstate(invalid="ignore"):
+            pair = (low - high) / (2.0 * STEP), (end - start) / (2.0 * STEP)
+        out.append((np.nan_to_num(pair[0]), np.nan_to_num(pair[1])))
+    return out
+
+
+def _seen(fit: Fit, k: int, place: int, factor: float) -> list[tuple[Array, Array]]:
+    """Residuals and continuity defects with one changed shape."""
+    included = list(fit.included)
+    number = shape_number(included[k].shape, place) * factor
+    included[k] = Candidate(included[k].effect, moved_shape(included[k].shape, place, number))
+    seen = fit.problem.with_candidates(tuple(included)).predict(fit.point)
+    return [(residual, gap) for _, residual, gap in seen]
+
+
+def _with(linear: Linear, columns: list[tuple[Array, Array]], at: int) -> Linear:
+    """A linearization with more columns after those of the magnitudes."""
+    outputs = np.stack([c[0] for c in columns], axis=2)
+    ends = np.zeros((*linear.ends_by_global.shape[:2], len(columns)))
+    if ends.shape[1]:
+        ends[:-1] = np.stack([c[1] for c in columns], axis=2)
+    return replace(
+        linear,
+        by_global=np.insert(linear.by_global, [at] * len(columns), outputs, axis=2),
+        ends_by_global=np.insert(linear.ends_by_global, [at] * len(columns), ends, axis=2),
+    )
 
 
 def between(fit: Fit, make: Make, value: Callable[[Fit], float]) -> Fit:

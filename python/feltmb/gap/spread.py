@@ -11,22 +11,18 @@ stiffer if the law that hardens it is too weak.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.linearize import Linear
-from feltmb.fit.model import LAWS, Candidate
+from feltmb.fit.model import LAWS
 from feltmb.fit.solve import Fit, inverse_scaled
-from feltmb.gap.shape import movable, moved_shape, shape_number
+from feltmb.gap.shape import by_shapes, movable
 
 __all__ = ["Spread", "spread", "together", "with_refused"]
 
-#: Step of the difference, in the logarithm of a shape.
-STEP = 0.01
-#: Prior standard deviation of that logarithm; the lists of shapes span a few factors.
+#: Prior standard deviation of the logarithm of a shape; the lists of shapes span a few factors.
 WIDE = 1.0
 #: Least correlation of two numbers that are told to be hardly separate, and most pairs of them.
 TOGETHER, PAIRS = 0.8, 12
@@ -71,8 +67,7 @@ def spread(fit: Fit, form: float = 0.0, *, shapes: bool = True) -> Spread:
     places = [(k, i) for k, c in enumerate(fit.included) for i in movable(c.effect) if shapes]
     matrix = fit.normal.matrix
     if places:
-        columns = [_columns(fit, k, i) for k, i in places]
-        linears = [_with(x, [c[n] for c in columns], shared) for n, x in enumerate(fit.linears)]
+        linears = by_shapes(fit, places)
         matrix = fit.problem.normal(fit.point, linears, fit.defect_sd).matrix.copy()
         for j in range(len(places)):
             matrix[shared + j, shared + j] += 1.0 / WIDE**2
@@ -115,39 +110,6 @@ def with_refused(wide: Spread, fit: Fit, larger: Fit) -> Spread:
             at = others[t.name]
             change[count + k] = larger.point.magnitudes[at] - fit.point.magnitudes[k]
     return replace(wide, by_form=wide.by_form + np.outer(change, change))
-
-
-def _columns(fit: Fit, k: int, place: int) -> list[tuple[Array, Array]]:
-    """By record: minus the derivative of the residual (W, m), and of the ends (W - 1, nx)."""
-    up, down = (_seen(fit, k, place, math.exp(s)) for s in (STEP, -STEP))
-    out = []
-    for (high, end), (low, start) in zip(up, down, strict=True):
-        with np.errstate(invalid="ignore"):
-            pair = (low - high) / (2.0 * STEP), (end - start) / (2.0 * STEP)
-        out.append((np.nan_to_num(pair[0]), np.nan_to_num(pair[1])))
-    return out
-
-
-def _seen(fit: Fit, k: int, place: int, factor: float) -> list[tuple[Array, Array]]:
-    """Residuals and continuity defects with one changed shape."""
-    included = list(fit.included)
-    number = shape_number(included[k].shape, place) * factor
-    included[k] = Candidate(included[k].effect, moved_shape(included[k].shape, place, number))
-    seen = fit.problem.with_candidates(tuple(included)).predict(fit.point)
-    return [(residual, gap) for _, residual, gap in seen]
-
-
-def _with(linear: Linear, columns: list[tuple[Array, Array]], at: int) -> Linear:
-    """A linearization with more columns after those of the magnitudes."""
-    outputs = np.stack([c[0] for c in columns], axis=2)
-    ends = np.zeros((*linear.ends_by_global.shape[:2], len(columns)))
-    if ends.shape[1]:
-        ends[:-1] = np.stack([c[1] for c in columns], axis=2)
-    return replace(
-        linear,
-        by_global=np.insert(linear.by_global, [at] * len(columns), outputs, axis=2),
-        ends_by_global=np.insert(linear.ends_by_global, [at] * len(columns), ends, axis=2),
-    )
 
 
 def together(fit: Fit) -> list[tuple[str, str, float]]:

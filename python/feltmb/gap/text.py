@@ -7,7 +7,7 @@ import math
 import textwrap
 from collections.abc import Iterator
 
-from feltmb.gap.criteria import NO_GAP_RATIO
+from feltmb.gap.criteria import NO_GAP_RATIO, NOISE_ERROR
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import EXPLAINED, Findings, Verdict
 from feltmb.gap.spread import together
@@ -105,7 +105,7 @@ def _moved_together(report: Findings, *, all_pairs: bool) -> Iterator[str]:
     ``all_pairs``: also those of which neither parameter moved by itself.
     """
     parameters = report.fit.problem.model.parameters
-    labels = {p.name: p.title for p in parameters if p.of_the_machine}
+    labels = {p.name: _within(p.title) for p in parameters if p.of_the_machine}
     moved = {row.name for row in report.calibrated}
     pairs = [
         p
@@ -119,6 +119,11 @@ def _moved_together(report: Findings, *, all_pairs: bool) -> Iterator[str]:
             f"The records hardly separate {listed} (correlation); such parameters may have moved "
             "together. A test of one part determines the other."
         )
+
+
+def _within(title: str) -> str:
+    """The name of a parameter within a sentence."""
+    return "the" + title[3:] if title.startswith("The ") else title
 
 
 def _missing(report: Findings, width: int) -> Iterator[Part]:
@@ -208,7 +213,11 @@ def _remains(report: Findings) -> Iterator[Part]:
         )
     cells = report.remaining_cells
     if not cells:
-        yield "No channel differs from that by more than noise at any time."
+        rest = max((g.after / g.noise for g in report.how_far.rows), default=0.0)
+        if report.model.included and rest > NOISE_ERROR:
+            yield "What is left is spread over the records: no part of a channel exceeds noise."
+        else:
+            yield "No channel differs from that by more than noise at any time."
         return
     worst = max(cells, key=lambda c: c.z)
     yield (

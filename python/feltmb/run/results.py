@@ -563,7 +563,12 @@ def load_run(path: str | Path) -> Run:
         raise
     except HDF5_FAULTS as error:
         reason = shortened(str(error), 300)
-        raise DataError(f"{path}: is no NetCDF file of a run: {reason}") from None
+        hint = ""
+        if path.suffix.lower() in (".csv", ".txt", ".tsv"):
+            hint = (
+                "; to compare a measured file with a model: feltmb gap check MODEL FILE -o PICTURE"
+            )
+        raise DataError(f"{path}: is no NetCDF file of a run: {reason}{hint}") from None
     form = attributes.get("feltmb_format")
     if not isinstance(form, (int, float, np.number)) or form != FILE_FORMAT:
         raise DataError(

@@ -214,13 +214,55 @@ def test_missing_file(tmp_path):
 
 def test_odd_compression_files_give_few_short_lines(tmp_path):
     path = tmp_path / "a.csv"
-    path.write_text("v_f [-],pressure [Pa]\n0.1,0\n" + "x,\0\n" * 50 + "0.2," + "9" * 200_000)
+    path.write_text("v_f [-],pressure [Pa]\n0.1,0\n" + "x,\0\n" * 50 + "0.2,1\n")
     with pytest.raises(DataError) as error:
         read_compression(path)
     lines = str(error.value).splitlines()
     assert len(lines) == 21
-    assert lines[-1] == "... and 81 more"
+    assert lines[-1] == "... and 80 more"
     assert "\0" not in str(error.value)
+    path.write_text("v_f [-],pressure [Pa]\n0.1,0\n0.2," + "9" * 200_000)
+    with pytest.raises(DataError, match="field larger than field limit"):
+        read_compression(path)
+
+
+PLAIN = "thickness [mm],force [N]\n5.2,0.1\n4.9,1.5\n4.5,9.25\n4.2,30.5\n4.5,5\n4.9,0.75\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        PLAIN,
+        PLAIN.replace(",", ";").replace(".", ",").replace("thickness", "Dicke"),
+        "Probe 7;;\nZeit;Standardweg;Standardkraft\ns;mm;N\n"
+        "0;0;0,1\n1;0,3;1,5\n2;0,7;9,25\n3;1,0;30,5\n4;0,7;5\n5;0,3;0,75\n",
+        "time displacement force\n0 0 0.1\n1 0.3 1.5\n2 0.7 9.25\n3 1.0 30.5\n4 0.7 5\n5 0.3 0.75\n"
+        .replace("displacement", "displacement_mm").replace("force", "force_N"),
+    ],
+    ids=["plain", "German", "testing machine", "spaces"],
+)  # fmt: skip
+def test_compression_files_of_instruments(tmp_path, text):
+    test = read_compression(write(tmp_path, text), v_f0=0.3, thickness0=5.2e-3, area=3e-4)
+    assert test.thickness == pytest.approx(1e-3 * np.array([5.2, 4.9, 4.5, 4.2, 4.5, 4.9]))
+    assert test.pressure[3] == pytest.approx(30.5 / 3e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda text: text.replace("thickness", "displacement"), "decreases with the load"),
+        (lambda text: text.replace(",", ",-").replace(",-force", ",force"),
+         "force from -30.5 to -0.1 N, expected compression to be positive"),
+    ],
+)  # fmt: skip
+def test_a_sign_of_a_compression_test_is_told(tmp_path, change, told):
+    with pytest.raises(DataError, match=told):
+        read_compression(write(tmp_path, change(PLAIN)), v_f0=0.3, thickness0=6e-3, area=3e-4)
+
+
+def test_an_area_in_square_meters_by_mistake_is_refused(tmp_path):
+    with pytest.raises(DataError, match=r"area = 3.14 m\^2, expected .* such as 3.14cm\^2"):
+        read_compression(write(tmp_path, PLAIN), v_f0=0.3, area=3.14)
 
 
 def cycles_of(depths, rng, noise):

@@ -172,6 +172,6 @@ def test_a_missing_input_of_a_linear_model_is_named(tmp_path, capsys):
     path.write_text("\n".join(["time [s],x [m],y [m],F [N]", *rows]) + "\n")
     run("gap", "diagnose", tmp_path / "spring.py", path, path)
     error = capsys.readouterr().err
-    assert "its functions raise KeyError: 'x'; the inputs of record r[1/2] are y" in error
+    assert "its functions raise KeyError: 'x'; the inputs of record r are y" in error
     assert "column x is left out: 1 of 50 values are missing" in error
     assert "Traceback" not in error

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from feltmb.data import Record
+from feltmb.errors import DataError
 from feltmb.fit import Effect
 from feltmb.gap.library.balance import for_force_balance, speed_of
 from feltmb.gap.library.collected import makers
@@ -56,6 +57,7 @@ from feltmb.gap.library.sensors import (
     sensor_gain,
     sensor_lag,
     sensor_offset,
+    sensor_saturation,
 )
 
 __all__ = [
@@ -91,6 +93,7 @@ __all__ = [
     "sensor_gain",
     "sensor_lag",
     "sensor_offset",
+    "sensor_saturation",
     "speed_of",
     "standard_effects",
     "static_friction",
@@ -120,7 +123,7 @@ def for_coordinate(
     return tuple(make(c, scales) for make in makers())
 
 
-def for_input(name: str, record: Record, *, unit: str = "1") -> tuple[Effect, ...]:
+def for_input(name: str, record: Record, *, unit: str | None = None) -> tuple[Effect, ...]:
     """All input effects, scaled by a record.
 
     Parameters
@@ -130,9 +133,21 @@ def for_input(name: str, record: Record, *, unit: str = "1") -> tuple[Effect, ..
     record
         Record from which typical magnitudes are taken.
     unit
-        Unit of the input.
+        Unit of the input; default: that of the record, or 1.
+
+    Raises
+    ------
+    DataError
+        The record has the input in another unit.
     """
-    u = record.inputs[name]
+    u, stated = record.inputs[name], record.input_units.get(name)
+    if unit is not None and stated not in (None, unit):
+        raise DataError(
+            f"unit of input {name}: got {unit!r}, but record {record.name} has it in {stated!r}, "
+            f"from {np.min(u):.4g} to {np.max(u):.4g}; expected this unit (a model that states the "
+            "unit of its input, such as %, gets the values in it)"
+        )
+    unit = unit or stated or "1"
     size = float(np.quantile(np.abs(u), 0.98)) or 1.0
     return (
         delay_input(name, scale=record.interval),
@@ -166,6 +181,13 @@ def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effec
         sensor_offset(outputs, name, unit=unit, scale=0.05 * spread),
         sensor_delay(outputs, name, scale=record.interval),
         sensor_lag(outputs, name, scale=3.0 * record.interval),
+        sensor_saturation(
+            outputs,
+            name,
+            highest=tuple(np.nanquantile(y, [0.99, 0.8])),
+            lowest=tuple(np.nanquantile(y, [0.01, 0.2])),
+            unit=unit,
+        ),
     )
 
 
@@ -187,7 +209,8 @@ def standard_effects(
     outputs
         Outputs of the model.
     inputs
-        Inputs of the model with their units, ``{"motor": "N"}``; names alone if they have none.
+        Inputs of the model with their units, ``{"motor": "N"}``; names alone: the units of the
+        record.
     coordinates
         Coordinates and couplings on which effects act.
     record
@@ -204,9 +227,9 @@ def standard_effects(
     out: list[Effect] = []
     for c in coordinates:
         out.extend(for_coordinate(c, force=force, travel=travel, speed=speed, time=time))
-    units = inputs if isinstance(inputs, Mapping) else dict.fromkeys(inputs, "1")
-    for name, unit in units.items():
-        out.extend(for_input(name, record, unit=unit))
+    units = inputs if isinstance(inputs, Mapping) else {}
+    for name in inputs:
+        out.extend(for_input(name, record, unit=units.get(name)))
     for name in outputs:
         if name in record.outputs:
             out.extend(for_sensor(outputs, name, record))

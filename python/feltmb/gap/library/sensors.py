@@ -104,6 +104,50 @@ def sensor_offset(outputs: Sequence[str], name: str, *, unit: str, scale: float)
     )
 
 
+def sensor_saturation(
+    outputs: Sequence[str],
+    name: str,
+    *,
+    highest: Sequence[float],
+    lowest: Sequence[float],
+    unit: str = "1",
+) -> Effect:
+    """The channel grows less beyond a reading: a sensor at the end of its range.
+
+    With the magnitude m in [0, 1], the channel shows y - m max(y - level, 0) for a highest reading,
+    and y + m max(level - y, 0) for a lowest one. m = 1 is a hard limit.
+
+    Parameters
+    ----------
+    outputs
+        Outputs of the model.
+    name
+        Channel of the sensor.
+    highest, lowest
+        Readings that are tried as the end of its range [unit].
+    unit
+        Unit of the channel.
+    """
+
+    def beyond(y: Array, shape: tuple[str, float]) -> Array:
+        end, level = shape
+        return np.maximum(y - level, 0.0) if end == "highest" else np.minimum(y - level, 0.0)
+
+    return _sensor(
+        outputs,
+        name,
+        "saturation of sensor",
+        lambda y, size, r, w, shape: y - size[:, None] * beyond(y, shape),
+        scale=0.3,
+        sign=1,
+        upper=1.0,
+        shapes=(*(("highest", v) for v in highest), *(("lowest", v) for v in lowest)),
+        shape_names=("end", "reading" if unit == "1" else f"reading [{unit}]"),
+        mechanism="The sensor is at the end of its range.",
+        remedy="Move the sensor, or use one with a larger range.",
+    )
+
+
 def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
     """The channel is late by the magnitude [s].
 
