@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,7 +27,7 @@ from feltmb.cli.gap_reading import reading_options
 from feltmb.errors import DataError, InvalidParameter
 
 if TYPE_CHECKING:
-    from feltmb.data import ReadOptions
+    from feltmb.data import ReadOptions, Record
     from feltmb.gap import DataChecks, GapBefore, GapBeforeRow
 
 __all__ = ["command"]
@@ -108,6 +108,7 @@ def command(
         print_json({"checks": plain(found.checks), "gap": plain(found.rows), "notes": found.notes})
     else:
         _print_checks(found.checks)
+        _print_inputs(found.records, adapter.model.units)
         _print_gap(found)
         _print_warnings((*found.notes, *found.checks.warnings))
     if picture is not None:
@@ -164,6 +165,20 @@ def _print_checks(checks: DataChecks) -> None:
     console().print(table)
     for label, channel, sd in checks.repeatability:
         say(f"repeats {label}: {channel} differs by {sd:.3g}")
+
+
+def _print_inputs(records: Sequence[Record], units: Mapping[str, str]) -> None:
+    """Print the inputs as the model gets them."""
+    table = new_table(
+        "inputs of the model", "record", "input", "unit", "lowest", "highest",
+        right=(3, 4), whole=(0, 1),
+    )  # fmt: skip
+    for record in records:
+        for name, values in record.inputs.items():
+            unit = record.input_units.get(name) or units.get(name) or "1"
+            table.add_row(record.name, name, unit, f"{values.min():.4g}", f"{values.max():.4g}")
+    if table.row_count:
+        console().print(table)
 
 
 def _print_gap(found: GapBefore) -> None:

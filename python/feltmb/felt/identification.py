@@ -385,8 +385,8 @@ def _identify_branch(
         raise ModelError(
             f"identify: {which}: gamma = {gamma:.4g} is at an end of its range, "
             f"{_GAMMA_RANGE[0]:g} to {_GAMMA_RANGE[1]:g}: the data have not the shape of the law. "
-            "Check the unloaded thickness (thickness0, --thickness), v_f0 (--v-f0), the area (--area) "
-            "and the fibers of the material"
+            "Check the unloaded thickness (thickness0, --thickness), v_f0 (--v-f0), the area "
+            "(--area) and the fibers of the material"
         )
     branch = Branch(K_p=K, gamma=gamma)
     curve: BranchCurve = material.model_copy(update={which: branch}).branch(which, v)

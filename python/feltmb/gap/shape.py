@@ -24,10 +24,13 @@ __all__ = ["between", "by_shapes", "movable", "moved_shape", "off_grid", "shape_
 
 #: Factor by which a fitted shape may exceed the range of its list.
 BEYOND = 5.0
-#: Number of steps to bracket the maximum, and within the bracket.
-STEPS, FINER = 3, 6
-#: Relative accuracy of a shape.
+#: Number of steps to bracket the maximum, and of those of all numbers together from the derivative;
+#: number of steps within the bracket.
+STEPS, FINER = 3, 4
+#: Relative accuracy of a shape within the bracket.
 CLOSE = 0.002
+#: Gain that is not worth a further step [log evidence].
+SMALL_GAIN = 0.1
 #: Step of the difference for a derivative, in the logarithm of a shape.
 STEP = 0.01
 #: Log evidence of a fit that cannot be simulated.
@@ -39,8 +42,8 @@ Make = Callable[[Fit, tuple[Candidate, ...]], Fit]
 def movable(effect: Effect) -> tuple[int, ...]:
     """Indices of the numbers of a shape that may take any value: (0,) if the shape is one number.
 
-    These are positive floats of which the list has two or more values. Integers, zeros, texts and
-    constants are not fitted.
+    These are floats of one sign of which the list has two or more values. Shapes with other texts
+    may have the other sign. Integers, zeros, texts and constants are not fitted.
     """
     rows = [s if isinstance(s, tuple) else (s,) for s in effect.shapes]
     if len({len(r) for r in rows}) != 1:
@@ -48,8 +51,15 @@ def movable(effect: Effect) -> tuple[int, ...]:
     return tuple(
         k
         for k, column in enumerate(zip(*rows, strict=True))
-        if all(isinstance(v, float) and 0.0 < v < math.inf for v in column) and len(set(column)) > 1
+        if all(isinstance(v, float) and 0.0 < abs(v) < math.inf for v in column)
+        and len(set(column)) > 1
+        and len({(_texts(r), math.copysign(1.0, r[k])) for r in rows}) == len({*map(_texts, rows)})
     )
+
+
+def _texts(shape: Any) -> tuple[str, ...]:
+    """Texts of a shape."""
+    return tuple(v for v in shape if isinstance(v, str)) if isinstance(shape, tuple) else ()
 
 
 def off_grid(fit: Fit) -> bool:
@@ -58,15 +68,22 @@ def off_grid(fit: Fit) -> bool:
     It is a score test of the logarithm of each number of a shape, with all other unknowns
     projected out.
     """
+    _, gains = _one_step(fit)
+    return max(gains, default=0.0) > FITTED_SHAPE
+
+
+def _one_step(fit: Fit) -> tuple[dict[tuple[int, int], float], list[float]]:
+    """Step of the logarithm of each number of a shape alone, and what it gains [log evidence]."""
     places = [(k, i) for k, c in enumerate(fit.included) for i in movable(c.effect)]
     if not places:
-        return False
+        return {}, []
     numbers = tuple(
         Candidate(replace(fit.included[k].effect, scale=1.0, sign=0), None) for k, _ in places
     )
     scores = score_fit(fit, numbers, linears=by_shapes(fit, places))
     gram = np.where(scores.testable, np.diag(scores.gram), np.inf)
-    return bool(np.max(scores.b**2 / gram) > 2.0 * FITTED_SHAPE)
+    steps = dict(zip(places, (scores.b / gram).tolist(), strict=True))
+    return steps, (0.5 * scores.b**2 / gram).tolist()
 
 
 def by_shapes(fit: Fit, places: Sequence[tuple[int, int]]) -> list[Linear]:
@@ -120,6 +137,8 @@ def _with(linear: Linear, columns: list[tuple[Array, Array]], at: int) -> Linear
 def between(fit: Fit, make: Make, value: Callable[[Fit], float]) -> Fit:
     """The fit with the shapes of its effects moved to the maximum of ``value``.
 
+    Each number is searched by itself. Then all of them move by Gauss-Newton steps.
+
     Parameters
     ----------
     fit
@@ -134,17 +153,33 @@ def between(fit: Fit, make: Make, value: Callable[[Fit], float]) -> Fit:
     for k, candidate in enumerate(fit.included):
         for place in movable(candidate.effect):
             best = _along(best, k, place, make, value)
+    for _ in range(STEPS):
+        steps, gains = _one_step(best)
+        if max(gains, default=0.0) < SMALL_GAIN:
+            break
+        included = list(best.included)
+        for (k, place), step in steps.items():
+            number = shape_number(included[k].shape, place) * math.exp(np.clip(step, -0.5, 0.5))
+            included[k] = Candidate(
+                included[k].effect, moved_shape(included[k].shape, place, number)
+            )
+        trial = make(best, tuple(included))
+        if not (math.isfinite(trial.cost) and value(trial) > value(best)):
+            break
+        best = trial
     return best
 
 
 def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], float]) -> Fit:
-    """The best fit over the logarithm of one number: a bracket by steps, then Brent's method."""
+    """A fit near the maximum over the logarithm of one number: a bracket, then Brent's method."""
     from scipy.optimize import minimize_scalar
 
-    effect = fit.included[k].effect
-    listed = sorted({shape_number(s, place) for s in effect.shapes})
+    effect, shape = fit.included[k].effect, fit.included[k].shape
+    alike = [s for s in effect.shapes if _texts(s) == _texts(shape)]
+    listed = sorted({abs(shape_number(s, place)) for s in alike})
     low, high = math.log(listed[0] / BEYOND), math.log(listed[-1] * BEYOND)
-    here = math.log(shape_number(fit.included[k].shape, place))
+    sign = math.copysign(1.0, shape_number(shape, place))
+    here = math.log(abs(shape_number(shape, place)))
     fits = {here: fit}
     values = {here: value(fit)}
 
@@ -153,13 +188,15 @@ def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], floa
         if x not in values:
             near = fits[min(fits, key=lambda known: abs(known - x))]
             included = list(near.included)
-            included[k] = Candidate(effect, moved_shape(included[k].shape, place, math.exp(x)))
+            included[k] = Candidate(
+                effect, moved_shape(included[k].shape, place, sign * math.exp(x))
+            )
             fits[x] = make(near, tuple(included))
             values[x] = value(fits[x]) if math.isfinite(fits[x].cost) else -WORST
         return -values[x]
 
     # Half of the distance to the next value of the list, so that both sides are covered.
-    step = 0.5 * float(np.min(np.diff(np.log(listed))))
+    step = 0.5 * float(np.min(np.diff(np.log(listed)), initial=math.log(BEYOND)))
     left, top, right = max(here - step, low), here, min(here + step, high)
     for _ in range(STEPS):
         if loss(left) < loss(top) and left > low:

@@ -158,7 +158,7 @@ def test_any_model_is_compared(tmp_path, capsys):
     assert all(r.rms > r.noise for r in found.rows)
     path = write_record(own[0], tmp_path / "one.csv")
     assert command("gap", "check", str(Path(models.__file__)), str(path)) == 2
-    assert "model is NoneType" in capsys.readouterr().err
+    assert "model is missing" in capsys.readouterr().err
     file = tmp_path / "m.py"
     file.write_text(
         f"import sys\nsys.path.insert(0, {str(Path(models.__file__).parent)!r})\n"

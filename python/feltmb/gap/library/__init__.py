@@ -174,6 +174,7 @@ def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effec
     """
     y = record.outputs[name]
     spread = float(np.nanstd(y)) or 1.0
+    range_ = float(np.nanmax(y) - np.nanmin(y)) or 1.0
     unit = record.sensors[name].unit
     return (
         sensor_gain(outputs, name),
@@ -184,8 +185,8 @@ def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effec
         sensor_saturation(
             outputs,
             name,
-            highest=tuple(np.nanquantile(y, [0.99, 0.8])),
-            lowest=tuple(np.nanquantile(y, [0.01, 0.2])),
+            highest=tuple(float(np.nanmax(y) - f * range_) for f in (0.02, 0.25)),
+            lowest=tuple(float(np.nanmin(y) + f * range_) for f in (0.02, 0.25)),
             unit=unit,
         ),
     )
