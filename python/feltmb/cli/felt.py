@@ -26,6 +26,7 @@ from feltmb.cli.common import (
 )
 from feltmb.cli.completing import actions, felts
 from feltmb.cli.felt_audit import audit_command
+from feltmb.cli.felt_contact import contact_command, known_contact, print_envelope
 from feltmb.cli.felt_fit import fit_command, identify_command
 
 __all__ = ["command", "felt"]
@@ -298,19 +299,12 @@ def envelope_command(
     The table is the value of contacts.NN.memory.envelope in a mechanism file. With --contact the
     output file is a complete mechanism.
     """
-    from feltmb.errors import InvalidParameter
     from feltmb.felt import envelope, load_material, parse_area
     from feltmb.felt.plot import plot_envelope
     from feltmb.files import write_text
-    from feltmb.mechanism import load_action
 
     check_targets(output, pictures=(picture,), force=force)
-    if contact is not None:
-        known = load_action(action).config.contacts
-        if contact not in known:
-            raise InvalidParameter(
-                f"--contact: got {contact!r}, expected one of {', '.join(known)} of {action}"
-            )
+    known_contact(action, contact)
     made = envelope(
         load_material(material),
         thickness,
@@ -320,17 +314,7 @@ def envelope_command(
         points=points,
     )
     say(made.about)
-    table = new_table(
-        "Envelope", "compression [mm]", "loading [N]", "unloading [N]", right=(0, 1, 2)
-    )
-    for share in (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1.0):
-        x = share * made.closing
-        table.add_row(
-            f"{x * 1e3:.4g}",
-            f"{float(made.core.loading(x)):.5g}",
-            f"{float(made.core.unloading(x, made.closing)):.5g}",
-        )
-    console().print(table)
+    print_envelope(made)
     say(f"loss of the loop: {100 * made.loss:.2f} % of the loading work")
     if output is not None:
         text = made.to_toml(action, contact) if contact is not None else made.to_toml()
@@ -342,5 +326,6 @@ def envelope_command(
 felt.add_command(identify_command)
 felt.add_command(fit_command)
 felt.add_command(audit_command)
+felt.add_command(contact_command)
 
 command = felt

@@ -17,6 +17,7 @@ from feltmb.felt.envelopes import (
 )
 from feltmb.felt.fitting import ContactFit, contact_loop, fit_contact
 from feltmb.felt.identification import BranchFit, Identification, identify
+from feltmb.felt.measured import MeasuredLoop, measured_loop, read_measured_loop
 from feltmb.fiber.material import (
     Branch,
     BranchCurve,
@@ -41,6 +42,7 @@ __all__ = [
     "Fiber",
     "Finding",
     "Identification",
+    "MeasuredLoop",
     "SphereOnLayer",
     "audit",
     "audit_targets",
@@ -50,6 +52,8 @@ __all__ = [
     "identify",
     "load_envelope",
     "load_material",
+    "measured_loop",
     "packaged_materials",
     "parse_area",
+    "read_measured_loop",
 ]

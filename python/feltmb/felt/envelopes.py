@@ -6,6 +6,7 @@ compressed uniformly, v_f = v_f0 / (1 - e / thickness) at compression e (eq. 2.2
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -150,7 +151,13 @@ class FeltEnvelope:
             "unloading": [float(f"{x:.9g}") for x in self.unloading],
         }
 
-    def to_toml(self, action: str | None = None, contact: str | None = None) -> str:
+    def to_toml(
+        self,
+        action: str | None = None,
+        contact: str | None = None,
+        *,
+        memory: Mapping[str, float] | None = None,
+    ) -> str:
         """Text of a file.
 
         Parameters
@@ -159,6 +166,8 @@ class FeltEnvelope:
             If both are given: a mechanism that extends ``action`` and in which ``contact`` has the
             law with memory and this envelope. Otherwise: only the table ``[memory.envelope]``,
             which can be copied to a contact.
+        memory
+            Further numbers of the memory, such as ``kappa``.
         """
         import tomlkit
 
@@ -170,14 +179,14 @@ class FeltEnvelope:
         doc["schema"] = 1
         doc["name"] = self.name if contact is None else f"{action}_{self.name}_{contact}"
         doc["about"] = self.about
-        memory = {"envelope": self.table()}
+        entry = {**(memory or {}), "envelope": self.table()}
         if contact is None:
-            doc["memory"] = memory
+            doc["memory"] = entry
         else:
             doc["extends"] = action
             doc["values"] = {
                 f"contacts.{contact}.law": "felt_memory",
-                f"contacts.{contact}.memory": memory,
+                f"contacts.{contact}.memory": entry,
             }
         return tomlkit.dumps(doc)
 

@@ -13,10 +13,18 @@ if TYPE_CHECKING:
     from feltmb.felt.auditing import Audit
     from feltmb.felt.envelopes import FeltEnvelope
     from feltmb.felt.identification import Identification
+    from feltmb.felt.measured import MeasuredLoop
     from feltmb.fiber.friction import CarnabyPan
     from feltmb.fiber.material import FeltMaterial
 
-__all__ = ["plot_audit", "plot_envelope", "plot_identification", "plot_loop", "plot_material"]
+__all__ = [
+    "plot_audit",
+    "plot_envelope",
+    "plot_identification",
+    "plot_loop",
+    "plot_material",
+    "plot_measured_loop",
+]
 
 LOADING, UNLOADING, ELASTIC, FRICTION = "#1b6ca8", "#d1495b", "#2e8b57", "#edae49"
 GRAYS = ("#bbbbbb", "#888888", "#555555", "#222222")
@@ -120,6 +128,19 @@ def plot_envelope(made: FeltEnvelope) -> Any:
     axes.legend(frameon=False)
     title = made.name + (" (SYNTHETIC felt)" if "synthetic" in made.about.lower() else "")
     _style(axes, "compression [mm]", "force [N]", title)
+    return figure
+
+
+def plot_measured_loop(found: MeasuredLoop) -> Any:
+    """Plot a measured loop, and the force of the law with memory over the same compression."""
+    figure = new_figure(6.4, 4.2)
+    axes = figure.subplots()
+    e = found.compression * 1e3
+    axes.plot(e, found.force, ".", color=GRAYS[1], ms=2.5, label="measured")
+    axes.plot(e, found.by_law, color=LOADING, lw=1.2, label="law with memory")
+    axes.axhline(0.0, color="#888888", lw=0.8)
+    axes.legend(frameon=False)
+    _style(axes, "compression [mm]", "force [N]", found.envelope.name)
     return figure
 
 

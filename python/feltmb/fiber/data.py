@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import math
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,39 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.arguments import checked
-from feltmb.data.tables import are_units, numbered_rows, read_number, style_of, text_lines
-from feltmb.errors import DataError, InvalidParameter
+from feltmb.errors import DataError
+from feltmb.fiber.columns import listed_faults, read_columns
 from feltmb.fiber.cycles import find_branches
-from feltmb.files import LARGEST_TABLE, plain_text, read_text
-from feltmb.units import conversion_factor, dimension_text, spelled_unit, split_column
-from feltmb.units.quantity import shortened
 
 Array = NDArray[np.float64]
 
-#: column -> SI unit of the computed quantity
-_UNITS = {
-    "v_f": "1",
-    "strain": "1",
-    "thickness": "m",
-    "displacement": "m",
-    "pressure": "Pa",
-    "force": "N",
-    "branch": "1",
-}
-#: column -> other names, in lower case
-_NAMES = {
-    "thickness": "gap height dicke höhe",
-    "displacement": "extension travel position weg traverse standardweg",
-    "strain": "dehnung stauchung",
-    "pressure": "stress druck spannung",
-    "force": "load kraft standardkraft",
-}
-_COLUMNS = {word: key for key, words in _NAMES.items() for word in words.split()}
 _RESOLUTION = 1e-3  # resolution of a load cell relative to the largest load of a test [-]
-_FRACTIONS = ("v_f", "strain", "thickness")
-#: Number of lines above the header that may be a preamble.
-_PREAMBLE = 200
-_LOADS = ("pressure", "force")
 
 
 @checked
@@ -212,27 +183,6 @@ def slack_fault(data: CompressionData, thickness0: float | None) -> str:
     )
 
 
-def _listed(faults: list[str], most: int = 20) -> str:
-    more = [f"... and {len(faults) - most} more"] if len(faults) > most else []
-    return "\n".join([*(plain_text(shortened(f, 1000)) for f in faults[:most]), *more])
-
-
-def _column_of(title: str) -> tuple[str, str]:
-    """Column of a heading, "" or its name if it is none, and the unit that it states."""
-    name, unit = split_column(title.replace("(", "[").replace(")", "]"))
-    key = name.lower().replace(" ", "_")
-    return _COLUMNS.get(key, key), unit
-
-
-def _header_of(table: Sequence[tuple[int, list[str]]]) -> int:
-    """Index of the first row with a compression and a load; 0 if there is none."""
-    for i, (_, cells) in enumerate(table[:_PREAMBLE]):
-        keys = {_column_of(cell.strip())[0] for cell in cells}
-        if keys & {*_FRACTIONS, "displacement"} and keys & set(_LOADS):
-            return i
-    return 0
-
-
 @checked
 def read_compression(
     path: str | Path,
@@ -274,88 +224,12 @@ def read_compression(
         The file has faults; all of them are in the message, with line numbers.
     """
     file = Path(path)
-    data = read_text(file, most=LARGEST_TABLE).encode()
-    lines = text_lines(data, file).where(lambda line: not line.lstrip().startswith("#"))
-    faults: list[str] = []
+    table = read_columns(file)
+    fraction, load, faults = table.compression, table.load, list(table.faults)
 
     def fault(message: str) -> None:
         faults.append(f"{file}: {message}")
 
-    if not len(lines):
-        raise DataError(f"{file}: is empty, expected a header line with units and data")
-    try:
-        separator, decimal = style_of(lines)
-        table = list(numbered_rows(lines, separator))
-    except csv.Error as error:  # for example a cell of more than 131 072 letters
-        raise DataError(f"{file}: {error}") from None
-    start = _header_of(table)
-    number, header = table[start][0], [h.strip() for h in table[start][1]]
-    # The units may be in a line of their own.
-    below = [c.strip() for c in table[start + 1][1]] if start + 1 < len(table) else []
-    units = below if len(below) == len(header) and are_units(below) else []
-    columns: dict[str, tuple[int, float]] = {}
-    for position, title in enumerate(header):
-        key, stated = _column_of(title)
-        unit = stated or (spelled_unit(units[position]) or units[position] if units else "")
-        if key not in _UNITS:
-            continue
-        if key in columns:
-            fault(f'line {number}: column "{key}" appears twice, expected once')
-        try:
-            columns[key] = (position, conversion_factor(unit, _UNITS[key]))
-        except InvalidParameter:
-            si = _UNITS[key]
-            expected = "-, %" if si == "1" else dimension_text(si)
-            fault(
-                f'line {number}: column "{title}" has unit "{unit}", expected one of {expected} '
-                f'(write it as "{key} [{expected.split(", ")[0]}]")'
-            )
-            continue
-    fractions = [c for c in _FRACTIONS if c in columns]
-    if not fractions and "displacement" in columns:
-        fractions = ["displacement"]
-    loads = [c for c in _LOADS if c in columns]
-    seen = shortened(", ".join(f'"{h}"' for h in header), 300)
-    if len(fractions) != 1 and not faults:
-        fault(
-            f"line {number}: columns {seen}, expected exactly one of v_f, strain, thickness, or a "
-            "displacement"
-        )
-    if len(loads) != 1 and not faults:
-        fault(f"line {number}: columns {seen}, expected exactly one of pressure, force")
-    if faults:
-        raise DataError(_listed(faults))
-
-    fraction, load = fractions[0], loads[0]
-    rows: list[tuple[float, float]] = []
-    branches: list[str] = []
-    for number, cells in table[start + (2 if units else 1) :]:
-        values = []
-        for key in (fraction, load):
-            position, scale = columns[key]
-            cell = cells[position].strip() if position < len(cells) else ""
-            value = read_number(cell, decimal)
-            if value is None or not cell:
-                sign = "comma" if decimal == "," else "point"
-                hint = (
-                    f" (decimal {sign} expected)" if re.fullmatch(r"-?\d++[,.]\d++", cell) else ""
-                )
-                fault(f'line {number}: {key} = "{cell}", expected a number{hint}')
-                continue
-            if not math.isfinite(value):
-                fault(f"line {number}: {key} = {cell}, expected a finite number")
-                continue
-            values.append(value * scale)
-        if "branch" in columns:
-            position = columns["branch"][0]
-            word = cells[position].strip().lower() if position < len(cells) else ""
-            if word not in ("loading", "unloading"):
-                fault(f'line {number}: branch = "{word}", expected loading or unloading')
-            branches.append(word)
-        if len(values) == 2:
-            rows.append((values[0], values[1]))
-    if len(rows) < 3 and not faults:
-        fault(f"{len(rows)} samples, expected at least 3")
     if load == "force" and area is None:
         fault("force without a sample area, expected area in m^2 (--area)")
     if area is not None and not 1e-10 <= area <= 1.0:
@@ -367,16 +241,11 @@ def read_compression(
     if v_f0 is not None and not 0 < v_f0 < 1:
         fault(f"v_f0 = {v_f0:.6g}, expected > 0 and < 1")
     if faults:
-        raise DataError(_listed(faults))
+        raise DataError(listed_faults(faults))
 
-    given = np.array(rows)
-    x, p = given[:, 0], given[:, 1]
+    x, p, branches = table.x, table.loads, table.branches
     if fraction == "displacement":
         assert thickness0 is not None
-        if np.sum((x - np.mean(x)) * p) < 0.0:
-            raise DataError(
-                f"{file}: displacement decreases with the load, expected compression to be positive"
-            )
         fraction, x = "thickness", thickness0 - x
     if load == "force":
         assert area is not None
@@ -406,13 +275,8 @@ def read_compression(
                 v = v_f0 * h0 / np.where(x > 0, x, np.nan)
     if not faults and not np.all((v > 0) & (v <= 1)):
         fault(f"v_f from {np.min(v):.6g} to {np.max(v):.6g}, expected > 0 and <= 1")
-    if not faults and not np.max(p) > max(0.0, -np.min(p)):
-        fault(
-            f"{load} from {np.min(given[:, 1]):.4g} to {np.max(given[:, 1]):.4g} "
-            f"{'N' if load == 'force' else 'Pa'}, expected compression to be positive"
-        )
     if faults:
-        raise DataError(_listed(faults))
+        raise DataError(listed_faults(faults))
     heights = x if fraction == "thickness" else None
     if branches:
         loading = np.array([word == "loading" for word in branches])

@@ -159,10 +159,12 @@ def between(fit: Fit, make: Make, value: Callable[[Fit], float]) -> Fit:
             break
         included = list(best.included)
         for (k, place), step in steps.items():
-            number = shape_number(included[k].shape, place) * math.exp(np.clip(step, -0.5, 0.5))
-            included[k] = Candidate(
-                included[k].effect, moved_shape(included[k].shape, place, number)
-            )
+            effect, shape = included[k].effect, included[k].shape
+            number = shape_number(shape, place)
+            low, high = _limits(effect, shape, place)
+            x = np.clip(math.log(abs(number)) + np.clip(step, -0.5, 0.5), low, high)
+            number = math.copysign(math.exp(x), number)
+            included[k] = Candidate(effect, moved_shape(shape, place, number))
         trial = make(best, tuple(included))
         if not (math.isfinite(trial.cost) and value(trial) > value(best)):
             break
@@ -170,14 +172,25 @@ def between(fit: Fit, make: Make, value: Callable[[Fit], float]) -> Fit:
     return best
 
 
+def _listed(effect: Effect, shape: Any, place: int) -> list[float]:
+    """Values of a number in the list of an effect, without their sign, in ascending order."""
+    alike = [s for s in effect.shapes if _texts(s) == _texts(shape)]
+    return sorted({abs(shape_number(s, place)) for s in alike})
+
+
+def _limits(effect: Effect, shape: Any, place: int) -> tuple[float, float]:
+    """Smallest and largest logarithm of a fitted number."""
+    listed = _listed(effect, shape, place)
+    return math.log(listed[0] / BEYOND), math.log(listed[-1] * BEYOND)
+
+
 def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], float]) -> Fit:
     """A fit near the maximum over the logarithm of one number: a bracket, then Brent's method."""
     from scipy.optimize import minimize_scalar
 
     effect, shape = fit.included[k].effect, fit.included[k].shape
-    alike = [s for s in effect.shapes if _texts(s) == _texts(shape)]
-    listed = sorted({abs(shape_number(s, place)) for s in alike})
-    low, high = math.log(listed[0] / BEYOND), math.log(listed[-1] * BEYOND)
+    listed = _listed(effect, shape, place)
+    low, high = _limits(effect, shape, place)
     sign = math.copysign(1.0, shape_number(shape, place))
     here = math.log(abs(shape_number(shape, place)))
     fits = {here: fit}

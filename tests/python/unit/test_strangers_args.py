@@ -376,6 +376,20 @@ def envelope_file():
     return path
 
 
+def measured():
+    one = felt_envelope()
+    e = np.concatenate([one.compression, one.compression[::-1]])
+    return felt.measured_loop(e, np.concatenate([one.loading, one.unloading[::-1]]))
+
+
+def measured_file():
+    path = Path("pair.csv")
+    found = measured()
+    rows = [f"{1e3 * x},{f}" for x, f in zip(found.compression, found.force, strict=True)]
+    path.write_text("displacement [mm],force [N]\n" + "\n".join(rows), encoding="utf-8")
+    return path
+
+
 def csv_stroke():
     path = Path("stroke.csv")
     path.write_text("time [s],force [N]\n0,0\n0.1,1\n", encoding="utf-8")
@@ -619,7 +633,7 @@ CALLS = {
     "feltmb.felt.FeltEnvelope.law": lambda: (felt_envelope(), {"options": {"kappa": 0.5}}),
     "feltmb.felt.FeltEnvelope.to_toml": lambda: (
         felt_envelope(),
-        {"action": "steinway45", "contact": "01"},
+        {"action": "steinway45", "contact": "01", "memory": {"kappa": 0.1}},
     ),
     "feltmb.felt.CircleOnLayer": lambda: {"radius": 5e-3, "width": 0.01, "length": 0.02},
     "feltmb.felt.CircleOnLayer.area": lambda: (
@@ -689,6 +703,23 @@ CALLS = {
         "contact": pendulum().config.contacts["01"],
         "name": "c",
         "points": 20,
+    },
+    "feltmb.felt.MeasuredLoop": lambda: {
+        f: getattr(measured(), f)
+        for f in ("compression", "force", "zero", "branches", "envelope", "notes", "memory")
+    },
+    "feltmb.felt.MeasuredLoop.law": lambda: (measured(), {"options": {"kappa": 0.5}}),
+    "feltmb.felt.measured_loop": lambda: {
+        "displacement": measured().compression,
+        "force": measured().force,
+        "zero": 0.0,
+        "points": 50,
+        "name": "pair",
+    },
+    "feltmb.felt.read_measured_loop": lambda: {
+        "path": measured_file(),
+        "zero": 0.0,
+        "points": 50,
     },
     "feltmb.felt.envelope": lambda: {
         "material": hammer(),

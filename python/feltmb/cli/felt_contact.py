@@ -1,0 +1,159 @@
+"""``feltmb felt contact``: the contact law of a measured loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from feltmb.cli.common import (
+    FileName,
+    Quantity,
+    check_targets,
+    complain,
+    console,
+    force_option,
+    json_option,
+    new_table,
+    print_json,
+    save_figure,
+    say,
+    say_written,
+)
+from feltmb.cli.completing import actions
+
+if TYPE_CHECKING:
+    from feltmb.felt import FeltEnvelope
+
+__all__ = ["contact_command", "known_contact", "print_envelope"]
+
+
+def known_contact(action: str, contact: str | None) -> None:
+    """Check that a mechanism has a contact.
+
+    Raises
+    ------
+    InvalidParameter
+        It has none with this name.
+    """
+    from feltmb.errors import InvalidParameter
+    from feltmb.mechanism import load_action
+
+    if contact is None:
+        return
+    known = load_action(action).config.contacts
+    if contact not in known:
+        raise InvalidParameter(
+            f"--contact: got {contact!r}, expected one of {', '.join(known)} of {action}"
+        )
+
+
+def print_envelope(made: FeltEnvelope) -> None:
+    """Print some rows of an envelope."""
+    table = new_table(
+        "Envelope", "compression [mm]", "loading [N]", "unloading [N]", right=(0, 1, 2)
+    )
+    for share in (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1.0):
+        x = share * made.closing
+        table.add_row(
+            f"{x * 1e3:.4g}",
+            f"{float(made.core.loading(x)):.5g}",
+            f"{float(made.core.unloading(x, made.closing)):.5g}",
+        )
+    console().print(table)
+
+
+@click.command(name="contact", short_help="Contact law from the measured loop in TEST.")
+@click.argument("test", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--zero",
+    type=Quantity("m"),
+    help="Displacement (or thickness) at the first contact [m], such as 0.4mm; default: where the "
+    "force exceeds its scatter.",
+)
+@click.option(
+    "--points", type=click.IntRange(5, 100_000), default=193, show_default=True,
+    help="Rows of the table.",
+)  # fmt: skip
+@click.option(
+    "--action", shell_complete=actions, metavar="NAME", default="steinway45", show_default=True,
+    help="Mechanism to extend.",
+)  # fmt: skip
+@click.option(
+    "--contact",
+    metavar="NN",
+    help="Write a mechanism in which this contact (such as 06) has the law.",
+)
+@click.option(
+    "--out", "-o", "output", type=FileName(".toml", dir_okay=False), help="TOML file to write."
+)
+@click.option(
+    "--plot", "picture", type=click.Path(dir_okay=False, path_type=Path),
+    help="Picture (.png, .pdf or .svg).",
+)  # fmt: skip
+@json_option
+@force_option
+def contact_command(
+    test: Path,
+    zero: float | None,
+    points: int,
+    action: str,
+    contact: str | None,
+    output: Path | None,
+    picture: Path | None,
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Contact law from the measured loop in TEST, a CSV with units in its header.
+
+    Columns: "displacement [mm]" (compression positive) or "thickness [mm]", and "force [N]". No
+    data of the fibers are needed. The table is the value of contacts.NN.memory.envelope in a
+    mechanism file. With --contact the output file is a complete mechanism.
+    """
+    from feltmb.felt import read_measured_loop
+    from feltmb.felt.plot import plot_measured_loop
+    from feltmb.files import write_text
+
+    check_targets(output, pictures=(picture,), force=force)
+    known_contact(action, contact)
+    found = read_measured_loop(test, zero=zero, points=points)
+    made = found.envelope
+    at = -found.zero if found.by_thickness else found.zero
+    if as_json:
+        print_json(
+            {
+                "zero": at,
+                "largest_compression": made.closing,
+                "largest_force": float(made.loading[-1]),
+                "loss": made.loss,
+                "loss_of_samples": found.loss,
+                "memory": dict(found.memory),
+                "rms_of_law": found.rms,
+                "notes": list(found.notes),
+                "envelope": made.table(),
+            }
+        )
+    else:
+        print_envelope(made)
+        what = "thickness" if found.by_thickness else "displacement"
+        given = "given" if zero is not None else "--zero"
+        say(f"{what} at the first contact: {at * 1e3:.4g} mm ({given})")
+        say(
+            f"loss of the loop: {100 * made.loss:.2f} % of the loading work; of the samples: "
+            f"{100 * found.loss:.2f} %"
+        )
+        if found.memory:
+            say("memory: " + ", ".join(f"{k} = {v:g}" for k, v in found.memory.items()))
+        say(
+            f"difference of law and test: {found.rms:.4g} N rms, "
+            f"{100 * found.rms / made.loading[-1]:.2g} % of the largest force"
+        )
+        for note in found.notes:
+            complain(f"warning: {note}")
+    if output is not None:
+        extended = (action, contact) if contact is not None else (None, None)
+        text = made.to_toml(*extended, memory=found.memory)
+        say_written(write_text(output, text, force=force))
+    if picture is not None:
+        save_figure(plot_measured_loop(found), picture, force=force)

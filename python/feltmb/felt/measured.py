@@ -1,0 +1,289 @@
+"""Contact law from a measured loop: force against compression, without the fibers of the felt.
+
+Both branches are fitted by curves that never fall. Together they are the envelope of the law with
+memory. The law is then driven along the whole test, inner loops included. The length of its
+transition from loading to unloading is that with the smallest difference from the test.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb.arguments import checked
+from feltmb.contact import Law
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.felt.envelopes import FeltEnvelope
+from feltmb.fiber.columns import listed_faults, read_columns
+from feltmb.fiber.cycles import Branches, find_branches
+
+__all__ = ["MeasuredLoop", "measured_loop", "read_measured_loop"]
+
+Array = NDArray[np.float64]
+
+#: Least number of samples of a branch, and most knots of its curve.
+LEAST, KNOTS = 8, 40
+#: Force that counts as contact: multiples of its scatter, and share of the largest force.
+TOUCH = 2.0, 1e-3
+#: Range of the transition length of the law, and its wiping out of inner loops (docs: model.md).
+KAPPA, WIPING_OUT = (0.002, 1.0), 0.2
+#: Exponent of the share of the compression with which unloading is raised to meet loading.
+MEETING = 8
+
+
+@checked
+@dataclass(frozen=True)
+class MeasuredLoop:
+    """A measured loop of a contact and its law."""
+
+    compression: Array
+    """Compression of each sample [m], in the order of the test; 0 at the first contact."""
+    force: Array
+    """Force of each sample [N], compression positive."""
+    zero: float
+    """Displacement at the first contact [m], as in the test."""
+    branches: Branches
+    """Samples of loading, unloading and holds."""
+    envelope: FeltEnvelope
+    """Both branches as a table, for a mechanism file."""
+    notes: tuple[str, ...]
+    """Sentences about samples that are left out, and about the zero."""
+    memory: Mapping[str, float] = field(default_factory=dict)
+    """Numbers of the memory that follow the test better than the defaults of the law: ``kappa`` and
+    ``wiping_out``."""
+    by_thickness: bool = False
+    """Whether the displacement is minus a thickness."""
+
+    @cached_property
+    def by_law(self) -> Array:
+        """Force of the law with memory over the compression of the test [N]."""
+        time = 1e-3 * np.arange(self.compression.size)  # the law does not depend on the rate
+        return self.law().path(np.maximum(self.compression, 0.0), time)
+
+    def law(self, **options: float) -> Law:
+        """Law with memory whose envelope is this loop.
+
+        Parameters
+        ----------
+        options
+            ``kappa``, ``recovery_time`` and the other numbers of ``memory`` in a mechanism file, in
+            place of those that follow the test best.
+        """
+        return Law(self.envelope.law(**{**self.memory, **options}), "felt_memory")
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the difference of law and test, without holds [N]."""
+        kept = np.ones(self.force.size, dtype=bool)
+        kept[self.branches.held] = False
+        return float(np.sqrt(np.mean((self.by_law - self.force)[kept] ** 2)))
+
+    @property
+    def loss(self) -> float:
+        """Share of the loading work that the samples lose in the loop [-]."""
+        work = []
+        for side in (self.branches.loading, ~self.branches.loading):
+            at = self.branches.kept[side]
+            order = np.argsort(self.compression[at], kind="stable")
+            work.append(np.trapezoid(self.force[at][order], self.compression[at][order]))
+        return float(1.0 - work[1] / work[0])
+
+
+@checked
+def read_measured_loop(
+    path: str | Path, *, zero: float | None = None, points: int = 193
+) -> MeasuredLoop:
+    """Contact law from a file with compression and force of a pair.
+
+    Parameters
+    ----------
+    path
+        CSV file with the columns ``displacement [mm]`` (or ``thickness [mm]``) and ``force [N]``,
+        as for :func:`feltmb.fiber.read_compression`.
+    zero, points
+        As in :func:`measured_loop`; ``zero`` is a thickness in a test by thickness.
+
+    Raises
+    ------
+    DataError
+        The file has faults; all of them are in the message.
+    """
+    file = Path(path)
+    table = read_columns(file)
+    faults = list(table.faults)
+    if table.compression not in ("displacement", "thickness"):
+        faults.append(f"{file}: column {table.compression}, expected displacement or thickness")
+    if table.load != "force":
+        faults.append(f"{file}: column {table.load}, expected force")
+    if faults:
+        raise DataError(listed_faults(faults))
+    by_thickness = table.compression == "thickness"
+    sign = -1.0 if by_thickness else 1.0
+    try:
+        found = measured_loop(
+            sign * table.x,
+            table.loads,
+            zero=None if zero is None else sign * zero,
+            points=points,
+            name=file.stem,
+        )
+    except InvalidParameter as error:
+        raise DataError(f"{file}: {error}") from None
+    return replace(found, by_thickness=by_thickness)
+
+
+@checked
+def measured_loop(
+    displacement: Array,
+    force: Array,
+    *,
+    zero: float | None = None,
+    points: int = 193,
+    name: str = "loop",
+) -> MeasuredLoop:
+    """Contact law from a measured loop of displacement and force.
+
+    Each branch gets the monotone curve with the least squares over at most 40 knots. Unloading is
+    raised by its distance to loading at the end times (e / e_end)^8, so that the branches meet
+    there, and its share of loading is the nearest one that never decreases, as the law with memory
+    requires. The transition of the law (``kappa``, and ``wiping_out`` = 0 or 0.2) is fitted to the
+    whole test.
+
+    Parameters
+    ----------
+    displacement
+        Displacement in the order of the test [m], compression positive, (n,).
+    force
+        Force [N], compression positive, (n,).
+    zero
+        Displacement at the first contact [m]; default: the last sample of loading whose force is
+        within its scatter.
+    points
+        Number of rows of the table, at least 5; the rows are denser at small compression.
+    name
+        Name of the envelope.
+
+    Raises
+    ------
+    InvalidParameter
+        The arrays are no loop, or an argument is out of range; all faults are in the message.
+    """
+    from scipy.optimize import isotonic_regression
+
+    x, f = np.asarray(displacement, dtype=float), np.asarray(force, dtype=float)
+    faults = []
+    if x.ndim != 1 or x.shape != f.shape or x.size < 2 * LEAST:
+        faults.append(
+            f"displacement {x.shape} and force {f.shape}, expected arrays of equal length, at "
+            f"least {2 * LEAST} samples"
+        )
+    elif not (np.all(np.isfinite(x)) and np.all(np.isfinite(f)) and np.ptp(x) > 0.0):
+        faults.append("displacement and force, expected finite numbers that change")
+    if points < 5:
+        faults.append(f"points = {points}, must be >= 5")
+    if faults:
+        raise InvalidParameter("measured_loop: " + "; ".join(faults))
+    branches = find_branches(x)
+    loading, unloading = (branches.kept[s] for s in (branches.loading, ~branches.loading))
+    for side, at in (("loading", loading), ("unloading", unloading)):
+        if at.size < LEAST:
+            faults.append(f"{at.size} samples of {side}, expected at least {LEAST}")
+    if not faults and zero is None:
+        zero = _first_contact(x[loading], f[loading])
+    if not faults and not np.max(x) > float(zero or 0.0):
+        faults.append(f"zero = {zero:.6g} m, expected less than the largest displacement")
+    if faults:
+        raise InvalidParameter("measured_loop: " + "; ".join(faults))
+    assert zero is not None
+    e = x - zero
+    end = float(np.max(e))
+    grid = end * np.linspace(0.0, 1.0, points) ** 2
+    load, back = (_curve(e[at], f[at], end, grid) for at in (loading, unloading))
+    back = np.minimum(back + (load[-1] - back[-1]) * (grid / end) ** MEETING, load)
+    share = np.divide(back, load, out=np.zeros_like(back), where=load > 0.0)
+    back = isotonic_regression(share, weights=load**2 + 1e-12 * load[-1] ** 2).x * load
+    made = FeltEnvelope(grid, load, back, name, f"measured loop {name}")
+    try:
+        _ = made.core
+    except InvalidParameter as error:
+        raise InvalidParameter(f"measured_loop: {error}") from None
+    found = MeasuredLoop(e, f, zero, branches, made, _notes(e, f, branches))
+    return replace(found, memory=_memory(found))
+
+
+def _memory(found: MeasuredLoop) -> dict[str, float]:
+    """Numbers of the memory with the least difference of law and test, if they are worth it.
+
+    Each number must improve the fit by more than its cost in the Bayesian information criterion.
+    Otherwise the law keeps its default.
+    """
+    from scipy.optimize import minimize_scalar
+
+    samples = found.force.size - found.branches.held.size
+
+    def criterion(numbers: Mapping[str, float]) -> float:
+        squares = replace(found, memory=numbers).rms ** 2
+        return samples * math.log(max(squares, 1e-300)) + len(numbers) * math.log(samples)
+
+    options: list[dict[str, float]] = [{}]
+    for wiping in ({}, {"wiping_out": WIPING_OUT}):
+        at = minimize_scalar(
+            lambda x, wiping=wiping: criterion({"kappa": math.exp(x), **wiping}),
+            bounds=np.log(KAPPA),
+            method="bounded",
+            options={"xatol": 0.05},
+        )
+        options.append({"kappa": float(f"{math.exp(at.x):.3g}"), **wiping})
+    return min(options, key=criterion)
+
+
+def _first_contact(x: Array, force: Array) -> float:
+    """Displacement of the last sample of loading whose force is within its scatter [m]."""
+    scatter = 1.4826 * float(np.median(np.abs(np.diff(force, 3)))) / np.sqrt(20.0)
+    free = np.flatnonzero(force <= max(TOUCH[0] * scatter, TOUCH[1] * float(np.max(force))))
+    return float(x[free[-1]] if free.size else x[0])
+
+
+def _curve(e: Array, force: Array, end: float, grid: Array) -> Array:
+    """Monotone curve with the least squares through zero, at the compressions of a grid [N]."""
+    from scipy.interpolate import PchipInterpolator
+    from scipy.optimize import nnls
+
+    count = int(np.clip(e.size // 4, 4, KNOTS))
+    knots = end * np.linspace(0.0, 1.0, count + 1) ** 1.5
+    rise = np.clip((e[:, None] - knots[:-1]) / np.diff(knots), 0.0, 1.0)
+    # Samples before the contact say nothing about the curve.
+    steps, _ = nnls(rise[e >= 0.0], force[e >= 0.0])
+    return np.asarray(PchipInterpolator(knots, np.concatenate([[0.0], np.cumsum(steps)]))(grid))
+
+
+def _notes(e: Array, force: Array, branches: Branches) -> tuple[str, ...]:
+    notes = []
+    largest = float(np.max(force))
+    at_zero = float(force[branches.kept[branches.loading][0]])
+    if at_zero > 0.05 * largest:
+        notes.append(
+            f"the first sample of loading is under {at_zero:.4g} N already: give the displacement "
+            "at the first contact (zero, --zero)"
+        )
+    left_out = e.size - np.union1d(branches.kept, branches.held).size
+    if left_out:
+        notes.append(
+            f"{branches.cycles} loadings: what each loads beyond all earlier reversals and the "
+            f"unloading from the largest compression are fitted; {left_out} samples of inner loops "
+            "are compared with the law only"
+        )
+    if branches.holds:
+        first, last = max(branches.holds, key=lambda hold: force[hold[0]])
+        notes.append(
+            f"{branches.held.size} samples of holds are left out; in the one under the largest "
+            f"load, the force goes from {force[first]:.4g} to {force[last]:.4g} N, which the law "
+            "does not describe"
+        )
+    return tuple(notes)

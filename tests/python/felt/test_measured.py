@@ -1,0 +1,153 @@
+"""Contact laws from measured loops: a known law comes back, and faults are told."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import feltmb
+from feltmb.cli.felt import command
+from feltmb.contact import law
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.felt import load_envelope, measured_loop, read_measured_loop
+
+TRUE = {"loading": (5.52e3, 1.58e3, -0.60e3), "unloading": (0.19e3, 5.04e3, 3.04e3)}
+UP = np.linspace(0.0, 8e-4, 300)
+#: A whole loop and an inner one.
+PATH = np.concatenate([UP, UP[::-1], UP[:200], UP[:200][::-1]])
+
+
+def made_loop(noise=0.0, approach=0, zero=0.0, **memory):
+    """Displacement and force of the law with memory."""
+    felt = law("felt_memory", **TRUE, **memory)
+    force = felt.path(PATH, 1e-3 * np.arange(PATH.size))
+    random = np.random.default_rng(2)
+    x = np.concatenate([np.linspace(-2e-4, 0.0, approach + 1)[:-1], PATH]) + zero
+    force = np.concatenate([np.zeros(approach), force])
+    return x, force + noise * random.standard_normal(x.size)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02, 0.1])
+def test_the_law_of_a_loop_follows_it_to_the_noise(noise):
+    found = measured_loop(*made_loop(noise, approach=60, zero=1.3e-3))
+    # The force rises with 4.9 kN/m at first: the noise hides the first contact.
+    assert found.zero == pytest.approx(1.3e-3, abs=4e-6 + 1e-3 * noise)
+    assert found.rms == pytest.approx(noise, rel=0.1, abs=0.005)
+    true = law("felt_memory", **TRUE)
+    grid = np.linspace(0.0, 8e-4, 200)
+    time = np.arange(200.0)
+    shifted = grid - (found.zero - 1.3e-3)
+    made = found.law().path(np.maximum(shifted, 0.0), time)
+    assert made == pytest.approx(true.path(grid, time), abs=0.02 + 2.5 * noise)
+
+
+def test_a_short_transition_is_found():
+    found = measured_loop(*made_loop(0.02, kappa=0.01, wiping_out=0.2))
+    assert found.memory["kappa"] < 0.05
+    assert found.rms == pytest.approx(0.02, rel=0.25)
+    default = found.law(kappa=0.2, wiping_out=0.0).path(
+        np.maximum(found.compression, 0.0), 1e-3 * np.arange(found.force.size)
+    )
+    assert np.sqrt(np.mean((default - found.force) ** 2)) > 5.0 * found.rms
+
+
+def test_the_envelope_is_valid_whatever_the_noise():
+    """Unloading is between zero and loading, both rise, and they meet at the end."""
+    for seed in range(5):
+        x, force = made_loop(0.0)
+        force += 0.5 * np.random.default_rng(seed).standard_normal(x.size)
+        made = measured_loop(x, force, zero=0.0).envelope
+        assert np.all(made.unloading <= made.loading)
+        assert np.all(np.diff(made.loading) >= 0.0)
+        assert made.unloading[0] == made.loading[0] == 0.0
+        assert made.unloading[-1] == pytest.approx(made.loading[-1])
+        assert 0.0 < made.loss < 1.0
+
+
+def test_holds_are_left_out_and_told():
+    x, force = made_loop(0.01)
+    top = int(np.argmax(x))
+    held = force[top] * (1.0 - 0.08 * (1.0 - np.exp(-np.arange(400) / 50.0)))
+    x = np.concatenate([x[: top + 1], np.full(400, x[top]), x[top + 1 :]])
+    force = np.concatenate([force[: top + 1], held, force[top + 1 :]])
+    found = measured_loop(x, force)
+    assert found.branches.held.size == pytest.approx(400, abs=10)
+    assert any("samples of holds are left out" in note for note in found.notes)
+    assert found.rms == pytest.approx(0.01, rel=0.3)
+
+
+def write(path, unit=1e3, text=None):
+    x, force = made_loop(0.02, approach=20)
+    rows = "\n".join(f"{unit * a:.6f},{b:.4f}" for a, b in zip(x, force, strict=True))
+    path.write_text(f"displacement [mm],force [N]\n{rows}\n" if text is None else text)
+    return path
+
+
+def run(*arguments):
+    result = CliRunner().invoke(command, [str(a) for a in arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_from_a_file_to_a_mechanism(tmp_path):
+    path = write(tmp_path / "pair.csv")
+    out = run("contact", path, "--contact", "06", "-o", tmp_path / "mine.toml",
+              "--plot", tmp_path / "pair.png")  # fmt: skip
+    assert "difference of law and test: 0.02" in out
+    assert (tmp_path / "pair.png").stat().st_size > 5000
+    action = feltmb.load_action(tmp_path / "mine.toml")
+    run_of = feltmb.simulate(action, "forte", duration=0.12)
+    assert run_of["contact06.force"].max() > 1.0
+    run("contact", path, "-o", tmp_path / "table.toml")
+    assert load_envelope(tmp_path / "table.toml").closing == pytest.approx(8e-4, rel=0.02)
+    told = json.loads(run("contact", path, "--json", "--zero", "0mm"))
+    assert told["zero"] == 0.0
+    assert told["rms_of_law"] == pytest.approx(0.02, rel=0.1)
+
+
+def test_a_test_by_thickness(tmp_path):
+    x, force = made_loop(0.0)
+    rows = "\n".join(f"{6.0 - 1e3 * a:.6f};{b:.4f}" for a, b in zip(x, force, strict=True))
+    path = tmp_path / "pair.csv"
+    path.write_text("Dicke [mm];Kraft [N]\n" + rows.replace(".", ","))
+    found = read_measured_loop(path)
+    assert found.by_thickness
+    assert -found.zero == pytest.approx(6e-3, abs=4e-6)
+    assert found.rms < 0.01
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"force": -1.0}, "expected compression to be positive"),
+        ({"head": "v_f [-],force [N]"}, "column v_f, expected displacement or thickness"),
+        ({"head": "displacement [mm],pressure [Pa]"}, "column pressure, expected force"),
+        ({"rows": 300}, "0 samples of unloading, expected at least 8"),
+    ],
+)
+def test_faults_of_a_file_are_told(tmp_path, change, told):
+    x, force = made_loop(0.0)
+    force = change.get("force", 1.0) * force
+    count = change.get("rows", x.size)
+    rows = "\n".join(
+        f"{1e3 * a:.6f},{b:.4f}" for a, b in zip(x[:count], force[:count], strict=True)
+    )
+    path = tmp_path / "pair.csv"
+    path.write_text(f"{change.get('head', 'displacement [mm],force [N]')}\n{rows}\n")
+    with pytest.raises(DataError, match=told):
+        read_measured_loop(path)
+
+
+def test_faults_of_arrays_are_told():
+    with pytest.raises(InvalidParameter, match="expected arrays of equal length"):
+        measured_loop(np.zeros(30), np.zeros(20))
+    with pytest.raises(InvalidParameter, match="expected finite numbers that change"):
+        measured_loop(np.zeros(30), np.zeros(30))
+    x, force = made_loop()
+    with pytest.raises(InvalidParameter, match=r"zero = 0\.01 m, expected less than the largest"):
+        measured_loop(x, force, zero=0.01)
+    with pytest.raises(InvalidParameter, match="points = 3, must be >= 5"):
+        measured_loop(x, force, points=3)
