@@ -320,9 +320,10 @@ def _series(
             "--scale 0.21mm, in Python scales of ReadOptions)"
         )
         return empty
-    found_unit = _to_unit_of_model(unit, model) if model and not spec.si else None
     zero, factor, si = (
-        _temperature(unit, spec.si or model) or found_unit or (0.0, *_to_si(unit, spec.si))
+        _temperature(unit, spec.si or model)
+        or (_to_unit_of_model(unit, model) if model and not spec.si else None)
+        or (0.0, *_to_si(unit, spec.si))
     )
     if factor is None:
         expected = f"expected one of {spec.si}" if spec.si else "give its si and factor"
@@ -434,7 +435,7 @@ def _temperature(unit: str, model: str) -> tuple[float, float, str] | None:
 def _to_unit_of_model(unit: str, model: str) -> tuple[float, float, str] | None:
     """Zero, factor and unit of a quantity of which the model has another unit than SI."""
     try:
-        if to_si(model)[0] == 1.0:
+        if not unit or to_si(model)[0] == 1.0:
             return None
         return 0.0, conversion_factor(unit, model), model
     except InvalidParameter:

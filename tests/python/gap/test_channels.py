@@ -120,6 +120,17 @@ def test_a_model_gets_its_inputs_in_its_units(percent, unit):
     assert model.inputs == ("valve",)
 
 
+def test_a_column_without_a_unit_is_not_converted(percent):
+    text = percent.read_text(encoding="utf-8")
+    percent.write_text(text.replace("valve [%]", "valve"), encoding="utf-8")
+    model = valve(inputs={"valve": "%"})
+    with pytest.raises(DataError, match=r"column valve has no unit in the header, .* \[%\]"):
+        read(percent, model)
+    sheet = "[inputs.valve]\n[outputs.level]\n"
+    percent.with_suffix(".toml").write_text(sheet, encoding="utf-8")
+    assert read(percent, model).inputs["valve"][0] == 40.0
+
+
 def test_the_command_shows_the_inputs_as_the_model_gets_them(percent, tmp_path, capsys):
     model = tmp_path / "tank.py"
     model.write_text(
