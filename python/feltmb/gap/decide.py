@@ -116,7 +116,7 @@ def decide(facts: Facts) -> Decision:
             Verdict.UNKNOWN,
             "The records of the fit show no gap, but the held-out ones do: fitted to them alone "
             f"the model{with_set} leaves {facts.beyond:.3g} times the sum of squares of noise. "
-            + FIT_OTHERS,
+            + (facts.where.one_record.text if facts.where.one_record else FIT_OTHERS),
         )
     if not gap:
         likely = 1.0 - facts.belief.none >= facts.options.credibility
@@ -550,4 +550,4 @@ def _place(facts: Facts) -> str:
     strong = [c for c in where.components if c.significant]
     if strong:
         text = f" {strong[0].text}."
-    return f"{text} {where.varying_text}" if where.varying else text
+    return " ".join([text, *where.hints]) if where.hints else text

@@ -45,6 +45,7 @@ from feltmb.gap.judged_data import judged_data, prepare, ready, with_other_noise
 from feltmb.gap.law_errors import law_errors
 from feltmb.gap.measured import known_by_test
 from feltmb.gap.misfit import Misfit, form_of, misfit
+from feltmb.gap.one_record import error_of_one_record
 from feltmb.gap.options import Options
 from feltmb.gap.overlay import exchanged_channels, expected_outputs, wrong_units
 from feltmb.gap.profile import profile_of
@@ -250,6 +251,11 @@ class _Diagnosis:
         done = replace(done, sensed=done.sensed.warned(refuted_tolerances(fit)))
         self._lap("how far")
         where = self._where(done.first)
+        if proof.accepted.best is None:
+            everything = (*done.sensed.fitted, *done.sensed.held)
+            theta, alpha = done.first.bare.point.theta, self.options.alpha
+            hint = error_of_one_record(self.model, everything, theta, self.task.settings, alpha)
+            where = replace(where, one_record=hint)
         self._lap("where")
         which_gap = _primary(self.model, proof.accepted, done.sensed.held)
         shares = self._shares(done.found, proof, which_gap)

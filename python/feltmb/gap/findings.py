@@ -35,6 +35,7 @@ __all__ = [
     "NotTested",
     "Ranked",
     "RankedSet",
+    "RecordError",
     "VaryingLaw",
     "Verdict",
     "Where",
@@ -318,6 +319,35 @@ class VaryingLaw:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RecordError:
+    """Gain or offset of one sensor in one record alone, which would explain most of the gap."""
+
+    record: str
+    channel: str
+    kind: str
+    """"gain" or "offset"."""
+    size: float
+    """Relative gain [1], or offset [unit]."""
+    unit: str
+    gain: float
+    """Gain of log evidence of the model [1]."""
+
+    @property
+    def text(self) -> str:
+        """A sentence."""
+        if self.kind == "gain":
+            what = f"{100 * abs(self.size):.2g} % too {'large' if self.size > 0.0 else 'small'}"
+        else:
+            factor, shown = readable_unit(self.size, self.unit)
+            what = f"shifted by {factor * self.size:.2g}{unit_suffix(shown)}"
+        size = f"{self.gain:.0f}" if self.gain < MUCH else f"more than {MUCH:.0f}"
+        return (
+            f"If {self.channel} were {what} in the record {self.record} alone, the model would "
+            f"gain {size} units of log evidence: check this sensor in this record."
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Where:
     """Where the gap lies."""
 
@@ -337,6 +367,14 @@ class Where:
     strongest first."""
     varying_gain: float = 0.0
     """Gain of log evidence if these laws vary [1]."""
+    one_record: RecordError | None = None
+    """A sensor that differs in one record alone, if that would explain most of the gap."""
+
+    @property
+    def hints(self) -> tuple[str, ...]:
+        """Sentences about what would explain the gap without an effect."""
+        texts = (self.one_record.text if self.one_record else "", self.varying_text)
+        return tuple(text for text in texts if text)
 
     @property
     def varying_text(self) -> str:

@@ -228,8 +228,7 @@ def _remains(report: Findings) -> Iterator[Part]:
     if not report.model.included:
         for c in [c for c in report.where.components if c.significant][:3]:
             yield f"{c.text}."
-        if varying := report.where.varying_text:
-            yield varying
+        yield from report.where.hints
 
 
 def _unit(report: Findings, channel: str) -> str:

@@ -74,6 +74,48 @@ def test_the_reading_of_a_saturation_may_lie_between_those_of_the_list():
     assert movable(zero) == ()
 
 
+# ---------------------------------------------------------------- a sensor that differs once
+
+
+def one_wrong(change, which, **what):
+    """Three records with noise of 1e-4 m, one of which is changed."""
+    runs = [models.record(f"run {k}", 1.0, 7 + k, **what) for k in range(3)]
+    q = runs[which].outputs["q"]
+    runs[which] = replace(runs[which], outputs={"q": change(q)})
+    return runs
+
+
+@pytest.mark.parametrize(
+    ("which", "change", "kind", "size", "told"),
+    [
+        (0, lambda q: 1.06 * q, "gain", 0.06, "% too large in the record run 0 alone"),
+        (0, lambda q: q - 4e-3, "offset", -4e-3, "shifted by -4 mm in the record run 0 alone"),
+        (2, lambda q: q - 4e-3, "offset", -4e-3, "shifted by -4 mm in the record run 2 alone"),
+    ],
+)
+def test_a_sensor_that_differs_in_one_record_is_told(which, change, kind, size, told):
+    """Whether the record is fitted or held out."""
+    quick = Options(bootstrap=0, advice=False)
+    report = diagnose(
+        models.NOMINAL, [], one_wrong(change, which), hold_out=["run 2"], options=quick
+    )
+    assert report.verdict is Verdict.UNKNOWN
+    found = report.where.one_record
+    assert found is not None
+    assert (found.record, found.channel, found.kind) == (f"run {which}", "q", kind)
+    assert found.size == pytest.approx(size, rel=0.05)
+    assert told in report.statement
+
+
+def test_a_cause_in_all_records_is_no_error_of_one():
+    quick = Options(bootstrap=0, advice=False)
+    unknown = diagnose(models.NOMINAL, [], one_wrong(lambda q: q, 0, dry=8.0), options=quick)
+    assert unknown.verdict is Verdict.UNKNOWN
+    assert unknown.where.one_record is None
+    two = diagnose(models.NOMINAL, [], one_wrong(lambda q: 1.06 * q, 0)[:2], options=quick)
+    assert two.where.one_record is None
+
+
 # ---------------------------------------------------------------- percent and units of inputs
 
 
