@@ -442,7 +442,7 @@ def test_two_effects_that_held_out_records_do_not_excite_are_both_named(decided)
     shown = replace(facts, accepted=replace(facts.accepted, proof=proof))
     told = decide(shown).statement
     assert "gain 50 units of log evidence by power 2. Held-out records hardly show power 3" in told
-    wide = replace(shown, how_far=replace(facts.how_far, before=9.0, closed=0.8))
+    wide = replace(shown, how_far=replace(facts.how_far, before=9.0, closed=0.8, low=0.6))
     assert "It closes 80% of the held-out gap. Held-out records" in decide(wide).statement
     # If an equally good set has one of them alone, the other is a possibility and no statement.
     smaller = (SimpleNamespace(names=("power 2",), evidence=-np.inf),)
