@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
 __all__ = ["command"]
 
-_DATA = (".csv", ".txt", ".tsv", ".dat", ".mat", ".nc")
-
 
 @click.command("check")
 @click.argument("model_and_data", nargs=-1, required=True, shell_complete=actions,
@@ -122,12 +120,14 @@ def command(
 
 def _split(given: Sequence[str]) -> tuple[str | None, list[Path]]:
     """The model, if the first argument is not a measured file, and the files."""
-    if Path(given[0]).suffix.lower() in _DATA:
+    from feltmb.data.columns import MEASURED_FILES
+
+    if Path(given[0]).suffix.lower() in MEASURED_FILES:
         return None, [Path(g) for g in given]
     if len(given) == 1:
         raise InvalidParameter(
-            f"gap check: got {given[0]!r} alone, expected measured files ({', '.join(_DATA)}), "
-            "before them perhaps a model"
+            f"gap check: got {given[0]!r} alone, expected measured files "
+            f"({', '.join(MEASURED_FILES)}), before them perhaps a model"
         )
     return given[0], [Path(g) for g in given[1:]]
 

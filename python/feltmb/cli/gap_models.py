@@ -162,9 +162,13 @@ def load_adapter(name: str, settings: Sequence[str] = (), channels: Sequence[str
         return _from_file(path)
     found = _mechanism(name, values, channels)
     if found is None:
+        from feltmb.data.columns import MEASURED_FILES
+
+        measured = path.suffix.lower() in MEASURED_FILES
+        hint = "; this is a file of data, the model is the first argument" if measured else ""
         raise InvalidParameter(
             f"no model {name!r}; expected a Python file that defines model and effects, a "
-            "mechanism file, or a packaged mechanism (feltmb list)"
+            f"mechanism file, or a packaged mechanism (feltmb list){hint}"
         )
     return found
 

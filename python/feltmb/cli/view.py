@@ -54,13 +54,13 @@ def command(
     """Show saved RUNS in a browser: motion, forces, curves, string.
 
     Writes one HTML file that needs no network. Up to six runs are compared: the first one is
-    filled, and the others are outlines. A run may also be a CSV file of measured curves with a
-    header such as "time [s],hammer_tip.vx [m/s]".
+    filled, and the others are outlines. A run may also be a file of measured curves (CSV, text,
+    MAT) with a header such as "time [s],hammer_tip.vx [m/s]".
     """
     from feltmb.graphics.viewer import read_curves, view
     from feltmb.run.results import load_run
 
-    loaded = [read_curves(p) if p.suffix.lower() == ".csv" else load_run(p) for p in runs]
+    loaded = [load_run(p) if p.suffix.lower() in (".nc", ".h5") else read_curves(p) for p in runs]
     target = out or runs[0].with_suffix(".html")
     say_written(
         view(loaded, target, slowness=slowness, window=window, align=align, at=at, force=force)

@@ -25,37 +25,44 @@ from feltmb.files.hdf5 import HDF5_FAULTS, Hdf5Dataset, Hdf5File, open_hdf5
 from feltmb.units import split_column
 from feltmb.units.quantity import shortened
 
-__all__ = ["MOST_NUMBERS", "Columns", "read_columns"]
+__all__ = ["MEASURED_FILES", "MOST_NUMBERS", "Columns", "read_columns"]
+
+_TEXTS = (".csv", ".txt", ".tsv", ".dat")
+#: Endings of the files that can be read.
+MEASURED_FILES = (*_TEXTS, ".mat", ".nc")
 
 LARGEST_MAT = 500_000_000  # bytes of a MAT file of version 5
 _MAT_NUMBERS = {"double", "single"} | {f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)}
 
 
-def read_columns(path: Path) -> Columns:
+def read_columns(path: Path, told: list[str] | None = None) -> Columns:
     """Read all series of a file.
+
+    The faults of the rows of a text are added to ``told``, and their cells are NaN.
 
     Raises
     ------
     DataError
-        The file cannot be read, has no series, or exceeds the size limits.
+        The file cannot be read, has no series, exceeds the size limits, or has faults in its rows
+        and ``told`` is not given.
     """
     kind = path.suffix.lower()
+    if kind in _TEXTS:
+        return _read_text(path, told)
     readers = {".mat": _read_mat, ".nc": _read_netcdf}
-    readers |= dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), _read_text)
     if kind not in readers:
         raise DataError(f"{path}: cannot read {kind or 'this'}; expected .csv, .mat or .nc")
     columns = readers[kind](path)
-    if kind in (".mat", ".nc"):
-        columns.only_longest()
-        if max((v.size for v in columns.values.values()), default=0) < 2:
-            raise DataError(f"{path}: holds no series; there are {columns}")
+    columns.only_longest()
+    if max((v.size for v in columns.values.values()), default=0) < 2:
+        raise DataError(f"{path}: holds no series; there are {columns}")
     return columns
 
 
 # ---------------------------------------------------------------- text
 
 
-def _read_text(path: Path) -> Columns:
+def _read_text(path: Path, told: list[str] | None) -> Columns:
     lines = text_lines(read_input(path, most=LARGEST_TABLE), path)
     try:
         tracked = read_tracked(path, lines)
@@ -68,7 +75,7 @@ def _read_text(path: Path) -> Columns:
         raise DataError(f"{path}: {len(lines)} lines, expected a header and at least 2 samples")
     try:
         table = read_table(lines)
-        return columns_of(path, table, [split_column(plain_text(c)) for c in table.header])
+        return columns_of(path, table, [split_column(plain_text(c)) for c in table.header], told)
     except csv.Error as error:
         raise DataError(f"{path}: is no table: {error}") from None
 

@@ -51,17 +51,18 @@ class Signals:
 WHICH = "--column NAME=COLUMN says which it is, in Python columns of ReadOptions"
 
 
-def clock_column(columns: Columns, specified: str = "") -> str:
-    """Column of the clock; "" if there is none."""
+def clock_column(columns: Columns, specified: str = "", *, guess: bool = True) -> str:
+    """Column of the clock; "" if there is none.
+
+    ``guess``: without a column named time, the frames or the first column.
+    """
     if specified:
         return columns.find(specified)
     exact = next((n for n in ("time", "t", "Time", "T") if n in columns.values), "")
-    return (
-        exact
-        or _one_of(columns, _CLOCKS)
-        or frame_column(columns)
-        or next(iter(columns.values), "")
-    )
+    named = exact or _one_of(columns, _CLOCKS)
+    if named or not guess:
+        return named
+    return frame_column(columns) or next(iter(columns.values), "")
 
 
 def frame_column(columns: Columns) -> str:

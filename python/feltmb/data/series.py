@@ -60,6 +60,10 @@ class Columns:
         text = shortened(", ".join(shown), 600) or "none"
         return text + (f"; left out: {shortened(', '.join(out), 300)}" if out else "")
 
+    def place(self, row: int) -> str:
+        """Place of a row in the file, as text: its line, or its number from 1."""
+        return f"row {row + 1}" if self.lines is None else f"line {self.lines[row]}"
+
     def add(self, name: str, shape: tuple[int, ...]) -> bool:
         """Whether an array has the shape of a series; other arrays are noted in ``left_out``."""
         if math.prod(shape) == max(shape, default=1) and shape:
@@ -96,19 +100,29 @@ class Columns:
         return ""
 
 
-def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Columns:
+def columns_of(
+    path: Path,
+    table: Table,
+    names: Sequence[tuple[str, str]],
+    told: list[str] | None = None,
+) -> Columns:
     """The series of a table with the given names and units; columns without a name are omitted.
+
+    The faults of the rows are added to ``told``, and what they concern is NaN.
 
     Raises
     ------
     DataError
-        The table has faults; the message lists the first ones.
+        There is no header, or the rows have faults, and ``told`` is not given; the message lists
+        the first ones.
     """
-    faults: list[str] = []
+    faults: list[str] = [] if told is None else told
     if not table.header or all(_is_number(c, table.decimal) for c in table.header):
-        faults.append(f"line {table.line} holds numbers, expected the names of the columns")
+        raise DataError(
+            f"{path}: line {table.line} holds numbers, expected the names of the columns"
+        )
     if table.lines < 2:
-        raise DataError(f"{path}: {table.lines} rows of numbers, expected at least 2")
+        faults.append(f"{table.lines} rows of numbers, expected at least 2")
     doubled = _doubled(n for n, _ in names)
     if doubled:
         every = shortened(", ".join(n for n, _ in names), 600)
@@ -143,7 +157,7 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
                 values[i, j] = number
     if read < 2 and not faults:
         faults.append(f"{read} rows of numbers, expected at least 2")
-    if faults:
+    if faults and told is None:
         raise DataError(fault_text(str(path), faults, most=10))
     columns = Columns(lines=numbers[:read])
     below = table.units or ("",) * width

@@ -47,6 +47,8 @@ _STYLES: tuple[tuple[str | None, str], ...] = (
 SAMPLE = 60
 #: Largest number of lines of a preamble.
 LONGEST_PREAMBLE = 200
+#: Number of rows below the first row of numbers that are compared with it.
+NEXT_ROWS = 4
 
 
 @dataclass(frozen=True)
@@ -201,7 +203,7 @@ def _width(cells: Sequence[Sequence[str]]) -> int:
 
 
 def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
-    """Index of the first row in which most cells are numbers; the next row must be alike."""
+    """Index of the first row in which most cells are numbers, as in half of the rows below it."""
 
     def share(row: Sequence[str]) -> float:
         filled = [c for c in row if c.strip() not in MISSING]
@@ -209,8 +211,10 @@ def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
         return numbers / len(filled) if filled and len(row) == width else 0.0
 
     shares = [share(row) for row in cells]
-    pairs = zip(shares, [*shares[1:], 1.0], strict=True)
-    first = next((i for i, (a, b) in enumerate(pairs) if min(a, b) > 0.5), len(cells))
+    full = [i for i, s in enumerate(shares) if s > 0.5]
+    below = {i: shares[i + 1 : i + 1 + NEXT_ROWS] for i in full}
+    alike = (i for i in full if 2 * sum(s > 0.0 for s in below[i]) >= len(below[i]))
+    first = next(alike, next(iter(full), len(cells)))
     # A row with a fault is not a header.
     while first > 1 and shares[first - 1] > 0.0:
         first -= 1

@@ -185,6 +185,10 @@ def measured_loop(
         )
     elif not (np.all(np.isfinite(x)) and np.all(np.isfinite(f)) and np.ptp(x) > 0.0):
         faults.append("displacement and force, expected finite numbers that change")
+    elif not np.max(f) > max(0.0, -np.min(f)):
+        faults.append(
+            f"force from {np.min(f):.4g} to {np.max(f):.4g} N, expected compression to be positive"
+        )
     if points < 5:
         faults.append(f"points = {points}, must be >= 5")
     if faults:
@@ -258,8 +262,10 @@ def _curve(e: Array, force: Array, end: float, grid: Array) -> Array:
     count = int(np.clip(e.size // 4, 4, KNOTS))
     knots = end * np.linspace(0.0, 1.0, count + 1) ** 1.5
     rise = np.clip((e[:, None] - knots[:-1]) / np.diff(knots), 0.0, 1.0)
-    # Samples before the contact say nothing about the curve.
-    steps, _ = nnls(rise[e >= 0.0], force[e >= 0.0])
+    # Samples before the contact say nothing about the curve. A triangular factor has the same least
+    # squares in as many rows as there are knots.
+    factor = np.asarray(np.linalg.qr(np.column_stack([rise, force])[e >= 0.0], mode="r"))
+    steps, _ = nnls(factor[:, :-1], factor[:, -1])
     return np.asarray(PchipInterpolator(knots, np.concatenate([[0.0], np.cumsum(steps)]))(grid))
 
 

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from feltmb.adapters import mechanism_model
 from feltmb.data import ReadOptions, Record
-from feltmb.data.columns import read_columns
+from feltmb.data.columns import MEASURED_FILES, read_columns
 from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import FeltmbError, InvalidParameter
@@ -38,7 +38,6 @@ _LOG = logging.getLogger(__name__)
 
 #: Largest number of uploaded files; the oldest one is removed.
 MOST_FILES = 12
-KINDS = (".csv", ".txt", ".tsv", ".dat", ".mat", ".nc")
 #: Number of samples of a curve, number of drawn records, interval of progress messages [s].
 MOST_SAMPLES, MOST_RECORDS, TELL_EVERY = 1500, 6, 0.3
 
@@ -87,8 +86,8 @@ class Shelf:
         """
         plain_name = re.sub(r"[^\w .+-]", "_", Path(name.replace("\\", "/")).name)[-80:] or "record"
         kind = Path(plain_name).suffix.lower()
-        if kind not in KINDS:
-            raise InvalidParameter(f"{plain_name}: expected a file {', '.join(KINDS)}")
+        if kind not in MEASURED_FILES:
+            raise InvalidParameter(f"{plain_name}: expected a file {', '.join(MEASURED_FILES)}")
         key = f"r{next(self._numbers)}"
         (self.folder / key).mkdir()
         path = self.folder / key / plain_name

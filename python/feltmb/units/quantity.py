@@ -45,7 +45,6 @@ __all__ = [
     "is_quantity",
     "parse_scalar",
     "shortened",
-    "split_heading",
     "unit_of",
     "validated",
 ]
@@ -146,15 +145,6 @@ def _check_kind(annotation: Any, value: object) -> None:
 def shortened(text: str, most: int = 80) -> str:
     """Text for a message, shortened if it would fill the screen."""
     return text if len(text) <= most else text[: most - 3] + "..."
-
-
-def split_heading(cell: str) -> tuple[str, str | None]:
-    """Name and unit of a column heading such as ``force [N]``; None: no unit is stated."""
-    text = cell.strip()
-    name, mark, unit = text.partition("[")
-    if not mark or not text.endswith("]"):
-        return text, None
-    return name.rstrip(), unit[:-1].strip()
 
 
 def is_quantity(node: object) -> bool:

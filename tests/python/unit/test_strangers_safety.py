@@ -28,7 +28,7 @@ from feltmb.graphics.viewer import read_curves
 from feltmb.run.batch import simulate_many
 from feltmb.run.stroke import load_stroke
 from feltmb.run.study.model import Study
-from feltmb.units.quantity import parse_scalar, split_heading
+from feltmb.units.quantity import parse_scalar
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -360,23 +360,6 @@ def test_headings_cost_time_with_their_length(tmp_path, reader, head):
     path.write_text(f"time [s],{head}\n0,1\n1,2\n2,3\n")
     with contextlib.suppress(feltmb.InvalidParameter):
         reader(path)
-
-
-@pytest.mark.parametrize(
-    ("cell", "found"),
-    [
-        ("force [N]", ("force", "N")),
-        ("  force  [ N ] ", ("force", "N")),
-        ("force", ("force", None)),
-        ("force []", ("force", "")),
-        ("force [N", ("force [N", None)),
-        ("force ]", ("force ]", None)),
-        ("a [b] [c]", ("a", "b] [c")),
-        ("", ("", None)),
-    ],
-)
-def test_headings(cell, found):
-    assert split_heading(cell) == found
 
 
 def test_numbers_with_units_cost_time_with_their_length():

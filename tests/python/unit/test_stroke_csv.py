@@ -76,22 +76,22 @@ def test_harmless_variations(csv, text):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("time,force [N]\n0,0\n1,1\n", r"column 'time' states no unit; write 'time [s]'"),
-        ("time [s],force\n0,0\n1,1\n", r"column 'force' states no unit; write 'force [N]'"),
+        ("time,force [N]\n0,0\n1,1\n", "column time states no unit; write 'time [s]'"),
+        ("time [s],force\n0,0\n1,1\n", "column force states no unit; write 'force [N]'"),
         ("time [kg],force [N]\n0,0\n1,1\n", "unit 'kg' does not measure"),
         ("time [s],force [mm]\n0,0\n1,1\n", "unit 'mm' does not measure this quantity"),
         ("time [s],displacement [N]\n0,0\n1,1\n", "expected a unit of m"),
-        ("time [s],speed [m/s]\n0,0\n1,1\n", "got column 'speed [m/s]'"),
-        ("force [N],time [s]\n0,0\n1,1\n", "got column 'force [N]'"),
-        ("time [s];force [N]\n0;0\n1;1\n", "header: got 'time [s];force [N]'"),
-        ("0,0\n1,1\n", "header"),
-        ("", "header"),
-        ("time [s],force [N]\n", "got 0 rows of data, expected at least 2"),
-        ("time [s],force [N]\n0,1\n", "got 1 rows of data"),
-        ("time [s],force [N]\n0,0\n1,nan\n", "line 3: value is 'nan', expected a finite number"),
-        ("time [s],force [N]\n0,0\n1,\n", "line 3: value is ''"),
-        ("time [s],force [N]\n0,0\ninf,1\n", "line 3: time is 'inf'"),
-        ("time [s],force [N]\n0,0\n1,1,1\n", "line 3: got 3 cells, expected 2"),
+        ("time [s],speed [m/s]\n0,0\n1,1\n", "expected one column force [N]"),
+        ("time [s],force [N],torque [N m]\n0,0,0\n1,1,1\n", "there are time, force, torque"),
+        ("clock [s],force [N]\n0,0\n1,1\n", "no column time; there are clock, force"),
+        ("0,0\n1,1\n2,2\n", "line 1 holds numbers, expected the names of the columns"),
+        ("", "0 lines, expected a header"),
+        ("time [s],force [N]\n", "1 lines, expected a header and at least 2 samples"),
+        ("time [s],force [N]\n0,1\n", "2 lines, expected a header and at least 2 samples"),
+        ("time [s],force [N]\n0,0\n1,nan\n", "line 3: force = nan, expected a finite number"),
+        ("time [s],force [N]\n0,0\n1,\n", "line 3: force = nan, expected a finite number"),
+        ("time [s],force [N]\n0,0\ninf,1\n", "line 3: time = inf, expected a finite number"),
+        ("time [s],force [N]\n0,0\n1,1\n2,1,1\n", "line 4: 3 cells, expected 2"),
         ("time [s],force [N]\n0,0\n1,1\n0.5,2\n", "line 4: time 0.5 s does not follow 1 s"),
         ("time [s],force [N]\n0,0\n1,1\n1,2\n", "line 4: time 1 s does not follow 1 s"),
         ("time [s],force [N]\n0,0\n0,0\n", "line 3: time 0 s does not follow 0 s"),
@@ -100,7 +100,25 @@ def test_harmless_variations(csv, text):
 def test_one_fault(csv, text, message):
     text = message_of(csv(text))
     assert message in text
-    assert text.startswith("record.csv: ")
+    assert "record.csv: " in text
+    assert "faults" not in text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time [s];force [N]\n0;0\n0,5;1,5\n1;2\n",
+        "force [N],time [s]\n0,0\n1.5,0.5\n2,1\n",
+        "Rig 3, 12 May\nTime (s)\tKraft (N)\tkey [mm]\n0\t0\t0\n0.5\t1.5\t3\n1\t2\t9\n",
+        "time,force,key_front.y\ns,N,mm\n0,0,0\n0.5,1.5,\n1,2,9\n",
+    ],
+)
+def test_a_measured_record_is_a_stroke(csv, text):
+    """Separators, decimal commas, lines above and below the header, and other columns."""
+    stroke = feltmb.load_stroke(csv(text))
+    assert stroke.kind == "force"
+    assert stroke.time == (0.0, 0.5, 1.0)
+    assert stroke.value == (0.0, 1.5, 2.0)
 
 
 def test_gap(csv):
@@ -112,21 +130,22 @@ def test_gap(csv):
 
 
 def test_all_faults_at_once_with_lines(csv):
-    text = message_of(csv("time [s],force [kg]\n0,0\nx,1\n2,nan\n3\n"))
+    text = message_of(csv("time [s],force [kg]\n0,0\nx,1\n2,y\n3\n"))
     assert "4 faults" in text
     for part in (
         "unit 'kg'",
-        "line 3: time is 'x'",
-        "line 4: value is 'nan'",
-        "line 5: got 1 cell",
+        "line 3, column time: 'x' is no number",
+        "line 4, column force: 'y' is no number",
+        "line 5: 1 cells, expected 2",
     ):
         assert part in text
 
 
 def test_many_faults_are_cut(csv):
-    text = message_of(csv("time [s],force [N]\n" + "x,1\n" * 500))
-    assert "500 faults" in text
-    assert "... and 480 more" in text
+    assert len(message_of(csv("time [s],force [N]\n" + "x,1\n" * 500)).splitlines()) == 12
+    text = message_of(csv("time [s],force [N]\n" + "0,nan\n" * 500))
+    assert "999 faults" in text
+    assert "... and 979 more" in text
     assert len(text.splitlines()) == 22
 
 
@@ -137,7 +156,8 @@ def test_reversed_time(csv):
 
 
 def test_files_that_cannot_be_read(csv, tmp_path):
-    assert "is no UTF-8 text" in message_of(csv(b"time [s],force [N]\n0,\xff\n"))
+    message = message_of(csv(b"time [s],force [N]\n0,\xff\n1,2\n"))
+    assert "line 2, column force: 'ÿ' is no number" in message
     with pytest.raises(feltmb.DataError, match="there is no such file"):
         feltmb.read_stroke_csv(tmp_path / "nothing.csv")
 
@@ -154,7 +174,7 @@ def test_a_file_beyond_the_limit_is_not_read(tmp_path):
 
 
 def test_very_long_line_is_a_fault(csv):
-    assert "header" in message_of(csv("x" * 300_000 + ",force [N]\n0,0\n1,1\n"))
+    assert "field larger" in message_of(csv("x" * 300_000 + ",force [N]\n0,0\n1,1\n"))
 
 
 def test_record_of_a_stroke_gives_the_stroke(csv, rigid):

@@ -399,18 +399,18 @@ def test_measured_curves_are_shown_in_the_units_of_the_run(tmp_path, forte):
     ("text", "faults"),
     [
         ("", ["expected a header"]),
-        ("a,b\n1,2\n2,3\n", ["the first column is 'a'"]),
-        ("time [ms],b,b\n1,2,3\n2,3,4\n", ["'b' comes twice"]),
+        ("a,b\n1,2\n2,3\n", ["no column time; there are a, b"]),
+        ("time [ms],b,b\n1,2,3\n2,3,4\n", ["a column is named twice (time, b, b)"]),
         (
-            "time [s],b [mm]\n1,x\n2,inf\n3\n",
-            ["line 2: b is 'x'", "line 3: b is 'inf'", "line 4: 1 cells"],
+            "time [mm],b [mm]\n1,x\n2,2\n3\n4,4\n",
+            ["line 2, column b: 'x'", "line 4: 1 cells", "time: unit 'mm'"],
         ),
-        ("time [s],b\n1,2\n", ["1 rows of numbers"]),
+        ("time [s],b\n1,2\n", ["2 lines, expected a header and at least 2 samples"]),
         (
             "time [s],b\n1,2\n1,3\n0,3\n",
             ["line 3: time does not grow", "line 4: time does not grow"],
         ),
-        ("time [mm],b\n1,2\n2,3\n", ["the first column is 'time [mm]'"]),
+        ("time [mm],b\n1,2\n2,3\n", ["column time: unit 'mm', expected a unit of time"]),
     ],
 )
 def test_all_faults_of_a_table_are_told_at_once(tmp_path, text, faults):

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import io
 import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, ValidationError
 
 from feltmb import params
 from feltmb.arguments import checked
+from feltmb.data.columns import read_columns
+from feltmb.data.mapping import clock_column, unit_of_column
+from feltmb.data.series import Columns, plain_name
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import LARGEST_TABLE, is_file, read_text, read_toml, why_missing
+from feltmb.files import is_file, read_toml, why_missing
 from feltmb.run.stroke.strokes import (
     PRESCRIBED,
     UNITS,
@@ -28,7 +31,7 @@ from feltmb.run.stroke.strokes import (
     usual_interpolation,
 )
 from feltmb.units import conversion_factor
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, shortened, split_heading
+from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, shortened
 
 
 class _Ramp(Schema):
@@ -166,26 +169,33 @@ def _one_stroke(parsed: StrokeFile, path: Path) -> Stroke:
     )
 
 
+#: Names of the column of the input, without differences of notation.
 _COLUMNS: dict[str, Kind] = {
     "force": "force",
+    "kraft": "force",
     "displacement": "motion",
     "motion": "motion",
-    "key displacement": "key_motion",
+    "keydisplacement": "key_motion",
     "torque": "torque",
-    "motor angle": "motor_motion",
+    "motorangle": "motor_motion",
 }
+_WANTED = (
+    "one column force [N], displacement [m] (of the finger), key displacement [m], torque [N m] or "
+    "motor angle [rad]"
+)
 
 
 @checked
 def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = None) -> Stroke:
-    """Read a stroke from CSV with the header ``time [s],force [N]``.
+    """Read a stroke from a file with the columns ``time [s]`` and, for example, ``force [N]``.
 
-    The second column is ``force``, ``displacement`` (of the finger), ``key displacement``,
-    ``torque`` or ``motor angle``. The interpolation between rows is a monotone cubic; a spline for
-    the two motions that are prescribed exactly; linear for a torque. Units in the header are
-    converted (``time [ms],displacement [mm]``). All faults are collected: missing or wrong header,
-    cells that are not finite numbers, times that do not increase, gaps of more than five sample
-    intervals.
+    The input is ``force``, ``displacement`` (of the finger), ``key displacement``, ``torque`` or
+    ``motor angle``. Columns with other names are ignored. Separators, decimal commas and lines
+    above the header are those of measured records (:func:`feltmb.data.read_record`). The
+    interpolation between rows is a monotone cubic; a spline for the two motions that are prescribed
+    exactly; linear for a torque. Units are converted (``time [ms],displacement [mm]``). All faults
+    are collected: a missing column or unit, cells that are not finite numbers, times that do not
+    increase, gaps of more than five sample intervals.
 
     Raises
     ------
@@ -193,100 +203,67 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = N
         The file has faults; all of them are in the message, with line numbers.
     """
     path = Path(path)
-    text = read_text(path, most=LARGEST_TABLE)
-    kind, factors, header_faults = _parse_header(text)
-    time, value, faults = _parse_rows(text, factors)
-    faults = header_faults + faults + _time_faults([row for row in time if math.isfinite(row[1])])
+    rows: list[str] = []
+    columns = read_columns(path, rows)
+    faults: list[str] = []
+    clock = clock_column(columns, guess=False)
+    if not clock:
+        faults.append(f"no column time; there are {columns}")
+    found = [(c, kind) for c in columns.values if (kind := _COLUMNS.get(plain_name(c)))]
+    if len(found) != 1:
+        faults.append(f"expected {_WANTED}; there are {columns}")
+    column, kind = found[0] if len(found) == 1 else ("", None)
+    series = {}
+    for name, si in ((clock, "s"), (column, UNITS[kind] if kind else "")):
+        if name:
+            series[name] = columns.values[name] * _factor(columns, name, si, faults)
+    faults += rows
+    if not rows:
+        faults += [
+            f"{columns.place(int(i))}: {shortened(name)} = {values[i]}, expected a finite number"
+            for name, values in series.items()
+            for i in np.flatnonzero(~np.isfinite(values))
+        ]
+    if clock and not rows:
+        faults += _time_faults(
+            [
+                (columns.place(i), t)
+                for i, t in enumerate(series[clock].tolist())
+                if math.isfinite(t)
+            ]
+        )
     if faults:
         raise DataError(fault_text(path.name, faults, most=20))
+    assert kind is not None
     usual = interpolation or usual_interpolation(kind)
-    return table_of(kind, [t for _, t in time], value, usual, None, path.stem)
+    return table_of(kind, series[clock].tolist(), series[column].tolist(), usual, None, path.stem)
 
 
-def _parse_header(text: str) -> tuple[Kind, tuple[float, float], list[str]]:
-    wanted = (
-        "'time [s],force [N]', or instead of force: displacement [m], key displacement [m], "
-        "torque [N m], motor angle [rad]"
-    )
-    line = next((x for x in text.splitlines() if x.strip() and not x.startswith("#")), "")
-    cells = line.split(",")
-    kind: Kind = "force"
-    factors = [1.0, 1.0]
-    if len(cells) != 2:
-        return kind, (1.0, 1.0), [f"header: got {line[:80]!r}, expected {wanted}"]
-    faults = []
-    for i, cell in enumerate(cells):
-        name, unit = split_heading(cell)
-        name = name.lower()
-        if i == 0 and name == "time":
-            si = "s"
-        elif i == 1 and name in _COLUMNS:
-            kind = _COLUMNS[name]
-            si = UNITS[kind]
-        else:
-            faults.append(f"header: got column {cell.strip()[:80]!r}, expected {wanted}")
-            continue
-        if unit is None:
-            faults.append(
-                f"header: column {cell.strip()[:80]!r} states no unit; write '{name} [{si}]'"
-            )
-            continue
-        try:
-            factors[i] = conversion_factor(unit, si)
-        except InvalidParameter as error:
-            faults.append(f"header: column {name!r}: {error}")
-    return kind, (factors[0], factors[1]), faults
+def _factor(columns: Columns, name: str, si: str, faults: list[str]) -> float:
+    """Factor of a column to its SI unit; 1 and a fault if its unit is missing or another one."""
+    unit = unit_of_column(columns, name)
+    if not unit:
+        faults.append(f"column {shortened(name)} states no unit; write '{name} [{si}]'")
+        return 1.0
+    try:
+        return conversion_factor(unit, si)
+    except InvalidParameter as error:
+        faults.append(f"column {shortened(name)}: {error}")
+        return 1.0
 
 
-def _parse_rows(
-    text: str, factors: tuple[float, float]
-) -> tuple[list[tuple[int, float]], list[float], list[str]]:
-    time: list[tuple[int, float]] = []
-    value: list[float] = []
-    faults: list[str] = []
-    header_seen = False
-    for number, line in enumerate(io.StringIO(text), start=1):
-        if not line.strip() or line.startswith("#"):
-            continue
-        if not header_seen:
-            header_seen = True
-            continue
-        cells = line.rstrip("\r\n").split(",")
-        if len(cells) != 2:
-            faults.append(f"line {number}: got {len(cells)} cells, expected 2")
-            continue
-        row = []
-        for cell, column in zip(cells, ("time", "value"), strict=True):
-            try:
-                parsed = float(cell)
-            except ValueError:
-                parsed = math.nan
-            if not math.isfinite(parsed):
-                faults.append(
-                    f"line {number}: {column} is {cell.strip()!r}, expected a finite number"
-                )
-            row.append(parsed)
-        time.append((number, row[0] * factors[0]))
-        value.append(row[1] * factors[1])
-    if len(time) < 2 and not faults:
-        faults.append(f"got {len(time)} rows of data, expected at least 2")
-    return time, value, faults
-
-
-def _time_faults(time: list[tuple[int, float]]) -> list[str]:
+def _time_faults(time: list[tuple[str, float]]) -> list[str]:
     faults = []
     steps = [b[1] - a[1] for a, b in itertools.pairwise(time)]
-    for (number, t), step in zip(time[1:], steps, strict=True):
+    for (line, t), step in zip(time[1:], steps, strict=True):
         if step <= 0:
-            faults.append(
-                f"line {number}: time {t:.9g} s does not follow {t - step:.9g} s; it must grow"
-            )
+            faults.append(f"{line}: time {t:.9g} s does not follow {t - step:.9g} s; it must grow")
     if not faults and len(steps) > 20:
         usual = sorted(steps)[len(steps) // 2]
-        for (number, t), step in zip(time[1:], steps, strict=True):
+        for (line, t), step in zip(time[1:], steps, strict=True):
             if step > 5 * usual:
                 faults.append(
-                    f"line {number}: gap of {step:.6g} s before {t:.6g} s; the usual step is "
+                    f"{line}: gap of {step:.6g} s before {t:.6g} s; the usual step is "
                     f"{usual:.6g} s; fill it or cut the record there"
                 )
     return faults
