@@ -23,11 +23,11 @@ from feltmb.errors import DataError
 from feltmb.files import LARGEST_TABLE, plain_text, read_input
 from feltmb.files.hdf5 import HDF5_FAULTS, Hdf5Dataset, Hdf5File, open_hdf5
 from feltmb.units import split_column
-from feltmb.units.quantity import shortened
+from feltmb.units.quantity import fault_text, shortened
 
 __all__ = ["MEASURED_FILES", "MOST_NUMBERS", "Columns", "read_columns"]
 
-_TEXTS = (".csv", ".txt", ".tsv", ".dat")
+_TEXTS = (".csv", ".txt", ".tsv", ".dat", ".asc")
 #: Endings of the files that can be read.
 MEASURED_FILES = (*_TEXTS, ".mat", ".nc")
 
@@ -35,20 +35,22 @@ LARGEST_MAT = 500_000_000  # bytes of a MAT file of version 5
 _MAT_NUMBERS = {"double", "single"} | {f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)}
 
 
-def read_columns(path: Path, told: list[str] | None = None) -> Columns:
+def read_columns(path: Path, *, strict: bool = True) -> Columns:
     """Read all series of a file.
 
-    The faults of the rows of a text are added to ``told``, and their cells are NaN.
+    ``strict``: refuse a text with faults in any row; else :meth:`Columns.faults` tells them.
 
     Raises
     ------
     DataError
-        The file cannot be read, has no series, exceeds the size limits, or has faults in its rows
-        and ``told`` is not given.
+        The file cannot be read, has no series, exceeds the size limits, or has faults in its rows.
     """
     kind = path.suffix.lower()
     if kind in _TEXTS:
-        return _read_text(path, told)
+        columns = _read_text(path)
+        if strict and (faults := columns.faults()):
+            raise DataError(fault_text(str(path), faults, most=10))
+        return columns
     readers = {".mat": _read_mat, ".nc": _read_netcdf}
     if kind not in readers:
         raise DataError(f"{path}: cannot read {kind or 'this'}; expected .csv, .mat or .nc")
@@ -62,7 +64,7 @@ def read_columns(path: Path, told: list[str] | None = None) -> Columns:
 # ---------------------------------------------------------------- text
 
 
-def _read_text(path: Path, told: list[str] | None) -> Columns:
+def _read_text(path: Path) -> Columns:
     lines = text_lines(read_input(path, most=LARGEST_TABLE), path)
     try:
         tracked = read_tracked(path, lines)
@@ -75,7 +77,7 @@ def _read_text(path: Path, told: list[str] | None) -> Columns:
         raise DataError(f"{path}: {len(lines)} lines, expected a header and at least 2 samples")
     try:
         table = read_table(lines)
-        return columns_of(path, table, [split_column(plain_text(c)) for c in table.header], told)
+        return columns_of(path, table, [split_column(plain_text(c)) for c in table.header])
     except csv.Error as error:
         raise DataError(f"{path}: is no table: {error}") from None
 

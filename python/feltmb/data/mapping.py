@@ -10,23 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from feltmb.data.records import InputMode
-from feltmb.data.series import Columns, plain_name
+from feltmb.data.records import Array, InputMode
+from feltmb.data.series import Columns, is_called, plain_name
 from feltmb.data.sheet import InputSpec, OutputSpec, ReadOptions, Sheet
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.units import PIXEL, conversion_factor, spelled_unit
 from feltmb.units.quantity import fault_text, shortened, validated
 
-__all__ = ["Signals", "clock_column", "run_column", "sheet_for", "unit_of_column"]
+__all__ = ["Signals", "clock_column", "run_column", "sheet_for", "unit_of_column", "values_in"]
 
-_CLOCKS = ("time", "t", "timestamp", "elapsedtime", "zeit", "temps", "tiempo")
 _FRAMES = ("frame", "frames", "frameno", "framenumber", "bild")
 _RUNS = ("run", "runno", "runnumber", "trial", "repeat", "repetition", "take", "specimen", "test")
-#: Usual names of an input in instruments, by its SI unit.
-_CALLED = {
-    "N": ("force", "load", "loadcell", "kraft", "f"),
-    "m": ("displacement", "extension", "travel", "stroke", "position", "crosshead", "weg"),
-}
+#: Quantity of an input by its SI unit.
+_QUANTITIES = {"N": "force", "m": "displacement"}
 
 
 @dataclass(frozen=True)
@@ -58,10 +54,12 @@ def clock_column(columns: Columns, specified: str = "", *, guess: bool = True) -
     """
     if specified:
         return columns.find(specified)
-    exact = next((n for n in ("time", "t", "Time", "T") if n in columns.values), "")
-    named = exact or _one_of(columns, _CLOCKS)
-    if named or not guess:
-        return named
+    named = [c for c in columns.values if is_called(c, "time")]
+    other = [c for c in named if columns.units.get(c) and not _measures(columns.units[c], "s")]
+    clocks = [c for c in named if c not in other] or named
+    exact = [n for n in ("time", "t", "Time", "T") if n in clocks]
+    if exact or len(clocks) == 1 or not guess:
+        return (exact or clocks or [""])[0]
     return frame_column(columns) or next(iter(columns.values), "")
 
 
@@ -84,6 +82,21 @@ def unit_of_column(columns: Columns, column: str, specified: str = "") -> str:
     """Unit of a column; an unknown unit is kept, "" if there is none."""
     unit = specified or columns.units.get(column, "")
     return spelled_unit(unit) or unit
+
+
+def values_in(columns: Columns, column: str, si: str, faults: list[str]) -> Array:
+    """Values of a column in an SI unit; a fault if its unit is missing or measures another one."""
+    unit = unit_of_column(columns, column) or ("1" if si == "1" else "")
+    values = columns.values[column]
+    heading = shortened(columns.headings.get(column, column))
+    if not unit:
+        faults.append(f"column {heading} states no unit; write '{shortened(column)} [{si}]'")
+        return values
+    try:
+        return values * conversion_factor(unit, si)
+    except InvalidParameter as error:
+        faults.append(f"column {heading}: {error}")
+        return values
 
 
 def sheet_for(
@@ -207,7 +220,9 @@ def _by_quantity(columns: Columns, signals: Signals, name: str) -> str:
     found = [
         c
         for c in columns.values
-        if plain_name(c) in _CALLED.get(si, ()) and _measures(columns.units.get(c, ""), si)
+        if si in _QUANTITIES
+        and is_called(c, _QUANTITIES[si])
+        and _measures(columns.units.get(c, ""), si)
     ]
     return found[0] if len(found) == 1 else ""
 
@@ -229,7 +244,7 @@ def _of_columns(path: Path, columns: Columns, options: ReadOptions) -> Sheet:
     aside = {clock, run_column(columns, options.run), frame_column(columns)}
     aside |= set(columns.likelihood.values())
     rest = [c for c in columns.values if c not in aside]
-    forces = [c for c in rest if plain_name(c) in _CALLED["N"]]
+    forces = [c for c in rest if is_called(c, "force")]
     forces = forces if len(forces) == 1 < len(rest) else []
     channel_of = {v: k for k, v in options.columns.items()}
     outputs = {channel_of.get(c, c): OutputSpec(column=c) for c in rest if c not in forces}

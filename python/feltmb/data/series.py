@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -15,11 +16,32 @@ from feltmb.data.records import Array
 from feltmb.data.tables import Table, read_number
 from feltmb.errors import DataError
 from feltmb.units import spelled_unit
-from feltmb.units.quantity import fault_text, shortened
+from feltmb.units.quantity import shortened
 
-__all__ = ["MOST_NUMBERS", "Columns", "columns_of", "limit_text", "plain_name"]
+__all__ = [
+    "CALLED",
+    "MOST_NUMBERS",
+    "Columns",
+    "columns_of",
+    "is_called",
+    "limit_text",
+    "plain_name",
+    "seconds_of_day",
+]
 
 MOST_NUMBERS = 20_000_000  # limit for a file: 160 MB; reading needs a few times as much
+#: Largest number of faults that are listed of a column.
+MOST_FAULTS = 1000
+#: Usual names of the columns of a quantity, in machines and in other languages.
+CALLED = {
+    "time": "time t timestamp elapsed_time date_time zeit uhrzeit temps tiempo",
+    "force": "force load load_cell kraft standardkraft f",
+    "displacement": "displacement extension travel stroke position crosshead compression weg "
+    "standardweg traverse",
+    "thickness": "thickness gap height dicke höhe",
+    "strain": "strain dehnung stauchung",
+    "pressure": "pressure stress druck spannung",
+}
 
 
 def limit_text() -> str:
@@ -30,6 +52,11 @@ def limit_text() -> str:
 def plain_name(name: str) -> str:
     """A name without differences of notation (``Hammer_Tip X``, ``hammer_tip.x``)."""
     return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def is_called(name: str, quantity: str) -> bool:
+    """Whether a column has a usual name of a quantity of ``CALLED``."""
+    return plain_name(name) in map(plain_name, CALLED[quantity].split())
 
 
 @dataclass
@@ -53,6 +80,14 @@ class Columns:
     """Assumptions about the file."""
     lines: NDArray[np.intp] | None = None
     """Line of the file by row, counted from 1; None: the file has no lines."""
+    decimal: str = "."
+    """Decimal sign of the file."""
+    texts: dict[str, list[str]] = field(default_factory=dict)
+    """Cells of the columns of text."""
+    wrong_cells: dict[str, dict[int, str]] = field(default_factory=dict)
+    """Cells that are no numbers, by column and row; their values are NaN."""
+    wrong_rows: list[tuple[int, str]] = field(default_factory=list)
+    """Rows with another number of cells than the header; their values are NaN."""
 
     def __str__(self) -> str:
         shown = [shortened(name) for name in self.values]
@@ -63,6 +98,37 @@ class Columns:
     def place(self, row: int) -> str:
         """Place of a row in the file, as text: its line, or its number from 1."""
         return f"row {row + 1}" if self.lines is None else f"line {self.lines[row]}"
+
+    def faults(self, names: Iterable[str] | None = None, *, complete: bool = False) -> list[str]:
+        """Faults of the rows and of the cells of some columns, of all by default.
+
+        ``complete``: a value that is missing or infinite is a fault, too.
+        """
+        names = [n for n in (self.values if names is None else names) if n in self.values]
+        found = self.wrong_rows[:MOST_FAULTS]
+        for name in names:
+            found += [
+                (row, f"{shortened(name)} = {self._shown(cell)}")
+                for row, cell in itertools.islice(
+                    self.wrong_cells.get(name, {}).items(), MOST_FAULTS
+                )
+            ]
+        short = {row for row, _ in self.wrong_rows}
+        for name in names if complete else ():
+            told = short | self.wrong_cells.get(name, {}).keys()
+            blank = [int(r) for r in np.flatnonzero(~np.isfinite(self.values[name]))]
+            found += [
+                (row, f"{shortened(name)} = {self.values[name][row]}, expected a finite number")
+                for row in itertools.islice((r for r in blank if r not in told), MOST_FAULTS)
+            ]
+        return [f"{self.place(row)}: {text}" for row, text in sorted(found)]
+
+    def _shown(self, cell: str) -> str:
+        """A cell that is no number, with a hint if it has the other decimal sign."""
+        sign = "comma" if self.decimal == "," else "point"
+        other = re.fullmatch(r"-?\d++[,.]\d++", cell.strip())
+        hint = f" (decimal {sign} expected)" if other else ""
+        return f"{shortened(repr(cell))}, expected a number{hint}"
 
     def add(self, name: str, shape: tuple[int, ...]) -> bool:
         """Whether an array has the shape of a series; other arrays are noted in ``left_out``."""
@@ -100,78 +166,109 @@ class Columns:
         return ""
 
 
-def columns_of(
-    path: Path,
-    table: Table,
-    names: Sequence[tuple[str, str]],
-    told: list[str] | None = None,
-) -> Columns:
+def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Columns:
     """The series of a table with the given names and units; columns without a name are omitted.
 
-    The faults of the rows are added to ``told``, and what they concern is NaN.
+    A column in which most cells are no numbers is text. Times of day become seconds from the first
+    row.
 
     Raises
     ------
     DataError
-        There is no header, or the rows have faults, and ``told`` is not given; the message lists
-        the first ones.
+        There is no header, two columns have one name, or the table is too large.
     """
-    faults: list[str] = [] if told is None else told
     if not table.header or all(_is_number(c, table.decimal) for c in table.header):
         raise DataError(
             f"{path}: line {table.line} holds numbers, expected the names of the columns"
         )
-    if table.lines < 2:
-        faults.append(f"{table.lines} rows of numbers, expected at least 2")
-    doubled = _doubled(n for n, _ in names)
-    if doubled:
-        every = shortened(", ".join(n for n, _ in names), 600)
-        faults.append(f"line {table.line}: a column is named twice ({every})")
     width = len(names)
+    if table.lines < 2:
+        raise DataError(f"{path}: {table.lines} rows of numbers, expected at least 2")
+    if _doubled(n for n, _ in names):
+        every = shortened(", ".join(n for n, _ in names), 600)
+        raise DataError(f"{path}: line {table.line}: a column is named twice ({every})")
     if table.lines * width > MOST_NUMBERS:
         raise DataError(f"{path}: {table.lines} rows of {width}; {limit_text()}")
     values = np.full((table.lines, width), np.nan)
     numbers = np.zeros(table.lines, dtype=np.intp)
-    read = wrong = 0
+    words: list[dict[int, str]] = [{} for _ in names]
+    columns = Columns(decimal=table.decimal)
+    read = 0
     for i, (line, row) in enumerate(table.rows):
         numbers[i] = line
         read += 1
-        if wrong > 10:
-            continue
         if len(row) != width:
             if not any(c.strip() for c in row[width:]) and len(row) > width:
                 row = row[:width]  # separators at the end of a row
             else:
-                faults.append(f"line {line}: {len(row)} cells, expected {width}")
-                wrong += 1
+                columns.wrong_rows.append((i, f"{len(row)} cells, expected {width}"))
                 continue
         for j, cell in enumerate(row):
             if not names[j][0]:
                 continue
             number = read_number(cell, table.decimal)
             if number is None:
-                got = shortened(repr(cell))
-                faults.append(f"line {line}, column {shortened(names[j][0])}: {got} is no number")
-                wrong += 1
+                words[j][i] = cell
             else:
                 values[i, j] = number
-    if read < 2 and not faults:
-        faults.append(f"{read} rows of numbers, expected at least 2")
-    if faults and told is None:
-        raise DataError(fault_text(str(path), faults, most=10))
-    columns = Columns(lines=numbers[:read])
+    if read < 2:  # a quoted cell may contain the other lines
+        raise DataError(f"{path}: {read} rows of numbers, expected at least 2")
+    columns.lines = numbers[:read]
     below = table.units or ("",) * width
     for j, ((name, unit), own) in enumerate(zip(names, below, strict=False)):
         if not name:
             continue
         # There are fewer rows than lines if a quoted cell contains line breaks.
-        columns.values[name] = values[:read, j]
+        series = values[:read, j]
         stated = unit or spelled_unit(own) or own.strip("[]() ")
+        if len(words[j]) > np.sum(np.isfinite(series)):
+            texts = [words[j].get(i, "") for i in range(read)]
+            seconds = seconds_of_day(texts)
+            if seconds is None:
+                columns.texts[name] = texts
+                columns.left_out[name] = (
+                    f"text, such as {shortened(repr(next(iter(words[j].values()))), 40)}"
+                )
+                continue
+            columns.notes.append(f"{shortened(name)}: times of day become seconds from the first")
+            series, stated = seconds, "s"
+        elif words[j]:
+            columns.wrong_cells[name] = words[j]
+        columns.values[name] = series
         if stated and stated != "-":
             columns.units[name] = stated
         if j < len(table.header) and table.header[j].strip() != name:
             columns.headings[name] = table.header[j].strip()
     return columns
+
+
+#: A time of day, perhaps after a date: 12:30:05.25, 2026-11-27T12:30:05Z, 27.11.2026 12:30:05,25.
+_TIME_OF_DAY = re.compile(
+    r"(?:[\d./-]{6,10}[T ,]+)?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?: ?([AP])M)?"
+    r"(?:Z|[+-]\d\d:?\d\d)?",
+    re.IGNORECASE,
+)
+
+
+def seconds_of_day(texts: Sequence[str]) -> Array | None:
+    """Seconds from the first of these times of day [s]; None if one of them is no time.
+
+    Midnight adds a day.
+    """
+    found = [_TIME_OF_DAY.fullmatch(t.strip()) for t in texts]
+    if not found or None in found:
+        return None
+    seconds = np.array(
+        [
+            3600.0 * (int(m[1]) % 12 + 12 * (m[4] in "Pp") if m[4] else int(m[1]))
+            + 60.0 * int(m[2])
+            + float(m[3].replace(",", "."))
+            for m in found
+            if m is not None
+        ]
+    )
+    seconds[1:] += 86400.0 * np.cumsum(np.diff(seconds) < -43200.0)
+    return np.asarray(np.round(seconds - seconds[0], 9))
 
 
 def _doubled(names: Iterable[str]) -> bool:

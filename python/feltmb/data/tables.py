@@ -187,10 +187,10 @@ def style_of(lines: Lines) -> tuple[str | None, str]:
         cells = [c for row in rows for c in row if c.strip()]
         if not cells:
             continue
-        numbers = sum(read_number(c, decimal) is not None for c in cells)
-        # With the right separator and decimal sign all cells are numbers; of such pairs, the most
-        # cells.
-        merit = (round(numbers / len(cells), 2), sum(map(len, rows)) / len(rows))
+        numbers = sum(len(c) for c in cells if read_number(c, decimal) is not None)
+        # With the right separator and decimal sign most of the text belongs to numbers; of such
+        # pairs, the one with the most cells.
+        merit = (round(numbers / sum(map(len, cells)), 2), sum(map(len, rows)) / len(rows))
         if merit > best:
             best, chosen = merit, (separator, decimal)
     return chosen
@@ -203,7 +203,11 @@ def _width(cells: Sequence[Sequence[str]]) -> int:
 
 
 def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
-    """Index of the first row in which most cells are numbers, as in half of the rows below it."""
+    """Index of the first row of numbers.
+
+    It has at least half as many numbers as the later rows have, as do half of the next rows. There
+    is no header below it, unless there is one above it, too.
+    """
 
     def share(row: Sequence[str]) -> float:
         filled = [c for c in row if c.strip() not in MISSING]
@@ -211,10 +215,20 @@ def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
         return numbers / len(filled) if filled and len(row) == width else 0.0
 
     shares = [share(row) for row in cells]
-    full = [i for i, s in enumerate(shares) if s > 0.5]
-    below = {i: shares[i + 1 : i + 1 + NEXT_ROWS] for i in full}
-    alike = (i for i in full if 2 * sum(s > 0.0 for s in below[i]) >= len(below[i]))
-    first = next(alike, next(iter(full), len(cells)))
+    header = [
+        s == 0.0 and len(row) == width and all(c.strip() for c in row)
+        for s, row in zip(shares, cells, strict=True)
+    ]
+    later = [s for s in shares[len(shares) // 2 :] if s > 0.0]
+    usual = sorted(later)[len(later) // 2] if later else 1.0
+    full = [i for i, s in enumerate(shares) if s > 0.5 * usual]
+
+    def begins(i: int) -> bool:
+        below = shares[i + 1 : i + 1 + NEXT_ROWS]
+        later_header = any(header[i + 1 : i + 2]) and not any(header[max(i - 1, 0) : i])
+        return not later_header and 2 * sum(s > 0.0 for s in below) >= len(below)
+
+    first = next(filter(begins, full), next(iter(full), len(cells)))
     # A row with a fault is not a header.
     while first > 1 and shares[first - 1] > 0.0:
         first -= 1

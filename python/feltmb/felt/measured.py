@@ -20,7 +20,7 @@ from feltmb.arguments import checked
 from feltmb.contact import Law
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt.envelopes import FeltEnvelope
-from feltmb.fiber.columns import listed_faults, read_columns
+from feltmb.fiber.columns import read_test
 from feltmb.fiber.cycles import Branches, find_branches
 
 __all__ = ["MeasuredLoop", "measured_loop", "read_measured_loop"]
@@ -115,14 +115,7 @@ def read_measured_loop(
         The file has faults; all of them are in the message.
     """
     file = Path(path)
-    table = read_columns(file)
-    faults = list(table.faults)
-    if table.compression not in ("displacement", "thickness"):
-        faults.append(f"{file}: column {table.compression}, expected displacement or thickness")
-    if table.load != "force":
-        faults.append(f"{file}: column {table.load}, expected force")
-    if faults:
-        raise DataError(listed_faults(faults))
+    table = read_test(file, ("displacement", "thickness"), ("force",))
     by_thickness = table.compression == "thickness"
     sign = -1.0 if by_thickness else 1.0
     try:

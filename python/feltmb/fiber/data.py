@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from feltmb.arguments import checked
 from feltmb.errors import DataError
-from feltmb.fiber.columns import listed_faults, read_columns
+from feltmb.fiber.columns import LOADS, read_test
 from feltmb.fiber.cycles import find_branches
+from feltmb.units.quantity import fault_text
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ class CompressionData:
     reference_known: bool = True
     """Whether the unloaded state is stated."""
     notes: tuple[str, ...] = ()
-    """Sentences about samples of the file that are left out."""
+    """Sentences about samples and columns of the file that are left out."""
 
     @property
     def thickest_loaded(self) -> float:
@@ -191,12 +192,13 @@ def read_compression(
     thickness0: float | None = None,
     area: float | None = None,
 ) -> CompressionData:
-    """Read a compression test from CSV.
+    """Read a compression test from a file.
 
     The header states quantity and unit. One column is ``v_f [-]``, ``strain [-]`` or ``[%]``
     (engineering, compression positive), ``thickness [mm]``, or ``displacement [mm]`` (compression
-    positive, zero at ``thickness0``). Another one is ``pressure [kPa]``
-    (Pa, MPa, N/mm^2, bar) or ``force [N]``. An optional column ``branch`` contains the words
+    positive, zero at ``thickness0``); of several, the first of them. Another one is
+    ``pressure [kPa]`` (Pa, MPa, N/mm^2, bar) or ``force [N]``; of both, the force if ``area`` is
+    given. An optional column ``branch`` contains the words
     loading and unloading. Without it, the branches are found from the reversals. Of a test with
     several cycles, loading are the samples of each loading beyond all earlier reversals, and
     unloading are those from the largest volume fraction to the next reversal; the samples of
@@ -207,7 +209,8 @@ def read_compression(
     Parameters
     ----------
     path
-        CSV file: comma, semicolon, tab or space separated, decimal point or comma.
+        CSV or text: comma, semicolon, tab or space separated, decimal point or comma; also MAT
+        and NetCDF.
     v_f0
         Volume fraction at zero pressure [-]; required with strain or thickness. If it is missing
         with ``v_f`` data, the value of the loosest sample is used, and ``reference_known`` is
@@ -224,11 +227,12 @@ def read_compression(
         The file has faults; all of them are in the message, with line numbers.
     """
     file = Path(path)
-    table = read_columns(file)
-    fraction, load, faults = table.compression, table.load, list(table.faults)
+    table = read_test(file, loads=(*LOADS,) if area is None else ("force", "pressure"))
+    fraction, load = table.compression, table.load
+    faults: list[str] = []
 
     def fault(message: str) -> None:
-        faults.append(f"{file}: {message}")
+        faults.append(message)
 
     if load == "force" and area is None:
         fault("force without a sample area, expected area in m^2 (--area)")
@@ -241,7 +245,7 @@ def read_compression(
     if v_f0 is not None and not 0 < v_f0 < 1:
         fault(f"v_f0 = {v_f0:.6g}, expected > 0 and < 1")
     if faults:
-        raise DataError(listed_faults(faults))
+        raise DataError(fault_text(str(file), faults, most=20))
 
     x, p, branches = table.x, table.loads, table.branches
     if fraction == "displacement":
@@ -276,7 +280,7 @@ def read_compression(
     if not faults and not np.all((v > 0) & (v <= 1)):
         fault(f"v_f from {np.min(v):.6g} to {np.max(v):.6g}, expected > 0 and <= 1")
     if faults:
-        raise DataError(listed_faults(faults))
+        raise DataError(fault_text(str(file), faults, most=20))
     heights = x if fraction == "thickness" else None
     if branches:
         loading = np.array([word == "loading" for word in branches])
@@ -285,6 +289,7 @@ def read_compression(
         made = _by_reversals(CompressionData(
             v, p, np.ones(len(v), dtype=np.bool_), reference, file.stem, heights, known
         ))  # fmt: skip
+    made = replace(made, notes=(*table.notes, *made.notes))
     slack = slack_fault(made, thickness0) if known else ""
     if slack:
         raise DataError(f"{file}: {slack}")

@@ -123,8 +123,14 @@ def test_a_test_by_thickness(tmp_path):
     ("change", "told"),
     [
         ({"force": -1.0}, "expected compression to be positive"),
-        ({"head": "v_f [-],force [N]"}, "column v_f, expected displacement or thickness"),
-        ({"head": "displacement [mm],pressure [Pa]"}, "column pressure, expected force"),
+        (
+            {"head": "v_f [-],force [N]"},
+            "expected a column displacement or thickness; there are v_f",
+        ),
+        (
+            {"head": "displacement [mm],pressure [Pa]"},
+            "expected a column force; there are displacement, pressure",
+        ),
         ({"rows": 300}, "0 samples of unloading, expected at least 8"),
     ],
 )

@@ -139,7 +139,7 @@ def test_fit_all_and_options(loop):
 
 def test_fit_bad_file(tmp_path):
     bad = tmp_path / "bad.csv"
-    bad.write_text("v_f [-],pressure [kPa]\n0.1,a\n0.2,b\n")
+    bad.write_text("v_f [-],pressure [kPa]\n0.1,a\n0.2,b\n0.3,1\n0.4,2\n")
     text = run("fit", bad, code=2)
     assert "line 2" in text
     assert "line 3" in text
@@ -169,8 +169,13 @@ def test_history(tmp_path):
     )
     assert "not given back" in text
     assert out.read_text().startswith("time [s],strain [-],stress [Pa]")
-    path.write_text("t,x\n0,0\n")
-    assert "header" in run("history", "dunlop", path, code=2)
+    path.write_text("t,x\n0,0\n1,1\n")
+    assert "expected the columns time [s] and strain" in run("history", "dunlop", path, code=2)
+    path.write_text("Zeit (ms);Dehnung (%)\n0;0\n1000;30\n2000;10,0\n")
+    assert "not given back" in run(
+        "history", "dunlop", path, "-s", "E=2.5e9", "-s", "v_f0=0.1", "-s", "f_c=100,1000",
+        "-s", "phi=0.2",
+    )  # fmt: skip
 
 
 def test_simulate_and_resume(tmp_path):

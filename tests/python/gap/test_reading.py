@@ -103,7 +103,7 @@ def test_tables_of_instruments(tmp_path, text, encoding):
 
 def test_a_fault_in_the_first_row_is_no_header(tmp_path):
     path = put(tmp_path, "t,force [N],tip.x [m]\n0,x,1\n1,2,3\n2,3,4\n3,4,5\n")
-    with pytest.raises(DataError, match="line 2, column force: 'x' is no number"):
+    with pytest.raises(DataError, match="line 2: force = 'x', expected a number"):
         read_record(path, **MODEL)
 
 
@@ -254,7 +254,7 @@ def test_faults_tell_the_line_of_the_file(tmp_path):
     path = put(tmp_path, head + "0,1,1\n\n1,x,1\n2,1\n3,1,1\n")
     with pytest.raises(DataError) as error:
         read_record(path, **MODEL)
-    assert "line 8, column force: 'x' is no number" in str(error.value)
+    assert "line 8: force = 'x', expected a number" in str(error.value)
     assert "line 9: 2 cells, expected 3" in str(error.value)
 
 
@@ -277,7 +277,7 @@ def test_a_fault_of_the_header_tells_its_line(tmp_path):
         read_record(path, **MODEL)
     # A form feed ends no line.
     path = put(tmp_path, "# page\x0c1\nt,force [N],tip.x [mm]\n0,1,1\n1,x,1\n2,1,1\n")
-    with pytest.raises(DataError, match="line 4, column force: 'x' is no number"):
+    with pytest.raises(DataError, match="line 4: force = 'x', expected a number"):
         read_record(path, **MODEL)
 
 

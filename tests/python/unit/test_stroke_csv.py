@@ -81,9 +81,8 @@ def test_harmless_variations(csv, text):
         ("time [kg],force [N]\n0,0\n1,1\n", "unit 'kg' does not measure"),
         ("time [s],force [mm]\n0,0\n1,1\n", "unit 'mm' does not measure this quantity"),
         ("time [s],displacement [N]\n0,0\n1,1\n", "expected a unit of m"),
-        ("time [s],speed [m/s]\n0,0\n1,1\n", "expected one column force [N]"),
-        ("time [s],force [N],torque [N m]\n0,0,0\n1,1,1\n", "there are time, force, torque"),
-        ("clock [s],force [N]\n0,0\n1,1\n", "no column time; there are clock, force"),
+        ("time [s],speed [m/s]\n0,0\n1,1\n", "expected a column force [N], torque"),
+        ("clock [s],force [N]\n0,0\n1,1\n", "expected a column time [s]; there are clock, force"),
         ("0,0\n1,1\n2,2\n", "line 1 holds numbers, expected the names of the columns"),
         ("", "0 lines, expected a header"),
         ("time [s],force [N]\n", "1 lines, expected a header and at least 2 samples"),
@@ -111,10 +110,17 @@ def test_one_fault(csv, text, message):
         "force [N],time [s]\n0,0\n1.5,0.5\n2,1\n",
         "Rig 3, 12 May\nTime (s)\tKraft (N)\tkey [mm]\n0\t0\t0\n0.5\t1.5\t3\n1\t2\t9\n",
         "time,force,key_front.y\ns,N,mm\n0,0,0\n0.5,1.5,\n1,2,9\n",
+        "time [s],force [N],remark,torque [N m]\n0,0,ok,0\n0.5,1.5,ok,x\n1,2,late,9\n",
+        "Uhrzeit;Kraft [N]\n23:59:59,5;0\n00:00:00,0;1,5\n00:00:00,5;2\n",
+        "Timestamp,Load [N]\n2026-05-01 12:00:00.5,0\n2026-05-01 12:00:01,1.5\n"
+        "2026-05-01 12:00:01.5,2\n",
+        "Date,Time,Load [N]\n11/05/2026,1:00:00 PM,0\n11/05/2026,1:00:00.5 PM,1.5\n"
+        "11/05/2026,1:00:01 PM,2\n",
+        "Calibration,1.02,0.98\ntime [s],force [N],x [mm]\n0,0,0\n0.5,1.5,3\n1,2,9\n",
     ],
 )
 def test_a_measured_record_is_a_stroke(csv, text):
-    """Separators, decimal commas, lines above and below the header, and other columns."""
+    """Separators, decimal commas, times of day, lines beside the header, and other columns."""
     stroke = feltmb.load_stroke(csv(text))
     assert stroke.kind == "force"
     assert stroke.time == (0.0, 0.5, 1.0)
@@ -134,18 +140,17 @@ def test_all_faults_at_once_with_lines(csv):
     assert "4 faults" in text
     for part in (
         "unit 'kg'",
-        "line 3, column time: 'x' is no number",
-        "line 4, column force: 'y' is no number",
+        "line 3: time = 'x', expected a number",
+        "line 4: force = 'y', expected a number",
         "line 5: 1 cells, expected 2",
     ):
         assert part in text
 
 
 def test_many_faults_are_cut(csv):
-    assert len(message_of(csv("time [s],force [N]\n" + "x,1\n" * 500)).splitlines()) == 12
-    text = message_of(csv("time [s],force [N]\n" + "0,nan\n" * 500))
-    assert "999 faults" in text
-    assert "... and 979 more" in text
+    text = message_of(csv("time [s],force [N]\n" + "x,1\n2,2\n3,3\n" * 300))
+    assert "300 faults" in text
+    assert "... and 280 more" in text
     assert len(text.splitlines()) == 22
 
 
@@ -156,8 +161,8 @@ def test_reversed_time(csv):
 
 
 def test_files_that_cannot_be_read(csv, tmp_path):
-    message = message_of(csv(b"time [s],force [N]\n0,\xff\n1,2\n"))
-    assert "line 2, column force: 'ÿ' is no number" in message
+    message = message_of(csv(b"time [s],force [N]\n0,\xff\n1,2\n2,2\n"))
+    assert "line 2: force = 'ÿ', expected a number" in message
     with pytest.raises(feltmb.DataError, match="there is no such file"):
         feltmb.read_stroke_csv(tmp_path / "nothing.csv")
 

@@ -9,7 +9,7 @@ from feltmb.graphics.viewer import read_curves
 def test_single_carriage_returns_end_lines(tmp_path):
     path = tmp_path / "a.csv"
     path.write_bytes(b"time [s],u [V]\r0,1\r1,2\r\n2,x\n")
-    with pytest.raises(DataError, match="line 4, column u: 'x' is no number"):
+    with pytest.raises(DataError, match="line 4: u = 'x', expected a number"):
         read_curves(path)
     path.write_bytes(b"time [s],u [V]\r0,1\r1,2\r\n2,3\n")
     assert list(read_curves(path).time) == [0.0, 1.0, 2.0]

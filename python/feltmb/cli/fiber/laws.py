@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -330,15 +329,18 @@ def arcs_command(
 def history_command(
     model: str, path: Path, given: tuple[str, ...], spring: str, output: Path | None, force: bool
 ) -> None:
-    """Run a law with history over the samples of PATH: CSV with time [s] and compression.
+    """Run a law with history over the samples of PATH, a file with time and compression.
 
-    The second column is "strain [-]" or "compression [m]".
+    Its columns are "time [s]" and "strain [-]" or "compression [m]".
     """
     import numpy as np
 
+    from feltmb.data.columns import read_columns
+    from feltmb.data.mapping import clock_column, values_in
+    from feltmb.data.series import is_called
     from feltmb.errors import DataError, InvalidParameter
     from feltmb.fiber import history, history_models, models
-    from feltmb.files import LARGEST_TABLE, read_text
+    from feltmb.units.quantity import fault_text
 
     laws = {**models(), **history_models()}
     for what, name in (("MODEL", model), ("--spring", spring)):
@@ -346,31 +348,26 @@ def history_command(
             raise InvalidParameter(f'history: {what} = "{name}", must be one of {", ".join(laws)}')
     units = parameter_units(laws[spring], laws[model])
     params = quantities(given, "--set", units, separator=",")
-    text = read_text(path, most=LARGEST_TABLE)
-    lines = [line for line in io.StringIO(text) if line.strip() and not line.startswith("#")]
-    header = [h.strip() for h in lines[0].split(",")] if lines else []
-    if header not in (["time [s]", "strain [-]"], ["time [s]", "compression [m]"]):
-        raise DataError(
-            f'{path}: header is {header}, expected "time [s],strain [-]" or '
-            '"time [s],compression [m]"'
+    columns = read_columns(path, strict=False)
+    faults: list[str] = []
+    clock = clock_column(columns, guess=False)
+    strain = next((c for c in columns.values if is_called(c, "strain")), "")
+    column = strain or next((c for c in columns.values if is_called(c, "displacement")), "")
+    if not clock or not column:
+        faults.append(
+            f"expected the columns time [s] and strain [-] or compression [m]; there are {columns}"
         )
-    faults = []
-    rows = []
-    for number, line in enumerate(lines[1:], start=2):
-        try:
-            t, x = (float(c) for c in line.split(","))
-            rows.append((t, x))
-        except ValueError:
-            faults.append(f'{path}: sample line {number}: "{line.strip()}", expected two numbers')
-    if len(rows) < 2 and not faults:
-        faults.append(f"{path}: {len(rows)} samples, expected at least 2")
+    wanted = ((clock, "s"), (column, "1" if strain else "m"))
+    series = [values_in(columns, name, si, faults) for name, si in wanted if name]
+    faults += columns.faults([c for c in (clock, column) if c], complete=True)
     if faults:
-        raise DataError("\n".join(faults))
-    time, x = np.array(rows).T
+        raise DataError(fault_text(str(path), faults, most=20))
+    time, x = series
+    headings = ("time [s]", "strain [-]" if strain else "compression [m]")
     result = history(model, time, x, spring=spring, **params)
-    unit = "stress [Pa]" if header[1].startswith("strain") else "force [N]"
+    unit = "stress [Pa]" if strain else "force [N]"
     if output is not None:
-        table = csv_text([*header, unit], np.column_stack([time, x, result]).tolist())
+        table = csv_text([*headings, unit], np.column_stack([time, x, result]).tolist())
         write_named(output, table, force)
     work = float(np.sum(0.5 * (result[1:] + result[:-1]) * np.diff(x)))
     print_table(
@@ -378,7 +375,7 @@ def history_command(
         ["what", "value"],
         [
             [f"largest {unit}", f"{np.max(result):.6g}"],
-            [f"at {header[1]}", f"{x[int(np.argmax(result))]:.6g}"],
-            ["work not given back", f"{work:.6g} {'J/m^3' if 'strain' in header[1] else 'J'}"],
+            [f"at {headings[1]}", f"{x[int(np.argmax(result))]:.6g}"],
+            ["work not given back", f"{work:.6g} {'J/m^3' if strain else 'J'}"],
         ],
     )

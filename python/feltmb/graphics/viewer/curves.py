@@ -89,11 +89,11 @@ def read_curves(path: str | Path) -> Curves:
         The file has faults; all of them are in the message, with line numbers.
     """
     path = Path(path)
-    faults: list[str] = []
-    columns = read_columns(path, faults)
+    columns = read_columns(path, strict=False)
+    faults = columns.faults()
     clock = clock_column(columns, guess=False)
     if not clock:
-        faults.append(f"no column time; there are {columns}")
+        faults.append(f"expected a column time [s]; there are {columns}")
     if len(columns.values) > MOST_COLUMNS:
         faults.append(f"{len(columns.values)} columns; the limit is {MOST_COLUMNS}")
     values, units = {}, {}
@@ -106,6 +106,11 @@ def read_curves(path: str | Path) -> Curves:
         time = values.pop(clock)
         wrong = ~np.isfinite(time) | (np.diff(time, prepend=-np.inf) <= 0.0)
         faults += [f"{columns.place(int(i))}: time does not grow" for i in np.flatnonzero(wrong)]
+        faults += [
+            f"{columns.place(int(i))}: {name} is infinite, expected a finite number or none"
+            for name, column in values.items()
+            for i in np.flatnonzero(np.isinf(column))
+        ]
     if faults:
         raise DataError(fault_text(str(path), faults, most=20))
     return Curves(path.stem, time, values, units)

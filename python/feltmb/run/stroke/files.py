@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import Field, ValidationError
 
 from feltmb import params
 from feltmb.arguments import checked
 from feltmb.data.columns import read_columns
-from feltmb.data.mapping import clock_column, unit_of_column
-from feltmb.data.series import Columns, plain_name
+from feltmb.data.mapping import clock_column, values_in
+from feltmb.data.series import CALLED, Columns, plain_name
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
 from feltmb.run.stroke.strokes import (
@@ -169,29 +167,37 @@ def _one_stroke(parsed: StrokeFile, path: Path) -> Stroke:
     )
 
 
-#: Names of the column of the input, without differences of notation.
-_COLUMNS: dict[str, Kind] = {
-    "force": "force",
-    "kraft": "force",
-    "displacement": "motion",
-    "motion": "motion",
-    "keydisplacement": "key_motion",
-    "torque": "torque",
-    "motorangle": "motor_motion",
-}
-_WANTED = (
-    "one column force [N], displacement [m] (of the finger), key displacement [m], torque [N m] or "
-    "motor angle [rad]"
+#: Names of the column of the input; of several, the first one is the input.
+_INPUTS: tuple[tuple[Kind, str], ...] = (
+    ("force", CALLED["force"]),
+    ("torque", "torque"),
+    ("motor_motion", "motor_angle"),
+    ("key_motion", "key_displacement"),
+    ("motion", "displacement motion weg"),
 )
+_WANTED = (
+    "a column force [N], torque [N m], motor angle [rad], key displacement [m], or "
+    "displacement [m] (of the finger)"
+)
+
+
+def _input_column(columns: Columns) -> tuple[str, Kind] | None:
+    for kind, names in _INPUTS:
+        wanted = [plain_name(n) for n in names.split()]
+        for column in columns.values:
+            if plain_name(column) in wanted:
+                return column, kind
+    return None
 
 
 @checked
 def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = None) -> Stroke:
     """Read a stroke from a file with the columns ``time [s]`` and, for example, ``force [N]``.
 
-    The input is ``force``, ``displacement`` (of the finger), ``key displacement``, ``torque`` or
-    ``motor angle``. Columns with other names are ignored. Separators, decimal commas and lines
-    above the header are those of measured records (:func:`feltmb.data.read_record`). The
+    The input is ``force``, ``torque``, ``motor angle``, ``key displacement`` or ``displacement``
+    (of the finger), the first of them that the file has. Other columns are ignored. Separators,
+    decimal commas and lines above the header are those of measured records
+    (:func:`feltmb.data.read_record`). The
     interpolation between rows is a monotone cubic; a spline for the two motions that are prescribed
     exactly; linear for a torque. Units are converted (``time [ms],displacement [mm]``). All faults
     are collected: a missing column or unit, cells that are not finite numbers, times that do not
@@ -203,53 +209,29 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = N
         The file has faults; all of them are in the message, with line numbers.
     """
     path = Path(path)
-    rows: list[str] = []
-    columns = read_columns(path, rows)
+    columns = read_columns(path, strict=False)
     faults: list[str] = []
-    clock = clock_column(columns, guess=False)
+    clock, found = clock_column(columns, guess=False), _input_column(columns)
     if not clock:
-        faults.append(f"no column time; there are {columns}")
-    found = [(c, kind) for c in columns.values if (kind := _COLUMNS.get(plain_name(c)))]
-    if len(found) != 1:
+        faults.append(f"expected a column time [s]; there are {columns}")
+    if found is None:
         faults.append(f"expected {_WANTED}; there are {columns}")
-    column, kind = found[0] if len(found) == 1 else ("", None)
-    series = {}
-    for name, si in ((clock, "s"), (column, UNITS[kind] if kind else "")):
-        if name:
-            series[name] = columns.values[name] * _factor(columns, name, si, faults)
+    column, kind = found or ("", "force")
+    series = {
+        name: values_in(columns, name, si, faults)
+        for name, si in ((clock, "s"), (column, UNITS[kind]))
+        if name
+    }
+    rows = columns.faults(series, complete=True)
     faults += rows
-    if not rows:
-        faults += [
-            f"{columns.place(int(i))}: {shortened(name)} = {values[i]}, expected a finite number"
-            for name, values in series.items()
-            for i in np.flatnonzero(~np.isfinite(values))
-        ]
     if clock and not rows:
         faults += _time_faults(
-            [
-                (columns.place(i), t)
-                for i, t in enumerate(series[clock].tolist())
-                if math.isfinite(t)
-            ]
+            [(columns.place(i), t) for i, t in enumerate(series[clock].tolist())]
         )
     if faults:
         raise DataError(fault_text(path.name, faults, most=20))
-    assert kind is not None
     usual = interpolation or usual_interpolation(kind)
     return table_of(kind, series[clock].tolist(), series[column].tolist(), usual, None, path.stem)
-
-
-def _factor(columns: Columns, name: str, si: str, faults: list[str]) -> float:
-    """Factor of a column to its SI unit; 1 and a fault if its unit is missing or another one."""
-    unit = unit_of_column(columns, name)
-    if not unit:
-        faults.append(f"column {shortened(name)} states no unit; write '{name} [{si}]'")
-        return 1.0
-    try:
-        return conversion_factor(unit, si)
-    except InvalidParameter as error:
-        faults.append(f"column {shortened(name)}: {error}")
-        return 1.0
 
 
 def _time_faults(time: list[tuple[str, float]]) -> list[str]:
