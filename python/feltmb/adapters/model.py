@@ -373,8 +373,7 @@ class MechanismModel(Model):
 
     def _variability_of(self, record: Record) -> tuple[RunVariability, slice] | None:
         """Variability of a record, or of the record from which it was cut; its parameters."""
-        name = record.name
-        own = self.variabilities.get(name) or self.variabilities.get(name.rpartition("[")[0])
+        own = self.variabilities.get(record.name) or self.variabilities.get(record.whole)
         at = self.mechanical
         for known in self.variabilities.values():
             if known is own:

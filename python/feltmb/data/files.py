@@ -233,9 +233,7 @@ def _build(
                         sensors=sensors,
                         input_mode=mode,
                         input_units={
-                            n: u
-                            for n, (_, u) in read_in.items()
-                            if u not in ("", "1") or headed[n] not in ("", "1")
+                            n: u for n, (_, u) in read_in.items() if u not in ("", "1") or headed[n]
                         },
                         input_sigma={n: s.sigma for n, s in sheet.inputs.items() if s.sigma > 0.0},
                         input_correlation_time={
@@ -458,6 +456,11 @@ def _to_si(unit: str, si: str) -> tuple[float | None, str]:
     return 1.0, unit
 
 
+def _kept(unit: str) -> str:
+    """A unit that a reader would convert without being told to keep it; else ""."""
+    return "" if _to_si(unit, "") in ((1.0, unit), (1.0, "1")) else unit
+
+
 def write_record(record: Record, path: str | Path, *, force: bool = False) -> Path:
     """Write a record as a CSV file and a TOML file, which :func:`read_record` can read.
 
@@ -480,7 +483,11 @@ def write_record(record: Record, path: str | Path, *, force: bool = False) -> Pa
     names = ["time", *record.inputs, *record.outputs]
     units = ["s", *(record.input_units.get(n, "") for n in record.inputs)]
     units += [record.sensors[n].unit for n in record.outputs]
-    head = [f"{n} [{u}]" if u and u != "1" else n for n, u in zip(names, units, strict=True)]
+    # An input without a unit has none in the record; an output has the unit 1.
+    stated = {"time", *record.input_units}
+    head = [
+        f"{n} [{u}]" if n in stated or u != "1" else n for n, u in zip(names, units, strict=True)
+    ]
     table = np.column_stack([record.time, *record.inputs.values(), *record.outputs.values()])
     lines = [",".join(head)]
     lines += [",".join("" if np.isnan(v) else repr(float(v)) for v in row) for row in table]
@@ -496,6 +503,7 @@ def write_record(record: Record, path: str | Path, *, force: bool = False) -> Pa
         n: {
             k: v
             for k, v in (
+                ("si", _kept(record.input_units.get(n, ""))),
                 ("sigma", record.input_sigma.get(n, 0.0)),
                 ("correlation_time", record.input_correlation_time.get(n, 0.0)),
             )
@@ -511,7 +519,8 @@ def write_record(record: Record, path: str | Path, *, force: bool = False) -> Pa
             for k in OutputSpec.model_fields
             if k in Sensor.__dataclass_fields__ and getattr(sensor, k) != getattr(plain, k)
         }
-        fields.pop("unit", None)
+        fields["unit"] = None
+        fields["si"] = _kept(sensor.unit) or None
         sheet["outputs"][n] = {k: v for k, v in fields.items() if v is not None}
     if record.start is not None:
         if not record.start.known:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -33,6 +34,8 @@ InputMode = Literal["force", "motion"]
 Role = Literal["fit", "held_out"]
 Reference = Literal["", "absolute", "rest"]
 
+#: End of the name of a part of a record.
+_PART = re.compile(r"(\[(\d+/\d+|fit|held-out)\])+$")
 LARGEST = 1e100  # largest number of a record; larger values are not measurements
 
 
@@ -253,6 +256,11 @@ class Record:
         """Number of samples."""
         return int(self.time.size)
 
+    @property
+    def whole(self) -> str:
+        """Name of the record of which this one is a numbered part; else its own name."""
+        return _PART.sub("", self.name)
+
     @cached_property
     def interval(self) -> float:
         """Median time step [s]."""
@@ -260,9 +268,13 @@ class Record:
 
     @cached_property
     def excitation(self) -> tuple[str, int]:
-        """Name, and hash of clock and inputs: the key of a simulation of this record in a cache."""
+        """Name, and hash of clock, inputs and what was before: the key of a simulation in a cache.
+
+        The start state is no part of it.
+        """
         inputs = ((name, value.tobytes()) for name, value in self.inputs.items())
-        return self.name, hash((self.time.tobytes(), *inputs))
+        before = None if self.before is None else self.before.excitation
+        return self.name, hash((self.time.tobytes(), self.input_mode, before, *inputs))
 
     @cached_property
     def even(self) -> bool:
@@ -304,6 +316,11 @@ class Record:
             start=self.start if first == 0 else StartPrior(known=False),
             before=self._up_to(first) if first else self.before,
         )
+
+    def stretched(self, factor: float) -> Record:
+        """Copy whose clock, also of the samples before it, is ``factor`` times as long."""
+        before = None if self.before is None else self.before.stretched(factor)
+        return replace(self, time=factor * self.time, before=before)
 
     def _up_to(self, first: int) -> Record | None:
         """The run from its start to a sample of this record; None if that is less than a step."""

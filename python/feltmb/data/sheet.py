@@ -21,7 +21,7 @@ class ColumnSpec(Schema):
     column: str = ""
     """Name in the file, or its complete heading; default: the name of the signal."""
     unit: str = ""
-    """Unit in the file, also px; default: the unit of the header, else SI."""
+    """Unit in the file, also px; default: the unit of the header, else that of the model."""
     scale: float | str = ""
     """Size of one unit of the file, such as "0.21 mm" for a pixel; replaces the unit."""
     origin: float | Literal["start"] = 0.0
@@ -34,7 +34,8 @@ class ColumnSpec(Schema):
     shift: float = 0.0
     """Value that is added after the factor [unit of the model]."""
     si: str = ""
-    """Unit of the model; default: the SI unit of the same quantity, or the unit itself."""
+    """Unit of the record, in which sigma and offset are stated; default: the unit that the model
+    states, else the SI unit of the same quantity, or the unit itself."""
 
 
 class InputSpec(ColumnSpec):

@@ -173,6 +173,9 @@ class Effect:
     integers or texts if only the listed values have a meaning."""
     shape_names: tuple[str, ...] = ()
     """Names of the numbers of a shape, with units: ``("half width [m]",)``."""
+    shape_zero: float = 0.0
+    """Value from which the numbers of a shape have a scale: the fit changes the logarithm of their
+    distance from it. Not 0 for a reading with an arbitrary zero, such as a temperature."""
     remedy: str = ""
     """Recommended remedy."""
     lower: float = -math.inf

@@ -337,9 +337,11 @@ class RecordError:
         """A sentence."""
         if self.kind == "gain":
             what = f"{100 * abs(self.size):.2g} % too {'large' if self.size > 0.0 else 'small'}"
+            if abs(self.size) > 0.5:
+                what = f"{1.0 + self.size:.3g} times as large as the true value"
         else:
             factor, shown = readable_unit(self.size, self.unit)
-            what = f"shifted by {factor * self.size:.2g}{unit_suffix(shown)}"
+            what = f"shifted by {factor * self.size:.3g}{unit_suffix(shown)}"
         size = f"{self.gain:.0f}" if self.gain < MUCH else f"more than {MUCH:.0f}"
         return (
             f"If {self.channel} were {what} in the record {self.record} alone, the model would "

@@ -32,7 +32,7 @@ def with_parts(names: Sequence[str], records: Sequence[Record]) -> list[str]:
     """Names of records, where the name of a divided one stands for all of its parts."""
     out = []
     for name in names:
-        parts = [r.name for r in records if r.name.rpartition("[")[0] == name]
+        parts = [r.name for r in records if r.whole == name != r.name]
         known = any(r.name == name for r in records)
         out += [name] if known or not parts else parts
     return out

@@ -49,7 +49,7 @@ def error_of_one_record(
     alpha
         Rate of false alarms (``Options.alpha``).
     """
-    names = dict.fromkeys(_whole(s.record.name) for s in records)
+    names = dict.fromkeys(s.record.whole for s in records)
     if len(names) < 3:
         return None
     at = outcome_at(model, records, theta, settings).fit
@@ -61,7 +61,7 @@ def error_of_one_record(
         (name, channel)
         for name in names
         for channel in model.outputs
-        if any(_whole(s.record.name) == name and channel in s.record.outputs for s in records)
+        if any(s.record.whole == name and channel in s.record.outputs for s in records)
     ]
     outputs = list(model.outputs)
     rows = [(name, channel, kind) for name, channel in seen for kind in ("gain", "offset")]
@@ -104,15 +104,10 @@ def _of_record(name: str, channel: int, kind: str) -> Callable[..., Array]:
     ) -> Array:
         del segments, shape
         out = values.copy()
-        if _whole(record.name) == name:
+        if record.whole == name:
             size = magnitudes[:, None]
             y = values[:, :, channel]
             out[:, :, channel] = y * (1.0 + size) if kind == "gain" else y + size
         return out
 
     return observe
-
-
-def _whole(name: str) -> str:
-    """Name of a record without the number of a block."""
-    return name.partition("[")[0]

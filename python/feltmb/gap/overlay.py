@@ -453,7 +453,7 @@ def wrong_clock(model: Model, records: Sequence[Record]) -> str:
         """Mean over the outputs of the variance of the gap, each over that of the output."""
         if factor * np.ptp(record.time) > model.longest_run:
             return 1.0
-        values = expected_outputs(model, replace(record, time=factor * record.time))
+        values = expected_outputs(model, record.stretched(factor))
         shares = []
         for i, name in enumerate(model.outputs):
             measured = record.outputs.get(name, np.zeros(0))

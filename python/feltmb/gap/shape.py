@@ -24,9 +24,10 @@ __all__ = ["between", "by_shapes", "movable", "moved_shape", "off_grid", "shape_
 
 #: Factor by which a fitted shape may exceed the range of its list.
 BEYOND = 5.0
-#: Number of steps to bracket the maximum, and of those of all numbers together from the derivative;
-#: number of steps within the bracket.
+#: Number of steps to bracket the maximum, and within the bracket.
 STEPS, FINER = 3, 4
+#: Number of Gauss-Newton steps of all numbers together.
+TOGETHER = 3
 #: Relative accuracy of a shape within the bracket.
 CLOSE = 0.002
 #: Gain that is not worth a further step [log evidence].
@@ -42,18 +43,21 @@ Make = Callable[[Fit, tuple[Candidate, ...]], Fit]
 def movable(effect: Effect) -> tuple[int, ...]:
     """Indices of the numbers of a shape that may take any value: (0,) if the shape is one number.
 
-    These are floats of one sign of which the list has two or more values. Shapes with other texts
-    may have the other sign. Integers, zeros, texts and constants are not fitted.
+    These are floats on one side of ``effect.shape_zero``, of which the list has two or more values.
+    Shapes with other texts may be on the other side. Integers, zeros, texts and constants are not
+    fitted.
     """
     rows = [s if isinstance(s, tuple) else (s,) for s in effect.shapes]
+    zero = effect.shape_zero
     if len({len(r) for r in rows}) != 1:
         return ()
     return tuple(
         k
         for k, column in enumerate(zip(*rows, strict=True))
-        if all(isinstance(v, float) and 0.0 < abs(v) < math.inf for v in column)
+        if all(isinstance(v, float) and 0.0 < abs(v - zero) < math.inf for v in column)
         and len(set(column)) > 1
-        and len({(_texts(r), math.copysign(1.0, r[k])) for r in rows}) == len({*map(_texts, rows)})
+        and len({(_texts(r), math.copysign(1.0, r[k] - zero)) for r in rows})
+        == len({*map(_texts, rows)})
     )
 
 
@@ -115,8 +119,9 @@ def _columns(fit: Fit, k: int, place: int) -> list[tuple[Array, Array]]:
 def _seen(fit: Fit, k: int, place: int, factor: float) -> list[tuple[Array, Array]]:
     """Residuals and continuity defects with one changed shape."""
     included = list(fit.included)
-    number = shape_number(included[k].shape, place) * factor
-    included[k] = Candidate(included[k].effect, moved_shape(included[k].shape, place, number))
+    effect, shape = included[k].effect, included[k].shape
+    number = shape_number(effect, shape, place) * factor
+    included[k] = Candidate(effect, moved_shape(effect, shape, place, number))
     seen = fit.problem.with_candidates(tuple(included)).predict(fit.point)
     return [(residual, gap) for _, residual, gap in seen]
 
@@ -153,18 +158,18 @@ def between(fit: Fit, make: Make, value: Callable[[Fit], float]) -> Fit:
     for k, candidate in enumerate(fit.included):
         for place in movable(candidate.effect):
             best = _along(best, k, place, make, value)
-    for _ in range(STEPS):
+    for _ in range(TOGETHER):
         steps, gains = _one_step(best)
         if max(gains, default=0.0) < SMALL_GAIN:
             break
         included = list(best.included)
         for (k, place), step in steps.items():
             effect, shape = included[k].effect, included[k].shape
-            number = shape_number(shape, place)
+            number = shape_number(effect, shape, place)
             low, high = _limits(effect, shape, place)
             x = np.clip(math.log(abs(number)) + np.clip(step, -0.5, 0.5), low, high)
             number = math.copysign(math.exp(x), number)
-            included[k] = Candidate(effect, moved_shape(shape, place, number))
+            included[k] = Candidate(effect, moved_shape(effect, shape, place, number))
         trial = make(best, tuple(included))
         if not (math.isfinite(trial.cost) and value(trial) > value(best)):
             break
@@ -175,7 +180,7 @@ def between(fit: Fit, make: Make, value: Callable[[Fit], float]) -> Fit:
 def _listed(effect: Effect, shape: Any, place: int) -> list[float]:
     """Values of a number in the list of an effect, without their sign, in ascending order."""
     alike = [s for s in effect.shapes if _texts(s) == _texts(shape)]
-    return sorted({abs(shape_number(s, place)) for s in alike})
+    return sorted({abs(shape_number(effect, s, place)) for s in alike})
 
 
 def _limits(effect: Effect, shape: Any, place: int) -> tuple[float, float]:
@@ -191,8 +196,8 @@ def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], floa
     effect, shape = fit.included[k].effect, fit.included[k].shape
     listed = _listed(effect, shape, place)
     low, high = _limits(effect, shape, place)
-    sign = math.copysign(1.0, shape_number(shape, place))
-    here = math.log(abs(shape_number(shape, place)))
+    number = shape_number(effect, shape, place)
+    sign, here = math.copysign(1.0, number), math.log(abs(number))
     fits = {here: fit}
     values = {here: value(fit)}
 
@@ -202,7 +207,7 @@ def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], floa
             near = fits[min(fits, key=lambda known: abs(known - x))]
             included = list(near.included)
             included[k] = Candidate(
-                effect, moved_shape(included[k].shape, place, sign * math.exp(x))
+                effect, moved_shape(effect, included[k].shape, place, sign * math.exp(x))
             )
             fits[x] = make(near, tuple(included))
             values[x] = value(fits[x]) if math.isfinite(fits[x].cost) else -WORST
@@ -228,13 +233,14 @@ def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], floa
     return fits[max(values, key=lambda x: values[x])]
 
 
-def shape_number(shape: Any, place: int) -> float:
-    """One number of a shape, by index."""
-    return float(shape[place]) if isinstance(shape, tuple) else float(shape)
+def shape_number(effect: Effect, shape: Any, place: int) -> float:
+    """One number of a shape, by index, from the zero of its effect."""
+    return float(shape[place] if isinstance(shape, tuple) else shape) - effect.shape_zero
 
 
-def moved_shape(shape: Any, place: int, number: float) -> Any:
-    """Copy of a shape with one changed number."""
+def moved_shape(effect: Effect, shape: Any, place: int, number: float) -> Any:
+    """Copy of a shape with one changed number, from the zero of its effect."""
+    number += effect.shape_zero
     if not isinstance(shape, tuple):
         return number
     if hasattr(shape, "_make"):  # a named tuple keeps its type

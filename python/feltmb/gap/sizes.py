@@ -81,7 +81,8 @@ def shape_numbers(effect: Effect, shape: Any, wide: Mapping[int, float]) -> tupl
             continue
         name = effect.shape_names[i] if i < len(effect.shape_names) else "shape"
         factor = math.exp(min(1.96 * wide.get(i, 0.0), 50.0))
-        low, high = sorted((value / factor, value * factor))
+        away = value - effect.shape_zero
+        low, high = sorted(effect.shape_zero + x for x in (away / factor, away * factor))
         out.append(ShapeNumber(name=name, value=float(value), low=float(low), high=float(high)))
     return tuple(out)
 

@@ -409,8 +409,7 @@ def found_starts(*fits: Fit) -> dict[str, Array]:
             continue
         for s, place in zip(fit.problem.segmented_records, fit.point.places, strict=True):
             out.setdefault(s.record.name, place.starts[0])
-            if s.record.name.endswith("]"):
-                name, _, block = s.record.name.rpartition("[")
-                if block.startswith("1/"):
-                    out.setdefault(name, place.starts[0])
+            whole = s.record.whole
+            if s.record.name.startswith(f"{whole}[1/"):
+                out.setdefault(whole, place.starts[0])
     return out

@@ -14,7 +14,7 @@ from feltmb.units.names import (
     to_si,
     unit_suffix,
 )
-from feltmb.units.spelling import PIXEL, spelled_unit, split_column
+from feltmb.units.spelling import PIXEL, same_unit, spelled_unit, split_column
 
 __all__ = [
     "ACCEPTED_UNITS",
@@ -26,6 +26,7 @@ __all__ = [
     "number_and_unit",
     "pretty",
     "readable_unit",
+    "same_unit",
     "si_value",
     "spelled_unit",
     "split_column",

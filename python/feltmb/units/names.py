@@ -260,7 +260,7 @@ def to_si(unit: str) -> tuple[float, str]:
 
 def _quantities_in(unit: str) -> set[tuple[float, ...]]:
     """Dimensions of the units of which a unit is composed."""
-    return {_parse(re.sub(r"\^.*", "", token))[1] for token in re.findall(r"[^\s/*·]+", unit)}
+    return {_parse(re.sub(r"\^.*|\d+$", "", token))[1] for token in re.findall(r"[^\s/*·]+", unit)}
 
 
 def _power(name: str, power: float) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 
+from feltmb.errors import InvalidParameter
 from feltmb.units.names import ACCEPTED_UNITS, conversion_factor
 
-__all__ = ["PIXEL", "spelled_unit", "split_column"]
+__all__ = ["PIXEL", "same_unit", "spelled_unit", "split_column"]
 
 #: Not a unit until its size is known.
 PIXEL = "px"
@@ -73,6 +74,17 @@ def spelled_unit(text: str) -> str | None:
     except ValueError as error:  # InvalidParameter is included
         return text if "does not measure" in str(error) else None
     return text
+
+
+def same_unit(one: str, other: str) -> bool:
+    """Whether two texts are the same unit, for example ``N*m`` and ``N m``."""
+    units = [spelled_unit(text) or text for text in (one, other)]
+    if units[0] == units[1]:
+        return True
+    try:
+        return conversion_factor(units[0], units[1]) == 1.0
+    except InvalidParameter:
+        return False
 
 
 def split_column(heading: str) -> tuple[str, str]:

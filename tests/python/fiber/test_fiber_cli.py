@@ -174,7 +174,7 @@ def test_history(tmp_path):
     path.write_text("Zeit (ms);Dehnung (%)\n0;0\n1000;30\n2000;10,0\n")
     assert "not given back" in run(
         "history", "dunlop", path, "-s", "E=2.5e9", "-s", "v_f0=0.1", "-s", "f_c=100,1000",
-        "-s", "phi=0.2",
+        "-s", "phi=0.2", "-s", "k_p=0.01",
     )  # fmt: skip
 
 

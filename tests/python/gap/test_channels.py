@@ -11,7 +11,7 @@ from feltmb.cli import main
 from feltmb.data import Sensor, read_record
 from feltmb.errors import DataError
 from feltmb.gap import OdeModel, Options, Parameter, State, Verdict, diagnose, library
-from feltmb.gap.shape import movable
+from feltmb.gap.shape import movable, moved_shape
 
 _spec = importlib.util.spec_from_file_location("gap_models", Path(__file__).parent / "models.py")
 models = importlib.util.module_from_spec(_spec)
@@ -70,8 +70,17 @@ def test_the_reading_of_a_saturation_may_lie_between_those_of_the_list():
     # Sides and numbers of both signs are not fitted.
     stop = library.end_stop(models.MASS, stiffness=100.0, travel=0.1)
     assert 0 not in movable(stop)
-    zero = library.sensor_saturation(["q"], "q", highest=[0.02, 0.01], lowest=[0.0])
-    assert movable(zero) == ()
+    # The zero of the readings does not matter.
+    for zero in (-0.015, -0.01, 0.005, 293.0):
+        highest, lowest = [0.02 + zero, 0.01 + zero], [zero - 0.02]
+        effect = library.sensor_saturation(["q"], "q", highest=highest, lowest=lowest)
+        assert movable(effect) == (1,)
+        assert moved_shape(effect, ("highest", 0.02 + zero), 1, 0.01) == (
+            "highest",
+            pytest.approx(zero + 0.01),
+        )
+    both = library.sensor_saturation(["q"], "q", highest=[0.02, 0.01], lowest=[0.02])
+    assert movable(both) == ()
 
 
 # ---------------------------------------------------------------- a sensor that differs once
@@ -89,8 +98,8 @@ def one_wrong(change, which, **what):
     ("which", "change", "kind", "size", "told"),
     [
         (0, lambda q: 1.06 * q, "gain", 0.06, "% too large in the record run 0 alone"),
-        (0, lambda q: q - 4e-3, "offset", -4e-3, "shifted by -4 mm in the record run 0 alone"),
-        (2, lambda q: q - 4e-3, "offset", -4e-3, "shifted by -4 mm in the record run 2 alone"),
+        (0, lambda q: q - 4e-3, "offset", -4e-3, "shifted by -4"),
+        (2, lambda q: q - 4e-3, "offset", -4e-3, "shifted by -4"),
     ],
 )
 def test_a_sensor_that_differs_in_one_record_is_told(which, change, kind, size, told):
@@ -150,6 +159,8 @@ def test_percent_become_fractions_which_is_told(percent):
     with pytest.raises(DataError, match=r"unit of input valve: got '%', .* has it in '1'"):
         library.for_input("valve", record, unit="%")
     assert library.for_input("valve", record)
+    torque = replace(record, input_units={"valve": "N m"})
+    assert library.for_input("valve", torque, unit="N*m")
 
 
 @pytest.mark.parametrize("unit", ["%", "1"])

@@ -60,6 +60,46 @@ def test_written_record_is_read_again(tmp_path):
     assert dict(two.start.mean) == {"x": 1.0}
 
 
+def test_a_record_in_other_units_than_si_is_read_again(tmp_path):
+    """Values, and the noise that is stated in the same unit."""
+    time = np.arange(10) * 0.1
+    one = Record(
+        name="tank",
+        time=time,
+        inputs={"valve": 40.0 + time, "pump": 0.1 * time},
+        outputs={"level": 3.0 * time, "T": 20.0 + time},
+        input_units={"valve": "%", "pump": "1"},
+        input_sigma={"valve": 0.5},
+        sensors={
+            "level": Sensor(name="level", unit="mm", sigma=0.1),
+            "T": Sensor(name="T", unit="degC", sigma=0.2),
+        },
+    )
+    two = read_record(write_record(one, tmp_path / "a.csv"))
+    for name in ("input_units", "input_sigma", "sensors"):
+        assert getattr(one, name) == getattr(two, name)
+    for name in ("inputs", "outputs"):
+        for channel, values in getattr(one, name).items():
+            assert getattr(two, name)[channel] == pytest.approx(values)
+
+
+def test_a_record_knows_its_whole_and_what_was_before():
+    one = some()
+    for name, whole in (
+        ("run [1]", "run [1]"),
+        ("run [1][2/3]", "run [1]"),
+        ("run[1/2][3/4]", "run"),
+        ("run[held-out]", "run"),
+    ):
+        assert replace(one, name=name).whole == whole
+    late = one.cut(5, 15)
+    assert late.excitation != replace(late, before=None).excitation
+    assert late.excitation != replace(late, input_mode="motion").excitation
+    long = late.stretched(60.0)
+    assert long.before.time == pytest.approx(60.0 * late.before.time)
+    assert long.time == pytest.approx(60.0 * late.time)
+
+
 def test_units_of_the_header_become_si(tmp_path):
     (tmp_path / "a.csv").write_text("t [ms],key [mm],f [N]\n0,1,2\n1,2,3\n2,,4\n")
     (tmp_path / "a.toml").write_text("[inputs.force]\ncolumn = 'f'\n[outputs.key]\n")
@@ -92,7 +132,7 @@ def test_mat_and_netcdf_hold_the_same(tmp_path):
     ("text", "sheet", "said"),
     [
         ("t,q\n0,1\n1,2\n2,3\n", "[outputs.z]\n", "no column 'z'; there are t, q"),
-        ("t,q\n0,1\n1,x\n2,3\n", "[outputs.q]\n", "line 3, column q: 'x' is no number"),
+        ("t,q\n0,1\n1,x\n2,3\n", "[outputs.q]\n", "line 3: q = 'x', expected a number"),
         (
             "t,q\n0,1\n1,2\n1,3\n",
             "[outputs.q]\n",

@@ -59,6 +59,7 @@ from feltmb.gap.library.sensors import (
     sensor_offset,
     sensor_saturation,
 )
+from feltmb.units import same_unit
 
 __all__ = [
     "backlash",
@@ -141,7 +142,7 @@ def for_input(name: str, record: Record, *, unit: str | None = None) -> tuple[Ef
         The record has the input in another unit.
     """
     u, stated = record.inputs[name], record.input_units.get(name)
-    if unit is not None and stated not in (None, unit):
+    if unit is not None and stated is not None and not same_unit(unit, stated):
         raise DataError(
             f"unit of input {name}: got {unit!r}, but record {record.name} has it in {stated!r}, "
             f"from {np.min(u):.4g} to {np.max(u):.4g}; expected this unit (a model that states the "

@@ -124,10 +124,12 @@ def sensor_saturation(
     name
         Channel of the sensor.
     highest, lowest
-        Readings that are tried as the end of its range [unit].
+        Readings that are tried as the end of its range [unit]. Others above and below the middle of
+        all of them are fitted.
     unit
         Unit of the channel.
     """
+    middle = 0.5 * (max((*highest, *lowest)) + min((*highest, *lowest)))
 
     def beyond(y: Array, shape: tuple[str, float]) -> Array:
         end, level = shape
@@ -143,6 +145,7 @@ def sensor_saturation(
         upper=1.0,
         shapes=(*(("highest", v) for v in highest), *(("lowest", v) for v in lowest)),
         shape_names=("end", "reading" if unit == "1" else f"reading [{unit}]"),
+        shape_zero=middle,
         mechanism="The sensor is at the end of its range.",
         remedy="Move the sensor, or use one with a larger range.",
     )
