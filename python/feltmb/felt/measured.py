@@ -29,8 +29,16 @@ Array = NDArray[np.float64]
 
 #: Least number of samples of a branch, and most knots of its curve.
 LEAST, KNOTS = 8, 40
-#: Force that counts as contact: multiples of its scatter, and share of the largest force.
+#: Force that counts as contact: multiples of its scatter, and share of its range.
 TOUCH = 2.0, 1e-3
+#: Width of the median filter by which the first contact is found.
+OUTLIERS = 5
+#: Largest stiffness of a free approach, as a share of the mean stiffness of loading.
+FREE = 0.2
+#: Lowest sample of a branch, as a share of the compression, that needs no extrapolation.
+LOWEST = 0.02
+#: Range of the exponent of an extrapolated branch.
+EXPONENTS = (1.0, 10.0)
 #: Range of the transition length of the law, and its wiping out of inner loops (docs: model.md).
 KAPPA, WIPING_OUT = (0.002, 1.0), 0.2
 #: Exponent of the share of the compression with which unloading is raised to meet loading.
@@ -45,7 +53,7 @@ class MeasuredLoop:
     compression: Array
     """Compression of each sample [m], in the order of the test; 0 at the first contact."""
     force: Array
-    """Force of each sample [N], compression positive."""
+    """Force of each sample [N], compression positive, without the force of the free approach."""
     zero: float
     """Displacement at the first contact [m], as in the test."""
     branches: Branches
@@ -86,12 +94,24 @@ class MeasuredLoop:
 
     @property
     def loss(self) -> float:
-        """Share of the loading work that the samples lose in the loop [-]."""
+        """Share of the loading work that the samples lose where both branches have samples [-]."""
+        top = int(np.argmax(self.compression))
+        sides = [
+            np.union1d(self.branches.kept[side], top)
+            for side in (self.branches.loading, ~self.branches.loading)
+        ]
+        low = max(0.0, *(float(np.min(self.compression[at])) for at in sides))
         work = []
-        for side in (self.branches.loading, ~self.branches.loading):
-            at = self.branches.kept[side]
-            order = np.argsort(self.compression[at], kind="stable")
-            work.append(np.trapezoid(self.force[at][order], self.compression[at][order]))
+        for at in sides:
+            order = at[np.argsort(self.compression[at], kind="stable")]
+            e, f = self.compression[order], self.force[order]
+            inside = e > low
+            work.append(
+                np.trapezoid(
+                    np.concatenate([[np.interp(low, e, f)], f[inside]]),
+                    np.concatenate([[low], e[inside]]),
+                )
+            )
         return float(1.0 - work[1] / work[0])
 
 
@@ -118,17 +138,28 @@ def read_measured_loop(
     table = read_test(file, ("displacement", "thickness"), ("force",))
     by_thickness = table.compression == "thickness"
     sign = -1.0 if by_thickness else 1.0
+    order = _order(sign * table.x, table.branches)
     try:
         found = measured_loop(
-            sign * table.x,
-            table.loads,
+            sign * table.x[order],
+            table.loads[order],
             zero=None if zero is None else sign * zero,
             points=points,
             name=file.stem,
         )
     except InvalidParameter as error:
         raise DataError(f"{file}: {error}") from None
-    return replace(found, by_thickness=by_thickness)
+    return replace(found, by_thickness=by_thickness, notes=(*table.notes, *found.notes))
+
+
+def _order(x: Array, branches: list[str]) -> NDArray[np.intp]:
+    """Samples in the order of the test; a file may list unloading with rising compression."""
+    rows = np.arange(x.size)
+    back = np.array([word == "unloading" for word in branches], dtype=bool)
+    if back.sum() < 2 or np.sum(np.diff(x[back])) <= 0.0:
+        return rows
+    sides = rows[~back], rows[back]
+    return np.concatenate([sides[0][np.argsort(x[~back])], sides[1][np.argsort(-x[back])]])
 
 
 @checked
@@ -142,11 +173,12 @@ def measured_loop(
 ) -> MeasuredLoop:
     """Contact law from a measured loop of displacement and force.
 
-    Each branch gets the monotone curve with the least squares over at most 40 knots. Unloading is
-    raised by its distance to loading at the end times (e / e_end)^8, so that the branches meet
-    there, and its share of loading is the nearest one that never decreases, as the law with memory
-    requires. The transition of the law (``kappa``, and ``wiping_out`` = 0 or 0.2) is fitted to the
-    whole test.
+    Each branch gets the monotone curve with the least squares over at most 40 knots. Below its
+    lowest sample it continues as a power of the compression, with a note. The force of a free
+    approach is subtracted, with a note. Unloading is raised by its distance to loading at the end
+    times (e / e_end)^8, so that the branches meet there, and its share of loading is the nearest
+    one that never decreases, as the law with memory requires. The transition of the law (``kappa``,
+    and ``wiping_out`` = 0 or 0.2) is fitted to the whole test.
 
     Parameters
     ----------
@@ -155,8 +187,8 @@ def measured_loop(
     force
         Force [N], compression positive, (n,).
     zero
-        Displacement at the first contact [m]; default: the last sample of loading whose force is
-        within its scatter.
+        Displacement at the first contact [m]; default: where loading leaves the force of the
+        approach by more than its scatter.
     points
         Number of rows of the table, at least 5; the rows are denser at small compression.
     name
@@ -191,17 +223,30 @@ def measured_loop(
     for side, at in (("loading", loading), ("unloading", unloading)):
         if at.size < LEAST:
             faults.append(f"{at.size} samples of {side}, expected at least {LEAST}")
-    if not faults and zero is None:
-        zero = _first_contact(x[loading], f[loading])
-    if not faults and not np.max(x) > float(zero or 0.0):
-        faults.append(f"zero = {zero:.6g} m, expected less than the largest displacement")
+    least, most = float(np.min(x)), float(np.max(x))
+    if zero is not None and not 2.0 * least - most <= zero < most:
+        faults.append(
+            f"zero = {zero:.6g} m, expected less than the largest displacement, near those of the "
+            f"test: {least:.6g} to {most:.6g} m"
+        )
     if faults:
         raise InvalidParameter("measured_loop: " + "; ".join(faults))
-    assert zero is not None
-    e = x - zero
+    given = zero is not None
+    zero, offset = _approach(x[loading], f[loading], zero)
+    e, f = x - zero, f - offset
+    for side, at in (("loading", loading), ("unloading", unloading)):
+        if np.sum(e[at] > 0.0) < LEAST:
+            faults.append(
+                f"zero = {zero:.6g} m: {np.sum(e[at] > 0.0)} samples of {side} beyond it, expected "
+                f"at least {LEAST}"
+            )
+    if faults:
+        raise InvalidParameter("measured_loop: " + "; ".join(faults))
     end = float(np.max(e))
     grid = end * np.linspace(0.0, 1.0, points) ** 2
-    load, back = (_curve(e[at], f[at], end, grid) for at in (loading, unloading))
+    (load, low_load), (back, low_back) = (
+        _curve(e[at], f[at], end, grid) for at in (loading, unloading)
+    )
     back = np.minimum(back + (load[-1] - back[-1]) * (grid / end) ** MEETING, load)
     share = np.divide(back, load, out=np.zeros_like(back), where=load > 0.0)
     back = isotonic_regression(share, weights=load**2 + 1e-12 * load[-1] ** 2).x * load
@@ -210,8 +255,18 @@ def measured_loop(
         _ = made.core
     except InvalidParameter as error:
         raise InvalidParameter(f"measured_loop: {error}") from None
-    found = MeasuredLoop(e, f, zero, branches, made, _notes(e, f, branches))
-    return replace(found, memory=_memory(found))
+    found = MeasuredLoop(e, f, zero, branches, made, ())
+    found = replace(found, memory=_memory(found))
+    notes = _notes(found, given=given)
+    for side, low in (("loading", low_load), ("unloading", low_back)):
+        if low:
+            notes.append(
+                f"{side} has no samples below {1e3 * low:.4g} mm of compression: it continues "
+                "there as a power of the compression"
+            )
+    if offset:
+        notes.append(f"the force of the free approach, {offset:.4g} N, is subtracted")
+    return replace(found, notes=tuple(notes))
 
 
 def _memory(found: MeasuredLoop) -> dict[str, float]:
@@ -240,36 +295,81 @@ def _memory(found: MeasuredLoop) -> dict[str, float]:
     return min(options, key=criterion)
 
 
-def _first_contact(x: Array, force: Array) -> float:
-    """Displacement of the last sample of loading whose force is within its scatter [m]."""
+def _approach(x: Array, force: Array, zero: float | None) -> tuple[float, float]:
+    """Displacement at the first contact [m], and the force of a free approach [N].
+
+    The approach is free where the monotone curve through loading stays within the scatter of its
+    first force, if its stiffness is small. ``zero``: the displacement if it is known.
+    """
+    from scipy.ndimage import median_filter
+    from scipy.optimize import isotonic_regression
+
+    order = np.argsort(x, kind="stable")
+    x, force = x[order], force[order]
+    # The filter removes samples that the load cell lost.
+    curve = isotonic_regression(median_filter(force, OUTLIERS, mode="nearest")).x
     scatter = 1.4826 * float(np.median(np.abs(np.diff(force, 3)))) / np.sqrt(20.0)
-    free = np.flatnonzero(force <= max(TOUCH[0] * scatter, TOUCH[1] * float(np.max(force))))
-    return float(x[free[-1]] if free.size else x[0])
+    small = max(TOUCH[0] * scatter, TOUCH[1] * float(np.ptp(curve)))
+    free = x < zero if zero is not None else curve <= curve[0] + 2.0 * small
+    level = 0.0
+    if np.sum(free) >= LEAST:
+        rise, span = float(np.ptp(curve[free])), float(np.ptp(x[free]))
+        if rise * float(np.ptp(x)) < FREE * float(np.ptp(curve)) * span:
+            level = float(np.median(force[free]))
+    if zero is None:
+        before = np.flatnonzero(curve <= level + small)
+        zero = float(x[before[-1]] if before.size else x[0])
+    return zero, level if abs(level) > small else 0.0
 
 
-def _curve(e: Array, force: Array, end: float, grid: Array) -> Array:
-    """Monotone curve with the least squares through zero, at the compressions of a grid [N]."""
+def _curve(e: Array, force: Array, end: float, grid: Array) -> tuple[Array, float]:
+    """Monotone curve with the least squares through zero, at the compressions of a grid [N].
+
+    The second result is the compression [m] below which it is extrapolated, or 0.
+    """
     from scipy.interpolate import PchipInterpolator
     from scipy.optimize import nnls
 
+    force, e = force[e >= 0.0], e[e >= 0.0]  # before the contact, samples say nothing about it
+    low = float(np.min(e))
+    low = low if low > LOWEST * end else 0.0
     count = int(np.clip(e.size // 4, 4, KNOTS))
-    knots = end * np.linspace(0.0, 1.0, count + 1) ** 1.5
+    knots = low + (end - low) * np.linspace(0.0, 1.0, count + 1) ** 1.5
+    if low:
+        knots = np.concatenate([[0.0], knots])
     rise = np.clip((e[:, None] - knots[:-1]) / np.diff(knots), 0.0, 1.0)
-    # Samples before the contact say nothing about the curve. A triangular factor has the same least
-    # squares in as many rows as there are knots.
-    factor = np.asarray(np.linalg.qr(np.column_stack([rise, force])[e >= 0.0], mode="r"))
+    # A triangular factor has the same least squares in as many rows as there are knots.
+    factor = np.asarray(np.linalg.qr(np.column_stack([rise, force]), mode="r"))
     steps, _ = nnls(factor[:, :-1], factor[:, -1])
-    return np.asarray(PchipInterpolator(knots, np.concatenate([[0.0], np.cumsum(steps)]))(grid))
+    fitted = PchipInterpolator(knots, np.concatenate([[0.0], np.cumsum(steps)]))
+    curve = np.asarray(fitted(grid))
+    near = min(2.0 * low, end)
+    if low and fitted(low) > 0.0 and near > low:
+        power = np.log(fitted(near) / fitted(low)) / np.log(near / low)
+        below = grid < low
+        curve[below] = fitted(low) * (grid[below] / low) ** np.clip(power, *EXPONENTS)
+    return curve, low
 
 
-def _notes(e: Array, force: Array, branches: Branches) -> tuple[str, ...]:
+def _notes(found: MeasuredLoop, *, given: bool) -> list[str]:
+    """Sentences about the samples. ``given``: whether the zero was."""
+    e, force, branches = found.compression, found.force, found.branches
     notes = []
     largest = float(np.max(force))
     at_zero = float(force[branches.kept[branches.loading][0]])
     if at_zero > 0.05 * largest:
+        hint = "" if given else ": give the displacement at the first contact (zero, --zero)"
+        notes.append(f"the first sample of loading is under {at_zero:.4g} N already{hint}")
+    if found.loss < 0.0:
         notes.append(
-            f"the first sample of loading is under {at_zero:.4g} N already: give the displacement "
-            "at the first contact (zero, --zero)"
+            f"unloading lies above loading (loss {100 * found.loss:.3g} %), and the law has no "
+            "loss there: check the order of the samples and the clocks of both columns"
+        )
+    kappa = found.memory.get("kappa", math.nan)
+    if kappa < 1.1 * KAPPA[0] or kappa > KAPPA[1] / 1.1:
+        notes.append(
+            f"kappa = {kappa:.3g} is at the limit of its range, {KAPPA[0]} to {KAPPA[1]}: the "
+            "samples do not show the transition from loading to unloading"
         )
     left_out = e.size - np.union1d(branches.kept, branches.held).size
     if left_out:
@@ -285,4 +385,4 @@ def _notes(e: Array, force: Array, branches: Branches) -> tuple[str, ...]:
             f"load, the force goes from {force[first]:.4g} to {force[last]:.4g} N, which the law "
             "does not describe"
         )
-    return tuple(notes)
+    return notes

@@ -65,6 +65,84 @@ def test_the_envelope_is_valid_whatever_the_noise():
         assert 0.0 < made.loss < 1.0
 
 
+def powers(low=0.0, back=0.0, n=200):
+    """Loading 10 e^2.5 and unloading 10 e^4, over 1 mm, from ``low`` and down to ``back``."""
+    up, down = np.linspace(low, 1.0, n), np.linspace(1.0, back, n)
+    return 1e-3 * np.concatenate([up, down]), 10.0 * np.concatenate([up**2.5, down**4])
+
+
+@pytest.mark.parametrize("n", [20, 61, 2000])
+def test_the_loss_contains_the_turn(n):
+    assert measured_loop(*powers(n=n), zero=0.0).loss == pytest.approx(0.3, abs=0.002)
+
+
+@pytest.mark.parametrize(("low", "back"), [(0.4, 0.4), (0.0, 0.5)])
+def test_a_branch_without_samples_at_small_compression_is_a_power_there(low, back):
+    found = measured_loop(*powers(low, back), zero=0.0)
+    e = 1e3 * found.envelope.compression
+    small = e < 0.5
+    assert found.envelope.loading[small] == pytest.approx(10.0 * e[small] ** 2.5, abs=0.01)
+    assert found.envelope.unloading[small] == pytest.approx(10.0 * e[small] ** 4, abs=0.01)
+    told = [f"unloading has no samples below {back:.4g} mm"]
+    told += [f"loading has no samples below {low:.4g} mm"] if low else []
+    for words in told:
+        assert any(words in note for note in found.notes)
+    assert not any("--zero" in note for note in found.notes)
+    # Both losses are over the range that has samples of both branches.
+    start = max(low, back)
+    work = [(1.0 - start ** (p + 1.0)) / (p + 1.0) for p in (2.5, 4.0)]
+    assert found.loss == pytest.approx(1.0 - work[1] / work[0], abs=0.002)
+
+
+@pytest.mark.parametrize("offset", [0.2, -0.2])
+@pytest.mark.parametrize("wrong", [None, 30, 140])
+def test_the_force_of_the_approach_and_lost_samples(offset, wrong):
+    """An offset of the load cell, and one sample of 0 N or 5 N."""
+    x, force = powers()
+    x = np.concatenate([np.linspace(-1e-3, 0.0, 101)[:-1], x])
+    force = np.concatenate([np.zeros(100), force]) + offset
+    if wrong is not None:
+        force[wrong] = 5.0 if wrong < 100 else 0.0
+    found = measured_loop(x, force)
+    assert 0.0 < found.zero < 1e-4
+    assert found.envelope.loading[-1] == pytest.approx(10.0, abs=0.02)
+    assert any(f"approach, {offset:.2g} N, is subtracted" in note for note in found.notes)
+
+
+def test_unloading_above_loading_is_told():
+    x, force = powers()
+    found = measured_loop(x, np.concatenate([force[200:][::-1], force[:200][::-1]]))
+    assert found.loss < 0.0
+    assert any("unloading lies above loading" in note for note in found.notes)
+
+
+def test_a_file_may_list_unloading_with_rising_displacement(tmp_path):
+    x, force = powers()
+    rows = [f"{1e3 * x[i]:.6f},{force[i]:.6f},loading" for i in range(200)]
+    rows += [f"{1e3 * x[i]:.6f},{force[i]:.6f},unloading" for i in reversed(range(200, 400))]
+    path = tmp_path / "pair.csv"
+    path.write_text("displacement [mm],force [N],branch\n" + "\n".join(rows))
+    assert read_measured_loop(path).loss == pytest.approx(0.3, abs=0.01)
+
+
+def test_exports_with_more_columns(tmp_path):
+    """Strain and stress of the machine beside its displacement and force."""
+    x, force = powers()
+    rows = "\n".join(
+        f"{i};{1e3 * a:.5f};{b:.5f};{a / 6e-5:.5f};{b / 100.0:.6f};ok".replace(".", ",")
+        for i, (a, b) in enumerate(zip(x, force, strict=True))
+    )
+    path = tmp_path / "pair.csv"
+    path.write_text(
+        "Probe;1,02;0,98;;;\nZeit (s);Standardweg (mm);Standardkraft (N);Dehnung (%);"
+        f"Spannung (MPa);Status\n{rows}\n",
+        encoding="cp1252",
+    )
+    found = read_measured_loop(path)
+    assert found.loss == pytest.approx(0.3, abs=0.01)
+    assert any("Standardweg (mm) is used, not Dehnung (%)" in note for note in found.notes)
+
+
 def test_holds_are_left_out_and_told():
     x, force = made_loop(0.01)
     top = int(np.argmax(x))
@@ -153,7 +231,12 @@ def test_faults_of_arrays_are_told():
     with pytest.raises(InvalidParameter, match="expected finite numbers that change"):
         measured_loop(np.zeros(30), np.zeros(30))
     x, force = made_loop()
-    with pytest.raises(InvalidParameter, match=r"zero = 0\.01 m, expected less than the largest"):
-        measured_loop(x, force, zero=0.01)
+    for zero in (0.01, -1.0):
+        with pytest.raises(InvalidParameter, match=f"zero = {zero:g} m, expected less than the"):
+            measured_loop(x, force, zero=zero)
+    with pytest.raises(InvalidParameter, match="samples of unloading beyond it, expected at least"):
+        measured_loop(x, force, zero=7.9e-4)
+    with pytest.raises(InvalidParameter, match="expected compression to be positive"):
+        measured_loop(x, -force)
     with pytest.raises(InvalidParameter, match="points = 3, must be >= 5"):
         measured_loop(x, force, points=3)
