@@ -469,14 +469,14 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
             return doubt
         doubt = f" {doubt}"
     shown = [n for n in names if n in gains and n not in weak]
-    closes = f"t closes {far.closed_text} of the held-out gap{_band(far)}."
+    closes = f"closes {far.closed_text} of the held-out gap{_band(far)}."
     if not shown or (gap >= NO_GAP_RATIO and far.low > 0.0):
-        return f"I{closes}{doubt}"
+        return f"It {closes}{doubt}"
     by = "or more by each" if len(shown) > 1 else f"by {shown[0] if weak else 'it'}"
     least = f"{min(gains[n] for n in shown):.2g} units of log evidence {by}"
     if gap < NO_GAP_RATIO:
         return f"Held-out records, whose gap is hardly above their noise, gain {least}.{doubt}"
-    return f"Held-out records gain {least}; i{closes}{doubt}"
+    return f"Held-out records gain {least}; it {closes}{doubt}"
 
 
 def _unsure(

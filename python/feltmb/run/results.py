@@ -563,8 +563,10 @@ def load_run(path: str | Path) -> Run:
         raise
     except HDF5_FAULTS as error:
         reason = shortened(str(error), 300)
+        from feltmb.data.columns import MEASURED_FILES
+
         hint = ""
-        if path.suffix.lower() in (".csv", ".txt", ".tsv"):
+        if path.suffix.lower() in MEASURED_FILES:
             hint = (
                 "; to compare a measured file with a model: feltmb gap check MODEL FILE -o PICTURE"
             )
