@@ -14,8 +14,10 @@ Array = NDArray[np.float64]
 #: Smallest change of the volume fraction between reversals, as a share of its range. Smaller
 #: changes are noise of the thickness.
 LEAST_CYCLE = 0.05
-#: Width of the band of volume fractions of a hold, as a share of the range.
-HELD = 0.03
+#: Widths of the band of volume fractions of a hold, as shares of the range.
+HELD = (0.03, 0.01, 0.003, 0.001)
+#: Smallest width of a band, in steps between the volume fractions of the samples.
+LEAST_STEPS = 0.9
 #: Distance of the bands that are tried, as a share of their width.
 STEP_OF_BAND = 0.25
 #: Number of samples at a reversal that are no hold.
@@ -82,43 +84,54 @@ def _find_holds(v_f: Array, turns: list[int]) -> list[tuple[int, int]]:
     Between two reversals, a hold is a band of volume fractions with more than twice as many
     samples as the three next bands on each side of it together. A steady or sinusoidal test, or
     one with steady force, has no hold: near an extremum of a sine, one band has as many samples
-    as the three next ones. The band is wide enough for noise, sagging and creeping.
+    as the three next ones, however wide the bands are. A wide band shows holds with noise, sagging
+    and creeping, and a narrow one those that are short beside the motion.
     """
-    band = HELD * float(np.ptp(v_f))
-    if band == 0.0:
+    size = float(np.ptp(v_f))
+    levels = np.unique(v_f)
+    if levels.size < 2:
         return []
+    step = float(np.median(np.diff(levels)))  # that of the converter, if its steps are coarse
     holds: list[tuple[int, int]] = []
     for a, b in itertools.pairwise(turns):
         begin = a if a == 0 else a + 1
-        part = v_f[begin : b + 1]
-        values = np.sort(part)
-        lower = values[0] + STEP_OF_BAND * band * np.arange(
-            1 + math.ceil(np.ptp(part) / band / STEP_OF_BAND)
-        )
-        limits = np.searchsorted(values, lower[:, None] + band * np.array([-3.0, 0.0, 1.0, 4.0]))
-        inside = limits[:, 2] - limits[:, 1]
-        next_to = limits[:, 3] - limits[:, 0] - inside
-        free = inside > np.maximum(2 * next_to, MOST_AT_TURN)
-        found = []
-        while free.any():
-            best = int(np.argmax(np.where(free, inside, 0)))
-            within = np.flatnonzero((part >= lower[best]) & (part < lower[best] + band))
-            # The motion to the level and from it crosses the band as it crosses the next ones.
-            motion = math.ceil(next_to[best] / 6)
-            first = int(within[0]) + (motion if within[0] > 0 else 0)
-            last = int(within[-1]) - (motion if within[-1] < part.size - 1 else 0)
-            found.append((begin + first, begin + last))
-            free &= np.abs(lower - lower[best]) >= band
-        holds += sorted(found)
-    return _joined(holds)
+        for band in (held * size for held in HELD):
+            if band < LEAST_STEPS * step and band < HELD[0] * size:
+                break
+            found = _bands_with_holds(v_f[begin : b + 1], band)
+            holds += [(begin + first, begin + last) for first, last in found]
+    return _joined(sorted(holds))
+
+
+def _bands_with_holds(part: Array, band: float) -> list[tuple[int, int]]:
+    """First and last sample of each hold of a part without reversals, by bands of one width."""
+    values = np.sort(part)
+    lower = values[0] + STEP_OF_BAND * band * np.arange(
+        1 + math.ceil(np.ptp(part) / band / STEP_OF_BAND)
+    )
+    limits = np.searchsorted(values, lower[:, None] + band * np.array([-3.0, 0.0, 1.0, 4.0]))
+    inside = limits[:, 2] - limits[:, 1]
+    next_to = limits[:, 3] - limits[:, 0] - inside
+    free = inside > np.maximum(2 * next_to, MOST_AT_TURN)
+    found = []
+    while free.any():
+        best = int(np.argmax(np.where(free, inside, 0)))
+        within = np.flatnonzero((part >= lower[best]) & (part < lower[best] + band))
+        # The motion to the level and from it crosses the band as it crosses the next ones.
+        motion = math.ceil(next_to[best] / 6)
+        first = int(within[0]) + (motion if within[0] > 0 else 0)
+        last = int(within[-1]) - (motion if within[-1] < part.size - 1 else 0)
+        found.append((first, last))
+        free &= np.abs(lower - lower[best]) >= band
+    return found
 
 
 def _joined(holds: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """The holds, those on the two sides of a reversal joined to one."""
+    """The holds; those that overlap, or are on the two sides of a reversal, are joined to one."""
     joined: list[tuple[int, int]] = []
     for first, last in holds:
         if joined and first <= joined[-1][1] + 1:
-            joined[-1] = (joined[-1][0], last)
+            joined[-1] = (joined[-1][0], max(last, joined[-1][1]))
         else:
             joined.append((first, last))
     return joined
