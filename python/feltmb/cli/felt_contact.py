@@ -153,7 +153,7 @@ def contact_command(
             complain(f"warning: {note}")
     if output is not None:
         extended = (action, contact) if contact is not None else (None, None)
-        text = made.to_toml(*extended, memory=found.memory)
+        text = made.to_toml(*extended)
         say_written(write_text(output, text, force=force))
     if picture is not None:
         save_figure(plot_measured_loop(found), picture, force=force)

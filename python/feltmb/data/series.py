@@ -34,10 +34,10 @@ MOST_NUMBERS = 20_000_000  # limit for a file: 160 MB; reading needs a few times
 MOST_FAULTS = 1000
 #: Usual names of the columns of a quantity, in machines and in other languages.
 CALLED = {
-    "time": "time t timestamp elapsed_time date_time zeit uhrzeit temps tiempo",
+    "time": "time t timestamp elapsed_time date_time zeit prüfzeit uhrzeit temps tiempo",
     "force": "force load load_cell kraft standardkraft f",
     "displacement": "displacement extension travel stroke position crosshead compression weg "
-    "standardweg traverse",
+    "standardweg traverse traversenweg verformung",
     "thickness": "thickness gap height dicke höhe",
     "strain": "strain dehnung stauchung",
     "pressure": "pressure stress druck spannung",

@@ -112,6 +112,8 @@ class FeltEnvelope:
     """Force of unloading [N]; 0 <= unloading <= loading, equal at the end."""
     name: str
     about: str = ""
+    memory: Mapping[str, float] = field(default_factory=dict)
+    """Further numbers of the memory, such as ``kappa``."""
     made: _core.Envelope | None = field(default=None, repr=False, compare=False)
     """The envelope from which the table was sampled, if there is one."""
 
@@ -139,8 +141,8 @@ class FeltEnvelope:
         )
 
     def law(self, **options: float) -> _core.ContactLaw:
-        """Law with memory and this envelope; options ``kappa``, ``recovery_time`` and so on."""
-        return _core.ContactLaw("felt_memory", envelope=self.core, **options)
+        """Law with memory and this envelope; ``options`` replace numbers of ``memory``."""
+        return _core.ContactLaw("felt_memory", envelope=self.core, **{**self.memory, **options})
 
     def table(self) -> dict[str, Any]:
         """Value of ``contacts.NN.memory.envelope`` in a mechanism file."""
@@ -151,13 +153,7 @@ class FeltEnvelope:
             "unloading": [float(f"{x:.9g}") for x in self.unloading],
         }
 
-    def to_toml(
-        self,
-        action: str | None = None,
-        contact: str | None = None,
-        *,
-        memory: Mapping[str, float] | None = None,
-    ) -> str:
+    def to_toml(self, action: str | None = None, contact: str | None = None) -> str:
         """Text of a file.
 
         Parameters
@@ -166,8 +162,6 @@ class FeltEnvelope:
             If both are given: a mechanism that extends ``action`` and in which ``contact`` has the
             law with memory and this envelope. Otherwise: only the table ``[memory.envelope]``,
             which can be copied to a contact.
-        memory
-            Further numbers of the memory, such as ``kappa``.
         """
         import tomlkit
 
@@ -179,7 +173,7 @@ class FeltEnvelope:
         doc["schema"] = 1
         doc["name"] = self.name if contact is None else f"{action}_{self.name}_{contact}"
         doc["about"] = self.about
-        entry = {**(memory or {}), "envelope": self.table()}
+        entry = {**self.memory, "envelope": self.table()}
         if contact is None:
             doc["memory"] = entry
         else:
@@ -267,7 +261,7 @@ def envelope(
         about += ", by columns"
     if material.synthetic:
         about += "; SYNTHETIC felt"
-    return FeltEnvelope(e, load, back, name or material.name, about, core)
+    return FeltEnvelope(e, load, back, name or material.name, about, made=core)
 
 
 @checked
@@ -297,6 +291,12 @@ def load_envelope(path: str | Path) -> FeltEnvelope:
         faults.append(
             f"{path}: memory.envelope.unit: got {unit!r}, expected two, such as ['mm', 'N']"
         )
+    numbers = {k: v for k, v in raw["memory"].items() if k != "envelope"}
+    faults += [
+        f"{path}: memory.{key}: got {value!r}, expected a number"
+        for key, value in numbers.items()
+        if not isinstance(value, int | float) or isinstance(value, bool)
+    ]
     if faults:
         raise InvalidParameter("\n".join(faults))
     length, force = conversion_factor(unit[0], "m"), conversion_factor(unit[1], "N")
@@ -306,9 +306,10 @@ def load_envelope(path: str | Path) -> FeltEnvelope:
         columns["unloading"] * force,
         str(raw.get("name", path.stem)),
         str(raw.get("about", "")),
+        {k: float(v) for k, v in numbers.items()},
     )
     try:
-        _ = made.core
+        made.law()
     except InvalidParameter as error:
         raise InvalidParameter(f"{path}: memory.envelope: {error}") from None
     return made

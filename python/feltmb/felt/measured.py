@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -62,11 +62,16 @@ class MeasuredLoop:
     """Both branches as a table, for a mechanism file."""
     notes: tuple[str, ...]
     """Sentences about samples that are left out, and about the zero."""
-    memory: Mapping[str, float] = field(default_factory=dict)
-    """Numbers of the memory that follow the test better than the defaults of the law: ``kappa`` and
-    ``wiping_out``."""
     by_thickness: bool = False
     """Whether the displacement is minus a thickness."""
+
+    @property
+    def memory(self) -> Mapping[str, float]:
+        """Numbers of the memory that follow the test better than the defaults of the law.
+
+        They are ``kappa`` and ``wiping_out``.
+        """
+        return self.envelope.memory
 
     @cached_property
     def by_law(self) -> Array:
@@ -83,7 +88,7 @@ class MeasuredLoop:
             ``kappa``, ``recovery_time`` and the other numbers of ``memory`` in a mechanism file, in
             place of those that follow the test best.
         """
-        return Law(self.envelope.law(**{**self.memory, **options}), "felt_memory")
+        return Law(self.envelope.law(**options), "felt_memory")
 
     @property
     def rms(self) -> float:
@@ -256,7 +261,7 @@ def measured_loop(
     except InvalidParameter as error:
         raise InvalidParameter(f"measured_loop: {error}") from None
     found = MeasuredLoop(e, f, zero, branches, made, ())
-    found = replace(found, memory=_memory(found))
+    found = _with_memory(found, _memory(found))
     notes = _notes(found, given=given)
     for side, low in (("loading", low_load), ("unloading", low_back)):
         if low:
@@ -267,6 +272,10 @@ def measured_loop(
     if offset:
         notes.append(f"the force of the free approach, {offset:.4g} N, is subtracted")
     return replace(found, notes=tuple(notes))
+
+
+def _with_memory(found: MeasuredLoop, numbers: Mapping[str, float]) -> MeasuredLoop:
+    return replace(found, envelope=replace(found.envelope, memory=numbers))
 
 
 def _memory(found: MeasuredLoop) -> dict[str, float]:
@@ -280,7 +289,7 @@ def _memory(found: MeasuredLoop) -> dict[str, float]:
     samples = found.force.size - found.branches.held.size
 
     def criterion(numbers: Mapping[str, float]) -> float:
-        squares = replace(found, memory=numbers).rms ** 2
+        squares = _with_memory(found, numbers).rms ** 2
         return samples * math.log(max(squares, 1e-300)) + len(numbers) * math.log(samples)
 
     options: list[dict[str, float]] = [{}]

@@ -80,8 +80,10 @@ def read_test(
         for i, word in enumerate(branches)
         if word not in ("loading", "unloading")
     ]
+    if not faults and x.size < 3:
+        faults = [f"{x.size} samples, expected at least 3"]
     if not faults:
-        faults = _direction(quantity, x, load, p)
+        x, p = _positive(quantity, x, load, p, faults, notes)
     if faults:
         raise DataError(fault_text(str(path), faults, most=20))
     return CompressionColumns(quantity, load, x, p, branches, tuple(notes))
@@ -127,17 +129,25 @@ def _is(column: str, quantity: str) -> bool:
     return known or plain_name(column) == plain_name(quantity)
 
 
-def _direction(quantity: str, x: Array, load: str, p: Array) -> list[str]:
-    """Faults of the signs."""
-    if x.size < 3:
-        return [f"{x.size} samples, expected at least 3"]
-    if not np.max(p) > max(0.0, -np.min(p)):
-        return [
-            f"{load} from {np.min(p):.4g} to {np.max(p):.4g} {LOADS[load]}, expected compression "
-            "to be positive"
-        ]
+def _positive(
+    quantity: str, x: Array, load: str, p: Array, faults: list[str], notes: list[str]
+) -> tuple[Array, Array]:
+    """Compression and load with positive signs; machines for tension have both negative."""
+    turned = []
+    if not np.max(p) > -np.min(p):
+        turned, p = [load], -p
+    along = float(np.sum((x - np.mean(x)) * p))
     decreasing = quantity in _DECREASING
-    if np.sum((x - np.mean(x)) * p) * (-1.0 if decreasing else 1.0) < 0.0:
+    if along < 0.0 and turned and not decreasing:
+        turned, x = [quantity, *turned], -x
+    elif (along > 0.0) == decreasing and along:
         does, sign = ("increases", "decrease") if decreasing else ("decreases", "increase")
-        return [f"{quantity} {does} with the load, expected it to {sign} in compression"]
-    return []
+        faults.append(f"{quantity} {does} with the load, expected it to {sign} in compression")
+    if not np.max(p) > 0.0:
+        faults.append(f"{load} is 0, expected a load")
+    if turned:
+        notes.append(
+            f"{' and '.join(turned)} decrease{'s' if len(turned) == 1 else ''} in compression: the "
+            "sign is reversed"
+        )
+    return x, p

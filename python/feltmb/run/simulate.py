@@ -634,30 +634,51 @@ def find_strike(changes: list[Change], contact: int) -> tuple[int | None, int | 
     return on, offs[-1] if offs else None
 
 
-#: The distance in check is a mean over this time at the end of the run [s].
+#: The distance in check is a mean over this time [s].
 _CHECK_WINDOW = 0.010
 
 
 def _add_check(
     action: Action, named: Mapping[str, int], column: int, result: Any, out: dict[str, float]
 ) -> None:
-    """Distance of hammer and undisplaced string in check: mean of the last 10 ms."""
+    """Distance of hammer and undisplaced string in check: a mean over 10 ms.
+
+    These are the last 10 ms of the run if the hammer is in check then. If the backcheck has
+    released it, they are the ones with the smallest swing of the last check that is so long.
+    """
     name = action.mechanism.contact_names[column]
     columns = {n: i for i, n in enumerate(result.names)}
     if f"{name}.compression" not in columns or "check" not in named or result.time.size < 2:
         return
-    tail = result.time >= result.time[-1] - _CHECK_WINDOW
+    time = result.time
     held = sum(
-        result.data[tail, columns[f"contact{c:02d}.force"]]
+        result.data[:, columns[f"contact{c:02d}.force"]]
         for c in action.config.reading.check_contacts
     )
-    if np.mean(held) <= 0.0:
-        return
-    gap = -result.data[tail, columns[f"{name}.compression"]]
+    gap = -result.data[:, columns[f"{name}.compression"]]
     if "string.strike" in columns:
-        gap = gap - result.data[tail, columns["string.strike"]]
-    out["check_gap"] = float(np.mean(gap))
-    out["check_gap_swing"] = float(np.ptp(gap))
+        gap = gap - result.data[:, columns["string.strike"]]
+    tail = time >= time[-1] - _CHECK_WINDOW
+    if np.mean(held[tail]) <= 0.0:
+        found = _quietest(time, gap, held > 0.0)
+        if found is None:
+            return
+        tail = found
+    out["check_gap"] = float(np.mean(gap[tail]))
+    out["check_gap_swing"] = float(np.ptp(gap[tail]))
+
+
+def _quietest(time: Any, gap: Any, held: Any) -> Any:
+    """Samples of the quietest window of the last check that is as long; None: there is none."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(int)))
+    for first, end in zip(edges[-2::-2], edges[::-2], strict=True):
+        last = end - 1
+        count = int((time[last] - time[first]) / _CHECK_WINDOW)
+        if count:
+            starts = time[last] - _CHECK_WINDOW * np.arange(count, 0, -1)
+            windows = [(time >= t) & (time <= t + _CHECK_WINDOW) for t in starts]
+            return min(windows, key=lambda window: np.ptp(gap[window]))
+    return None
 
 
 def _add_key(action: Action, result: Any, out: dict[str, float]) -> None:

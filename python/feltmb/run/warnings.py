@@ -17,6 +17,8 @@ __all__ = ["run_warnings"]
 PASSED = 1e-3
 #: Ratio of deflection to length of a member above which its equations are not valid.
 BENT = 0.25
+#: Force of a finger, as a share of the largest, that is not noise of the load cell.
+FINGER = 0.02
 #: Rotation of a motor above which its arm swings and no longer presses [rad].
 SWING = math.pi / 4
 
@@ -47,7 +49,9 @@ def _of_members(result: Any) -> list[str]:
 
 
 def _of_input(stroke: Stroke, result: Any) -> list[str]:
-    """Whether the forces of a prescribed motion can be those of a finger."""
+    """Whether the input can be that of a finger, and is not noise."""
+    if stroke.kind == "force":
+        return _of_force(stroke)
     if stroke.kind not in PRESCRIBED:
         return []
     out = []
@@ -67,12 +71,30 @@ def _of_input(stroke: Stroke, result: Any) -> list[str]:
     if stroke.kind == "key_motion" and "finger.force" in names and result.time.size:
         force = result.data[:, names.index("finger.force")]
         lowest = int(np.argmin(force))
-        if force[lowest] < -0.02 * max(1.0, float(np.max(force))):
+        if force[lowest] < -FINGER * max(1.0, float(np.max(force))):
             out.append(
                 f"the prescribed key motion requires a finger that pulls with "
                 f"{-force[lowest]:.3g} N at {result.time[lowest]:.4f} s: a real finger would "
                 "leave the key"
             )
+    return out
+
+
+def _of_force(stroke: Stroke) -> list[str]:
+    """Whether a force may have a wrong sign or zero."""
+    value = np.asarray(stroke.value)
+    lowest, small = int(np.argmin(value)), FINGER * max(1.0, float(np.max(value)))
+    out = []
+    if value[lowest] < -small:
+        out.append(
+            f"the force of the finger is {value[lowest]:.3g} N at {stroke.time[lowest]:.4f} s: a "
+            "finger cannot pull the key (is the sign or the zero of the load cell wrong?)"
+        )
+    if value[0] > small:
+        out.append(
+            f"the force of the finger begins with {value[0]:.3g} N, on an action at rest without "
+            "this force (is the zero of the load cell wrong?)"
+        )
     return out
 
 

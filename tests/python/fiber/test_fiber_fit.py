@@ -196,7 +196,7 @@ def test_units_and_branches(tmp_path):
         ("v_f [-];pressure [Pa]\n0,1;1\n0.2;2\n0.3;3\n", {}, ["decimal point"]),
         ("strain [-],force [N]\n0,0\n0.1,1\n0.2,2\n", {}, ["--area", "--v-f0"]),
         ("v_f [-],pressure [Pa]\n0.1,1\n0.2,2\n", {}, ["2 samples"]),
-        ("v_f [-],pressure [Pa]\n0.1,-1\n0.2,-2\n0.3,-3\n", {}, ["compression to be positive"]),
+        ("v_f [-],pressure [Pa]\n0.1,0\n0.2,0\n0.3,0\n", {}, ["expected a load"]),
         ("v_f [%],pressure [Pa]\n10,1\n20,2\n300,3\n", {}, ["v_f from 0.1 to 3"]),
     ],
 )
@@ -247,17 +247,25 @@ def test_compression_files_of_instruments(tmp_path, text):
     assert test.pressure[3] == pytest.approx(30.5 / 3e-4)
 
 
+def test_a_wrong_direction_is_told(tmp_path):
+    text = PLAIN.replace("thickness", "displacement")
+    with pytest.raises(DataError, match="displacement decreases with the load"):
+        read_compression(write(tmp_path, text), v_f0=0.3, thickness0=6e-3, area=3e-4)
+
+
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("text", "told"),
     [
-        (lambda text: text.replace("thickness", "displacement"), "decreases with the load"),
-        (lambda text: text.replace(",", ",-").replace(",-force", ",force"),
-         "force from -30.5 to -0.1 N, expected compression to be positive"),
+        (PLAIN.replace(",", ",-").replace(",-force", ",force"), "force decreases in compression"),
+        ("displacement [mm],force [N]\n0,-0.1\n-0.3,-1.5\n-0.7,-9.25\n-1,-30.5\n-0.7,-5\n"
+         "-0.3,-0.75\n", "displacement and force decrease in compression"),
     ],
 )  # fmt: skip
-def test_a_sign_of_a_compression_test_is_told(tmp_path, change, told):
-    with pytest.raises(DataError, match=told):
-        read_compression(write(tmp_path, change(PLAIN)), v_f0=0.3, thickness0=6e-3, area=3e-4)
+def test_negative_signs_of_compression_are_reversed(tmp_path, text, told):
+    test = read_compression(write(tmp_path, text), v_f0=0.3, thickness0=5.2e-3, area=3e-4)
+    assert test.thickness == pytest.approx(1e-3 * np.array([5.2, 4.9, 4.5, 4.2, 4.5, 4.9]))
+    assert test.pressure[3] == pytest.approx(30.5 / 3e-4)
+    assert any(told in note for note in test.notes)
 
 
 def test_an_area_in_square_meters_by_mistake_is_refused(tmp_path):
