@@ -39,6 +39,8 @@ STAGES = (CHECKS, FIT, SEARCH, PROOF, REPORT)
 USUAL = {FIT: 20, SEARCH: 120, PROOF: 20}
 #: Share of the time limit after which no fit is started; the rest is for the proof.
 FOR_FITS = 0.6
+#: Share of this time after which the fit of the model alone ends, so that effects are fitted, too.
+FOR_MODEL = 0.5
 #: Shortest time between two calls of the callback within a stage [s].
 PAUSE = 0.1
 
@@ -107,6 +109,8 @@ class Watch:
         """Reason for the stop; empty: not stopped."""
         self.stopped_in = ""
         """Stage in which it was stopped."""
+        self.model_cut = 0.0
+        """Time after which the fit of the model alone was ended [s]; 0: it was not."""
 
     @property
     def elapsed(self) -> float:
@@ -136,7 +140,17 @@ class Watch:
 
     def stopping(self) -> bool:
         """Whether fits and searches must end; a proof still has its part of the time limit."""
-        return self.stage in (FIT, SEARCH) and self.over()
+        return self.stage in (FIT, SEARCH) and (self.over() or self._model_late())
+
+    def _model_late(self) -> bool:
+        """Whether the fit of the model alone must leave the rest of the time to the search."""
+        if self.stage != FIT or SEARCH not in self._stages or self._budget is None:
+            return False
+        taken = self.elapsed - self._entered
+        if taken <= FOR_MODEL * FOR_FITS * self._budget:
+            return False
+        self.model_cut = self.model_cut or taken
+        return True
 
     def must_end(self) -> bool:
         """Whether a loop of the present stage must end."""

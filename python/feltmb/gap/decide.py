@@ -6,6 +6,8 @@ import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from feltmb.fit.model import OF_RECORDS
 from feltmb.fit.solve import SAME, Fit
 from feltmb.gap.acceptance import Accepted, Posterior
@@ -22,6 +24,7 @@ from feltmb.gap.findings import Calibrated, Closest, GivenValue, HowFar, Verdict
 from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.options import Options
 from feltmb.gap.proof import explained_share
+from feltmb.gap.score import Scores
 from feltmb.gap.search import Search
 from feltmb.gap.sizes import Sizes
 from feltmb.gap.tabulated import of_the_machine
@@ -139,15 +142,34 @@ def decide(facts: Facts) -> Decision:
     if best is None:
         text = f"There is a gap ({_signs(facts)}), but no tested effect is proven to explain it."
         text += _closest(facts.closest)
-        if facts.closest is None and search.scores.candidates:
+        if facts.closest is None and search.sets:
             text += " None of them is closer to the held-out records than the model."
+        elif facts.closest is None:
+            text += _first_scored(search.scores)
         refused = _refusals(accepted)
         if refused and (facts.closest is None or not facts.closest.why):
             text += f" Not confirmed: {refused}."
         text += _noise(facts) or _place(facts)
         out = _silent(facts, Verdict.UNKNOWN, _another(facts) + text)
         return replace(out, closest=facts.closest)
+    if _in_fitted_records_only(facts):
+        what = "it" if len(best.names) == 1 else "them"
+        why = (
+            f": nearest {listed(best.names)}. The scores of the fitted records are sure, but no "
+            f"record has more than noise without {what}, and held-out records do not confirm {what}"
+        )
+        return _too_weak(facts, why)
     return _name(facts)
+
+
+def _in_fitted_records_only(facts: Facts) -> bool:
+    """Whether the model explains all records to their noise and held-out ones confirm no effect.
+
+    A small error of the start or of a sensor in the fitted records has a large score, too.
+    """
+    gains = [paired.gain for paired in facts.accepted.proof.values()]
+    small = not facts.misfit.left and facts.how_far.before < NO_GAP_RATIO
+    return small and max(gains, default=0.0) < least_odds(facts.options.credibility)
 
 
 def _only_noise(facts: Facts) -> bool:
@@ -251,6 +273,21 @@ def _another(facts: Facts, *, complete: bool = False) -> str:
     return (
         f"{count}: the records may be of {other}, or these parameters compensate what the model "
         "lacks. "
+    )
+
+
+def _first_scored(scores: Scores) -> str:
+    """Sentence about the candidate with the largest score, if none was refitted."""
+    singles = scores.singles()
+    if not np.max(singles, initial=0.0) > 0.0:
+        return ""
+    first = int(np.argmax(singles))
+    effect = scores.candidates[first].effect
+    size = float(scores.one_step()[first]) * effect.scale
+    factor, shown = readable_unit(size, effect.unit)
+    return (
+        f" None of them was refitted. By its score, the first candidate is {effect.name} of "
+        f"{factor * size:.3g}{unit_suffix(shown)}: a larger budget tests it."
     )
 
 

@@ -460,6 +460,13 @@ class _Diagnosis:
         far = prior_deviations_told(fit, wide)
         if far:
             checks = replace(checks, warnings=(*checks.warnings, far))
+        if watch.model_cut:
+            cut = (
+                f"the fit of the model alone was ended after {watch.model_cut:.0f} s to leave time "
+                "for effects: its parameters and its gap may not be the best ones (a larger budget "
+                "completes it)"
+            )
+            checks = replace(checks, warnings=(*checks.warnings, cut))
         which = ranked(
             found, accepted, decision.belief, alarm.null, decision.named, decision.one_of, sizes
         )

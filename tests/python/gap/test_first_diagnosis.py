@@ -302,6 +302,18 @@ def test_fits_and_proof_have_their_parts_of_a_budget(monkeypatch):
     late.enter("proof on held-out records")
     now[0] = 17.9
     assert not late.proof_over()
+    # The fit of the model alone leaves half of that to the search.
+    first = Watch(budget=10.0)
+    now[0] = 1.0
+    first.enter(FIT)
+    for time, ends in ((3.9, False), (4.1, True)):
+        now[0] = time
+        assert first.stopping() == ends
+    assert first.model_cut == pytest.approx(3.1)
+    first.enter("search")
+    assert not first.stopping()
+    assert first.why == ""
+    now[0] = 14.0
     alone = Watch(budget=10.0, stages=(CHECKS, FIT))  # no proof follows
     alone.enter(FIT)
     now[0] = 9.9

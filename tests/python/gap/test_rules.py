@@ -438,6 +438,27 @@ def test_two_effects_that_held_out_records_do_not_excite_are_both_named(decided)
     # One of them shows: the statement tells what it closes, and which one does not show.
     facts = decided[-1]
     proof = facts.accepted.proof
+    # If no record has more than noise, a score of the fitted records alone names nothing.
+    within = replace(
+        facts, misfit=replace(facts.misfit, left=False), how_far=replace(facts.how_far, before=1.0)
+    )
+    told = decide(within)
+    assert (told.verdict, told.named) == (Verdict.TOO_WEAK, ())
+    assert "no record has more than noise without them" in told.statement
+    one = {**proof, "power 2": replace(proof["power 2"], gain=5.0)}
+    confirmed = replace(within, accepted=replace(facts.accepted, proof=one))
+    assert decide(confirmed).verdict is Verdict.NAMED
+    # Nothing was refitted before the time was over: the first score is told.
+    early = replace(
+        facts,
+        accepted=replace(facts.accepted, best=None),
+        search=replace(facts.search, sets=()),
+        belief=replace(facts.belief, sets=()),
+        closest=None,
+    )
+    assert "None of them was refitted. By its score, the first candidate is power" in (
+        decide(early).statement
+    )
     proof = {**proof, "power 2": replace(proof["power 2"], gain=50.0)}
     shown = replace(facts, accepted=replace(facts.accepted, proof=proof))
     told = decide(shown).statement
