@@ -12,6 +12,7 @@ from feltmb.cli.common import (
     FileName,
     FolderName,
     Number,
+    Quantity,
     check_targets,
     complain,
     console,
@@ -67,6 +68,12 @@ def _number(value: float) -> float | None:
     "--area", type=positive("m^2"), help="Area of the sample [m^2], such as 4cm2, for force data."
 )
 @click.option(
+    "--zero",
+    type=Quantity("m"),
+    help="Displacement at the first contact [m], such as 0.35mm, for displacement data; "
+    "default: 0.",
+)
+@click.option(
     "--relative",
     type=Number(0.0, 1e3),
     default=0.0,
@@ -84,6 +91,7 @@ def identify_command(
     v_f0: float | None,
     thickness: float | None,
     area: float | None,
+    zero: float | None,
     relative: float,
     level: float,
     as_json: bool,
@@ -91,8 +99,8 @@ def identify_command(
 ) -> None:
     """Identify a felt from the loading-unloading loop in TEST, a CSV with units in its header.
 
-    Columns: one of "v_f [-]", "strain [%]", "thickness [mm]"; one of "pressure [kPa]", "force [N]";
-    optionally "branch" with loading and unloading.
+    Columns: one of "v_f [-]", "strain [%]", "thickness [mm]", "displacement [mm]"; one of
+    "pressure [kPa]", "force [N]"; optionally "branch" with loading and unloading.
     """
     from feltmb.felt import identify, load_material
     from feltmb.felt.plot import plot_identification
@@ -108,6 +116,7 @@ def identify_command(
         v_f0=base.v_f0 if v_f0 is None else v_f0,
         thickness0=thickness,
         area=area,
+        zero=zero,
     )
     name = output.stem if output is not None else test.stem
     result = identify(data, material=base, relative=relative, level=level, name=name)

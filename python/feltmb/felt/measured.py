@@ -20,6 +20,7 @@ from feltmb.arguments import checked
 from feltmb.contact import Law
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt.envelopes import FeltEnvelope
+from feltmb.fiber.approach import LEAST, free_approach
 from feltmb.fiber.columns import read_test
 from feltmb.fiber.cycles import Branches, find_branches
 
@@ -27,14 +28,8 @@ __all__ = ["MeasuredLoop", "measured_loop", "read_measured_loop"]
 
 Array = NDArray[np.float64]
 
-#: Least number of samples of a branch, and most knots of its curve.
-LEAST, KNOTS = 8, 40
-#: Force that counts as contact: multiples of its scatter, and share of its range.
-TOUCH = 2.0, 1e-3
-#: Width of the median filter by which the first contact is found.
-OUTLIERS = 5
-#: Largest stiffness of a free approach, as a share of the mean stiffness of loading.
-FREE = 0.2
+#: Most knots of the curve of a branch.
+KNOTS = 40
 #: Lowest sample of a branch, as a share of the compression, that needs no extrapolation.
 LOWEST = 0.02
 #: Range of the exponent of an extrapolated branch.
@@ -237,7 +232,7 @@ def measured_loop(
     if faults:
         raise InvalidParameter("measured_loop: " + "; ".join(faults))
     given = zero is not None
-    zero, offset = _approach(x[loading], f[loading], zero)
+    zero, offset = free_approach(x[loading], f[loading], zero)
     e, f = x - zero, f - offset
     for side, at in (("loading", loading), ("unloading", unloading)):
         if np.sum(e[at] > 0.0) < LEAST:
@@ -302,33 +297,6 @@ def _memory(found: MeasuredLoop) -> dict[str, float]:
         )
         options.append({"kappa": float(f"{math.exp(at.x):.3g}"), **wiping})
     return min(options, key=criterion)
-
-
-def _approach(x: Array, force: Array, zero: float | None) -> tuple[float, float]:
-    """Displacement at the first contact [m], and the force of a free approach [N].
-
-    The approach is free where the monotone curve through loading stays within the scatter of its
-    first force, if its stiffness is small. ``zero``: the displacement if it is known.
-    """
-    from scipy.ndimage import median_filter
-    from scipy.optimize import isotonic_regression
-
-    order = np.argsort(x, kind="stable")
-    x, force = x[order], force[order]
-    # The filter removes samples that the load cell lost.
-    curve = isotonic_regression(median_filter(force, OUTLIERS, mode="nearest")).x
-    scatter = 1.4826 * float(np.median(np.abs(np.diff(force, 3)))) / np.sqrt(20.0)
-    small = max(TOUCH[0] * scatter, TOUCH[1] * float(np.ptp(curve)))
-    free = x < zero if zero is not None else curve <= curve[0] + 2.0 * small
-    level = 0.0
-    if np.sum(free) >= LEAST:
-        rise, span = float(np.ptp(curve[free])), float(np.ptp(x[free]))
-        if rise * float(np.ptp(x)) < FREE * float(np.ptp(curve)) * span:
-            level = float(np.median(force[free]))
-    if zero is None:
-        before = np.flatnonzero(curve <= level + small)
-        zero = float(x[before[-1]] if before.size else x[0])
-    return zero, level if abs(level) > small else 0.0
 
 
 def _curve(e: Array, force: Array, end: float, grid: Array) -> tuple[Array, float]:

@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from feltmb.arguments import checked
 from feltmb.errors import DataError
+from feltmb.fiber.approach import LEAST, free_approach
 from feltmb.fiber.columns import LOADS, read_test
 from feltmb.fiber.cycles import find_branches
 from feltmb.units.quantity import fault_text
 
 Array = NDArray[np.float64]
 
+#: Share of the compression without load that is told.
+FREE_SHARE = 0.05
 _RESOLUTION = 1e-3  # resolution of a load cell relative to the largest load of a test [-]
 
 
@@ -138,6 +141,31 @@ def _by_reversals(test: CompressionData) -> CompressionData:
     return replace(test._part(found.kept), loading=found.loading, notes=tuple(notes))
 
 
+def _after_approach(test: CompressionData, thickness0: float | None) -> CompressionData:
+    """The test without the load at volume fractions below the unloaded one.
+
+    ``thickness0``: thickness at the zero of a displacement whose first contact is not stated.
+    """
+    loading = test.loading
+    if np.sum(loading) < LEAST:
+        return test
+    branch = test.v_f[loading], test.pressure[loading]
+    contact, _ = free_approach(*branch)
+    _, load = free_approach(*branch, test.v_f0) if test.reference_known else (0.0, 0.0)
+    notes = []
+    if load:
+        test = replace(test, pressure=test.pressure - load)
+        notes.append(f"the pressure of the free approach, {load:.4g} Pa, is subtracted")
+    free = (contact - test.v_f0) / (float(np.max(test.v_f)) - test.v_f0)
+    if thickness0 is not None and free > FREE_SHARE:
+        at = thickness0 * (1.0 - test.v_f0 / contact)
+        notes.append(
+            f"there is no load below a displacement of {1e3 * at:.4g} mm: if the felt is touched "
+            "only there, give this as the zero (zero of read_compression, --zero)"
+        )
+    return replace(test, notes=(*test.notes, *notes))
+
+
 def _scatter(data: CompressionData) -> float:
     """Standard deviation of the pressures about a smooth curve [Pa], by third differences.
 
@@ -191,6 +219,7 @@ def read_compression(
     v_f0: float | None = None,
     thickness0: float | None = None,
     area: float | None = None,
+    zero: float | None = None,
 ) -> CompressionData:
     """Read a compression test from a file.
 
@@ -220,6 +249,9 @@ def read_compression(
         ``reference_known`` is False, because the thickest sample may already be under load.
     area
         Sample area [m^2]; required with force.
+    zero
+        Displacement at the first contact [m], for a test by displacement; default: 0. The load
+        before it, or at thicknesses above ``thickness0``, is subtracted, with a note.
 
     Raises
     ------
@@ -240,6 +272,8 @@ def read_compression(
         fault(f"area = {area:.6g} m^2, expected 1e-10 to 1 m^2, with its unit, such as 3.14cm^2")
     if fraction == "displacement" and thickness0 is None:
         fault("displacement without the thickness at its zero, expected thickness0 (--thickness)")
+    if zero is not None and fraction != "displacement":
+        fault(f"zero = {zero:.6g} m is for a column displacement; the file has {fraction}")
     if fraction != "v_f" and v_f0 is None:
         fault(f"{fraction} without a reference, expected v_f0 (--v-f0)")
     if v_f0 is not None and not 0 < v_f0 < 1:
@@ -250,7 +284,7 @@ def read_compression(
     x, p, branches = table.x, table.loads, table.branches
     if fraction == "displacement":
         assert thickness0 is not None
-        fraction, x = "thickness", thickness0 - x
+        fraction, x = "thickness", thickness0 - (x - (zero or 0.0))
     if load == "force":
         assert area is not None
         p = p / area
@@ -289,7 +323,10 @@ def read_compression(
         made = _by_reversals(CompressionData(
             v, p, np.ones(len(v), dtype=np.bool_), reference, file.stem, heights, known
         ))  # fmt: skip
-    made = replace(made, notes=(*table.notes, *made.notes))
+    made = _after_approach(
+        replace(made, notes=(*table.notes, *made.notes)),
+        thickness0 if table.compression == "displacement" and zero is None else None,
+    )
     slack = slack_fault(made, thickness0) if known else ""
     if slack:
         raise DataError(f"{file}: {slack}")

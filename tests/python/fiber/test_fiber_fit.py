@@ -268,6 +268,45 @@ def test_negative_signs_of_compression_are_reversed(tmp_path, text, told):
     assert any(told in note for note in test.notes)
 
 
+def approached(gap=0.0, offset=0.0):
+    """Displacement [mm] and force [N] of a felt of 5 mm that is touched after a gap [mm]."""
+    e = np.concatenate([np.linspace(-gap, 1.5, 400), np.linspace(1.5, -gap, 400)])
+    felt = np.maximum(e, 0.0)
+    return e + gap, 40.0 * felt + 60.0 * felt**3 + offset
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3, -0.3])
+def test_the_load_of_an_approach_is_subtracted_and_its_end_is_told(tmp_path, offset):
+    x, force = approached(0.4, offset)
+    given = {"v_f0": 0.2, "thickness0": 5e-3, "area": 1e-3}
+
+    def read(head, values, **more):
+        rows = "\n".join(f"{a:.6f},{b:.6f}" for a, b in zip(values, force, strict=True))
+        return read_compression(write(tmp_path, f"{head},force [N]\n{rows}\n"), **given, **more)
+
+    blind = read("displacement [mm]", x)
+    (at,) = [note for note in blind.notes if "no load below a displacement of" in note]
+    assert float(at.split(" mm")[0].split()[-1]) == pytest.approx(0.4, abs=0.02)
+    felt = read("displacement [mm]", x, zero=0.4e-3)
+    assert any("free approach" in note for note in felt.notes) == (offset != 0.0)
+    assert not any("no load below" in note for note in felt.notes)
+    by_gap = read("thickness [mm]", 5.4 - x)
+    for test in (felt, by_gap):
+        assert test.thickness == pytest.approx(1e-3 * (5.4 - x), abs=1e-9)
+        assert test.pressure == pytest.approx((force - offset) / 1e-3, abs=20.0)
+    with pytest.raises(DataError, match="is for a column displacement"):
+        read("thickness [mm]", 5.4 - x, zero=0.4e-3)
+
+
+def test_a_test_that_begins_at_the_felt_is_not_changed(tmp_path):
+    x, force = approached()
+    rows = "\n".join(f"{a:.6f},{b:.6f}" for a, b in zip(x, force, strict=True))
+    path = write(tmp_path, f"displacement [mm],force [N]\n{rows}\n")
+    test = read_compression(path, v_f0=0.2, thickness0=5e-3, area=1e-3)
+    assert test.notes == ()
+    assert test.pressure == pytest.approx(force / 1e-3, rel=1e-4, abs=1e-3)
+
+
 def test_an_area_in_square_meters_by_mistake_is_refused(tmp_path):
     with pytest.raises(DataError, match=r"area = 3.14 m\^2, expected .* such as 3.14cm\^2"):
         read_compression(write(tmp_path, PLAIN), v_f0=0.3, area=3.14)

@@ -628,12 +628,13 @@ CALLS = {
         "unloading": np.array([0.0, 0.5, 4.0]),
         "name": "e",
         "about": "",
+        "memory": {"kappa": 0.1},
         "made": None,
     },
     "feltmb.felt.FeltEnvelope.law": lambda: (felt_envelope(), {"options": {"kappa": 0.5}}),
     "feltmb.felt.FeltEnvelope.to_toml": lambda: (
         felt_envelope(),
-        {"action": "steinway45", "contact": "01", "memory": {"kappa": 0.1}},
+        {"action": "steinway45", "contact": "01"},
     ),
     "feltmb.felt.CircleOnLayer": lambda: {"radius": 5e-3, "width": 0.01, "length": 0.02},
     "feltmb.felt.CircleOnLayer.area": lambda: (
@@ -706,7 +707,7 @@ CALLS = {
     },
     "feltmb.felt.MeasuredLoop": lambda: {
         f: getattr(measured(), f)
-        for f in ("compression", "force", "zero", "branches", "envelope", "notes", "memory")
+        for f in ("compression", "force", "zero", "branches", "envelope", "notes", "by_thickness")
     },
     "feltmb.felt.MeasuredLoop.law": lambda: (measured(), {"options": {"kappa": 0.5}}),
     "feltmb.felt.measured_loop": lambda: {
@@ -1041,6 +1042,7 @@ CALLS = {
         record(),
         {"first": 0, "last": 100, "name": "part", "role": "fit"},
     ),
+    "feltmb.gap.Record.stretched": lambda: (record(), {"factor": 60.0}),
     "feltmb.gap.Record.output_array": lambda: (record(), {"names": ["q"]}),
     "feltmb.gap.Record.with_changed_inputs": lambda: (
         record(),

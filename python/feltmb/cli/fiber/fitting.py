@@ -12,6 +12,7 @@ import click
 from feltmb.cli.common import (
     FRACTION,
     FileName,
+    Quantity,
     force_option,
     list_option,
     positive,
@@ -123,6 +124,12 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
 )
 @click.option("--area", type=positive("m^2"), help="Sample area [m^2], with force data.")
 @click.option(
+    "--zero",
+    type=Quantity("m"),
+    help="Displacement at the first contact [m], such as 0.35mm, for displacement data; "
+    "default: 0.",
+)
+@click.option(
     "--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture of fit and residuals."
 )
 @click.option(
@@ -149,13 +156,15 @@ def fit_command(
     v_f0: float | None,
     thickness0: float | None,
     area: float | None,
+    zero: float | None,
     plot: Path | None,
     output: Path | None,
     force: bool,
 ) -> None:
     """Identify a compression law from DATA, a CSV file with units in its header.
 
-    Columns: v_f [-], strain [-] or thickness [mm]; pressure [kPa] or force [N]; optionally branch.
+    Columns: v_f [-], strain [-], thickness or displacement [mm]; pressure [kPa] or force [N];
+    optionally branch.
     """
     from feltmb.errors import InvalidParameter, ModelError
     from feltmb.fiber import compare, fit_branches, models, read_compression
@@ -164,7 +173,7 @@ def fit_command(
     for path in (plot, output):
         if path is not None:
             refuse_existing(path, force)
-    test = read_compression(data, v_f0=v_f0, thickness0=thickness0, area=area)
+    test = read_compression(data, v_f0=v_f0, thickness0=thickness0, area=area, zero=zero)
     known = models()
     if model not in known:
         raise InvalidParameter(f'--model = "{model}", must be one of {", ".join(known)}')
