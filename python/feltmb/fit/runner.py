@@ -11,9 +11,11 @@ import sys
 import time as clock
 import warnings
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +27,21 @@ from feltmb.fit.calling import explained
 from feltmb.fit.latest import Latest
 from feltmb.fit.watch import current, simulated
 
-__all__ = ["Run", "Runner"]
+__all__ = ["Run", "Runner", "untold_trials"]
+
+#: Whether a failed trial is expected, so that it is not told.
+_untold: ContextVar[bool] = ContextVar("untold", default=False)
+
+
+@contextmanager
+def untold_trials() -> Iterator[None]:
+    """No warnings about trials that fail in this block, such as those with another clock."""
+    token = _untold.set(True)
+    try:
+        yield
+    finally:
+        _untold.reset(token)
+
 
 #: Largest number of cached values (two hundred megabytes).
 KEPT = 25_000_000
@@ -214,7 +230,7 @@ class Runner:
         new = {k: run for k, run in zip(keys, runs, strict=True) if k not in found}
         for (key, run), got in zip(new.items(), self._make(list(new.values())), strict=True):
             fault = f"raises {got}" if isinstance(got, str) else self._undefined(run, got)
-            if fault and not self._failed:
+            if fault and not self._failed and not _untold.get():
                 self._failed = True
                 warnings.warn(
                     f"model {self._name}: its function {fault} ({run}); this trial, and others "

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.linearize import RUNAWAY
 from feltmb.fit.model import Model
 from feltmb.fit.observe import observe_whole
+from feltmb.fit.runner import untold_trials
 from feltmb.gap.checks import DataChecks, check_against, not_recorded, with_sigma
 from feltmb.gap.criteria import (
     ALIKE,
@@ -363,7 +365,7 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
             f"{', '.join(names)}: {factor:.3g} times the model in {where} ({text}?{other})"
         )
     return "; ".join([*sentences, *_scales_of_temperature(model, runs)]) or _scale_of_inputs(
-        model, runs
+        model, [record for record, _, _ in runs]
     )
 
 
@@ -400,37 +402,6 @@ def _scales_of_temperature(
     return out
 
 
-def _scale_of_inputs(
-    model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]
-) -> str:
-    """A sentence if all outputs change a thousand times as much as the model; empty otherwise.
-
-    Beside a constant, such as the temperature of the room, only the changes have the factor of a
-    wrong unit of the inputs.
-    """
-    inputs = sorted({name for r, _, _ in runs for name in r.inputs})
-    if not inputs:
-        return ""
-    found = set()
-    for i, name in enumerate(model.outputs):
-        for x, y in _pairs(runs, i, name):
-            x, y = x - x.mean(), y - y.mean()
-            size = float(np.sqrt((x @ x) * (y @ y)))
-            if not size > 0.0 or abs(x @ y) < ALIKE * size:
-                return ""
-            factor = float(x @ y / (y @ y))
-            near = [unit for unit in (1e3, 1e-3) if _distance(factor, unit) < NEAR_UNIT]
-            found.add(near[0] if near else 0.0)
-    if len(found) != 1 or 0.0 in found:
-        return ""
-    (factor,) = found
-    return (
-        f"{' or '.join(inputs)}: all outputs change about {factor:g} times as much as in the model "
-        f"(is an input {'1000 times larger' if factor > 1.0 else '1000 times smaller'} than it is "
-        "labeled?)"
-    )
-
-
 #: Factors of a clock in a wrong unit, and their description.
 _CLOCKS = (
     (60.0, "minutes labeled as s"),
@@ -443,17 +414,68 @@ _CLOCKS = (
 def wrong_clock(model: Model, records: Sequence[Record]) -> str:
     """Description of a clock in a wrong unit, in one sentence; empty if it is right.
 
-    The model follows all records with another clock far better than with the recorded one. The
-    parameters have their tabulated values, and the zeros of the outputs do not count. A clock with
-    which a record exceeds ``model.longest_run`` does not explain it. A chaotic model is not tested,
-    nor are records that start during a motion.
+    The model follows all records with another clock far better than with the recorded one. A clock
+    with which a record exceeds ``model.longest_run`` does not explain it.
+    """
+    return _follows_other(
+        model,
+        records,
+        [
+            (
+                f"time: the model follows all records with a clock {factor:.3g} times as long "
+                f"({text}?)",
+                partial(Record.stretched, factor=factor),
+            )
+            for factor, text in _CLOCKS
+        ],
+    )
+
+
+def _scale_of_inputs(model: Model, records: Sequence[Record]) -> str:
+    """Description of an input in a wrong unit, in one sentence; empty if there is none.
+
+    Beside a constant, such as the temperature of the room, the outputs do not have the factor of
+    the input. A mechanism, whose time steps follow the motion, is not tested.
+    """
+    if math.isfinite(model.longest_run):
+        return ""
+    shared = set.intersection(*(set(r.inputs) for r in records))
+    return _follows_other(
+        model,
+        records,
+        [
+            (
+                f"{name}: the model follows all records with {factor:g} times the values of this "
+                "input (is its unit another one than its label?)",
+                partial(_scaled, name=name, factor=factor),
+            )
+            for name in sorted(shared)
+            for factor in (1e3, 1e-3)
+        ],
+    )
+
+
+def _scaled(record: Record, name: str, factor: float) -> Record:
+    return record.with_changed_inputs(lambda whole: {name: factor * whole.inputs[name]})
+
+
+def _follows_other(
+    model: Model,
+    records: Sequence[Record],
+    others: Sequence[tuple[str, Callable[[Record], Record]]],
+) -> str:
+    """Description of the first change of the records with which the model follows all of them.
+
+    The parameters have their tabulated values, and the zeros of the outputs do not count. Chaotic
+    models and records that start during a motion are not tested.
     """
 
-    def gap(record: Record, factor: float) -> float:
+    def gap(record: Record) -> float:
         """Mean over the outputs of the variance of the gap, each over that of the output."""
-        if factor * np.ptp(record.time) > model.longest_run:
+        if np.ptp(record.time) > model.longest_run:
             return 1.0
-        values = expected_outputs(model, record.stretched(factor))
+        with untold_trials():
+            values = expected_outputs(model, record)
         shares = []
         for i, name in enumerate(model.outputs):
             measured = record.outputs.get(name, np.zeros(0))
@@ -468,16 +490,13 @@ def wrong_clock(model: Model, records: Sequence[Record]) -> str:
     records = [r for r in records if r.start is None or r.start.known]
     if not records or model.chaotic or not _is_tabulated(model):
         return ""
-    own = [gap(r, 1.0) for r in records]
+    own = [gap(r) for r in records]
     if min(own) < WRONG_CLOCK:
         return ""
-    for factor, text in _CLOCKS:
-        most = [min(OTHER_SCALE**2 * g, EXPLAINS_MOST) for g in own]
-        if all(gap(r, factor) < m for r, m in zip(records, most, strict=True)):
-            return (
-                f"time: the model follows all records with a clock {factor:.3g} times as long "
-                f"({text}?)"
-            )
+    most = [min(OTHER_SCALE**2 * g, EXPLAINS_MOST) for g in own]
+    for text, changed in others:
+        if all(gap(changed(r)) < m for r, m in zip(records, most, strict=True)):
+            return text
     return ""
 
 

@@ -404,8 +404,8 @@ def heated(change_input=1.0, scale=(1.0, 0.0), gain=1.0):
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
-        ({"change_input": 1e-3}, r"unit of P: all outputs change about 1000 times"),
-        ({"change_input": 1e3}, r"unit of P: all outputs change about 0\.001 times"),
+        ({"change_input": 1e-3}, r"unit of P: the model follows all records with 1000 times"),
+        ({"change_input": 1e3}, r"unit of P: the model follows all records with 0\.001 times"),
         ({"scale": (1.0, 273.15)}, r"unit of T: .* \(K labeled as degC"),
         ({"scale": (1.8, 32.0)}, r"unit of T: .* \(degrees Fahrenheit labeled as degC"),
     ],
