@@ -552,8 +552,8 @@ def _exchanged(
 
     The other output must leave less than half of the squared difference that each channel has to
     its own one, which must be more than noise. Of the variance of all channels of the cycle, the
-    other outputs must explain at least half, and their own ones less: channels that are nearly
-    equal explain each other.
+    other outputs must explain at least half, and their own ones less, or the others leave far less
+    than their own ones: channels that are nearly equal explain each other.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -580,9 +580,16 @@ def _exchanged(
             for cycle in _cycles(order)
             if np.all(as_it_is[cycle] > 1.0)
             and np.all(left[cycle] < share * as_it_is[cycle])
-            and np.sum(left[cycle]) < share * np.sum(spread[cycle]) < np.sum(as_it_is[cycle])
+            and np.sum(left[cycle]) < share * np.sum(spread[cycle])
+            and _is_far(np.sum(as_it_is[cycle]), np.sum(left[cycle]), np.sum(spread[cycle]))
         ]
     return cycles
+
+
+def _is_far(own: float, other: float, spread: float) -> bool:
+    """Whether own outputs leave most of a variance, or much of it and far more than the others."""
+    far = own > (1.0 - EXPLAINS_MOST) * spread
+    return far or (own > WRONG_CLOCK * spread and other < OTHER_SCALE**2 * own)
 
 
 def _cycles(order: Sequence[int]) -> list[list[int]]:

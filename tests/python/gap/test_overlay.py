@@ -295,6 +295,30 @@ def test_a_channel_without_values_has_no_row():
     assert {row.channel for row in report.how_far.rows} == {"a", "b"}
 
 
+def test_exchanged_channels_that_are_alike_are_told():
+    """Two thermocouples: each explains three quarters of the other one."""
+
+    def run(_, inputs, p):
+        return {"near": inputs["u"], "far": 0.6 * p["share"] * inputs["u"]}
+
+    model = gap.SimulatorModel(
+        run, parameters=[gap.Parameter(name="share", value=1.0, sd=0.1)],
+        inputs={"u": "1"}, outputs={"near": "degC", "far": "degC"},
+    )  # fmt: skip
+    generator, time = np.random.default_rng(7), np.arange(300.0)
+    records = []
+    for i in range(2):
+        u = 40.0 * np.sin((0.02 + 0.01 * i) * time)
+        outputs = {n: s * u + 0.1 * generator.standard_normal(time.size)
+                   for n, s in (("near", 0.63), ("far", 1.0))}  # fmt: skip
+        sensors = {n: Sensor(name=n, unit="degC", sigma=0.1) for n in outputs}
+        records.append(
+            Record(name=f"r{i}", time=time, inputs={"u": u}, outputs=outputs, sensors=sensors)
+        )
+    with pytest.raises(DataError, match="near looks like far, far looks like near: the columns"):
+        gap.diagnose(model, [], records)
+
+
 def test_channels_that_are_nearly_equal_are_not_exchanged():
     model = gap.SimulatorModel(
         lambda time, inputs, p: {
