@@ -90,6 +90,8 @@ class _ConditionTable(Schema):
 class _MagnitudeOf(Schema):
     path: str
     times: Annotated[float, Field(gt=0)]
+    or_weight: Annotated[float, Field(gt=0)] | None = None
+    """If the entry is zero: share of the weight on a slider, or of its moment on a hinge."""
 
 
 class _ShapeTable(Schema):
@@ -499,14 +501,26 @@ def _magnitude(config: MechanismFile, table: _Table, words: Mapping[str, str], u
             "give exactly one of magnitude, magnitude_of, magnitude_by_input (effects), sd"
         )
     if table.magnitude_of is not None:
-        return table.magnitude_of.times * abs(
-            float(read_entry(config, _put(table.magnitude_of.path, words)))
-        )
+        of = table.magnitude_of
+        entry = abs(float(read_entry(config, _put(of.path, words))))
+        if entry == 0.0 and of.or_weight is not None:
+            entry = of.or_weight * _weight_on(config, words["name"])
+        return of.times * entry
     if table.magnitude_by_input:
         return table.magnitude_by_input["force"]
     value = table.magnitude if table.magnitude is not None else table.sd
     assert value is not None
     return _number(value, unit)
+
+
+def _weight_on(config: MechanismFile, name: str) -> float:
+    """Weight of the bodies that a joint carries [N], times the arm of its body on a hinge [N m]."""
+    carried = {name}
+    while more := {b for b, body in config.bodies.items() if body.parent in carried} - carried:
+        carried |= more
+    weight = math.hypot(*config.gravity) * sum(config.bodies[b].mass for b in carried)
+    body = config.bodies[name]
+    return weight if body.joint == "prismatic" else weight * math.hypot(*body.center_of_mass)
 
 
 def _entry(
@@ -530,6 +544,8 @@ def _entry(
             return None
         changes += found
     if table.felt_all:
+        if not any(contact.enabled for contact in config.contacts.values()):
+            return None
         for number, contact in config.contacts.items():
             if contact.enabled:
                 found = felt.changes(config, number, "stiffness", table.felt_all)

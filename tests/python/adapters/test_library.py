@@ -285,3 +285,44 @@ def test_inertia_is_not_seen_by_a_static_test_but_by_a_stroke():
     plain, heavier = (r["hammer_tip.x"] - r["hammer_tip.x"][0] for r in runs)
     halfway = np.argmax(plain < 0.5 * plain.min())
     assert plain[halfway] < heavier[halfway] - 1e-4 < -1e-3
+
+
+def test_a_mechanism_without_friction_gets_candidates_of_friction(tmp_path):
+    """Their magnitudes follow from the weight on each joint."""
+    path = tmp_path / "cart.toml"
+    path.write_text(
+        """
+schema = 1
+name = "cart"
+[bodies.cart]
+joint = "prismatic"
+axis = [1.0, 0.0]
+coordinate = "cart.position"
+mass = "0.8 kg"
+[bodies.rod]
+parent = "cart"
+joint = "revolute"
+coordinate = "rod.angle"
+mass = "200 g"
+center_of_mass = { value = [0.0, -150.0], unit = "mm" }
+inertia = "1500 kg mm^2"
+[springs.return]
+coordinate = "cart.position"
+stiffness = "40 N/m"
+rest_angle = "0 m"
+[finger]
+body = "cart"
+point = [0.0, 0.0]
+direction = [1.0, 0.0]
+[points.carriage]
+body = "cart"
+point = [0.0, 0.0]
+"""
+    )
+    action = feltmb.load_action(path)
+    found = {e.name: e for e in load_library(action).effects}
+    assert found["coulomb_friction.cart"].magnitude == pytest.approx(0.5 * 0.02 * 9.81)
+    assert found["coulomb_friction.rod"].magnitude == pytest.approx(0.5 * 0.02 * 0.2 * 9.81 * 0.15)
+    assert "felt_humidity" not in found
+    rubbing = action_with_effects(action, [(found["coulomb_friction.cart"], 0.3, None)])
+    assert rubbing.config.bodies["cart"].friction.amplitude == pytest.approx(0.3)
