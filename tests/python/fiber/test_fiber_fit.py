@@ -187,7 +187,7 @@ def test_units_and_branches(tmp_path):
     [
         ("", {}, ["0 lines, expected a header"]),
         ("a,b\n1,2\n2,3\n", {}, ["expected a column v_f or strain", "there are a, b"]),
-        ("v_f [-],pressure [psi]\n0.1,1\n0.2,2\n", {}, ["psi", "kPa"]),
+        ("v_f [-],pressure [torr]\n0.1,1\n0.2,2\n", {}, ["torr", "kPa"]),
         (
             HEADER + "0.1,x,loading\n0.2,nan,loadin\n0.3\n0.4,2,loading\n0.5,3,loading\n",
             {},
