@@ -347,8 +347,9 @@ def _shares(
 ) -> dict[int, float]:
     """Share of the squared gap that each parameter explains.
 
-    The mean of two values: the gain of the parameter if it is changed first, and if it is changed
-    last. Parameters that can replace each other thus share what they explain together.
+    The mean of two values, at least 0 each: the gain of the parameter if it is changed first, and
+    if it is changed last. Parameters that can replace each other thus share what they explain
+    together. One that compensates another explains nothing if it is changed first.
     """
     if not which:
         return {}
@@ -366,7 +367,8 @@ def _shares(
         gains = [first - a] if math.isfinite(a) else []
         gains += [b - last] if math.isfinite(b) else []
         if gains:
-            out[i] = float(np.clip(np.mean(gains) / (first - 1.0), 0.0, 1.0))
+            mean = np.mean(np.maximum(gains, 0.0))
+            out[i] = float(min(mean / (first - 1.0), 1.0))
     return out
 
 

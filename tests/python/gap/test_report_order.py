@@ -27,6 +27,7 @@ from feltmb.gap import (
     Parameter,
     Record,
     Sensor,
+    SimulatorModel,
     State,
     Verdict,
     diagnose,
@@ -84,6 +85,26 @@ def record(i, law, role="fit", noise=NOISE):
 def records(law, **what):
     roles = ("fit", "fit", "held_out", "held_out")
     return [record(i, law, role, **what) for i, role in enumerate(roles)]
+
+
+def test_a_parameter_that_compensates_another_has_a_share():
+    """Alone it makes the gap larger; with the other one, it removes a quarter of it."""
+    model = SimulatorModel(
+        lambda time, u, p: {"sum": (p["a"] + p["b"]) * u["u"], "one": p["a"] * u["u"]},
+        parameters=[Parameter(name=n, value=1.0, sd=0.3) for n in "ab"],
+        inputs={"u": "1"}, outputs={"sum": "m", "one": "m"},
+    )  # fmt: skip
+    data = []
+    for i, role in enumerate(("fit", "fit", "held_out")):
+        one = record(i, lambda u: 1.2 * u, role)
+        two = record(10 + i, lambda u: 0.0 * u, role).outputs["y"] + 2.05 * one.inputs["u"]
+        sensors = {n: replace(one.sensors["y"], name=n) for n in ("one", "sum")}
+        data.append(replace(one, outputs={"one": one.outputs["y"], "sum": two}, sensors=sensors))
+    report = diagnose(model, [], data, options=QUICK)
+    shares = {r.name: r.share for r in report.calibrated}
+    assert shares["b"] == pytest.approx(0.5 * 0.15**2 / (0.2**2 + 0.05**2), rel=0.1)
+    assert shares["a"] > shares["b"]
+    assert "b is 15" in report.statement
 
 
 def test_what_calibration_moved_is_the_verdict():
