@@ -215,9 +215,13 @@ def _size(value: float, unit: str) -> str:
 
 def _looks(row: GapBeforeRow) -> str:
     """Delay or factor that alone explains at least half of the squared difference, as text."""
+    from feltmb.units import readable_unit
+
     texts = []
     if isfinite(row.delay):
-        texts.append(f"{abs(1e3 * row.delay):.3g} ms {'late' if row.delay > 0 else 'early'}")
+        factor, unit = readable_unit(row.delay, "s")
+        size = f"{abs(factor * row.delay):.3g} {unit}"
+        texts.append(f"{size} {'late' if row.delay > 0 else 'early'}")
     if isfinite(row.factor):
         texts.append(f"{row.factor:.4g} times")
     return "\n".join(texts)

@@ -55,6 +55,7 @@ def read_columns(path: Path, *, strict: bool = True) -> Columns:
     if kind not in readers:
         raise DataError(f"{path}: cannot read {kind or 'this'}; expected .csv, .mat or .nc")
     columns = readers[kind](path)
+    columns.split_names()
     columns.only_longest()
     if max((v.size for v in columns.values.values()), default=0) < 2:
         raise DataError(f"{path}: holds no series; there are {columns}")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from feltmb.data.records import Array
 from feltmb.data.tables import Table, read_number
 from feltmb.errors import DataError
-from feltmb.units import spelled_unit
+from feltmb.units import spelled_unit, split_column
 from feltmb.units.quantity import shortened
 
 __all__ = [
@@ -94,6 +94,14 @@ class Columns:
         out = [f"{shortened(name)} ({why})" for name, why in self.left_out.items()]
         text = shortened(", ".join(shown), 600) or "none"
         return text + (f"; left out: {shortened(', '.join(out), 300)}" if out else "")
+
+    def split_names(self) -> None:
+        """Take units from names such as ``time_ms``, which become headings."""
+        for heading in list(self.values):
+            name, unit = split_column(heading)
+            if unit and heading not in self.units and name not in self.values:
+                self.values[name] = self.values.pop(heading)
+                self.units[name], self.headings[name] = unit, heading
 
     def place(self, row: int) -> str:
         """Place of a row in the file, as text: its line, or its number from 1."""

@@ -621,9 +621,11 @@ def _hints(rows: Sequence[GapBeforeRow]) -> list[str]:
         all_of = [r for r in rows if r.record == name]
         delays = np.array([r.delay for r in own])
         if len(own) == len(all_of) > 1 and np.ptp(delays) < SAME_DELAY * abs(np.mean(delays)):
+            mean = float(np.mean(delays))
+            factor, unit = readable_unit(mean, "s")
             notes.append(
-                f"{name}: every channel is about {1e3 * np.mean(delays):.3g} ms late: is the input "
-                "on the same clock?"
+                f"{name}: every channel is about {factor * mean:.3g} {unit} late: is the input on "
+                "the same clock?"
             )
     return notes
 

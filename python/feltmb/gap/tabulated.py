@@ -367,8 +367,8 @@ def _shares(
         gains = [first - a] if math.isfinite(a) else []
         gains += [b - last] if math.isfinite(b) else []
         if gains:
-            mean = np.mean(np.maximum(gains, 0.0))
-            out[i] = float(min(mean / (first - 1.0), 1.0))
+            mean = float(np.mean(np.maximum(gains, 0.0)))
+            out[i] = min(mean / (first - 1.0), 1.0)
     return out
 
 

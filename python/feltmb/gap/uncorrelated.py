@@ -13,6 +13,7 @@ from feltmb.fit.solve import Fit
 from feltmb.gap.criteria import NOISE_ERROR, unknown_gain
 from feltmb.gap.discrepancy import Discrepancy
 from feltmb.gap.proof import outputs_by_segment
+from feltmb.units import readable_unit
 
 __all__ = ["Uncorrelated", "uncorrelated"]
 
@@ -35,10 +36,11 @@ class Uncorrelated:
         larger = f"its noise may be {self.factor:.2g} times the stated one"
         if self.clock_sd == 0.0:
             return f"{start}, so that {larger}."
+        factor, unit = readable_unit(self.clock_sd, "s")
         beside = f"; beside it, {larger}" if self.factor > NOISE_ERROR else ""
         return (
             f"{start} and grows with the speed: time stamps with independent errors of "
-            f"{1e3 * self.clock_sd:.2g} ms would explain it{beside}."
+            f"{factor * self.clock_sd:.2g} {unit} would explain it{beside}."
         )
 
     @property

@@ -110,6 +110,19 @@ def test_units_of_the_header_become_si(tmp_path):
     np.testing.assert_allclose(one.inputs["force"], [2, 3, 4])
 
 
+def test_units_in_the_names_of_arrays(tmp_path):
+    from scipy.io import savemat
+
+    time = np.arange(30.0)
+    savemat(tmp_path / "a.mat", {"t_ms": time, "x_mm": 2.0 * time, "force_N": time, "gain_2": time})
+    for column in ("x", "x_mm"):
+        which = ReadOptions(columns={"q": column})
+        one = read_record(tmp_path / "a.mat", outputs=["q"], options=which)
+        assert one.time == pytest.approx(1e-3 * time)
+        assert one.outputs["q"] == pytest.approx(2e-3 * time)
+    assert set(read_record(tmp_path / "a.mat").outputs) == {"x", "gain_2"}
+
+
 def test_mat_and_netcdf_hold_the_same(tmp_path):
     import h5py
     from scipy.io import savemat
