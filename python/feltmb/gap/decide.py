@@ -166,9 +166,11 @@ def _in_fitted_records_only(facts: Facts) -> bool:
     """Whether the model explains all records to their noise and held-out ones confirm no effect.
 
     A small error of the start or of a sensor in the fitted records has a large score, too.
+    Parameters outside their priors are evidence of their own.
     """
     gains = [paired.gain for paired in facts.accepted.proof.values()]
-    small = not facts.misfit.left and facts.how_far.before < NO_GAP_RATIO
+    within = not facts.misfit.left and facts.search.model_fit.within_priors
+    small = within and facts.how_far.before < NO_GAP_RATIO
     return small and max(gains, default=0.0) < least_odds(facts.options.credibility)
 
 
