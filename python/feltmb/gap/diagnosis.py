@@ -47,7 +47,12 @@ from feltmb.gap.measured import known_by_test
 from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.one_record import error_of_one_record
 from feltmb.gap.options import Options
-from feltmb.gap.overlay import exchanged_channels, expected_outputs, wrong_units
+from feltmb.gap.overlay import (
+    exchanged_channels,
+    expected_outputs,
+    wrong_input,
+    wrong_units,
+)
 from feltmb.gap.profile import profile_of
 from feltmb.gap.proof import HeldOut, Outcome, metric_of, residuals_by_segment
 from feltmb.gap.refine import tighten
@@ -703,20 +708,23 @@ def _check_columns(model: Model, tabulated: Outcome, metric: str, whole: Sequenc
         rest = [r.output_array(model.outputs) - expected_outputs(model, r) for r in known]
         sigma = {r.name: _noise_of(r, own, noise) for r in known}
         cases.append([(r, x, sigma[r.name]) for r, x in zip(known, rest, strict=True)])
+    unit = (
+        "DATA PROBLEM: the unit of {}. Specify the true unit: --unit CHANNEL=UNIT, unit in the "
+        "TOML file, in Python units of ReadOptions (another direction: --scale CHANNEL=-1); feltmb "
+        "gap check shows model and record"
+    )
     for runs in cases:
         if wrong := wrong_units(model, runs):
-            raise DataError(
-                f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit CHANNEL=UNIT, "
-                "unit in the TOML file, in Python units of ReadOptions (another direction: --scale "
-                "CHANNEL=-1); feltmb gap check shows model "
-                "and record"
-            )
+            raise DataError(unit.format(wrong))
         if exchanged := exchanged_channels(model, runs):
             raise DataError(
                 f"DATA PROBLEM: in all records, {exchanged}: the columns are exchanged. Assign "
                 "them: --column CHANNEL=COLUMN, column in the TOML file; feltmb gap check shows "
                 "model and record"
             )
+    # All outputs in another unit resemble an input in another unit.
+    if wrong := wrong_input(model, known or own):
+        raise DataError(unit.format(wrong))
 
 
 def _noise_of(

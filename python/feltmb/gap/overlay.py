@@ -41,6 +41,7 @@ __all__ = [
     "check",
     "exchanged_channels",
     "expected_outputs",
+    "wrong_input",
     "wrong_units",
 ]
 
@@ -364,9 +365,7 @@ def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, f
         sentences.append(
             f"{', '.join(names)}: {factor:.3g} times the model in {where} ({text}?{other})"
         )
-    return "; ".join([*sentences, *_scales_of_temperature(model, runs)]) or _scale_of_inputs(
-        model, [record for record, _, _ in runs]
-    )
+    return "; ".join([*sentences, *_scales_of_temperature(model, runs)])
 
 
 def _pairs(
@@ -431,7 +430,7 @@ def wrong_clock(model: Model, records: Sequence[Record]) -> str:
     )
 
 
-def _scale_of_inputs(model: Model, records: Sequence[Record]) -> str:
+def wrong_input(model: Model, records: Sequence[Record]) -> str:
     """Description of an input in a wrong unit, in one sentence; empty if there is none.
 
     Beside a constant, such as the temperature of the room, the outputs do not have the factor of
