@@ -544,12 +544,11 @@ def _entry(
             return None
         changes += found
     if table.felt_all:
-        if not any(contact.enabled for contact in config.contacts.values()):
+        touching = [number for number, contact in config.contacts.items() if contact.enabled]
+        if not touching:
             return None
-        for number, contact in config.contacts.items():
-            if contact.enabled:
-                found = felt.changes(config, number, "stiffness", table.felt_all)
-                changes += found or []
+        for number in touching:
+            changes += felt.changes(config, number, "stiffness", table.felt_all) or []
     if table.joints_all:
         changes += [
             Change(path=f"bodies.{b}.friction.amplitude", scale=table.joints_all)

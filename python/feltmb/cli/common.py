@@ -60,6 +60,7 @@ __all__ = [
     "split_pairs",
     "tables_as_json",
     "with_settings",
+    "zero_option",
 ]
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -422,6 +423,14 @@ class Number(Quantity):
 def positive(unit: str) -> Quantity:
     """A quantity > 0 with this SI unit."""
     return Quantity(unit, 0, min_open=True)
+
+
+zero_option = click.option(
+    "--zero",
+    type=Quantity("m"),
+    help="Displacement at the first contact [m], such as 0.35mm, for displacement data; "
+    "default: 0.",
+)
 
 
 POSITIVE = Number(0, min_open=True)

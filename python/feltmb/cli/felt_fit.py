@@ -12,7 +12,6 @@ from feltmb.cli.common import (
     FileName,
     FolderName,
     Number,
-    Quantity,
     check_targets,
     complain,
     console,
@@ -25,6 +24,7 @@ from feltmb.cli.common import (
     say,
     say_written,
     set_option,
+    zero_option,
 )
 from feltmb.cli.completing import actions, felts
 
@@ -67,12 +67,7 @@ def _number(value: float) -> float | None:
 @click.option(
     "--area", type=positive("m^2"), help="Area of the sample [m^2], such as 4cm2, for force data."
 )
-@click.option(
-    "--zero",
-    type=Quantity("m"),
-    help="Displacement at the first contact [m], such as 0.35mm, for displacement data; "
-    "default: 0.",
-)
+@zero_option
 @click.option(
     "--relative",
     type=Number(0.0, 1e3),

@@ -519,8 +519,9 @@ def write_record(record: Record, path: str | Path, *, force: bool = False) -> Pa
             for k in OutputSpec.model_fields
             if k in Sensor.__dataclass_fields__ and getattr(sensor, k) != getattr(plain, k)
         }
-        fields["unit"] = None
-        fields["si"] = _kept(sensor.unit) or None
+        fields.pop("unit", None)
+        if kept := _kept(sensor.unit):
+            fields["si"] = kept
         sheet["outputs"][n] = {k: v for k, v in fields.items() if v is not None}
     if record.start is not None:
         if not record.start.known:

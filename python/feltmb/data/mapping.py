@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from feltmb.data.records import Array, InputMode
-from feltmb.data.series import Columns, is_called, plain_name
+from feltmb.data.series import Columns, plain_name
 from feltmb.data.sheet import InputSpec, OutputSpec, ReadOptions, Sheet
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.units import PIXEL, conversion_factor, spelled_unit
@@ -54,7 +54,7 @@ def clock_column(columns: Columns, specified: str = "", *, guess: bool = True) -
     """
     if specified:
         return columns.find(specified)
-    named = [c for c in columns.values if is_called(c, "time")]
+    named = columns.called("time")
     other = [c for c in named if columns.units.get(c) and not _measures(columns.units[c], "s")]
     clocks = [c for c in named if c not in other] or named
     exact = [n for n in ("time", "t", "Time", "T") if n in clocks]
@@ -217,13 +217,10 @@ def _other(column: str, name: str) -> str:
 def _by_quantity(columns: Columns, signals: Signals, name: str) -> str:
     """The only column with a usual name and a unit of an input."""
     si = signals.units.get(name) or "1"
-    found = [
-        c
-        for c in columns.values
-        if si in _QUANTITIES
-        and is_called(c, _QUANTITIES[si])
-        and _measures(columns.units.get(c, ""), si)
-    ]
+    if si not in _QUANTITIES:
+        return ""
+    named = columns.called(_QUANTITIES[si])
+    found = [c for c in named if _measures(columns.units.get(c, ""), si)]
     return found[0] if len(found) == 1 else ""
 
 
@@ -244,7 +241,7 @@ def _of_columns(path: Path, columns: Columns, options: ReadOptions) -> Sheet:
     aside = {clock, run_column(columns, options.run), frame_column(columns)}
     aside |= set(columns.likelihood.values())
     rest = [c for c in columns.values if c not in aside]
-    forces = [c for c in rest if is_called(c, "force")]
+    forces = [c for c in columns.called("force") if c in rest]
     forces = forces if len(forces) == 1 < len(rest) else []
     channel_of = {v: k for k, v in options.columns.items()}
     outputs = {channel_of.get(c, c): OutputSpec(column=c) for c in rest if c not in forces}

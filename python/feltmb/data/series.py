@@ -19,11 +19,9 @@ from feltmb.units import spelled_unit, split_column
 from feltmb.units.quantity import shortened
 
 __all__ = [
-    "CALLED",
     "MOST_NUMBERS",
     "Columns",
     "columns_of",
-    "is_called",
     "limit_text",
     "plain_name",
     "seconds_of_day",
@@ -33,7 +31,7 @@ MOST_NUMBERS = 20_000_000  # limit for a file: 160 MB; reading needs a few times
 #: Largest number of faults that are listed of a column.
 MOST_FAULTS = 1000
 #: Usual names of the columns of a quantity, in machines and in other languages.
-CALLED = {
+_CALLED = {
     "time": "time t timestamp elapsed_time date_time zeit prüfzeit uhrzeit temps tiempo",
     "force": "force load load_cell kraft standardkraft f",
     "displacement": "displacement extension travel stroke position crosshead compression weg "
@@ -41,6 +39,11 @@ CALLED = {
     "thickness": "thickness gap height dicke höhe",
     "strain": "strain dehnung stauchung",
     "pressure": "pressure stress druck spannung",
+    "v_f": "v_f",
+    "torque": "torque",
+    "motor angle": "motor_angle",
+    "key displacement": "key_displacement",
+    "finger displacement": "displacement motion weg",
 }
 
 
@@ -52,11 +55,6 @@ def limit_text() -> str:
 def plain_name(name: str) -> str:
     """A name without differences of notation (``Hammer_Tip X``, ``hammer_tip.x``)."""
     return re.sub(r"[^a-z0-9]", "", name.lower())
-
-
-def is_called(name: str, quantity: str) -> bool:
-    """Whether a column has a usual name of a quantity of ``CALLED``."""
-    return plain_name(name) in map(plain_name, CALLED[quantity].split())
 
 
 @dataclass
@@ -151,6 +149,11 @@ class Columns:
         longest = max((v.size for v in self.values.values()), default=0)
         for name in [n for n, v in self.values.items() if v.size != longest]:
             self.left_out[name] = f"{self.values.pop(name).size} values"
+
+    def called(self, quantity: str) -> list[str]:
+        """Columns that have a usual name of a quantity."""
+        names = {plain_name(word) for word in _CALLED[quantity].split()}
+        return [column for column in self.values if plain_name(column) in names]
 
     def find(self, *names: str) -> str:
         """Column of the first of these names that exists; "" if there is none.

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data.columns import read_columns
-from feltmb.data.mapping import unit_of_column
-from feltmb.data.series import CALLED, Columns, is_called, plain_name
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.units import conversion_factor, dimension_text
+from feltmb.data.mapping import values_in
+from feltmb.data.series import Columns, plain_name
+from feltmb.errors import DataError
 from feltmb.units.quantity import fault_text, shortened
 
 __all__ = ["COMPRESSIONS", "LOADS", "CompressionColumns", "read_test"]
@@ -67,8 +66,9 @@ def read_test(
     notes: list[str] = []
     found = []
     for units, wanted in ((COMPRESSIONS, compressions), (LOADS, loads)):
-        quantity, column, factor = _choose(columns, units, wanted, faults, notes)
-        found.append((quantity, column, columns.values.get(column, np.zeros(0)) * factor))
+        quantity, column = _choose(columns, units, wanted, faults, notes)
+        values = values_in(columns, column, units[quantity], faults) if column else np.zeros(0)
+        found.append((quantity, column, values))
     (quantity, column, x), (load, load_column, p) = found
     words = next((c for c in (*columns.texts, *columns.values) if plain_name(c) == "branch"), "")
     branches = [w.strip().lower() for w in columns.texts.get(words, [])]
@@ -95,13 +95,13 @@ def _choose(
     wanted: Sequence[str],
     faults: list[str],
     notes: list[str],
-) -> tuple[str, str, float]:
-    """Quantity, its column, and its factor to SI; empty and 1 with a fault if there is none."""
-    named = {q: [c for c in columns.values if _is(c, q)] for q in units}
+) -> tuple[str, str]:
+    """Quantity and its column; empty with a fault if there is none."""
+    named = {q: columns.called(q) for q in units}
     quantity = next((q for q in wanted if named[q]), "")
     if not quantity:
         faults.append(f"expected a column {' or '.join(wanted)}; there are {columns}")
-        return "", "", 1.0
+        return "", ""
     headings = [columns.headings.get(c, c) for c in named[quantity]]
     if len(headings) > 1:
         faults.append(
@@ -111,22 +111,7 @@ def _choose(
     others = [columns.headings.get(c, c) for q in units if q != quantity for c in named[q]]
     if others:
         notes.append(f"{headings[0]} is used, not {shortened(', '.join(others), 300)}")
-    column, si = named[quantity][0], units[quantity]
-    unit = unit_of_column(columns, column)
-    try:
-        return quantity, column, conversion_factor(unit, si)
-    except InvalidParameter:
-        expected = "-, %" if si == "1" else dimension_text(si)
-        faults.append(
-            f'column "{shortened(headings[0])}" has unit "{shortened(unit)}", expected one of '
-            f'{expected} (write it as "{quantity} [{expected.split(", ")[0]}]")'
-        )
-        return quantity, column, 1.0
-
-
-def _is(column: str, quantity: str) -> bool:
-    known = is_called(column, quantity) if quantity in CALLED else False
-    return known or plain_name(column) == plain_name(quantity)
+    return quantity, named[quantity][0]
 
 
 def _positive(

@@ -150,19 +150,20 @@ def _after_approach(test: CompressionData, thickness0: float | None) -> Compress
     if np.sum(loading) < LEAST:
         return test
     branch = test.v_f[loading], test.pressure[loading]
-    contact, _ = free_approach(*branch)
-    _, load = free_approach(*branch, test.v_f0) if test.reference_known else (0.0, 0.0)
     notes = []
-    if load:
-        test = replace(test, pressure=test.pressure - load)
-        notes.append(f"the pressure of the free approach, {load:.4g} Pa, is subtracted")
-    free = (contact - test.v_f0) / (float(np.max(test.v_f)) - test.v_f0)
-    if thickness0 is not None and free > FREE_SHARE:
-        at = thickness0 * (1.0 - test.v_f0 / contact)
-        notes.append(
-            f"there is no load below a displacement of {1e3 * at:.4g} mm: if the felt is touched "
-            "only there, give this as the zero (zero of read_compression, --zero)"
-        )
+    if test.reference_known:
+        _, load = free_approach(*branch, test.v_f0)
+        if load:
+            test = replace(test, pressure=test.pressure - load)
+            notes.append(f"the pressure of the free approach, {load:.4g} Pa, is subtracted")
+    if thickness0 is not None:
+        contact, _ = free_approach(*branch)
+        if contact - test.v_f0 > FREE_SHARE * (float(np.max(test.v_f)) - test.v_f0):
+            at = thickness0 * (1.0 - test.v_f0 / contact)
+            notes.append(
+                f"there is no load below a displacement of {1e3 * at:.4g} mm: if the felt is "
+                "touched only there, give this as the zero (zero of read_compression, --zero)"
+            )
     return replace(test, notes=(*test.notes, *notes))
 
 
@@ -227,13 +228,13 @@ def read_compression(
     (engineering, compression positive), ``thickness [mm]``, or ``displacement [mm]`` (compression
     positive, zero at ``thickness0``); of several, the first of them. Another one is
     ``pressure [kPa]`` (Pa, MPa, N/mm^2, bar) or ``force [N]``; of both, the force if ``area`` is
-    given. An optional column ``branch`` contains the words
-    loading and unloading. Without it, the branches are found from the reversals. Of a test with
-    several cycles, loading are the samples of each loading beyond all earlier reversals, and
-    unloading are those from the largest volume fraction to the next reversal; the samples of
-    inner loops and of holds are left out. Lines that start with ``#`` and those above the header
-    are comments. Units may be in a line below the header. Other columns are ignored. Common other
-    names are known, also German ones (``Kraft in N``, ``Dicke [mm]``).
+    given. An optional column ``branch`` contains the words loading and unloading. Without it, the
+    branches are found from the reversals. Of a test with several cycles, loading are the samples of
+    each loading beyond all earlier reversals, and unloading are those from the largest volume
+    fraction to the next reversal; the samples of inner loops and of holds are left out. Lines that
+    start with ``#`` and those above the header are comments. Units may be in a line below the
+    header. Other columns are ignored. Common other names are known, also German ones
+    (``Kraft in N``, ``Dicke [mm]``).
 
     Parameters
     ----------
@@ -262,10 +263,7 @@ def read_compression(
     table = read_test(file, loads=(*LOADS,) if area is None else ("force", "pressure"))
     fraction, load = table.compression, table.load
     faults: list[str] = []
-
-    def fault(message: str) -> None:
-        faults.append(message)
-
+    fault = faults.append
     if load == "force" and area is None:
         fault("force without a sample area, expected area in m^2 (--area)")
     if area is not None and not 1e-10 <= area <= 1.0:

@@ -489,10 +489,12 @@ def _follows_other(
     records = [r for r in records if r.start is None or r.start.known]
     if not records or model.chaotic or not _is_tabulated(model):
         return ""
-    own = [gap(r) for r in records]
-    if min(own) < WRONG_CLOCK:
-        return ""
-    most = [min(OTHER_SCALE**2 * g, EXPLAINS_MOST) for g in own]
+    most = []
+    for record in records:
+        own = gap(record)
+        if own < WRONG_CLOCK:
+            return ""
+        most.append(min(OTHER_SCALE**2 * own, EXPLAINS_MOST))
     for text, changed in others:
         if all(gap(changed(r)) < m for r, m in zip(records, most, strict=True)):
             return text

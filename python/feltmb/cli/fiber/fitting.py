@@ -12,12 +12,12 @@ import click
 from feltmb.cli.common import (
     FRACTION,
     FileName,
-    Quantity,
     force_option,
     list_option,
     positive,
     save_figure,
     say,
+    zero_option,
 )
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import (
@@ -123,12 +123,7 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
     help="Thickness at v_f0, without load [m]; default: estimated from thickness data.",
 )
 @click.option("--area", type=positive("m^2"), help="Sample area [m^2], with force data.")
-@click.option(
-    "--zero",
-    type=Quantity("m"),
-    help="Displacement at the first contact [m], such as 0.35mm, for displacement data; "
-    "default: 0.",
-)
+@zero_option
 @click.option(
     "--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture of fit and residuals."
 )

@@ -337,7 +337,6 @@ def history_command(
 
     from feltmb.data.columns import read_columns
     from feltmb.data.mapping import clock_column, values_in
-    from feltmb.data.series import is_called
     from feltmb.errors import DataError, InvalidParameter
     from feltmb.fiber import history, history_models, models
     from feltmb.units.quantity import fault_text
@@ -351,8 +350,8 @@ def history_command(
     columns = read_columns(path, strict=False)
     faults: list[str] = []
     clock = clock_column(columns, guess=False)
-    strain = next((c for c in columns.values if is_called(c, "strain")), "")
-    column = strain or next((c for c in columns.values if is_called(c, "displacement")), "")
+    strain = columns.called("strain")
+    column = next(iter([*strain, *columns.called("displacement")]), "")
     if not clock or not column:
         faults.append(
             f"expected the columns time [s] and strain [-] or compression [m]; there are {columns}"

@@ -13,7 +13,6 @@ from feltmb import params
 from feltmb.arguments import checked
 from feltmb.data.columns import read_columns
 from feltmb.data.mapping import clock_column, values_in
-from feltmb.data.series import CALLED, Columns, plain_name
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
 from feltmb.run.stroke.strokes import (
@@ -167,27 +166,18 @@ def _one_stroke(parsed: StrokeFile, path: Path) -> Stroke:
     )
 
 
-#: Names of the column of the input; of several, the first one is the input.
-_INPUTS: tuple[tuple[Kind, str], ...] = (
-    ("force", CALLED["force"]),
-    ("torque", "torque"),
-    ("motor_motion", "motor_angle"),
-    ("key_motion", "key_displacement"),
-    ("motion", "displacement motion weg"),
-)
+#: Kind of a stroke by the quantity of its input; of several in a file, the first one is the input.
+_INPUTS: dict[str, Kind] = {
+    "force": "force",
+    "torque": "torque",
+    "motor angle": "motor_motion",
+    "key displacement": "key_motion",
+    "finger displacement": "motion",
+}
 _WANTED = (
     "a column force [N], torque [N m], motor angle [rad], key displacement [m], or "
     "displacement [m] (of the finger)"
 )
-
-
-def _input_column(columns: Columns) -> tuple[str, Kind] | None:
-    for kind, names in _INPUTS:
-        wanted = [plain_name(n) for n in names.split()]
-        for column in columns.values:
-            if plain_name(column) in wanted:
-                return column, kind
-    return None
 
 
 @checked
@@ -197,11 +187,11 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = N
     The input is ``force``, ``torque``, ``motor angle``, ``key displacement`` or ``displacement``
     (of the finger), the first of them that the file has. Other columns are ignored. Separators,
     decimal commas and lines above the header are those of measured records
-    (:func:`feltmb.data.read_record`). The
-    interpolation between rows is a monotone cubic; a spline for the two motions that are prescribed
-    exactly; linear for a torque. Units are converted (``time [ms],displacement [mm]``). All faults
-    are collected: a missing column or unit, cells that are not finite numbers, times that do not
-    increase, gaps of more than five sample intervals.
+    (:func:`feltmb.data.read_record`). The interpolation between rows is a monotone cubic; a spline
+    for the two motions that are prescribed exactly; linear for a torque. Units are converted
+    (``time [ms],displacement [mm]``). All faults are collected: a missing column or unit, cells
+    that are not finite numbers, times that do not increase, gaps of more than five sample
+    intervals.
 
     Raises
     ------
@@ -211,12 +201,13 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = N
     path = Path(path)
     columns = read_columns(path, strict=False)
     faults: list[str] = []
-    clock, found = clock_column(columns, guess=False), _input_column(columns)
+    clock = clock_column(columns, guess=False)
+    inputs = [(c, kind) for quantity, kind in _INPUTS.items() for c in columns.called(quantity)]
     if not clock:
         faults.append(f"expected a column time [s]; there are {columns}")
-    if found is None:
+    if not inputs:
         faults.append(f"expected {_WANTED}; there are {columns}")
-    column, kind = found or ("", "force")
+    column, kind = inputs[0] if inputs else ("", "force")
     series = {
         name: values_in(columns, name, si, faults)
         for name, si in ((clock, "s"), (column, UNITS[kind]))
