@@ -9,8 +9,8 @@ import numpy as np
 
 from blind import truth, truth_machine, truth_sensors
 from blind.interactive import NULLS, Asked, Interactive, drawn_size, role_of
-from blind.key_hammer import GATE_WIDTH, PARAMETERS, KeyHammer, effects
-from blind.small_machine import record_of_view
+from blind.key_hammer import PARAMETERS, effects
+from blind.small_machine import VARIATION, record_of_view, stated_model
 from feltmb import gap
 from feltmb.data import Array, Record
 
@@ -18,10 +18,6 @@ __all__ = ["SmallRequests"]
 
 #: Records before any experiment: role by stroke.
 DEFAULT = {"piano": "fit", "staccato": "fit", "forte": "held_out"}
-#: Relative standard deviation of ``truth.WANDERING`` from stroke to stroke [1].
-VARIATION = 0.01
-#: Standard deviation with which ``truth.draw`` draws the width of let-off and backcheck [m].
-WIDTH_SD = 0.1 * GATE_WIDTH
 #: Parts that can be measured separately: standard deviation as a share of their tolerance; cost.
 PARTS = {
     "key_mass": (0.1, 0.5),
@@ -61,10 +57,6 @@ class SmallRequests(Interactive):
     is below the backcheck, the law of the backcheck holds 20 mm deep: the hammer creeps out at
     0.2 m/s, which neither a piano does nor the fixed steps of the model resolve.
 
-    The machine changes some stiffnesses and dampings by 1 % from stroke to stroke. The model states
-    this as ``process_sd``. The width of let-off and backcheck differs by 10 % from machine to
-    machine. It is a tolerance of the model here: slow presses through the let-off, which a plan
-    chooses, show it clearly, so that a machine without an effect would not be one.
     """
 
     name = "key_hammer"
@@ -72,11 +64,7 @@ class SmallRequests(Interactive):
     together = 6
 
     def __init__(self) -> None:
-        self.model, self.effects, self.limits = KeyHammer(width_sd=WIDTH_SD), effects(), _limits()
-        self.model.parameters = tuple(
-            replace(p, process_sd=VARIATION * p.value) if p.name in truth.WANDERING else p
-            for p in self.model.parameters
-        )
+        self.model, self.effects, self.limits = stated_model(), effects(), _limits()
 
     def draw(self, seed: int, number: int) -> truth.Case:
         rng = np.random.default_rng([seed, number, 26])
