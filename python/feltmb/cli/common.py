@@ -221,28 +221,53 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600}:{whole % 3600 // 60:02d} h"
 
 
+class Interrupts:
+    """Whether there was a Ctrl-C; see :func:`interruptible`."""
+
+    def __init__(self) -> None:
+        self._asked = threading.Event()
+        self._writing = False
+
+    def __call__(self) -> bool:
+        return self._asked.is_set()
+
+    def writing(self) -> None:
+        """From here on the results are written, which no Ctrl-C stops."""
+        self._writing = True
+
+    def handle(self, *_: object) -> None:
+        """Handle a Ctrl-C."""
+        if self._asked.is_set() and not self._writing:
+            raise KeyboardInterrupt
+        self._asked.set()
+        told = (
+            "writes the results, without further pictures"
+            if self._writing
+            else "ends within seconds with the results so far; a second Ctrl-C stops without them"
+        )
+        # The interrupted code may hold the stream.
+        with contextlib.suppress(RuntimeError):
+            say(f"\nfeltmb: {told}", err=True)
+
+
 @contextlib.contextmanager
-def interruptible() -> Iterator[Callable[[], bool]]:
+def interruptible() -> Iterator[Interrupts]:
     """Context in which the first Ctrl-C ends the work with its results; the second stops it.
 
-    Yields a function that returns whether there was a Ctrl-C.
+    Yields a function that returns whether there was a Ctrl-C. After a call of its ``writing``, no
+    Ctrl-C stops the work.
     """
-    asked = threading.Event()
+    asked = Interrupts()
     if (
         threading.current_thread() is not threading.main_thread()
         or signal.getsignal(signal.SIGINT) is not signal.default_int_handler
     ):
-        yield asked.is_set
+        yield asked
         return
 
-    def handle(*_: object) -> None:
-        asked.set()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        say("\nfeltmb: ends with the results so far; a second Ctrl-C stops at once", err=True)
-
-    signal.signal(signal.SIGINT, handle)
+    signal.signal(signal.SIGINT, asked.handle)
     try:
-        yield asked.is_set
+        yield asked
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

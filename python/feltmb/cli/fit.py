@@ -84,22 +84,23 @@ def command(
             budget=budget,
             stop=stop,
         )
-    line.close()
-    rows = fit.intervals()
-    result = {
-        "model": adapter.model.name,
-        "parameters": plain(rows),
-        "chi2": plain(fit.chi2),
-        "dof": plain(fit.dof),
-        "level": plain(fit.level),
-        "converged": fit.converged,
-        "notes": list(fit.notes),
-    }
-    if output is not None:
-        text = json.dumps(result, indent=2) + "\n"
-        say_written(write_text(output / "fit.json", text, force=force))
-        if not any(n.startswith("stopped") for n in fit.notes):
-            shutil.rmtree(output / ".resume", ignore_errors=True)
+        stop.writing()
+        line.close()
+        rows = fit.intervals()
+        result = {
+            "model": adapter.model.name,
+            "parameters": plain(rows),
+            "chi2": plain(fit.chi2),
+            "dof": plain(fit.dof),
+            "level": plain(fit.level),
+            "converged": fit.converged,
+            "notes": list(fit.notes),
+        }
+        if output is not None:
+            text = json.dumps(result, indent=2) + "\n"
+            say_written(write_text(output / "fit.json", text, force=force))
+            if not any(n.startswith("stopped") for n in fit.notes):
+                shutil.rmtree(output / ".resume", ignore_errors=True)
     if as_json:
         print_json(result)
         return

@@ -38,6 +38,7 @@ from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from feltmb.data import ReadOptions
+    from feltmb.fit import Progress
 
 __all__ = ["command"]
 
@@ -158,15 +159,16 @@ def run(
 ) -> None:
     """Diagnose the gap between MODEL and measured DATA.
 
-    Ctrl-C ends the diagnosis with the results so far, as --budget does. A second Ctrl-C stops it
-    immediately. An interrupted diagnosis continues when it is started again with the same output
-    folder.
+    Ctrl-C ends the present step and writes the report of the results so far, as --budget does. A
+    second Ctrl-C before the report is written stops without a report. An interrupted diagnosis
+    continues when it is started again with the same output folder.
     """
     import shutil
 
     from feltmb.cli.gap_curves import picture_html, record_viewers, remaining_picture
     from feltmb.cli.gap_models import held_out, load_adapter
     from feltmb.files import check_writable, make_folder
+    from feltmb.fit.watch import REPORT
     from feltmb.gap import Options, diagnose
     from feltmb.gap.report import report_json, write_report
     from feltmb.gap.text import parts
@@ -198,35 +200,41 @@ def run(
     )
     line = ProgressLine()
     with interruptible() as stop:
+
+        def tell(p: Progress) -> None:
+            if p.stage == REPORT:
+                stop.writing()
+            line(p)
+
         report = diagnose(
             adapter.model,
             adapter.effects,
             records,
             held,
             options,
-            line,
+            tell,
             budget=budget,
             stop=stop,
         )
-    line.close()
-    if as_json:
-        print_json(report_json(report))
-    else:
-        screen = console()
-        for part in parts(report, screen.width):
-            say(part) if isinstance(part, str) else screen.print(part)
-    if written is not None:
-        say_written(report.model.write(written, force=force))
-    if output is not None:
-        viewers = record_viewers(report, records)
-        remains = remaining_picture(report)
-        if remains is not None:
-            save_figure(remains, output / "remains.png", force=force)
-            viewers = picture_html(remains) + viewers
-        for path in write_report(report, output, force=force, viewers=viewers):
-            say_written(path)
-        if resume is not None and resume.is_dir() and not report.stopped:
-            shutil.rmtree(resume)
+        line.close()
+        if as_json:
+            print_json(report_json(report))
+        else:
+            screen = console()
+            for part in parts(report, screen.width):
+                say(part) if isinstance(part, str) else screen.print(part)
+        if written is not None:
+            say_written(report.model.write(written, force=force))
+        if output is not None:
+            viewers = record_viewers(report, records, stop)
+            remains = None if stop() else remaining_picture(report)
+            if remains is not None:
+                save_figure(remains, output / "remains.png", force=force)
+                viewers = picture_html(remains) + viewers
+            for path in write_report(report, output, force=force, viewers=viewers):
+                say_written(path)
+            if resume is not None and resume.is_dir() and not report.stopped:
+                shutil.rmtree(resume)
 
 
 def floors(texts: tuple[str, ...], units: Mapping[str, str]) -> dict[str, float]:

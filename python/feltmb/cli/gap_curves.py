@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,30 +28,40 @@ __all__ = [
 MOST_RECORDS = 8
 
 
-def record_viewers(report: Report, records: Sequence[Record]) -> str:
+def record_viewers(
+    report: Report, records: Sequence[Record], stop: Callable[[], bool] = lambda: False
+) -> str:
     """HTML with one viewer per record: measured, tabulated, calibrated, and with effects.
 
     Each model is simulated in open loop over the complete part of the record that was used. Records
-    that a model cannot simulate to the end are omitted.
+    that a model cannot simulate to the end are omitted. When ``stop`` returns True, so are all that
+    are not finished.
     """
     from feltmb.errors import FeltmbError
     from feltmb.graphics.viewer import Curves, assets, fragment
 
+    if stop():
+        return ""
     model = report.fit.problem.model
+    versions = [("model as tabulated", report.tabulated), ("model, calibrated", report.fitted)]
+    if report.model.included:
+        versions.append(("model with effects", report.model))
     parts = []
     driven, _ = model.driven(records)
     for record in model.ready(driven[:MOST_RECORDS]).records:
         units = {name: record.sensors[name].unit for name in record.outputs}
         shown = [Curves("measured", record.time, record.outputs, units)]
         try:
-            shown.append(_curves("model as tabulated", report.tabulated, record, units))
-            shown.append(_curves("model, calibrated", report.fitted, record, units))
-            if report.model.included:
-                shown.append(_curves("model with effects", report.model, record, units))
+            for name, version in versions:
+                if stop():
+                    break
+                shown.append(_curves(name, version, record, units))
             panels = [{"title": n, "outputs": [n], "change": False} for n in record.outputs]
             viewer = fragment(shown, panels=panels)
         except (FeltmbError, FloatingPointError, ArithmeticError):
             continue
+        if stop():
+            break
         parts.append(f"<h3>{_escaped(record.name)}</h3>\n{viewer}")
     return assets() + "".join(parts) if parts else ""
 

@@ -25,7 +25,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fit.calling import explained
 from feltmb.fit.latest import Latest
-from feltmb.fit.watch import current, simulated
+from feltmb.fit.watch import Ended, current, simulated
 
 __all__ = ["Run", "Runner", "untold_trials"]
 
@@ -275,6 +275,11 @@ class Runner:
         for run, future in zip(runs, futures, strict=True):
             try:
                 out.append(future.result())
+                self._count()
+            except Ended:
+                for waiting in futures:
+                    waiting.cancel()
+                raise
             except Unusable as error:
                 raise self._invalid(run, error) from None
             except BrokenProcessPool:
@@ -283,5 +288,4 @@ class Runner:
                     f"after a fault of memory, with this or another run of the batch ({run}); "
                     "workers=1 runs it in this process"
                 ) from None
-            self._count()
         return out

@@ -295,7 +295,7 @@ def _optimize(
         linears = problem.linear(found, known=noise)
         return found, float(known["cost"]), linears, bool(known["converged"])
     found, cost, linears, converged = minimize(problem, point, defect_sd, settings, iterations)
-    if current().stopping():  # the search may have been stopped
+    if current().must_end():  # the search may have been stopped
         return found, cost, linears, converged
     arrays = {"theta": found.theta, "magnitudes": found.magnitudes}
     arrays |= {"cost": np.array(cost), "converged": np.array(float(converged))}
@@ -320,41 +320,39 @@ def _minimize(
     samples = problem.samples
     lam = 1e-4
     damping = [np.zeros(s.count) for s in problem.segmented_records]
-    for _ in range(iterations):
-        if current().stopping():
-            return point, cost, linears, False
-        accepted = False
-        for _ in range(8):
-            used = [d if np.any(d) else None for d in damping]
-            normal = problem.normal(point, linears, defect_sd, used)
-            scaled = lam * np.diag(normal.matrix)
-            attempt, gain = problem.step(point, normal, scaled)
-            predicted = cost - relaxed(problem, point, normal) + gain
-            least = max(settings.decrement, COARSE * max(cost - 4.0 * samples, 0.0))
-            if predicted < least:
+    with current().keeping():
+        for _ in range(iterations):
+            accepted = False
+            for _ in range(8):
+                used = [d if np.any(d) else None for d in damping]
+                normal = problem.normal(point, linears, defect_sd, used)
+                scaled = lam * np.diag(normal.matrix)
+                attempt, gain = problem.step(point, normal, scaled)
+                predicted = cost - relaxed(problem, point, normal) + gain
+                least = max(settings.decrement, COARSE * max(cost - 4.0 * samples, 0.0))
+                if predicted < least:
+                    return point, cost, linears, True
+                new, new_parts = problem.cost(attempt, defect_sd, linears)
+                if new < cost:
+                    accepted = True
+                    break
+                lam = max(lam, 1e-4) * 6.0
+                for d, a, b in zip(damping, parts, new_parts, strict=True):
+                    worse = ~(b <= a + 1e-9)
+                    d[worse] = np.maximum(d[worse] * 8.0, 1e-3)
+            if not accepted:
+                return point, cost, linears, False
+            done = cost - new < least and predicted < 50.0 * least
+            lam /= 8.0
+            for d in damping:
+                d /= 10.0
+                d[d < 1e-6] = 0.0
+            # Near the minimum, the derivatives by the input noise hardly change.
+            near = cost - new < 0.05 * new
+            linears, point = problem.linear(attempt, known=linears if near else None), attempt
+            cost, parts = problem.cost_at(point, defect_sd, linears)
+            if done:
                 return point, cost, linears, True
-            new, new_parts = problem.cost(attempt, defect_sd, linears)
-            if new < cost:
-                accepted = True
-                break
-            lam = max(lam, 1e-4) * 6.0
-            for d, a, b in zip(damping, parts, new_parts, strict=True):
-                worse = ~(b <= a + 1e-9)
-                d[worse] = np.maximum(d[worse] * 8.0, 1e-3)
-        if not accepted:
-            return point, cost, linears, False
-        done = cost - new < least and predicted < 50.0 * least
-        point = attempt
-        lam /= 8.0
-        for d in damping:
-            d /= 10.0
-            d[d < 1e-6] = 0.0
-        # Near the minimum, the derivatives by the input noise hardly change.
-        near = cost - new < 0.05 * new
-        linears = problem.linear(point, known=linears if near else None)
-        cost, parts = problem.cost_at(point, defect_sd, linears)
-        if done:
-            return point, cost, linears, True
     return point, cost, linears, False
 
 
@@ -374,48 +372,53 @@ def _minimize_whole(
     linears = problem.linear(point)
     cost, _ = problem.cost_at(point, defect_sd, linears)
     radius, trusted = RADIUS, False
-    for _ in range(iterations):
-        if current().stopping():
-            return point, cost, linears, False
-        normal = problem.normal(point, linears, defect_sd)
-        promised = normal.gain(problem.newton(point, normal))
-        least = max(settings.decrement, COARSE * max(cost - 4.0 * problem.samples, 0.0))
-        if promised < least:
-            return point, cost, linears, True
-        # Far from the minimum, a linear model cannot predict the result of a fit.
-        if trusted and cost - promised > settings.worth:
-            return point, cost, linears, False
-        best: tuple[float, Point, float, float] | None = None
-        failed = np.inf  # length of the last step that was not accepted
-        while radius > NARROWEST:
-            delta, length = _within(problem, point, normal, radius)
-            gain = normal.gain(delta)
-            if gain < least or (best is not None and length < 1.01 * best[3]):
-                break
-            attempt = problem.moved(point, normal, delta)
-            new, _ = problem.cost(attempt, defect_sd, linears)
-            ratio = (cost - new) / gain
-            if best is None and not ratio > TAKEN:
-                radius, failed = min(radius, length) * (0.5 if ratio > -1.0 else 0.2), length
-                continue
-            if best is None or new < best[0]:
-                best = (new, attempt, ratio, length)
-                if ratio > GOOD and length > 0.9 * radius and radius < min(WIDEST, 0.5 * failed):
-                    radius *= 2.0
+    with current().keeping():
+        for _ in range(iterations):
+            normal = problem.normal(point, linears, defect_sd)
+            promised = normal.gain(problem.newton(point, normal))
+            least = max(settings.decrement, COARSE * max(cost - 4.0 * problem.samples, 0.0))
+            if promised < least:
+                return point, cost, linears, True
+            # Far from the minimum, a linear model cannot predict the result of a fit.
+            if trusted and cost - promised > settings.worth:
+                return point, cost, linears, False
+            best: tuple[float, Point, float, float] | None = None
+            failed = np.inf  # length of the last step that was not accepted
+            while radius > NARROWEST:
+                delta, length = _within(problem, point, normal, radius)
+                gain = normal.gain(delta)
+                if gain < least or (best is not None and length < 1.01 * best[3]):
+                    break
+                attempt = problem.moved(point, normal, delta)
+                new, _ = problem.cost(attempt, defect_sd, linears)
+                ratio = (cost - new) / gain
+                if best is None and not ratio > TAKEN:
+                    radius, failed = min(radius, length) * (0.5 if ratio > -1.0 else 0.2), length
                     continue
-            break
-        if best is None:  # nothing is lower within the region: a minimum or a jump
-            return point, cost, linears, promised < 1.0
-        new, point, ratio, length = best
-        trusted = ratio > GOOD
-        done = cost - new < least
-        radius = (
-            max(radius, 2.0 * length) if ratio > GOOD else length * (1.0 if ratio > 0.3 else 0.5)
-        )
-        linears = problem.linear(point)
-        cost, _ = problem.cost_at(point, defect_sd, linears)
-        if done:
-            return point, cost, linears, True
+                if best is None or new < best[0]:
+                    best = (new, attempt, ratio, length)
+                    if (
+                        ratio > GOOD
+                        and length > 0.9 * radius
+                        and radius < min(WIDEST, 0.5 * failed)
+                    ):
+                        radius *= 2.0
+                        continue
+                break
+            if best is None:  # nothing is lower within the region: a minimum or a jump
+                return point, cost, linears, promised < 1.0
+            new, better, ratio, length = best
+            trusted = ratio > GOOD
+            done = cost - new < least
+            radius = (
+                max(radius, 2.0 * length)
+                if ratio > GOOD
+                else length * (1.0 if ratio > 0.3 else 0.5)
+            )
+            linears, point = problem.linear(better), better
+            cost, _ = problem.cost_at(point, defect_sd, linears)
+            if done:
+                return point, cost, linears, True
     return point, cost, linears, False
 
 
@@ -524,7 +527,7 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
         # A chain of segments may be in a local minimum that one simulation from the first state
         # avoids.
         for _ in range(2):
-            if cost < bar:
+            if cost < bar or current().must_end():
                 break
             closed = chained(problem, found)
             if not problem.cost(closed, defect_sd, linears)[0] < 1e6 * cost:
@@ -603,7 +606,7 @@ def _led(problem: Problem, point: Point, settings: FitSettings, limit: float = F
     way = settings.coarser(max(0.5, FOLLOWING * problem.samples))
     lengths = np.array([s.record.samples for s in problem.segmented_records])
     until, onward = np.zeros_like(lengths), ONWARD
-    while not current().stopping():
+    while not current().must_end():
         followed = [
             _agrees_until(s, residual, limit)
             for s, (_, residual, _) in zip(
@@ -687,7 +690,7 @@ def _descend(
             best, poor = (value, level, point), 0
         else:
             poor += 1
-        if poor >= 2 or current().stopping():
+        if poor >= 2 or current().must_end():
             break
     assert best is not None
     fixed = replace(problem, state_scale=scale)
@@ -760,7 +763,7 @@ def estimate_states(problem: Problem, point: Point, level: float) -> Point:
     if not problem.model.states():
         return point
     quick, loose = FitSettings(iterations=8, decrement=0.3), 1.0
-    while loose > 1.001 * level:
+    while loose > 1.001 * level and not current().must_end():
         point = at_level(problem, point, loose, None, quick, 8).point
         loose /= 10.0
     return point
@@ -775,7 +778,7 @@ def _across_jumps(fit: Fit, settings: FitSettings) -> Fit:
     """
     brief = replace(settings, iterations=min(settings.iterations, BEYOND))
     for _ in range(CROSSINGS if settings.jumps else 0):
-        if fit.converged or not fit.explains or current().stopping():
+        if fit.converged or not fit.explains or current().must_end():
             break
         problem, point, linears = fit.problem, fit.point, list(fit.linears)
         delta, length = _within(problem, point, fit.normal, ACROSS)
@@ -856,11 +859,11 @@ def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
     if settings.restarts == 0 or not problem.has_priors:
         return best()
     if len(problem.segmented_records) == 1:
-        if not current().stopping():
+        if not current().must_end():
             descend(_led(problem, point, settings, FOLLOWED_FURTHER))
         return best()
     left_out: list[int] = []
-    while len(left_out) < settings.restarts and not current().stopping():
+    while len(left_out) < settings.restarts and not current().must_end():
         reached = [fit for fit in ends if fit.cost < best().cost + 2.0 * REACHED]
         if len(reached) > 1 and best().explains:
             break
@@ -911,7 +914,7 @@ def fit_problem(
 
     lowest = loosened(replace(loose, memo={})).cost if settings.restarts else 0.0
     for i in range(settings.restarts):
-        if current().stopping():
+        if current().must_end():
             break
         theta = fit.point.theta.copy()
         for j in free:

@@ -67,7 +67,7 @@ def _scattered(
         return point
     places = list(point.places)
     for i, segmented in enumerate(problem.segmented_records):
-        if current().stopping():
+        if current().must_end():
             break
         one = replace(
             problem,
@@ -117,7 +117,7 @@ def _searched(
     best = finish(one, at, level, level * one.scale(at)).log_evidence
     reached, found = 0, None
     for k in range(most):
-        if current().stopping():
+        if current().must_end():
             break
         near = expected if k % 4 == 0 else place.starts[0]
         drawn = width * generator.standard_normal(width.size) if k else 0.0

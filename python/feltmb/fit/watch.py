@@ -1,7 +1,8 @@
 """Progress of a long fit or diagnosis, and its early end.
 
-A stop is soft: the running optimization ends at its present point, no other one is started, and the
-results so far are reported. The proof on held-out records still has its part of the time limit.
+After a stop, the running optimization ends at its present point, no other one is started, and the
+results so far are reported. The proof on held-out records still has its part of the time limit, or
+``GRACE`` after an interruption. What it has not completed then is discarded (:class:`Ended`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ __all__ = [
     "PROOF",
     "REPORT",
     "SEARCH",
+    "Ended",
     "Progress",
     "Say",
     "Tell",
@@ -41,6 +43,8 @@ USUAL = {FIT: 20, SEARCH: 120, PROOF: 20}
 FOR_FITS = 0.6
 #: Share of this time after which the fit of the model alone ends, so that effects are fitted, too.
 FOR_MODEL = 0.5
+#: Time after an interruption that the proof and the report still have [s].
+GRACE = 5.0
 #: Shortest time between two calls of the callback within a stage [s].
 PAUSE = 0.1
 
@@ -66,6 +70,10 @@ class Progress:
     left: float | None
     """Estimated remaining time if every stage takes its usual number of steps [s]; None: unknown,
     because this stage has taken more."""
+
+
+class Ended(Exception):
+    """The time of a computation is over: what it has not completed is discarded."""
 
 
 Tell = Callable[[Progress], None]
@@ -99,7 +107,8 @@ class Watch:
         self._stages = stages
         self._begin = clock.perf_counter()
         self._entered = 0.0
-        self._stopped_before = False
+        self._asked: float | None = None  # time of the interruption [s]
+        self._discarding = 0
         self._first = _seen
         self._last = -PAUSE
         self._calls = dict.fromkeys(STAGES, 0)
@@ -120,7 +129,7 @@ class Watch:
     def over(self) -> bool:
         """Whether the run must end."""
         if not self.why:
-            if self._stop is not None and self._stop():
+            if self._interrupted():
                 self._end("interrupted")
             elif self._before_proof() and self._budget is not None:
                 if self.elapsed > FOR_FITS * self._budget:
@@ -128,6 +137,12 @@ class Watch:
             elif self._budget is not None and self.elapsed > self._budget:
                 self._end(f"the budget of {self._budget:g} s was spent")
         return bool(self.why)
+
+    def _interrupted(self) -> bool:
+        """Whether the stop function asked for the end, now or before."""
+        if self._asked is None and self._stop is not None and self._stop():
+            self._asked = self.elapsed
+        return self._asked is not None
 
     def _before_proof(self) -> bool:
         """Whether a proof follows, which has its own part of the time limit."""
@@ -157,27 +172,51 @@ class Watch:
         return self.stopping() or self.proof_over()
 
     def proof_over(self) -> bool:
-        """Whether the proof must end: it was interrupted, or has spent its part of the budget.
+        """Whether the proof or the report must end: their part of the time is over.
 
-        It continues after an interruption of a fit or search, and judges what they found.
+        They continue for ``GRACE`` after an interruption, and judge what was found.
         """
-        if self.stage != PROOF:
+        if self.stage not in (PROOF, REPORT):
             return False
-        if self._stop is not None and not self._stopped_before and self._stop():
+        if self._interrupted():
             self._end("interrupted")
-            return True
+            assert self._asked is not None
+            return self.elapsed - self._asked > GRACE
         if self._budget is None:
             return False
+        if self.stage == REPORT:
+            return self.elapsed > self._budget + GRACE
         late = self.elapsed - self._entered > (1.0 - FOR_FITS) * self._budget
         if late:
             self._end(f"the budget of {self._budget:g} s was spent")
         return late
 
+    @contextmanager
+    def discarding(self) -> Iterator[None]:
+        """Block whose result is discarded, with :class:`Ended`, when its time is over."""
+        self._discarding += 1
+        try:
+            yield
+        finally:
+            self._discarding -= 1
+
+    @contextmanager
+    def keeping(self) -> Iterator[None]:
+        """Block that is left when its time is over; what it has found so far is used.
+
+        Within a block that is discarded, :class:`Ended` goes on to that block.
+        """
+        try:
+            with self.discarding():
+                yield
+        except Ended:
+            if self._discarding:
+                raise
+
     def enter(self, stage: str) -> None:
         """Start a stage."""
         self.stage, self.detail = stage, ""
         self._entered = self.elapsed
-        self._stopped_before = self._stop is not None and self._stop()
         self._show(now=True)
 
     def say(self, detail: str, done: int = 0, total: int = 0) -> None:
@@ -191,13 +230,21 @@ class Watch:
             self.misfit = misfit
 
     def step(self) -> None:
-        """Count one more linearization or trial point."""
+        """Count one more linearization or trial point.
+
+        Raises
+        ------
+        Ended
+            The time is over, and the result of the running block is discarded.
+        """
         self._calls[self.stage] = self._calls.get(self.stage, 0) + 1
-        self._show(now=False)
+        self.beat()
 
     def beat(self) -> None:
-        """Report activity within a step."""
+        """Report activity within a step; see :meth:`step`."""
         self._show(now=False)
+        if self._discarding and self.must_end():
+            raise Ended
 
     def _show(self, *, now: bool) -> None:
         elapsed = self.elapsed

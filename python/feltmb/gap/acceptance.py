@@ -11,7 +11,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.solve import SAME, Fit, FitSettings
-from feltmb.fit.watch import Say, current
+from feltmb.fit.watch import Ended, Say, current
 from feltmb.gap.criteria import (
     CLOSES_ALL,
     DEEP_GAP,
@@ -143,6 +143,8 @@ class Accepted:
     outcomes: dict[tuple[str, ...], Outcome] = field(default_factory=dict)
     tightest: Fit | None = None
     """The accepted set, fitted with the tightest continuity defects; None: it already has them."""
+    complete: bool = True
+    """Whether the proof was completed."""
 
     @property
     def p(self) -> float:
@@ -158,10 +160,6 @@ class Accepted:
             return 1.0
         total = (self.after.total - self.before.total) / self.belief.inflation
         return min(1.0, max(1, len(self.outcomes) - 1) * math.exp(-max(0.0, total)))
-
-
-class _OutOfTime(Exception):
-    """The budget is spent before the comparisons of a proof are complete."""
 
 
 class _Attempt:
@@ -194,7 +192,11 @@ class _Attempt:
                     self.alone[candidate.name] = max(
                         self.alone.get(candidate.name, 0.0), float(value)
                     )
-        self.before = self.outcome(search.bare)
+
+    @property
+    def before(self) -> Outcome:
+        """The model alone."""
+        return self.outcome(self.search.bare)
 
     @property
     def odds(self) -> float:
@@ -205,12 +207,9 @@ class _Attempt:
         """Evaluate a fit on the held-out records."""
         key = tuple(sorted(t.name for t in fit.included))
         if key not in self.outcomes:
-            if self.outcomes and current().proof_over():
-                raise _OutOfTime
             if self.progress is not None:
                 self.progress("held-out: " + (" + ".join(key) or "model"), len(self.outcomes), 0)
             self.outcomes[key] = self._with_second_starts(fit)
-            self.before = self.outcomes[()]
         return self.outcomes[key]
 
     def _with_second_starts(self, fit: Fit) -> Outcome:
@@ -545,18 +544,22 @@ def accept(
         progress=progress,
     )
     try:
-        return _compared(search, attempt, belief, options)
-    except _OutOfTime:
+        with current().discarding():
+            return _compared(search, attempt, belief, options)
+    except Ended:
         names = () if search.best is None else search.best.names
-        why = "the budget was spent before the held-out proof was complete"
+        why = f"the held-out proof was not complete ({current().why})"
+        # Of an unfinished evaluation only the gap is used.
+        before = attempt.outcomes.get(()) or evaluate(held, search.bare, settings)
         return Accepted(
-            belief, None, attempt.before, attempt.before, {}, (), tuple((n, why) for n in names),
-            attempt.outcomes,
+            belief, None, before, before, {}, (), tuple((n, why) for n in names),
+            {**attempt.outcomes, (): before}, complete=False,
         )  # fmt: skip
 
 
 def _compared(search: Search, attempt: _Attempt, belief: Posterior, options: Options) -> Accepted:
     """The effects of the best set that held-out records confirm, and its rivals."""
+    attempt.outcome(search.bare)  # the first start of all others
     proof: dict[str, Paired] = {}
     rejected: list[tuple[str, str]] = []
     all_records = False  # whether ``belief`` contains the held-out records

@@ -124,11 +124,12 @@ def diagnose(
     budget
         Time limit [s]. The report then has the best result so far and lists what was not tried.
         Fits stop after three fifths of the time, and the held-out proof follows. The
-        proof may take two fifths; if it takes longer, no effect is named. Simulations and single
-        fits that have started are completed, so that the limit may be exceeded.
+        proof may take two fifths; if it takes longer, it is discarded and no effect is named. A
+        step that has started (the derivatives or a simulation of all records) is completed.
     stop
-        Function that is called now and then; when it returns True, the diagnosis ends as if the
-        time limit were reached.
+        Function that is called at each step; when it returns True, the fit or search ends at its
+        present point. Proof and report then have 5 s; a proof that takes longer is discarded, and
+        no effect is named.
 
     Raises
     ------
@@ -256,7 +257,7 @@ class _Diagnosis:
         done = replace(done, sensed=done.sensed.warned(refuted_tolerances(fit)))
         self._lap("how far")
         where = self._where(done.first)
-        if proof.accepted.best is None:
+        if proof.accepted.best is None and not self.watch.over():
             everything = (*done.sensed.fitted, *done.sensed.held)
             theta, alpha = done.first.bare.point.theta, self.options.alpha
             hint = error_of_one_record(self.model, everything, theta, self.task.settings, alpha)
@@ -311,6 +312,7 @@ class _Diagnosis:
         if (
             free is None
             or again is None
+            or self.watch.proof_over()  # the other proof may be incomplete
             or refutes(accepted, again, held, self.options.credibility)
         ):
             return done, _Proof(accepted, held)
@@ -357,16 +359,18 @@ class _Diagnosis:
 
     def _shares(self, found: Search, proof: _Proof, which: str) -> dict[str, float]:
         """Share of the held-out gap by effect."""
-        if self.watch.over():
-            return {}
-        return shapley(
-            found,
-            proof.accepted,
-            proof.held,
-            self.task.settings,
-            which=which,
-            progress=self.task.progress,
-        )
+        shares: dict[str, float] = {}
+        if not self.watch.over():
+            with self.watch.keeping():
+                shares = shapley(
+                    found,
+                    proof.accepted,
+                    proof.held,
+                    self.task.settings,
+                    which=which,
+                    progress=self.task.progress,
+                )
+        return shares
 
     def _alarm(self, done: Investigation, accepted: Accepted) -> _Alarm:
         """The largest score, and what chance gives."""
@@ -424,14 +428,17 @@ class _Diagnosis:
         if self.watch.over() or (accepted.best is None and bare.left):
             return None
         alone = Problem(self.model, done.judged.held, store=self.task.store)
-        return _beyond(
-            accepted,
-            alone,
-            self.task.settings,
-            self.data.checks,
-            self.options,
-            self.watch.say,
-        )
+        beyond: float | None = None
+        with self.watch.keeping():
+            beyond = _beyond(
+                accepted,
+                alone,
+                self.task.settings,
+                self.data.checks,
+                self.options,
+                self.watch.say,
+            )
+        return beyond
 
     def _assembled(
         self,
@@ -457,9 +464,9 @@ class _Diagnosis:
             done, accepted, alarm, describe, describe(accepted, shares), which_gap, beyond
         )
         sizes, fit, wide = told.sizes, told.fit, told.wide
-        if watch.why:
+        if watch.proof_over() or watch.why:
             decision = cut_short(
-                decision, watch, found, self.skipped, len(self.task.effects), sizes
+                decision, watch, accepted, found, self.skipped, len(self.task.effects), sizes
             )
         checks = facts.checks
         far = prior_deviations_told(fit, wide)

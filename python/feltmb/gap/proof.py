@@ -213,6 +213,8 @@ def _with_larger_defects(found: Outcome, start: Point) -> Outcome:
         return found
     looser = [v for v in found.settings.levels if 1.5 * found.fit.level < v < 1.0]
     for level in looser:
+        if current().must_end():
+            break
         found = _better(found, start, level)
     return found
 

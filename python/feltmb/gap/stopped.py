@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from feltmb.fit.model import Effect
 from feltmb.fit.watch import FIT, Watch
+from feltmb.gap.acceptance import Accepted
 from feltmb.gap.decide import Decision
 from feltmb.gap.findings import NotTested, Verdict
 from feltmb.gap.search import Search
@@ -25,6 +26,7 @@ def left_out(found: Search, effects: Sequence[Effect]) -> tuple[NotTested, ...]:
 def cut_short(
     decision: Decision,
     watch: Watch,
+    accepted: Accepted,
     found: Search,
     skipped: Sequence[NotTested],
     effects: int,
@@ -32,8 +34,8 @@ def cut_short(
 ) -> Decision:
     """The decision, limited to what holds after the stop.
 
-    An unfinished fit of the model proves nothing. A named effect is kept only if no untested
-    effect could replace it.
+    An unfinished fit of the model proves nothing, nor does an unfinished proof. A named effect is
+    kept only if no untested effect could replace it.
     """
     begin = f"Stopped in the {watch.stopped_in} ({watch.why})"
     if watch.stopped_in == FIT and not found.model_fit.converged:
@@ -42,6 +44,14 @@ def cut_short(
             f"{begin}: the fit of the model is not finished, so a gap cannot be assessed. The best "
             f"sum of squares so far is {ratio:.3g} of its expectation."
         )
+        return replace(
+            decision, verdict=Verdict.TOO_WEAK, statement=text, named=(), one_of=(), confidence=0.0
+        )
+    if not accepted.complete:
+        text = f"{begin}: the proof on held-out records is not complete, so nothing is named."
+        if found.best is not None:
+            nearest = " and ".join(map(sizes.text, found.best.names))
+            text += f" {nearest} would explain the fitted records best so far."
         return replace(
             decision, verdict=Verdict.TOO_WEAK, statement=text, named=(), one_of=(), confidence=0.0
         )

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from feltmb.cli.common import ProgressLine, duration, interruptible
-from feltmb.fit import Progress
+from feltmb.fit import Progress, watch
+from feltmb.fit.watch import Watch
 from feltmb.gap import (
     Exposed,
     FunctionModel,
@@ -114,6 +115,48 @@ def test_stopped_in_the_search_the_best_so_far_is_told_with_what_was_not_tried()
     assert untried <= {"cube", "drift"}
 
 
+@pytest.mark.parametrize("stage", STAGES[1:])
+def test_an_interrupt_ends_each_stage_within_few_steps(monkeypatch, stage):
+    m, steps, step, seen, before = model(), [], Watch.step, [], []
+
+    def counted(self):
+        steps.append(self.stage)
+        step(self)
+
+    def stop():
+        asked = stage in steps or any(p.stage == "report" for p in seen)
+        if asked and not before:
+            before.append(len(steps))
+        return asked
+
+    monkeypatch.setattr(Watch, "step", counted)
+    monkeypatch.setattr(watch, "GRACE", 0.0)
+    report = diagnose(m, m.effects, RECORDS, progress=seen.append, stop=stop)
+    assert len(steps) - before[0] <= 20
+    assert report.stopped == f"{stage} (interrupted)"
+    if stage == "report":
+        assert report.named == ("square",)
+        assert report.statement.startswith("Stopped in the report (interrupted). ")
+        return
+    assert report.named == report.one_of == ()
+    assert "NAMED" not in report.text()
+    if stage in STAGES[2:4]:
+        assert "the proof on held-out records is not complete" in report.statement
+        assert report.verdict == "TOO WEAK"
+
+
+def test_the_proof_has_some_time_after_an_interrupt(monkeypatch):
+    m, seen = model(), []
+    monkeypatch.setattr(watch, "GRACE", np.inf)
+
+    def stop():
+        return any(p.stage == "proof on held-out records" for p in seen)
+
+    report = diagnose(m, m.effects, RECORDS, progress=seen.append, stop=stop)
+    assert report.named == ("square",)
+    assert report.stopped == "proof on held-out records (interrupted)"
+
+
 def test_a_budget_is_told_and_must_be_positive():
     m = model()
     report = diagnose(m, m.effects, RECORDS, budget=1e-9)
@@ -194,8 +237,19 @@ def test_the_first_interrupt_asks_and_the_second_ends(capsys):
 
     with pytest.raises(KeyboardInterrupt), interruptible() as stop:
         second(stop)
-    assert "ends with the results so far" in capsys.readouterr().err
+    assert "ends within seconds with the results so far" in capsys.readouterr().err
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.usefixtures("heard")
+def test_no_interrupt_stops_the_writing_of_results(capsys):
+    with interruptible() as stop:
+        os.kill(os.getpid(), signal.SIGINT)
+        stop.writing()
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+    assert stop()
+    assert capsys.readouterr().err.count("writes the results, without further pictures") == 2
 
 
 MODEL = """
