@@ -463,7 +463,7 @@ NOT_NEGATIVE = Number(0)
 FRACTION = Number(0, 1, min_open=True, max_open=True)
 
 _BRACKETS = {"(": ")", "[": "]", "{": "}"}
-_ASSIGNMENT = re.compile(r"\s*[\w.*\[\]-]+\s*=")
+_ASSIGNMENT = re.compile(r"\s*[\w.*\[\]-]+\s*\+?=")
 
 
 def split_list(text: str) -> list[str]:
@@ -535,11 +535,12 @@ def _settings(metavar: str, text: str) -> Callable[[F], F]:
 
 
 def set_option(function: F) -> F:
-    """Option ``--set PATH=VALUE``, which may be repeated."""
+    """Option ``--set PATH=VALUE`` (also ``+=``, ``-=``, ``*=``), which may be repeated."""
     return _settings(
         "PATH=VALUE",
         "Change a value of the mechanism by its dotted path, such as string.modes=80 or "
-        "contacts.*.law=printed; a bare number has the unit of the file.",
+        "contacts.*.law=printed; a bare number has the unit of the file. PATH+=AMOUNT, "
+        "PATH-=AMOUNT and PATH*=FACTOR change a number: surfaces.Gp10.point.y+=0.5mm.",
     )(function)
 
 
@@ -549,7 +550,8 @@ def model_set_option(function: F) -> F:
         "NAME=VALUE",
         "Setting of a packaged mechanism or mechanism file: channels=key,hammer, effects=all, "
         "tolerances=felt.*, library, until, variation, rtol, segment; or a "
-        "value of the mechanism by its dotted path, such as string.modes=80.",
+        "value of the mechanism by its dotted path, such as string.modes=80 or "
+        "surfaces.Gp10.point.y+=0.5mm.",
     )(function)
 
 
@@ -622,7 +624,7 @@ def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
 
 
 def with_settings(model: M, settings: Sequence[str]) -> M:
-    """Model of a file with the values of ``--set``; tells what numbers without a unit became."""
+    """Model of a file with the values of ``--set``; tells what changed numbers became."""
     from feltmb.mechanism.parameters import with_values_told
 
     return with_values_told(model, settings, complain)

@@ -21,7 +21,9 @@ from pydantic import BaseModel, ValidationError
 from feltmb import _core
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, Body, Contact, describe, expand_path, parse_setting
-from feltmb.units.quantity import shortened, unit_of
+from feltmb.mechanism.values import split_operator
+from feltmb.units import conversion_factor, split_quantity, unit_suffix
+from feltmb.units.quantity import is_quantity, shortened, unit_of
 
 __all__ = [
     "Parameter",
@@ -130,18 +132,18 @@ def _joint(config: BaseModel, owners: list[Any]) -> str:
 
 
 def _walk(
-    config: BaseModel, node: Any, parents: list[Any], names: list[str]
+    config: BaseModel, node: Any, parents: list[Any], names: list[str], counts: bool = False
 ) -> Iterator[Parameter]:
     if isinstance(node, bool) or node is None or isinstance(node, str):
         return
     if isinstance(node, (int, float)):
-        if names[-1] not in _COUNTS and isinstance(node, float):
+        if counts or (names[-1] not in _COUNTS and isinstance(node, float)):
             unit = _unit(config, parents, names)
             size = abs(node) or _SIZE_AT_ZERO.get(unit, 1.0)
             yield Parameter(".".join(names), float(node), unit, size)
         return
     for name, child in _children(node):
-        yield from _walk(config, child, [*parents, node], [*names, name])
+        yield from _walk(config, child, [*parents, node], [*names, name], counts)
 
 
 class _OfFile(Protocol):
@@ -164,7 +166,10 @@ TOLD = 3
 
 
 def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> list[str]:
-    """Sentences about numbers without a unit: what they became, in SI units, and what they were.
+    """Sentences about changes by an amount or a factor, and about numbers without a unit.
+
+    They state what the numbers became and what they were: changes in the unit of the file, numbers
+    without a unit in SI units.
 
     Parameters
     ----------
@@ -173,54 +178,82 @@ def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> 
     values
         Values by dotted path, as for ``Action.with_values``.
     """
-    bare = {path: v for path, v in values.items() if _is_bare(v)}
-    if not bare:
-        return []
-    was = {p.path: p for p in _numbers_of(before.config)}
     told = []
-    for path in bare:
-        starts = [".".join(parts).removesuffix(".value") for parts in expand_path(after.raw, path)]
-        for k, axis in enumerate(_AXES):
-            starts = [f"{s[:-2]}.{axis}" if s.endswith(f".{k}") else s for s in starts]
-        changed = [
-            f"{p.path} = {p.value:g} {p.unit}"
-            + (f" (was {was[p.path].value:g} {p.unit})" if p.path in was else "")
-            for p in _numbers_of(after.config)
-            if p.unit != "1"
-            and any(p.path == s or p.path.startswith(f"{s}.") for s in starts)
-            and (p.path not in was or was[p.path].value != p.value)
-        ]
-        if changed:
-            more = f"; and {len(changed) - TOLD} more" if len(changed) > TOLD else ""
-            told.append(
-                f"{'; '.join(changed[:TOLD])}{more}. A number without a unit has the unit of the "
-                "file, or else the SI unit"
-            )
+    was = now = None
+    for given, value in values.items():
+        path, operator = split_operator(given)
+        bare = _is_bare(value) and operator != "*"
+        if not (operator or bare):
+            continue
+        if was is None:
+            was = {p.path: p for p in _numbers_of(before.config)}
+            now = _numbers_of(after.config)
+        assert now is not None
+        texts = []
+        at = list(_at(after, path, now))
+        for p, unit in at:
+            old = was.get(p.path)
+            if operator and old is not None:
+                factor, name = 1.0 / conversion_factor(unit, p.unit), unit_suffix(unit)
+                texts.append(
+                    f"{p.path} {old.value * factor:.6g}{name} -> {p.value * factor:.6g}{name}"
+                )
+            elif p.unit != "1" and (old is None or old.value != p.value):
+                before_it = f" (was {old.value:g} {p.unit})" if old is not None else ""
+                texts.append(f"{p.path} = {p.value:g} {p.unit}{before_it}")
+        if texts:
+            more = f"; and {len(texts) - TOLD} more" if len(texts) > TOLD else ""
+            rule = ". A number without a unit has the unit of the file, or else the SI unit"
+            ruled = bare and any(p.unit != "1" for p, _ in at)
+            told.append(f"{'; '.join(texts[:TOLD])}{more}{rule if ruled else ''}")
     return told
+
+
+def _at(model: _OfFile, path: str, numbers: list[Parameter]) -> Iterator[tuple[Parameter, str]]:
+    """Numbers at a path, each with the unit that the file gives."""
+    for parts in expand_path(model.raw, path):
+        node: Any = model.raw
+        unit = ""
+        for part in parts:
+            node = node.get(part) if isinstance(node, Mapping) else None
+            if isinstance(node, str):
+                unit = (split_quantity(node) or (0.0, ""))[1]
+            elif is_quantity(node):
+                unit = str(node.get("unit", ""))
+        start = ".".join(parts).removesuffix(".value")
+        for k, axis in enumerate(_AXES):
+            start = f"{start[:-2]}.{axis}" if start.endswith(f".{k}") else start
+        for p in numbers:
+            if p.path == start or p.path.startswith(f"{start}."):
+                yield p, unit or p.unit
 
 
 def with_values_told(
     model: _M, settings: Sequence[str], tell: Callable[[str], None] | None = None
 ) -> _M:
-    """Model of a file with the values of settings; tells what numbers without a unit became.
+    """Model of a file with the values of settings; tells what changed numbers became.
 
     Parameters
     ----------
     model
         A mechanism or an actuator.
     settings
-        ``PATH=VALUE``, as for ``--set``.
+        ``PATH=VALUE``, ``PATH+=AMOUNT``, ``PATH-=AMOUNT`` or ``PATH*=FACTOR``, as for ``--set``.
     tell
         Function that receives the sentences of :func:`told_numbers`; None: nothing is told.
 
     Raises
     ------
     InvalidParameter
-        A path does not exist, or a value is invalid.
+        A path does not exist or is given twice, or a value is invalid.
     """
     if not settings:
         return model
-    values = dict(parse_setting(text) for text in settings)
+    values: dict[str, Any] = {}
+    for path, value in map(parse_setting, settings):
+        if path in values:
+            raise InvalidParameter(f"--set {path}: given twice, expected once")
+        values[path] = value
     changed: _M = model.with_values(values)
     if tell is not None:
         for text in told_numbers(model, changed, values):
@@ -235,7 +268,7 @@ def _is_bare(value: Any) -> bool:
 
 
 def _numbers_of(config: BaseModel) -> list[Parameter]:
-    return list(_walk(config, config, [], []))
+    return list(_walk(config, config, [], [], counts=True))
 
 
 def all_parameters(action: Action) -> list[Parameter]:

@@ -108,6 +108,7 @@ class Body(Schema):
 class Surface(Schema):
     """A contact surface fixed to a body."""
 
+    label: str = ""
     body: str
     kind: Literal["line", "circle", "concave", "hybrid", "segment", "concave_arc"]
     point: Annotated[tuple[float, float], SIVector("m")]

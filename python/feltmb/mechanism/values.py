@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import copy
+import difflib
 import math
+import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from feltmb.errors import InvalidParameter
-from feltmb.units import split_quantity
+from feltmb.units import conversion_factor, split_quantity, to_si
 from feltmb.units.quantity import (
     META_KEYS,
     is_quantity,
+    parse_scalar,
     shortened,
 )
 
@@ -22,18 +25,33 @@ __all__ = [
     "expand_path",
     "parse_setting",
     "plain_data",
+    "split_operator",
 ]
+
+#: Path and operator of a change; ``contacts.*`` ends with a wildcard, not with an operator.
+_CHANGE = re.compile(r"(.*[^.\s])\s*([-+*])=\s*", re.DOTALL)
+
+
+def split_operator(path: str) -> tuple[str, str]:
+    """Path and operator of ``"PATH +="``, ``-=`` or ``*=``; ``""`` for a path alone."""
+    match = _CHANGE.fullmatch(path)
+    return (match[1].strip(), match[2]) if match else (path, "")
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
-    """Split ``"string.modes=80"`` into its path and its value, which is TOML or else text."""
+    """Split ``"string.modes=80"`` into its path and its value, which is TOML or else text.
+
+    The path of a change, ``"string.modes+=10"``, is ``"string.modes +="``.
+    """
     path, sign, value = text.partition("=")
-    if not sign or not path.strip():
+    if not sign or not path.strip(" \t+-*"):
         raise InvalidParameter(f"--set {text!r}: expected PATH=VALUE, such as string.modes=80")
+    name, operator = split_operator(path + sign)
+    name = f"{name} {operator}=" if operator else path.strip()
     try:
-        return path.strip(), tomllib.loads(f"v = {value}")["v"]
+        return name, tomllib.loads(f"v = {value}")["v"]
     except (ValueError, RecursionError):  # not TOML
-        return path.strip(), value.strip()
+        return name, value.strip()
 
 
 def expand_path(raw: Mapping[str, Any], path: str) -> list[list[str]]:
@@ -63,39 +81,163 @@ def expand_path(raw: Mapping[str, Any], path: str) -> list[list[str]]:
 _AXES = {"x": 0, "y": 1}
 
 
-def _set_one(raw: dict[str, Any], parts: list[str], value: Any, where: str) -> None:
+def _change(raw: dict[str, Any], path: str, value: Any, where: str) -> None:
+    """Set the value of a path, or change it by an amount or a factor."""
+    path, operator = split_operator(path)
+    for parts in expand_path(raw, path):
+        _set_one(
+            raw, parts, _changed(raw, parts, operator, value, where) if operator else value, where
+        )
+
+
+def _owner(raw: dict[str, Any], parts: list[str], where: str, value: Any = None) -> Any:
+    """The table, quantity or list that contains the last part of a path."""
     node: Any = raw
     for i, part in enumerate(parts[:-1]):
-        if isinstance(node, dict) and isinstance(node.get(part), dict):
-            node = node[part]
-            continue
-        if isinstance(node, dict) and part in node and i == len(parts) - 2:
-            node[part] = _set_component(node[part], parts[-1], value, where, parts)
-            return
-        raise InvalidParameter(
-            f"{where}: path {'.'.join(parts)!r}: {'.'.join(parts[: i + 1])!r} does not exist"
-        )
+        is_table = isinstance(node, dict) and isinstance(node.get(part), dict)
+        is_list = isinstance(node, dict) and part in node and i == len(parts) - 2
+        if not (is_table or is_list):
+            raise _missing(raw, parts, i, where)
+        node = node[part]
     last = parts[-1]
-    if is_quantity(node) and (last in _AXES or last.isdecimal()):
-        node["value"] = _set_component(node["value"], last, value, where, parts)
-    elif is_quantity(node) and last not in META_KEYS:
+    if node is raw and last not in raw and not isinstance(value, Mapping) and _near(raw, last):
+        raise _missing(raw, parts, 0, where)
+    return node
+
+
+def _missing(raw: dict[str, Any], parts: list[str], i: int, where: str) -> InvalidParameter:
+    near = _near(raw, parts[i])
+    return InvalidParameter(
+        f"{where}: path {'.'.join(parts)!r}: {'.'.join(parts[: i + 1])!r} does not exist"
+        + (f"; did you mean {' or '.join(near[:4])}?" if near else "")
+    )
+
+
+def _near(raw: Mapping[str, Any], name: str) -> list[str]:
+    """Parts of a machine with a similar name, or with the name in their label."""
+    wanted = _letters(name)
+    labels = {part: label for part, label in _parts(raw) if label}
+    found = [p for p, _ in _parts(raw) if p.rpartition(".")[2] == name]
+    found += [p for p, label in labels.items() if wanted and wanted in _letters(label)]
+    if not found:
+        names = {p.rpartition(".")[2]: p for p, _ in _parts(raw)}
+        found = [names[n] for n in difflib.get_close_matches(name, names, n=2, cutoff=0.75)]
+    return [f"{p} ({labels[p]})" if p in labels else p for p in dict.fromkeys(found)]
+
+
+def _parts(raw: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Parts of a machine, such as ``surfaces.Kp2``, with their labels."""
+    for table, parts in raw.items():
+        if isinstance(parts, Mapping) and not is_quantity(parts):
+            for key, part in parts.items():
+                if isinstance(part, Mapping) and not is_quantity(part):
+                    yield f"{table}.{key}", str(part.get("label", ""))
+
+
+def _letters(text: str) -> str:
+    return "".join(c for c in text.lower() if c.isalnum())
+
+
+def _is_component(key: str) -> bool:
+    return key in _AXES or key.isdecimal()
+
+
+def _set_one(raw: dict[str, Any], parts: list[str], value: Any, where: str) -> None:
+    owner, last = _owner(raw, parts, where, value), parts[-1]
+    # Source and note of an old value are removed; a number without a unit keeps the unit.
+    if is_quantity(owner) and _is_component(last):
+        _set_component(owner["value"], value, where, parts)
+        for key in META_KEYS - {"value", "unit"}:
+            owner.pop(key, None)
+        owner["note"] = f"{last} set by {where}"
+    elif not isinstance(owner, dict):
+        _set_component(owner, value, where, parts)
+    elif is_quantity(owner) and last not in META_KEYS:
         raise InvalidParameter(f"{where}: path {'.'.join(parts)!r} leads into a quantity")
-    elif is_quantity(node.get(last)) and not isinstance(value, (Mapping, str)):
-        # A number without a unit keeps the unit of the entry; source and note of the old value are
-        # removed.
-        unit = node[last].get("unit", "1")
-        node[last] = {"value": value, "unit": unit, "note": f"set by {where}"}
+    elif is_quantity(owner.get(last)) and not isinstance(value, (Mapping, str)):
+        unit = owner[last].get("unit", "1")
+        owner[last] = {"value": value, "unit": unit, "note": f"set by {where}"}
     else:
-        node[last] = _in_unit_of(node.get(last), copy.deepcopy(value))
+        owner[last] = _in_unit_of(owner.get(last), copy.deepcopy(value))
 
 
-def _set_component(old: Any, key: str, value: Any, where: str, parts: list[str]) -> list[Any]:
+def _component(old: Any, where: str, parts: list[str]) -> int:
+    key = parts[-1]
     index = _AXES.get(key, int(key) if key.isdecimal() else -1)
     if not isinstance(old, list) or not 0 <= index < len(old):
         raise InvalidParameter(f"{where}: path {'.'.join(parts)!r} does not exist")
-    new = list(old)
-    new[index] = _in_unit_of(old[index], value)
-    return new
+    return index
+
+
+def _set_component(old: Any, value: Any, where: str, parts: list[str]) -> None:
+    index = _component(old, where, parts)
+    old[index] = _in_unit_of(old[index], value)
+
+
+def _changed(raw: dict[str, Any], parts: list[str], operator: str, value: Any, where: str) -> Any:
+    """Value of a path after a change: in the unit of the entry, or a text with its unit."""
+    owner, last = _owner(raw, parts, where), parts[-1]
+    unit = None
+    if is_quantity(owner) and _is_component(last):
+        old, unit = owner["value"][_component(owner["value"], where, parts)], owner.get("unit")
+    elif not isinstance(owner, dict):
+        old = owner[_component(owner, where, parts)]
+    elif is_quantity(owner.get(last)):
+        old, unit = owner[last]["value"], owner[last].get("unit")
+    else:
+        old, unit = owner.get(last), owner.get("unit")
+        if isinstance(unit, list):  # of a curve with the coefficients a, b, c
+            unit = dict(zip("abc", unit, strict=False)).get(last)
+    what = f"{where}: {'.'.join(parts)} {operator}="
+    if old is None:
+        near = difflib.get_close_matches(last, owner, n=1)
+        raise InvalidParameter(
+            f"{what}: the file has no such number; "
+            + (f"did you mean {near[0]!r}?" if near else "expected an entry of the file, or =")
+        )
+    if isinstance(old, Mapping):
+        numbers = ", ".join(key for key, v in old.items() if not isinstance(v, str))
+        raise InvalidParameter(f"{what}: is a table, expected one of its numbers: {numbers}")
+    try:
+        if not isinstance(old, list):
+            return _combined(old, unit, operator, value)
+        listed = isinstance(value, list)
+        if len(value) != len(old) if listed else operator != "*":
+            raise ValueError(
+                f"got {shortened(repr(value))}, expected a component, such as "
+                f"{'.'.join(parts)}.x, or a list of {len(old)} numbers"
+            )
+        amounts = value if listed else [value] * len(old)
+        return [_combined(o, unit, operator, a) for o, a in zip(old, amounts, strict=True)]
+    except (ValueError, InvalidParameter) as error:
+        raise InvalidParameter(f"{what}: {error}") from None
+
+
+def _combined(old: Any, unit: str | None, operator: str, value: Any) -> Any:
+    """A number with an amount or a factor; raises ValueError with the fault."""
+    found = split_quantity(old) if isinstance(old, str) else None
+    if found is not None:
+        old, unit = found[0], found[1] or None
+    if isinstance(old, bool) or not isinstance(old, (int, float)):
+        raise ValueError(f"the value is {shortened(repr(old))}, expected a number")
+    if operator == "*":
+        return old * parse_scalar(value, "1")
+    sign = 1 if operator == "+" else -1
+    split = split_quantity(value) if isinstance(value, str) else None
+    amount, given = split or (value, "")
+    if isinstance(amount, bool) or not isinstance(amount, (int, float)):
+        raise ValueError(
+            f"got {shortened(repr(value))}, expected a number, with or without a unit"
+            + (f" such as {unit}" if unit else "")
+        )
+    if not given:
+        return old + sign * amount
+    if given == "%" != unit:
+        raise ValueError(f"got {value!r}, expected an amount; for a share write *=, such as *=110%")
+    if unit is not None:
+        return old + sign * amount * conversion_factor(given, unit)
+    factor, si = to_si(given)  # a number without a unit is in the SI unit of its field
+    return f"{float(old + sign * amount * factor)!r} {si}"
 
 
 def _in_unit_of(old: Any, value: Any) -> Any:
@@ -118,8 +260,7 @@ def apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) 
         try:
             if not isinstance(path, str):
                 raise InvalidParameter(f"{where}: path {path!r}: expected a text with dots")
-            for parts in expand_path(out, path):
-                _set_one(out, parts, value, where)
+            _change(out, path, value, where)
         except InvalidParameter as error:
             faults.append(str(error))
     if faults:
@@ -146,14 +287,14 @@ def apply_numbers(
         number = value.item() if hasattr(value, "item") else value
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             raise ValueError(path)
-        for parts in expand_path(out, path):
+        for parts in expand_path(out, split_operator(path)[0]):
             if len(parts) < 3 or parts[0] not in _TABLES_OF_NUMBERS:
                 raise ValueError(path)
             table, key = parts[:2]
             if (table, key) not in touched:
                 touched.append((table, key))
                 out[table] = {**out[table], key: copy.deepcopy(out[table][key])}
-            _set_one(out, parts, number, "with_values")
+        _change(out, path, number, "with_values")
     return out, touched
 
 

@@ -8,7 +8,7 @@ import pytest
 import feltmb
 from feltmb.action.actuator import load_actuator
 from feltmb.mechanism import parse_setting
-from feltmb.mechanism.parameters import told_numbers
+from feltmb.mechanism.parameters import told_numbers, with_values_told
 
 
 def test_packaged_actions():
@@ -183,6 +183,78 @@ def test_a_number_without_a_unit_gets_that_of_the_file_and_it_is_told(action):
     silent = {"head.mass": "7.2 g", "string.modes": 80, "wire.rigid": True,
               "contacts.06.law": "printed", "key.mass": 0.1176}  # fmt: skip
     assert told(action, silent) == []
+
+
+@pytest.mark.parametrize(
+    ("setting", "path", "expected"),
+    [
+        ("surfaces.Gp10.point.y+=0.5mm", "surfaces.Gp10.point.y", "77 mm -> 77.5 mm"),
+        ("surfaces.Gp10.point.1 -= 20 um", "surfaces.Gp10.point.y", "77 mm -> 76.98 mm"),
+        ("wire.angle+=0.01rad", "bodies.wire.angle", "75.5 deg -> 76.073 deg"),
+        ("wire.angle.value+=1", "bodies.wire.angle", "75.5 deg -> 76.5 deg. A number without"),
+        ("string.modes*=1.5", "string.modes", "40 -> 60"),
+        ("string.modes-=10", "string.modes", "40 -> 30"),
+        ("contacts.06.loading.a+=5N/mm", "contacts.06.loading.a", "23500 N/m -> 28500 N/m"),
+        ("contacts.06.loading.a*=110%", "contacts.06.loading.a", "23500 N/m -> 25850 N/m"),
+        ("gravity.y *= 0.5", "gravity.y", "-9.81 m/s^2 -> -4.905 m/s^2"),
+        ('head.position+=[0, "1mm"]', "bodies.head.position.x", "93 mm -> 93 mm; bodies.head"),
+    ],
+)
+def test_change_by_an_amount_tells_from_and_to(action, setting, path, expected):
+    told = []
+    with_values_told(action, [setting], told.append)
+    (text,) = told
+    assert text.startswith(f"{path} {expected}")
+
+
+def test_changes_act_in_their_order_and_everywhere(action, tmp_path):
+    path = "surfaces.Gp10.point.y"
+    values = {path: "76 mm", f"{path} +=": "1 mm", f"{path}*=": 2}
+    other = action.with_values(values)
+    assert other.config.surfaces["Gp10"].point == pytest.approx((-0.133, 0.154))
+    assert action.config.surfaces["Gp10"].point == pytest.approx((-0.133, 0.077))
+    assert other.raw["surfaces"]["Gp10"]["point"]["note"] == "y set by with_values"
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        'schema = 1\nname = "mine"\nextends = "steinway45"\n'
+        '[values]\n"surfaces.Gp10.point.y +=" = "0.5 mm"\n"contacts.*.alpha *=" = 2\n'
+    )
+    mine = feltmb.load_action(file).config
+    assert mine.surfaces["Gp10"].point[1] == pytest.approx(0.0775)
+    assert {c.alpha for c in mine.contacts.values()} == {200.0}
+    bare = feltmb.mechanism.Action(action.raw | {"gravity": [0.0, -9.81]})
+    lighter = bare.with_values({"gravity.y +=": "1 mm/s^2"})
+    assert lighter.config.gravity[1] == pytest.approx(-9.809, abs=1e-12)
+    arm = load_actuator("wood")
+    grown = arm.with_values({"hub.radius +=": "1 mm"})
+    assert grown.config.hub.radius == pytest.approx(arm.config.hub.radius + 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (["surfaces.Gp10.point.y-=0.5N"], r"point\.y -=: unit 'N' does not measure"),
+        (["surfaces.Gp10.point.y*=2mm"], r"point\.y \*=: unit 'mm' does not measure"),
+        (["surfaces.Gp10.point.y+=up"], "got 'up', expected a number"),
+        (["surfaces.Gp10.point+=2mm"], r"expected a component, such as surfaces\.Gp10\.point\.x"),
+        (["surfaces.Gp10+=2mm"], "is a table, expected one of its numbers: point, normal"),
+        (["string.kind+=1"], "the value is 'modal', expected a number"),
+        (["wire.rigid*=2"], "the value is False, expected a number"),
+        (["wire.angl+=1deg"], "no such number; did you mean 'angle'"),
+        (["contacts.06.friction.b1+=10%"], r"for a share write \*="),
+        (["string.modes*=1.51"], "expected a whole number"),
+        (["key.mass-=1kg"], "must be >= 0"),
+        (["capstan+=0.2mm"], r"did you mean surfaces\.Kp2 \(capstan\)"),
+        (["let-off=3mm"], r"did you mean surfaces\.Gp10 \(let-off button"),
+        (["regulating_button.y+=3"], r"did you mean surfaces\.Gp10"),
+        (["Kp2.point.y+=1mm"], r"did you mean surfaces\.Kp2"),
+        (["key.mass+=1g", "key.mass+=1g"], r"--set key\.mass \+=: given twice"),
+        (["+=3"], "expected PATH=VALUE"),
+    ],
+)
+def test_changes_that_cannot_be_made(action, settings, message):
+    with pytest.raises(feltmb.InvalidParameter, match=message):
+        with_values_told(action, settings)
 
 
 # --- hash, round trip, pickle, extends ---------------------------------------------------------
