@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     "--plot",
     "folder",
     type=FolderName(file_okay=False),
-    help="Draw touch_static.png and touch_dynamic.png in this folder.",
+    help="Draw touch_static.png and touch_dynamic.png in this folder; with --set or --before, of "
+    "both mechanisms.",
 )
 @click.option(
     "--before",
@@ -90,7 +91,7 @@ def command(
                 unit = "N" if strike.kind == "pressed" else "m/s"
                 screen.print(f"{strike.kind} {strike.level:g} {unit}: {strike.failure}")
     if folder is not None:
-        for path in result.plot(folder, force=force):
+        for path in result.plot(folder, before=earlier, force=force):
             say_written(path)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -310,6 +311,40 @@ def test_pictures(measured, tmp_path):
     assert all(p.stat().st_size > 20_000 for p in written)
     with pytest.raises(FeltmbError, match="exists"):
         measured.plot(tmp_path)
+
+
+def test_pictures_of_before_and_after(action, measured, tmp_path, monkeypatch):
+    """Both mechanisms are drawn with their own numbers, and the legend tells which is which."""
+    lower = static_touch(action.with_values({"surfaces.Gp10.point.y -=": "0.1 mm"}))
+    faster = tuple(
+        replace(s, hammer_speed=s.hammer_speed and 2 * s.hammer_speed) for s in measured.strikes
+    )
+    after = replace(measured, static=lower, strikes=faster)
+    figures = []
+    monkeypatch.setattr(
+        "matplotlib.figure.Figure.savefig", lambda self, *_a, **_k: figures.append(self)
+    )
+    monkeypatch.setattr("feltmb.action.touch.work.write_file", lambda _p, save, **_k: save("x"))
+    after.plot(tmp_path, before=measured)
+    static, dynamic = figures
+
+    def legend(axes):
+        return [text.get_text() for text in axes.get_legend().get_texts()]
+
+    lines = {line.get_label(): line for line in static.axes[0].lines}
+    assert {f"{k}, {w}" for k in ("press", "release") for w in ("before", "after")} <= set(lines)
+    assert {"press, before", "press, after"} <= set(legend(static.axes[0]))
+    assert lines["press, before"].get_ydata() == pytest.approx(measured.static.press.force)
+    assert lines["press, after"].get_ydata() == pytest.approx(lower.press.force)
+    for axes in dynamic.axes:
+        names = [text.split(":")[0] for text in legend(axes)]
+        assert "pressed, before" in names
+        assert "pressed, after" in names
+    lines = {line.get_label(): line for line in dynamic.axes[0].lines}
+    then, now = (lines[f"pressed, {w}"].get_ydata() for w in ("before", "after"))
+    assert np.array(now) == pytest.approx(2.0 * np.array(then))
+    measured.plot(tmp_path)
+    assert not any("before" in text or "after" in text for text in legend(figures[2].axes[0]))
 
 
 def test_command(action, measured, monkeypatch):

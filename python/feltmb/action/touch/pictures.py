@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from feltmb.action.touch.published import published_numbers
@@ -20,35 +21,38 @@ EMPTY_SPEEDS = 0.3, 8.0
 PRESS, RELEASE, LIFTED, MUTED = "#0b5394", "#b45f06", "#38761d", "#777777"
 
 
-def static_figure(name: str, static: StaticTouch, slow: SimulatedPress) -> Any:
-    """Plot force against travel: press and release, with let-off and key bottom marked."""
+def static_figure(
+    title: str, static: StaticTouch, slow: SimulatedPress, before: StaticTouch | None = None
+) -> Any:
+    """Plot force against travel: press and release, with let-off and key bottom marked.
+
+    ``before``: of another mechanism, drawn with thin lines.
+    """
     from feltmb.figure import Figure
 
     s = static
     figure = Figure(figsize=(7.5, 5.0), layout="constrained")
     axes = figure.subplots()
-    axes.plot(
-        1e3 * slow.travel, slow.force, color=MUTED, lw=0.7, label="simulated at 10 mm/s", zorder=1
-    )
-    axes.plot(1e3 * s.press.travel, s.press.force, color=PRESS, lw=1.8, label="press")
-    axes.plot(1e3 * s.release.travel, s.release.force, color=RELEASE, lw=1.8, label="release")
-    label = "damper lifted"
-    for path in (s.lifted_press, s.lifted_release):
-        axes.plot(1e3 * path.travel, path.force, color=LIFTED, lw=1.2, ls="--", label=label)
-        label = "_"
+    which = "" if before is None else ", after"
+    label = f"simulated at 10 mm/s{which}"
+    axes.plot(1e3 * slow.travel, slow.force, color=MUTED, lw=0.7, label=label, zorder=1)
+    if before is not None:
+        _static_curves(axes, before, ", before", width=0.5, alpha=0.7)
+    _static_curves(axes, s, which)
     low, high = (1e3 * w for w in s.window)
     axes.axvspan(low, high, color=LIFTED, alpha=0.07, lw=0)
     for y in (s.down_weight, s.up_weight):
         axes.hlines(y, low, high, color=LIFTED, lw=0.8, ls=":")
-    axes.text(
-        low + 0.1,
-        0.03,
-        f"window of the weights: DW {s.down_weight:.2f} N, UW {s.up_weight:.2f} N",
-        color=LIFTED,
-        fontsize=8,
-    )
+    weights = f"window of the weights: DW {s.down_weight:.2f} N, UW {s.up_weight:.2f} N"
+    if before is not None:
+        weights += f"\nbefore: DW {before.down_weight:.2f} N, UW {before.up_weight:.2f} N"
+    axes.text(low + 0.1, 0.03, weights, color=LIFTED, fontsize=8)
     # Without a let-off, the weights give the scale: the press ends at a blocked hammer or key.
-    top = 1.5 * s.let_off_force if math.isfinite(s.let_off_force) else 3.0 * s.down_weight_most
+    top = max(
+        1.5 * t.let_off_force if math.isfinite(t.let_off_force) else 3.0 * t.down_weight_most
+        for t in (s, before)
+        if t is not None
+    )
     if math.isfinite(s.let_off_travel):
         axes.plot([1e3 * s.let_off_travel], [s.let_off_force], "o", color=PRESS, ms=6)
         axes.annotate(
@@ -71,15 +75,38 @@ def static_figure(name: str, static: StaticTouch, slow: SimulatedPress) -> Any:
             va="bottom",
             ha="left",
         )
-    axes.set_xlim(0.0, 1e3 * s.press.travel[-1] + 0.8)
+    axes.set_xlim(0.0, 1e3 * max(t.press.travel[-1] for t in (s, before) if t is not None) + 0.8)
     axes.set_ylim(0.0, top)
     axes.set_xlabel("travel of the key front [mm]")
     axes.set_ylabel("force at the key front [N]")
-    axes.set_title(f"{name}: static touch", loc="left")
+    axes.set_title(f"{title}: static touch", loc="left")
     axes.legend(loc="upper left", frameon=False, fontsize=9)
     gram = axes.secondary_yaxis("right", functions=(_to_gram, _from_gram))
     gram.set_ylabel("gram-force")
     return figure
+
+
+def _static_curves(
+    axes: Any, s: StaticTouch, which: str, *, width: float = 1.0, alpha: float = 1.0
+) -> None:
+    """Curves of one mechanism; ``which`` is a part of their names in the legend."""
+    for path, color, lw, ls, name in (
+        (s.press, PRESS, 1.8, "-", f"press{which}"),
+        (s.release, RELEASE, 1.8, "-", f"release{which}"),
+        (s.lifted_press, LIFTED, 1.2, "--", f"damper lifted{which}"),
+        (s.lifted_release, LIFTED, 1.2, "--", "_"),
+    ):
+        axes.plot(
+            1e3 * path.travel,
+            path.force,
+            color=color,
+            lw=width * lw,
+            ls=ls,
+            alpha=alpha,
+            label=name,
+        )
+    if which == ", before" and math.isfinite(s.let_off_travel):
+        axes.plot([1e3 * s.let_off_travel], [s.let_off_force], "o", color=PRESS, ms=6, mfc="none")
 
 
 def _to_gram(force: Any) -> Any:
@@ -90,10 +117,57 @@ def _from_gram(weight: Any) -> Any:
     return weight * GRAM_FORCE
 
 
+@dataclass(frozen=True)
+class _Family:
+    """Strikes of one kind and one mechanism, with their look."""
+
+    name: str
+    strikes: Sequence[Strike]
+    fit: tuple[float, float, float] | None
+    color: str
+    marker: str
+    before: bool
+
+    @property
+    def look(self) -> dict[str, Any]:
+        """Options of a plot."""
+        if self.before:
+            return {"color": self.color, "marker": self.marker, "mfc": "none", "alpha": 0.7}
+        return {"color": self.color, "marker": self.marker}
+
+    def columns(self, x: str, y: str, factor: float = 1.0) -> tuple[list[float], list[float]]:
+        """Two values of the strikes that have both; the second with a factor."""
+        rows = [(getattr(b, x), getattr(b, y)) for b in self.strikes]
+        rows = [(p, factor * q) for p, q in rows if p is not None and q is not None]
+        return [p for p, _ in rows], [q for _, q in rows]
+
+
+def _families(
+    strikes: Sequence[Strike], fits: Mapping[str, tuple[float, float, float]], which: str
+) -> list[_Family]:
+    return [
+        _Family(
+            f"{kind}{which}",
+            [b for b in strikes if b.kind == kind and b.hammer_speed],
+            fits.get(kind),
+            color,
+            marker,
+            which == ", before",
+        )
+        for kind, color, marker in (("pressed", PRESS, "o"), ("struck", RELEASE, "s"))
+    ]
+
+
 def dynamic_figure(
-    name: str, strikes_of_all: Sequence[Strike], fits: Mapping[str, tuple[float, float, float]]
+    title: str,
+    strikes: Sequence[Strike],
+    fits: Mapping[str, tuple[float, float, float]],
+    before: tuple[Sequence[Strike], Mapping[str, tuple[float, float, float]]] | None = None,
 ) -> Any:
-    """Plot impact speed, key-bottom time and travel time of the families of strikes."""
+    """Plot impact speed, key-bottom time and travel time of the families of strikes.
+
+    ``before``: strikes and fits of another mechanism, drawn with open markers.
+    """
     import numpy as np
     from matplotlib.ticker import FuncFormatter
 
@@ -101,59 +175,60 @@ def dynamic_figure(
 
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     panels = figure.subplots(2, 2)
-    families = [
-        (kind, color, marker, [b for b in strikes_of_all if b.kind == kind and b.hammer_speed])
-        for kind, color, marker in (("pressed", PRESS, "o"), ("struck", RELEASE, "s"))
-    ]
+    families = _families(strikes, fits, "" if before is None else ", after")
+    if before is not None:
+        families = [*_families(*before, ", before"), *families]
 
-    def columns(strikes: list[Strike], x: str, y: str) -> tuple[list[float], list[float]]:
-        rows = [(getattr(b, x), getattr(b, y)) for b in strikes]
-        rows = [(p, q) for p, q in rows if p is not None and q is not None]
-        return [p for p, _ in rows], [q for _, q in rows]
-
-    kind, color, marker, strikes = families[0]
     axes = panels[0, 0]
-    axes.plot(*columns(strikes, "level", "hammer_speed"), marker=marker, color=color)
+    for f in families:
+        if f.name.startswith("pressed"):
+            line = {"lw": 0.8, "ls": "--"} if f.before else {}
+            axes.plot(*f.columns("level", "hammer_speed"), **f.look, **line, label=f.name)
     axes.set_xlabel("force level of a pressed strike [N]")
     axes = panels[0, 1]
-    for kind, color, marker, strikes in families:
-        axes.plot(*columns(strikes, "key_speed", "hammer_speed"), marker, color=color, label=kind)
+    for f in families:
+        axes.plot(*f.columns("key_speed", "hammer_speed"), ls="", **f.look, label=f.name)
     axes.set_xlabel("largest key front speed [m/s]")
     for axes in (panels[0, 0], panels[0, 1]):
         axes.set_xscale("log")
         axes.set_yscale("log")
         axes.set_ylabel("impact speed [m/s]")
-    panels[0, 1].legend(frameon=False, fontsize=9)
+        axes.legend(frameon=False, fontsize=9)
     axes = panels[1, 0]
-    for kind, color, marker, strikes in families:
-        v, y = columns(strikes, "hammer_speed", "bottom_after_string")
-        axes.plot(v, [1e3 * t for t in y], marker=marker, lw=0.8, color=color, label=kind)
+    for f in families:
+        v, y = f.columns("hammer_speed", "bottom_after_string", 1e3)
+        axes.plot(v, y, lw=0.8, ls="--" if f.before else "-", **f.look, label=f.name)
     axes.axhspan(-4.0, 35.0, color=MUTED, alpha=0.12, lw=0, label="grands, published range")
     axes.axhline(0.0, color="k", lw=0.6)
     axes.set_ylim(-8.0, 50.0)
     axes.set_xscale("log")
-    if not any(columns(f[3], "hammer_speed", "bottom_after_string")[0] for f in families):
+    if not any(f.columns("hammer_speed", "bottom_after_string")[0] for f in families):
         axes.set_xlim(*EMPTY_SPEEDS)  # no key reached its punching
     axes.set_xlabel("impact speed [m/s]")
     axes.set_ylabel("key bottom after string contact [ms]")
     axes.legend(frameon=False, fontsize=9, loc="upper right")
     axes = panels[1, 1]
     everything: list[float] = []
-    for kind, color, marker, strikes in families:
-        v, y = columns(strikes, "hammer_speed", "travel_time")
+    for f in families:
+        v, y = f.columns("hammer_speed", "travel_time", 1e3)
         everything += v
-        axes.plot(v, [1e3 * t for t in y], marker, color=color, label=kind)
-        if kind in fits and v:
-            a, b, _ = fits[kind]
+        law = f": {_law(1e3 * f.fit[0], f.fit[1])}" if f.fit is not None and v else ""
+        axes.plot(v, y, ls="", **f.look, label=f.name + law)
+        if f.fit is not None and v:
+            a, b, _ = f.fit
             x = np.geomspace(min(v), max(v), 60)
             axes.plot(
-                x, 1e3 * a * x**b, color=color, lw=0.9, label=f"{1e3 * a:.0f} ms $v^{{{b:.2f}}}$"
+                x,
+                1e3 * a * x**b,
+                color=f.color,
+                lw=0.9,
+                ls="--" if f.before else "-",
             )
     published = published_numbers()
     if everything:
         x = np.geomspace(min(everything), max(everything), 60)
         a, b = (published[f"travel_time_{k}_pressed"]["value"] for k in ("factor", "exponent"))
-        axes.plot(x, a * x**b, color=MUTED, ls="--", lw=0.9, label="grands, " + _law(a, b))
+        axes.plot(x, a * x**b, color=MUTED, ls=":", lw=1.2, label="grands, " + _law(a, b))
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("impact speed [m/s]")
@@ -166,7 +241,7 @@ def dynamic_figure(
                 axis.set_major_formatter(plain)
                 axis.set_minor_formatter(FuncFormatter(_some_minor))
         axes.grid(True, which="major", lw=0.3)
-    figure.suptitle(f"{name}: strikes", x=0.01, ha="left")
+    figure.suptitle(f"{title}: strikes", x=0.01, ha="left")
     return figure
 
 

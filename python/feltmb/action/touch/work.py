@@ -154,13 +154,28 @@ class Touch:
         }
 
     @checked
-    def plot(self, folder: str | Path, *, force: bool = False) -> list[Path]:
-        """Write ``touch_static.png`` and ``touch_dynamic.png`` to a folder."""
+    def plot(
+        self, folder: str | Path, *, before: Touch | None = None, force: bool = False
+    ) -> list[Path]:
+        """Write ``touch_static.png`` and ``touch_dynamic.png`` to a folder.
+
+        Parameters
+        ----------
+        folder
+            Folder of the pictures.
+        before
+            Touch of another mechanism, such as the one before a change; drawn in the same pictures.
+        force
+            Overwrite existing files.
+        """
         folder = make_folder(folder)
+        title = _title(self, before)
+        former = None if before is None else before.static
+        hits = None if before is None else (before.strikes, before.fits)
         written = []
         for name, figure in (
-            ("touch_static", static_figure(self.action.name, self.static, self.slow)),
-            ("touch_dynamic", dynamic_figure(self.action.name, self.strikes, self.fits)),
+            ("touch_static", static_figure(title, self.static, self.slow, former)),
+            ("touch_dynamic", dynamic_figure(title, self.strikes, self.fits, hits)),
         ):
 
             def save(path: Path, figure: Any = figure) -> None:
@@ -168,6 +183,14 @@ class Touch:
 
             written.append(write_file(folder / f"{name}.png", save, force=force))
         return written
+
+
+def _title(touch: Touch, before: Touch | None) -> str:
+    """Name of the mechanism, and of the one before if it has another name."""
+    name = touch.action.name
+    if before is None or before.action.name == name:
+        return name
+    return f"{name} (before: {before.action.name})"
 
 
 def _branches(static: StaticTouch) -> list[tuple[str, PressPath]]:
