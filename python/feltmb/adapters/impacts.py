@@ -36,7 +36,8 @@ from feltmb.fit import (
     State,
 )
 from feltmb.mechanism import Action, load_action
-from feltmb.run.simulate import ONE_STRIKE, simulate
+from feltmb.run.simulate import simulate
+from feltmb.run.strikes import ONE_STRIKE
 from feltmb.run.stroke import Stroke, load_stroke
 from feltmb.units.quantity import SI, Schema, fault_text, parse_scalar, validated
 

@@ -45,7 +45,7 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from feltmb.cli.common import load_with_settings
-    from feltmb.cli.stroke import summary_table
+    from feltmb.cli.stroke import strike_tables, summary_table
     from feltmb.files import make_folder, write_file
     from feltmb.graphics.animate import animate
     from feltmb.graphics.plot import mechanism as draw
@@ -94,7 +94,8 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
             bar.advance(task, 5)
 
     for name, run in runs.items():
-        screen.print(summary_table(run, name))
+        for table in (*strike_tables(run, name), summary_table(run, name)):
+            screen.print(table)
     screen.print(published_table(list(runs.values())))
     screen.print(
         "String forces and contact times are those of three strings; with the one string that the\n"

@@ -262,8 +262,11 @@ def command(
             "energy": run.energy,
             "stats": run.stats,
         }
+        if len(run.strike_list) > 1:
+            summaries[stems[i]]["strikes"] = run.strike_list
         if not as_json:
-            screen.print(summary_table(run, name))
+            for table in (*strike_tables(run, name), summary_table(run, name)):
+                screen.print(table)
         for warning in run.stats["warnings"]:
             complain(f"warning: {name}: {warning}")
         try:
@@ -423,8 +426,65 @@ SUMMARY_ROWS = {
 }
 
 
+#: Rows of a run with several strikes. The exact largest force is that of the run.
+STRIKE_ROWS = {
+    "sampled_string_force" if key == "max_string_force" else key: row
+    for key, row in SUMMARY_ROWS.items()
+} | {
+    "check_end_time": ("backcheck releases", "s"),
+    "key_return_time": ("key is back", "s"),
+}
+
+#: Strikes in a table, which then fits a screen of 80 characters.
+SIDE_BY_SIDE = 4
+
+
+def strike_tables(run: Run, title: str) -> list[Any]:
+    """Tables of a run with several strikes, one column for each; else none."""
+    from feltmb.run.reading import strike_words
+    from feltmb.run.results import let_off_words
+    from feltmb.units import readable_unit
+
+    strikes = run.strike_list
+    if len(strikes) < 2:
+        return []
+    words = strike_words(run)
+    words["sampled_string_force"] = f"{words['max_string_force']} (samples)"
+    tables = []
+    for first in range(0, len(strikes), SIDE_BY_SIDE):
+        part = strikes[first : first + SIDE_BY_SIDE]
+        heads = [f"{first + i + 1}" for i in range(len(part))]
+        head = f"{title}: {run.provenance['action']}: {len(strikes)} strikes"
+        table = new_table(head, "strike", *heads, "unit", right=tuple(range(1, len(part) + 1)))
+        for key, (text, unit) in STRIKE_ROWS.items():
+            values = [strike.get(key) for strike in part]
+            if key == "let_off_time":
+                # "no let-off: pushed to the string" is the cell "pushed".
+                why = [
+                    let_off_words(s).removeprefix("no let-off: ").partition(" ")[0] for s in part
+                ]
+            else:
+                why = ["" for _ in part]
+            if not any(why) and all(value is None for value in values):
+                continue
+            # One unit for a row: that of its largest value.
+            largest = max((abs(v) for v in values if v is not None), default=0.0)
+            factor, name = (1.0, unit) if key.endswith("_time") else readable_unit(largest, unit)
+            digits = ".5f" if key.endswith("_time") else ".4g"
+            cells = [
+                word or "-" if value is None else format(value * factor, digits)
+                for value, word in zip(values, why, strict=True)
+            ]
+            table.add_row(text or words[key], *cells, name)
+        tables.append(table)
+    return tables
+
+
 def summary_table(run: Run, title: str) -> Any:
-    """Table of the summary of a run, with its work counts below."""
+    """Table of the summary of a run, with its work counts below.
+
+    Numbers of single strikes are omitted if there are several; see :func:`strike_tables`.
+    """
     from feltmb.run.reading import reading_of, row_unit, strike_words
     from feltmb.run.results import let_off_words
 
@@ -432,7 +492,10 @@ def summary_table(run: Run, title: str) -> Any:
     words, strike = let_off_words(run.summary), strike_words(run)
     # Events are sorted by time; entries after an event in the list stay after it.
     groups: list[tuple[float, list[tuple[str, str, str]]]] = [(-math.inf, [])]
+    several = len(run.strike_list) > 1
     for key, (text, unit) in SUMMARY_ROWS.items():
+        if several and key != "max_string_force":
+            continue
         if key == "let_off_time" and words and "free_flight_time" not in run.summary:
             groups[-1][1].append((words, "none", ""))
         if key not in run.summary:
@@ -468,4 +531,4 @@ def summary_table(run: Run, title: str) -> Any:
     return table
 
 
-__all__ = ["SUMMARY_ROWS", "command", "summary_table"]
+__all__ = ["SUMMARY_ROWS", "command", "strike_tables", "summary_table"]

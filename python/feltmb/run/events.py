@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from feltmb.mechanism import NamedEvent
 
-__all__ = ["Change", "name_events"]
+__all__ = ["Change", "matches", "name_events", "undoes"]
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,22 @@ class Change:
     closes: bool  #: whether the contact closes, or the travel rises
 
 
-def _matches(change: Change, name: str, rule: NamedEvent) -> bool:
+def _concerns(change: Change, name: str, rule: NamedEvent) -> bool:
     if rule.point is not None:
-        return change.monitor == name and change.closes
+        return change.monitor == name
     numbers = rule.contact if isinstance(rule.contact, list) else [rule.contact]
-    return change.contact in numbers and change.closes == (rule.change == "closes")
+    return change.contact in numbers
+
+
+def matches(change: Change, name: str, rule: NamedEvent) -> bool:
+    """Whether a change is of the kind of a named event."""
+    forward = rule.point is not None or rule.change == "closes"
+    return _concerns(change, name, rule) and change.closes == forward
+
+
+def undoes(change: Change, name: str, rule: NamedEvent) -> bool:
+    """Whether a change is the reverse of a named event."""
+    return _concerns(change, name, rule) and not matches(change, name, rule)
 
 
 def name_events(changes: Sequence[Change], rules: Mapping[str, NamedEvent]) -> dict[str, int]:
@@ -65,7 +76,7 @@ def name_events(changes: Sequence[Change], rules: Mapping[str, NamedEvent]) -> d
         candidates = [
             i
             for i, change in enumerate(changes)
-            if low <= change.time <= high and _matches(change, name, rule)
+            if low <= change.time <= high and matches(change, name, rule)
         ]
         if not candidates:
             return None

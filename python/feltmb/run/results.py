@@ -116,6 +116,7 @@ class Run:
     coordinates: tuple[str, ...]
     status: str = "done"
     message: str = ""
+    strike_list: list[dict[str, float]] = field(default_factory=list)
     _index: dict[str, int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -250,6 +251,21 @@ class Run:
         if "contact" in frame:
             frame["contact"] = frame["contact"].astype("Int64")
         return frame
+
+    @cached_property
+    def strikes(self) -> pd.DataFrame:
+        """One row for each strike, in chronological order; the index is the number, from 1.
+
+        Columns: the numbers of ``summary`` that belong to a strike, SI units, and
+        ``check_end_time`` (the backcheck releases the hammer), ``key_return_time`` (the key is
+        back). NaN: it did not happen in this strike. Empty if the samples were not stored
+        (``summary_only``).
+        """
+        import pandas as pd
+
+        return pd.DataFrame(
+            self.strike_list, index=pd.RangeIndex(1, len(self.strike_list) + 1, name="strike")
+        )
 
     @checked
     def event_time(self, name: str) -> float | None:
@@ -410,6 +426,7 @@ class Run:
                 provenance.whole() if isinstance(provenance, Provenance) else provenance
             ),
             "events": json.dumps(self.event_table),
+            "strikes": json.dumps(self.strike_list),
         }
         over_time = ("time",)
         variables = [
@@ -467,6 +484,11 @@ def _run_faults(arrays: dict[str, Any], meta: dict[str, Any]) -> list[str]:
     if not _is_number(meta["stats"].get("reached")):
         faults.append("stats.reached is no number")
     faults += [f"summary.{k} is no number" for k, v in meta["summary"].items() if not _is_number(v)]
+    strikes = meta["strikes"]
+    if not isinstance(strikes, list) or not all(
+        isinstance(s, dict) and all(map(_is_number, s.values())) for s in strikes
+    ):
+        faults.append("strikes is no list of tables of numbers")
     columns = meta["events"]
     if not all(isinstance(c, list) for c in columns.values()):
         return [*faults, "a column of the events is no list"]
@@ -582,6 +604,7 @@ def load_run(path: str | Path) -> Run:
             key: _plain(json.loads(attributes[key]))
             for key in ("coordinate_names", "summary", "energy", "stats", "provenance", "events")
         }
+        meta["strikes"] = _plain(json.loads(attributes.get("strikes", "[]")))  # newer than files
         special = {n: arrays[n] for n in (*_SPECIAL, "values")}
         names = tuple(texts)
         faults = _run_faults(special, meta)
@@ -604,6 +627,7 @@ def load_run(path: str | Path) -> Run:
             coordinates=tuple(map(str, meta["coordinate_names"])),
             status=plain_text(attributes["status"]),
             message=plain_text(attributes["message"]),
+            strike_list=meta["strikes"],
         )
     except KeyError as error:
         raise DataError(f"{path}: is no complete run: {error} is missing") from None

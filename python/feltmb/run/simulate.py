@@ -17,6 +17,13 @@ from feltmb.mechanism import Action, load_action
 from feltmb.run.events import Change, name_events
 from feltmb.run.options import ALL_OPTIONS, RunOptions, check_options
 from feltmb.run.results import Provenance, Run
+from feltmb.run.strikes import (
+    CHECK_WINDOW,
+    add_check,
+    find_strikes,
+    list_strikes,
+    strike_numbers,
+)
 from feltmb.run.stroke import MOTORS, Stroke, load_stroke
 from feltmb.run.warnings import run_warnings
 from feltmb.units.quantity import parse_scalar
@@ -26,7 +33,7 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["ONE_STRIKE", "Evaluation", "evaluate", "simulate"]
+__all__ = ["Evaluation", "evaluate", "simulate"]
 
 #: Compression at the start beyond that of the rest pose, above which it is told [m].
 PRESSED = 1e-5
@@ -222,7 +229,7 @@ def prepare(
         options.lowest_points = [names.index(roles.key_point)]
     if given.summary_only and not any(row.output for row in roles.rows.values()):
         # One additional sample in case of rounding; the core rejects an invalid rate or duration.
-        early = _CHECK_WINDOW + 1.5 / options.output_rate if options.output_rate > 0.0 else 0.0
+        early = CHECK_WINDOW + 1.5 / options.output_rate if options.output_rate > 0.0 else 0.0
         options.outputs_from = max(0.0, options.duration - early)
 
     y, memory = _start_state(action, start)
@@ -454,6 +461,7 @@ def to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
         coordinates=action.coordinates,
         status=result.status,
         message=result.message,
+        strike_list=list_strikes(action, changes, result),
     )
 
 
@@ -561,20 +569,16 @@ def _summary(
     strike = roles.strike_contact
     if strike is not None:
         column = numbers.index(strike)
-        on, off = find_strike(changes, strike)
-        if on is not None:
-            out["impact_time"] = changes[on].time
-            out["impact_speed"] = float(result.event_approach[on, column])
-        if on is not None and off is not None:
-            out["rebound_speed"] = float(-result.event_approach[off, column])
-            out["string_contact_duration"] = changes[off].time - changes[on].time
+        for on, off in find_strikes(changes, strike)[:1]:
+            out |= strike_numbers(changes, on, off, result, column)
         for contact, force, time in result.peaks:
             if contact == column:
                 out["max_string_force"] = float(force)
                 out["max_string_force_time"] = float(time)
         if "let_off" in named:
             out["let_off_gap"] = float(-result.event_compression[named["let_off"], column])
-        _add_check(action, named, column, result, out)
+        if "check" in named:
+            add_check(action, column, result, out)
     _add_key(action, result, out)
     _add_rows(action, named, changes, result, out)
     return out
@@ -614,71 +618,6 @@ _TAKEN: dict[str, Callable[[npt.NDArray[np.float64]], Any]] = {
     "mean": np.mean,
     "range": np.ptp,
 }
-
-
-#: Contacts of hammer and string that follow each other within this time are one strike [s].
-ONE_STRIKE = 6e-3
-
-
-def find_strike(changes: list[Change], contact: int) -> tuple[int | None, int | None]:
-    """First closing of the strike contact, and its last opening within one strike."""
-    on = next((i for i, c in enumerate(changes) if c.contact == contact and c.closes), None)
-    if on is None:
-        return None, None
-    end = changes[on].time + ONE_STRIKE
-    offs = [
-        i
-        for i, c in enumerate(changes)
-        if c.contact == contact and not c.closes and changes[on].time < c.time <= end
-    ]
-    return on, offs[-1] if offs else None
-
-
-#: The distance in check is a mean over this time [s].
-_CHECK_WINDOW = 0.010
-
-
-def _add_check(
-    action: Action, named: Mapping[str, int], column: int, result: Any, out: dict[str, float]
-) -> None:
-    """Distance of hammer and undisplaced string in check: a mean over 10 ms.
-
-    These are the last 10 ms of the run if the hammer is in check then. If the backcheck has
-    released it, they are the ones with the smallest swing of the last check that is so long.
-    """
-    name = action.mechanism.contact_names[column]
-    columns = {n: i for i, n in enumerate(result.names)}
-    if f"{name}.compression" not in columns or "check" not in named or result.time.size < 2:
-        return
-    time = result.time
-    held = sum(
-        result.data[:, columns[f"contact{c:02d}.force"]]
-        for c in action.config.reading.check_contacts
-    )
-    gap = -result.data[:, columns[f"{name}.compression"]]
-    if "string.strike" in columns:
-        gap = gap - result.data[:, columns["string.strike"]]
-    tail = time >= time[-1] - _CHECK_WINDOW
-    if np.mean(held[tail]) <= 0.0:
-        found = _quietest(time, gap, held > 0.0)
-        if found is None:
-            return
-        tail = found
-    out["check_gap"] = float(np.mean(gap[tail]))
-    out["check_gap_swing"] = float(np.ptp(gap[tail]))
-
-
-def _quietest(time: Any, gap: Any, held: Any) -> Any:
-    """Samples of the quietest window of the last check that is as long; None: there is none."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(int)))
-    for first, end in zip(edges[-2::-2], edges[::-2], strict=True):
-        last = end - 1
-        count = int((time[last] - time[first]) / _CHECK_WINDOW)
-        if count:
-            starts = time[last] - _CHECK_WINDOW * np.arange(count, 0, -1)
-            windows = [(time >= t) & (time <= t + _CHECK_WINDOW) for t in starts]
-            return min(windows, key=lambda window: np.ptp(gap[window]))
-    return None
 
 
 def _add_key(action: Action, result: Any, out: dict[str, float]) -> None:

@@ -13,7 +13,7 @@ from blind.truth_sensors import _input
 from feltmb import load_action
 from feltmb.adapters.library import Signal, load_library
 from feltmb.adapters.signals import excite_by, observe_by
-from feltmb.cli.stroke import summary_table
+from feltmb.cli.stroke import strike_tables, summary_table
 from feltmb.data import Record
 from feltmb.data.readings import acting
 from feltmb.errors import InvalidParameter
@@ -193,11 +193,15 @@ def test_neither_where_the_jack_pushes_until_the_string():
 def test_runs_without_a_let_off_say_so(run_of, stroke, words):
     run = run_of(stroke, flexible=True)
     assert let_off_words(run.summary) == words
-    shown = _text(summary_table(run, stroke))
+    several = strike_tables(run, stroke)
+    shown = "\n".join(_text(table) for table in (*several, summary_table(run, stroke)))
     assert ("hammer - string distance at let-off" in shown) == (not words)
     if words.endswith("thrown off"):
         assert run.summary["free_flight_time"] < run.summary["jack_toe_time"]
-    if words:
+    if words and several:
+        line = next(line for line in shown.splitlines() if line.strip().startswith("let-off"))
+        assert line.split()[1] == "thrown"
+    elif words:
         assert words in shown
 
 

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb.mechanism import Action
 from feltmb.run.events import name_events
-from feltmb.run.simulate import find_strike, list_changes
+from feltmb.run.simulate import list_changes
+from feltmb.run.strikes import find_strikes
 
 if TYPE_CHECKING:
     import numpy as np
@@ -64,7 +65,7 @@ def summarize(
     strike = action.config.reading.strike_contact
     if strike is not None:
         column = numbers.index(strike)
-        on, off = find_strike(changes, strike)
+        on, off = next(iter(find_strikes(changes, strike)), (None, None))
         first = by_index.get(on) if on is not None else None
         last = by_index.get(off) if off is not None else None
         if on is not None and first is not None:
