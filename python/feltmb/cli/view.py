@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from feltmb.cli.common import POSITIVE, Quantity, force_option, say_written, tables_as_json
+from feltmb.cli.common import (
+    POSITIVE,
+    Quantity,
+    complain,
+    force_option,
+    say_written,
+    tables_as_json,
+)
 from feltmb.cli.completing import events
+from feltmb.cli.gap_reading import reading_options
+
+if TYPE_CHECKING:
+    from feltmb.data import ReadOptions
+    from feltmb.graphics.viewer import Curves
+    from feltmb.run.results import Run
 
 
 @click.command("view")
@@ -40,6 +54,7 @@ from feltmb.cli.completing import events
     "runs.",
 )
 @click.option("--at", type=Quantity("s"), help="Start the display at this time [s].")
+@reading_options
 @force_option
 @tables_as_json
 def command(
@@ -49,18 +64,28 @@ def command(
     window: tuple[float, float] | None,
     align: str | None,
     at: float | None,
+    reading: ReadOptions,
     force: bool,
 ) -> None:
     """Show saved RUNS in a browser: motion, forces, curves, string.
 
     Writes one HTML file that needs no network. Up to six runs are compared: the first one is
     filled, and the others are outlines. A run may also be a file of measured curves (CSV, text,
-    MAT) with a header such as "time [s],hammer_tip.vx [m/s]".
+    MAT) with a header such as "time [s],hammer_tip.vx [m/s]". Its TOML file and the options of
+    reading are those of `gap check`.
     """
-    from feltmb.graphics.viewer import read_curves, view
+    from feltmb.graphics.viewer import read_each_run, view
     from feltmb.run.results import load_run
 
-    loaded = [load_run(p) if p.suffix.lower() in (".nc", ".h5") else read_curves(p) for p in runs]
+    loaded: list[Run | Curves] = []
+    for path in runs:
+        if path.suffix.lower() in (".nc", ".h5"):
+            loaded.append(load_run(path))
+            continue
+        for curves in read_each_run(path, reading):
+            loaded.append(curves)
+            for note in curves.notes:
+                complain(f"{path}: {note}")
     target = out or runs[0].with_suffix(".html")
     say_written(
         view(loaded, target, slowness=slowness, window=window, align=align, at=at, force=force)

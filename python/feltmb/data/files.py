@@ -144,7 +144,10 @@ def read_sheet(path: Path) -> Sheet | None:
     beside = path.with_suffix(".toml")
     if not is_file(beside):
         return None
-    sheet = validated(Sheet, read_toml(beside), str(beside), DataError)
+    raw = read_toml(beside)
+    if "schema" in raw and "outputs" not in raw:
+        return None  # a mechanism or a stroke of the same name
+    sheet = validated(Sheet, raw, str(beside), DataError)
     if not sheet.outputs:
         raise DataError(f"{beside}: there is no table [outputs.NAME]: nothing to compare")
     return sheet

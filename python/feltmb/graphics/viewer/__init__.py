@@ -5,7 +5,7 @@
 error of a curve is 1/5000 of its range, and that of a pose is the thickness of a line.
 """
 
-from feltmb.graphics.viewer.curves import Curves, read_curves
+from feltmb.graphics.viewer.curves import Curves, read_curves, read_each_run
 from feltmb.graphics.viewer.html_page import (
     assets,
     fragment,
@@ -15,4 +15,14 @@ from feltmb.graphics.viewer.html_page import (
     view,
 )
 
-__all__ = ["Curves", "assets", "fragment", "page", "policy", "read_curves", "script_of", "view"]
+__all__ = [
+    "Curves",
+    "assets",
+    "fragment",
+    "page",
+    "policy",
+    "read_curves",
+    "read_each_run",
+    "script_of",
+    "view",
+]

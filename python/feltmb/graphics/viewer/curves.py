@@ -9,15 +9,18 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from feltmb.data import ReadOptions, Record
 from feltmb.data.columns import read_columns
+from feltmb.data.files import read_each, read_sheet
 from feltmb.data.mapping import clock_column, unit_of_column
+from feltmb.data.readings import true_input
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.units import to_si
 from feltmb.units.quantity import fault_text
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["Curves", "read_curves"]
+__all__ = ["Curves", "read_curves", "read_each_run"]
 
 MOST_COLUMNS = 1000
 LONGEST = 1e9  # s
@@ -38,6 +41,8 @@ class Curves:
         run that has the same name.
     units : dict
         Output -> SI unit; an output without one has the unit 1.
+    notes : tuple of str
+        Assumptions of the reader.
 
     Raises
     ------
@@ -49,6 +54,7 @@ class Curves:
     time: Array
     values: Mapping[str, Array]
     units: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         time = np.asarray(self.time, dtype=float).ravel()
@@ -77,23 +83,66 @@ def _si_unit(unit: str) -> tuple[float, str]:
         return 1.0, unit
 
 
-def read_curves(path: str | Path) -> Curves:
+def read_curves(path: str | Path, options: ReadOptions | None = None) -> Curves:
     """Read a file with the columns ``time [ms]`` and, for example, ``hammer_tip.vx [m/s]``.
 
-    Formats are those of measured records (:func:`feltmb.data.read_record`). Units are converted to
-    SI. An empty cell is missing.
+    With a TOML file of the same name, or with options, the file is read as a measured record
+    (:func:`feltmb.data.read_record`): names, columns, units, scales and origins. Gain, offset and
+    delay of a sensor that the TOML file states are removed, so that the curve is that of the
+    machine. Otherwise every column is a curve. Units are converted to SI. An empty cell is missing.
+
+    Parameters
+    ----------
+    path
+        File, in the formats of measured records.
+    options
+        Options of reading, which replace the TOML file or the header.
 
     Raises
     ------
     DataError
         The file has faults; all of them are in the message, with line numbers.
     """
-    path = Path(path)
+    found = read_each_run(Path(path), options)
+    if len(found) > 1:
+        raise DataError(f"{path}: holds {len(found)} runs, expected one; feltmb view shows all")
+    return found[0]
+
+
+def read_each_run(path: Path, options: ReadOptions | None = None) -> tuple[Curves, ...]:
+    """Curves of each run of a file; see :func:`read_curves`."""
+    options = options or ReadOptions()
+    if read_sheet(path) is None and options == ReadOptions():
+        return (_plain_curves(path),)
+    (records,) = read_each([path], options=options)
+    return tuple(_of_record(record) for record in records)
+
+
+def _of_record(record: Record) -> Curves:
+    """Curves of a record, without the errors of the sensors that are known."""
+    values, units = dict(record.inputs), dict(record.input_units)
+    for name, reading in record.outputs.items():
+        sensor = record.sensors[name]
+        truth = true_input(
+            record.time, reading, delay=sensor.delay, gain=sensor.gain, offset=sensor.offset
+        )
+        moments = record.time + sensor.delay
+        within = (moments >= record.time[0]) & (moments <= record.time[-1])
+        values[name] = np.where(within, truth, np.nan)
+        units[name] = sensor.unit
+    return Curves(record.name, record.time, values, units, tuple(record.notes))
+
+
+def _plain_curves(path: Path) -> Curves:
+    """Every column of a file as a curve."""
     columns = read_columns(path, strict=False)
     faults = columns.faults()
     clock = clock_column(columns, guess=False)
     if not clock:
-        faults.append(f"expected a column time [s]; there are {columns}")
+        faults.append(
+            f"expected a column time [s]; there are {columns} (--column time=COLUMN or "
+            "--frame-rate, in Python ReadOptions)"
+        )
     if len(columns.values) > MOST_COLUMNS:
         faults.append(f"{len(columns.values)} columns; the limit is {MOST_COLUMNS}")
     values, units = {}, {}
