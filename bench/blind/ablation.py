@@ -44,14 +44,12 @@ __all__ = ["NEUTRAL", "at_value", "command"]
 NEUTRAL: dict[str, tuple[float, ...]] = {
     "ALLOWED_REST": (0.0,),
     "CLOSES_ALL": (2.0,),
-    "CLOSE_ALARM": (0.0,),
     "COLOR_GAIN": (math.inf,),
     "DEEP_GAP": (0.0,),
     "EXPLAINS_MOST": (0.0,),
     "LEAST_CLOSED": (0.0, 2.0),
     "NEAR_SHAPE": (0.0, 1.0),
     "NO_GAP_RATIO": (1.0,),
-    "PAIRED_P_INFLATED": (1.0,),
     "SLOW_COLOR": (math.inf,),
     "SMALL_SHARE": (0.0,),
     "STILL_SHRINKS": (math.inf,),
@@ -63,7 +61,7 @@ AS_IT_IS = "as it is"
 
 
 @contextmanager
-def at_value(name: str, value: float) -> Iterator[None]:
+def at_value(name: str, value: float | tuple[float, ...]) -> Iterator[None]:
     """Give a threshold another value in every module that uses it."""
     old = getattr(criteria, name)
     for found in pkgutil.iter_modules(feltmb.gap.__path__, "feltmb.gap."):

@@ -16,12 +16,10 @@ from feltmb.gap.criteria import (
     CLOSES_ALL,
     DEEP_GAP,
     EXPLAINS_MOST,
-    INFLATED,
     LEAST_CLOSED,
     NO_EFFECT,
     NOISE_ERROR,
     NOT_LISTED,
-    PAIRED_P_INFLATED,
     RIVAL,
     SMALL_SHARE,
     WALD,
@@ -35,11 +33,10 @@ from feltmb.gap.proof import (
     HELD_OUT_LEVEL,
     HeldOut,
     Outcome,
-    Paired,
-    compare,
     evaluate,
     expected_gain,
     explained_share,
+    held_out_gain,
     second_start,
 )
 from feltmb.gap.refine import CandidateSet, full_evidence, refit, tighten
@@ -133,7 +130,7 @@ class Accepted:
     """The accepted set of effects; None: no effect is accepted."""
     before: Outcome
     after: Outcome
-    proof: dict[str, Paired]
+    proof: dict[str, float]
     """Held-out gain of each effect: the accepted set compared with the same set without the
     effect."""
     rivals: tuple[CandidateSet, ...]
@@ -271,27 +268,25 @@ class _Attempt:
 
     def _gain(self, c: CandidateSet) -> float:
         """Held-out gain of a whole set over the model [units of log evidence]."""
-        return self._compared(self.before, self.outcome(c.fit)).gain
+        return self._compared(self.before, self.outcome(c.fit))
 
-    def faults(self, c: CandidateSet) -> tuple[dict[str, Paired], dict[str, str]]:
+    def faults(self, c: CandidateSet) -> tuple[dict[str, float], dict[str, str]]:
         """Held-out gain of each effect over the set without it; reasons against effects."""
         after = self.outcome(c.fit)
         trials = {name: self._compared(self._outcome_without(c, name), after) for name in c.names}
-        most = max(t.gain for t in trials.values())
+        most = max(trials.values())
         certain = _certainty(c.fit)
         bad = {}
-        for name, paired in trials.items():
-            why = self._fault(c, name, paired, most, certain[name])
+        for name, gain in trials.items():
+            why = self._fault(c, name, gain, most, certain[name])
             if why:
                 bad[name] = why
         return trials, bad
 
-    def _fault(
-        self, c: CandidateSet, name: str, paired: Paired, most: float, certain: float
-    ) -> str:
+    def _fault(self, c: CandidateSet, name: str, gain: float, most: float, certain: float) -> str:
         """Reason to reject an effect of a set; empty: the effect is confirmed."""
         alone = self.alone.get(name, 0.0)
-        gain = f"held-out gain {_shown(paired.gain)} units of log evidence"
+        told = f"held-out gain {_shown(gain)} units of log evidence"
         if certain < WALD and alone < WALD**2:
             # Such an effect only helped the fit of the other parameters out of a local minimum. An
             # effect whose law bends sharply can have a large standard deviation; the score of the
@@ -301,33 +296,32 @@ class _Attempt:
                 f"{alone:.1f}"
             )
         unknown = self.unexplained(c) / self.inflation
-        if 0.0 < unknown > paired.gain and not self._carries(c, name, paired):
-            return f"{gain}, less than the {_shown(unknown)} that an unknown force would explain"
-        small = most > self.odds and paired.gain < SMALL_SHARE * most
+        if 0.0 < unknown > gain and not self._carries(c, name, gain):
+            return f"{told}, less than the {_shown(unknown)} that an unknown force would explain"
+        small = most > self.odds and gain < SMALL_SHARE * most
         if small and not self._completes(c, name):
-            if paired.gain <= 0.0:
-                return f"{gain}: the held-out records are not predicted better with it"
+            if gain <= 0.0:
+                return f"{told}: the held-out records are not predicted better with it"
             return (
-                f"{gain}, but that of the largest effect is {_shown(most)}: a small error in the "
+                f"{told}, but that of the largest effect is {_shown(most)}: a small error in the "
                 "law of that effect could explain as much"
             )
         without, after = self._outcome_without(c, name), self.outcome(c.fit)
         # The parameter that such an effect increases explains the records as well: only held-out
         # records can show that it is more than this parameter.
-        another = any(
-            t.name == name and t.effect.tolerance_parameter for t in c.fit.included
-        ) and not self._improves(paired)
-        if another or self._refused(paired, without, after):
-            if paired.gain > self.odds:
-                return f"{gain}, p = {paired.p:.2g}"
+        another = (
+            any(t.name == name and t.effect.tolerance_parameter for t in c.fit.included)
+            and gain <= self.odds
+        )
+        if another or self._refused(gain, without, after):
             if _follows(after):
-                return f"{gain}; it follows these records only with larger continuity defects"
-            return f"{gain}, {self.expected(without, after)[0]:.1f} would be expected of it"
+                return f"{told}; it follows these records only with larger continuity defects"
+            return f"{told}, {self.expected(without, after)[0]:.1f} would be expected of it"
         return ""
 
-    def _refused(self, paired: Paired, before: Outcome, after: Outcome) -> bool:
+    def _refused(self, gain: float, before: Outcome, after: Outcome) -> bool:
         """Whether the held-out records contradict ``after``, or do not show what they must show."""
-        if self._improves(paired):
+        if gain > self.odds:
             return False
         if _follows(after):
             return True
@@ -335,7 +329,7 @@ class _Attempt:
         least = least_gain(*self.expected(before, after), alpha=alpha, odds=odds)
         # A true effect that surely shows must improve the prediction. The expected gain of another
         # one omits the difference of S, which is small (two fits differ by SAME without a reason).
-        return least >= odds or paired.gain < least - contradicted(alpha) * SAME
+        return least >= odds or gain < least - contradicted(alpha) * SAME
 
     def expected(self, before: Outcome, after: Outcome) -> tuple[float, float]:
         """Held-out gain that a set would have if it were true, and its standard deviation."""
@@ -354,7 +348,7 @@ class _Attempt:
         gaps = self._gaps(self._outcome_without(c, name))
         return share >= CLOSES_ALL and any(DEEP_GAP < g < np.inf for g in gaps)
 
-    def _carries(self, c: CandidateSet, name: str, paired: Paired) -> bool:
+    def _carries(self, c: CandidateSet, name: str, gain: float) -> bool:
         """Whether an effect significantly explains most of a held-out gap above noise."""
         before = self._gaps(self._outcome_without(c, name))
         after = self._gaps(self.outcome(c.fit))
@@ -363,11 +357,11 @@ class _Attempt:
             for old, new in zip(before, after, strict=True)
             if NOISE_ERROR < old < np.inf and np.isfinite(new)
         ]
-        return self._improves(paired) and max(shares, default=0.0) >= EXPLAINS_MOST
+        return gain > self.odds and max(shares, default=0.0) >= EXPLAINS_MOST
 
     def standing(
-        self, first: CandidateSet, proof: dict[str, Paired], bad: dict[str, str]
-    ) -> tuple[CandidateSet | None, dict[str, Paired]]:
+        self, first: CandidateSet, proof: dict[str, float], bad: dict[str, str]
+    ) -> tuple[CandidateSet | None, dict[str, float]]:
         """Find the largest part of a set in which every effect is confirmed, and its proof.
 
         The reasons against effects in these parts are added to ``bad``.
@@ -375,7 +369,7 @@ class _Attempt:
         Effects of a set can replace each other. One rejected effect therefore does not decide: of
         the largest confirmed parts, the one with the largest evidence is returned.
         """
-        strongest = max(first.names, key=lambda n: proof[n].gain)
+        strongest = max(first.names, key=lambda n: proof[n])
         needed = set() if strongest in bad else {strongest}
         # A smaller set leaves more to unknown forces. If unknown forces are better than the whole
         # set, no part can be confirmed. (The exception: effects that can replace each other gain
@@ -402,7 +396,7 @@ class _Attempt:
                 return max(standing, key=lambda s: (s[0].evidence, s[0].key))
         return None, proof
 
-    def another(self, first: CandidateSet) -> tuple[CandidateSet | None, dict[str, Paired]]:
+    def another(self, first: CandidateSet) -> tuple[CandidateSet | None, dict[str, float]]:
         """Find another set that held-out records confirm, if they refuse the best one.
 
         An effect that resembles the cause may explain the fitted records best, and others not at
@@ -465,20 +459,12 @@ class _Attempt:
         sets = [0.0 if o is None else min(0.0, o.total - own) for o in known]
         return before.updated(-none, [value - none for value in sets])
 
-    def _compared(self, old: Outcome, new: Outcome) -> Paired:
-        return compare(
-            old, new, self.held.segmented_records, self.inflation, seed=self.options.seed
-        )
-
-    def _improves(self, paired: Paired) -> bool:
-        """Whether a gain is significant; if the noise model is doubtful, in many segments."""
-        valid = self.inflation < INFLATED
-        return paired.gain > self.odds and (valid or paired.p < PAIRED_P_INFLATED)
+    def _compared(self, old: Outcome, new: Outcome) -> float:
+        return held_out_gain(old, new) / self.inflation
 
     def _contradicted(self, own: Outcome) -> bool:
         """Whether held-out records show less gain over the model than a true set would."""
-        paired = self._compared(self.before, own)
-        return self._refused(paired, self.before, own)
+        return self._refused(self._compared(self.before, own), self.before, own)
 
 
 def sure_part(
@@ -560,7 +546,7 @@ def accept(
 def _compared(search: Search, attempt: _Attempt, belief: Posterior, options: Options) -> Accepted:
     """The effects of the best set that held-out records confirm, and its rivals."""
     attempt.outcome(search.bare)  # the first start of all others
-    proof: dict[str, Paired] = {}
+    proof: dict[str, float] = {}
     rejected: list[tuple[str, str]] = []
     all_records = False  # whether ``belief`` contains the held-out records
     best = first = search.best
@@ -657,9 +643,9 @@ def least_gain(expected: float, sd: float, *, alpha: float, odds: float) -> floa
     return min(odds, value)
 
 
-def refutes(old: Accepted, new: Accepted, held: HeldOut, credibility: float) -> bool:
+def refutes(old: Accepted, new: Accepted, credibility: float) -> bool:
     """Whether held-out records favor the earlier search, by the odds of the credibility."""
-    gain = compare(old.after, new.before, held.segmented_records, 1.0).gain
+    gain = held_out_gain(old.after, new.before)
     return gain < -least_odds(credibility)
 
 

@@ -185,20 +185,13 @@ FORM_LEFT = _number(
     "FORM_LEFT", 0.1, "share of the error of form",
     "amplitude of the residual that an error of form leaves, because magnitudes and parameters "
     "compensate the rest",
-    _JUDGED, "gap/test_smooth.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 NO_GAP_RATIO = _number(
     "NO_GAP_RATIO", 1.1, "noise",
     "gap below which the closed share is meaningless, and factor by which a gap must grow to "
     "count as larger",
     _JUDGED, "gap/test_rules.py",
-)  # fmt: skip
-
-CLOSE_ALARM = _number(
-    "CLOSE_ALARM", 6.0, "threshold",
-    "largest score, in multiples of the false-alarm threshold, up to which simulated records "
-    "calibrate the threshold",
-    _JUDGED, "gap/test_diagnose.py",
 )  # fmt: skip
 
 # ---------------------------------------------------------------- noise and unexplained residual
@@ -212,13 +205,13 @@ GIVEN_SIGMA = _number(
 COLORED = _number(
     "COLORED", 0.2, "correlation",
     "correlation of neighboring samples above which the correlation time of the residual is "
-    "estimated", _JUDGED, "gap/test_smooth.py",
+    "estimated", _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 STILL_SHRINKS = _number(
     "STILL_SHRINKS", 0.85, "1",
     "ratio of the residual to that of the round before, above which the residual no longer "
     "decreases",
-    _JUDGED, "gap/test_diagnose.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 SLOW_COLOR = _number(
     "SLOW_COLOR", 0.3, "1",
@@ -259,7 +252,7 @@ COARSE = _number(
     "COARSE", 0.2, "share of the variance",
     "largest share of the variance that the digitizer may cause if the correlation of the "
     "noise is estimated; the rounding error of a slow motion is a sawtooth",
-    _JUDGED, "gap/test_data.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 CLOCK_JUMP = _number(
     "CLOCK_JUMP", 20.0, "median step",
@@ -293,12 +286,12 @@ WHOLE_STEPS = _pair(
     "WHOLE_STEPS", (0.02, 0.95), "step, share",
     "distance from a multiple of the smallest step between different values, and share of the "
     "steps within this distance, that identify a digitizer",
-    _JUDGED, "gap/test_data.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 FINE_DIGITS = _number(
     "FINE_DIGITS", 0.01, "spread",
     "step of a digitizer below which equal extremes are the end of the range",
-    _JUDGED, "gap/test_data.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 AWAY_FROM_REST = _number(
     "AWAY_FROM_REST", 0.5, "spread",
@@ -309,7 +302,7 @@ QUIET_BLOCKS = _number(
     "QUIET_BLOCKS", 0.5, "1",
     "ratio between the noise of the quietest tenth and the median noise below which the rest "
     "of the record is motion",
-    _JUDGED, "gap/test_data.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 MOST_MISSING = _number(
     "MOST_MISSING", 0.5, "share of the values",
@@ -341,20 +334,11 @@ NEAR_BEST = _number(
 FITTED_SHAPE = _number(
     "FITTED_SHAPE", 3.0, "log evidence",
     "cost of a fitted shape parameter, which is known to a twentieth of its range",
-    _STATISTICS, "gap/test_shape.py",
+    _STATISTICS, "gap/test_thresholds.py",
 )  # fmt: skip
 
 # ---------------------------------------------------------------- which effects are accepted
 
-PAIRED_P_INFLATED = _number(
-    "PAIRED_P_INFLATED", 0.05, "1",
-    "largest p of the gain over held-out segments if the noise model is doubtful",
-    _STATISTICS, "gap/test_proof.py",
-)  # fmt: skip
-INFLATED = _number(
-    "INFLATED", 1.3, "noise", "inflation of the noise above which the noise model is doubtful",
-    _JUDGED, "gap/test_proof.py",
-)  # fmt: skip
 WALD = _number(
     "WALD", 3.0, "sd",
     "smallest distance of a magnitude from zero, or root of the score of the effect alone",
@@ -364,10 +348,10 @@ CLOSES_ALL = _number(
     "CLOSES_ALL", 0.99, "share of the remaining held-out gap",
     "share above which an effect is always significant: an effect that does not exist cannot "
     "compensate the error of form of another effect to 1 %",
-    _JUDGED, "gap/test_rules.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 DEEP_GAP = _number(
-    "DEEP_GAP", 10.0, "noise", "gap that such an effect must close", _JUDGED, "gap/test_rules.py",
+    "DEEP_GAP", 10.0, "noise", "gap that such an effect must close", _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 EXPLAINS_MOST = _number(
     "EXPLAINS_MOST", 0.5, "share of the squared held-out gap",
@@ -406,7 +390,7 @@ SMALL_SHARE = _number(
     "gain of an effect, relative to that of the largest one, below which it cannot be "
     "distinguished from an error of form of the larger one: an error of a sixth in the force "
     "leaves a thirtieth of its gain",
-    _JUDGED, "gap/test_rules.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 SURE = _number(
     "SURE", 0.9, "probability",
@@ -417,7 +401,7 @@ LEAST_CLOSED = _number(
     "LEAST_CLOSED", 0.2, "share of the held-out gap",
     "share that an effect that is small beside another must close of the gap without it if an "
     "unexplained residual was accepted",
-    _JUDGED, "gap/test_rules.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 
 # ---------------------------------------------------------------- other reported results

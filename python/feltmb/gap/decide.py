@@ -168,10 +168,10 @@ def _in_fitted_records_only(facts: Facts) -> bool:
     A small error of the start or of a sensor in the fitted records has a large score, too.
     Parameters outside their priors are evidence of their own.
     """
-    gains = [paired.gain for paired in facts.accepted.proof.values()]
     within = not facts.misfit.left and facts.search.model_fit.within_priors
     small = within and facts.how_far.before < NO_GAP_RATIO
-    return small and max(gains, default=0.0) < least_odds(facts.options.credibility)
+    most = max(facts.accepted.proof.values(), default=0.0)
+    return small and most < least_odds(facts.options.credibility)
 
 
 def _only_noise(facts: Facts) -> bool:
@@ -491,7 +491,7 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
     gap = far.before
     if not math.isfinite(gap):
         return "The model cannot simulate the held-out records to their end."
-    gains = {n: p.gain for n, p in facts.accepted.proof.items() if n in names}
+    gains = {n: g for n, g in facts.accepted.proof.items() if n in names}
     odds = least_odds(facts.options.credibility)
     weak = [n for n in names if n in gains and gains[n] < odds]
     doubt = ""

@@ -25,7 +25,7 @@ from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import Null, calibrate, largest_statistic
 from feltmb.gap.checks import DataChecks
 from feltmb.gap.components import component_table
-from feltmb.gap.criteria import CLOSE_ALARM, NOISE_ERROR, refuted, unknown_gain
+from feltmb.gap.criteria import NOISE_ERROR, refuted, unknown_gain
 from feltmb.gap.decide import Decision, Facts, decide
 from feltmb.gap.discrepancy import larger_than_noise, only_white
 from feltmb.gap.findings import (
@@ -313,7 +313,7 @@ class _Diagnosis:
             free is None
             or again is None
             or self.watch.proof_over()  # the other proof may be incomplete
-            or refutes(accepted, again, held, self.options.credibility)
+            or refutes(accepted, again, self.options.credibility)
         ):
             return done, _Proof(accepted, held)
         return replace(done, first=free, found=free), _Proof(again, held)
@@ -380,7 +380,7 @@ class _Diagnosis:
         judged = besides_tolerances(found.model_fit, self.task.effects)
         reference = found.scores.among(judged)
         bar, maxima = family_threshold(reference, options.alpha, seed=options.seed)
-        # A correction can only raise the threshold. It matters only for a score slightly above the
+        # A correction can only raise the threshold. It matters only for a score above the
         # threshold, and only if there is no other evidence against the model.
         bare = misfit(
             first.bare,
@@ -396,13 +396,13 @@ class _Diagnosis:
             confirm=accepted.best is None and not bare.left,
             progress=self.task.progress,
         )
-        close = bar < largest < CLOSE_ALARM * bar and not bare.left
+        doubtful = bar < largest and not bare.left
         null = calibrate(
             found.model_fit,
             reference,
             judged,
             options.alpha,
-            options.bootstrap if close and not self.watch.over() else 0,
+            options.bootstrap if doubtful and not self.watch.over() else 0,
             seed=options.seed,
             progress=self.task.progress,
         )

@@ -9,7 +9,6 @@ model is not refuted because a held-out record determines its parameters better 
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -39,12 +38,11 @@ __all__ = [
     "SEGMENTED_LEVEL",
     "HeldOut",
     "Outcome",
-    "Paired",
     "Predicted",
-    "compare",
     "evaluate",
     "expected_gain",
     "explained_share",
+    "held_out_gain",
     "metric_of",
     "one_run",
     "outputs_by_segment",
@@ -162,16 +160,6 @@ class HeldOut:
     state_scale: Array
     sensed: tuple[SegmentedRecord, ...]
     """The records with the noise of the sensors only: the unit and noise floor of gaps."""
-
-
-@dataclass(frozen=True)
-class Paired:
-    """Held-out comparison of two models."""
-
-    gain: float
-    """Gain of the sum of log predictive densities, divided by the inflation."""
-    p: float
-    """One-sided p of the hypothesis of no gain, by block bootstrap over segments."""
 
 
 def evaluate(
@@ -514,26 +502,10 @@ def one_run(fit: Fit) -> list[Array]:
     return [(s.measured - outputs)[0] for s, (outputs, _, _) in zip(whole, seen, strict=True)]
 
 
-def compare(
-    before: Outcome,
-    after: Outcome,
-    segmented_records: Sequence[SegmentedRecord],
-    inflation: float,
-    *,
-    seed: int = 0,
-) -> Paired:
-    """Test whether ``after`` predicts held-out segments better than ``before``."""
+def held_out_gain(before: Outcome, after: Outcome) -> float:
+    """Gain of the sum of log predictive densities of held-out records.
+
+    Segments that one of the models cannot simulate do not count.
+    """
     gain = after.density - before.density
-    gain = np.where(np.isfinite(gain), gain, 0.0) / inflation
-    edges = np.cumsum([0, *(s.count for s in segmented_records)])
-    generator = np.random.default_rng(seed)
-    draws = 2000
-    sums = np.zeros(draws)
-    for a, b in itertools.pairwise(edges):
-        n = int(b - a)
-        block = 2 if n >= 10 else 1  # neighboring segments are not quite independent
-        starts = generator.integers(0, n, size=(draws, -(-n // block)))
-        index = (starts[..., None] + np.arange(block)) % n
-        sums += np.sum(gain[a:b][index.reshape(draws, -1)[:, :n]], axis=1)
-    p = float((1 + np.sum(sums <= 0.0)) / (draws + 1))
-    return Paired(gain=float(np.sum(gain)), p=p)
+    return float(np.sum(gain[np.isfinite(gain)]))

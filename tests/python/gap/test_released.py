@@ -329,14 +329,13 @@ def test_held_out_records_refute_at_ten_to_one():
         record = measured([mean], rest, name="held")
         segmented = segment_record(fit.problem.model, record, {"y": Noise(SIGMA)}, None)
         held = HeldOut((segmented,), np.zeros(0), (segmented,))
-        return held, evaluate(held, fit, SETTINGS)
+        return evaluate(held, fit, SETTINGS)
 
     def refuted(mean):
-        held, old = outcome(tied, mean)
-        _, new = outcome(free, mean)
+        old, new = outcome(tied, mean), outcome(free, mean)
         found = float(np.sum(new.density - old.density))
         assert found == pytest.approx(gain(mean), rel=1e-6, abs=1e-6)
-        return refutes(SimpleNamespace(after=old), SimpleNamespace(before=new), held, SURE)
+        return refutes(SimpleNamespace(after=old), SimpleNamespace(before=new), SURE)
 
     from scipy.optimize import brentq
 

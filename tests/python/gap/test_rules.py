@@ -23,7 +23,6 @@ from feltmb.gap.acceptance import Posterior, _Attempt, _certainty, sure_part
 from feltmb.gap.decide import _probable, decide
 from feltmb.gap.digits import digits
 from feltmb.gap.investigate import Task, _explained
-from feltmb.gap.proof import Paired
 from feltmb.gap.refine import refit
 from feltmb.gap.report import write_report
 from feltmb.gap.search import search
@@ -81,7 +80,7 @@ def test_the_statement_tells_what_held_out_records_say(decided):
     assert f"closes {report.how_far.closed:.0%} of the held-out gap" in report.statement
     far = facts.how_far
     within = replace(far, before=0.98, closed=0.0, low=0.0)
-    gain = f"{facts.accepted.proof['power 3'].gain:.2g}"
+    gain = f"{facts.accepted.proof['power 3']:.2g}"
     said = decide(replace(facts, how_far=within))
     assert said.named == ("power 3",)
     assert f"hardly above their noise, gain {gain} units of log evidence by it" in said.statement
@@ -445,7 +444,7 @@ def test_two_effects_that_held_out_records_do_not_excite_are_both_named(decided)
     told = decide(within)
     assert (told.verdict, told.named) == (Verdict.TOO_WEAK, ())
     assert "no record has more than noise without them" in told.statement
-    one = {**proof, "power 2": replace(proof["power 2"], gain=5.0)}
+    one = {**proof, "power 2": 5.0}
     confirmed = replace(within, accepted=replace(facts.accepted, proof=one))
     assert decide(confirmed).verdict is Verdict.NAMED
     # Nothing was refitted before the time was over: the first score is told.
@@ -459,7 +458,7 @@ def test_two_effects_that_held_out_records_do_not_excite_are_both_named(decided)
     assert "None of them was refitted. By its score, the first candidate is power" in (
         decide(early).statement
     )
-    proof = {**proof, "power 2": replace(proof["power 2"], gain=50.0)}
+    proof = {**proof, "power 2": 50.0}
     shown = replace(facts, accepted=replace(facts.accepted, proof=proof))
     told = decide(shown).statement
     assert "gain 50 units of log evidence by power 2. Held-out records hardly show power 3" in told
@@ -483,34 +482,32 @@ def test_two_effects_that_held_out_records_do_not_excite_are_both_named(decided)
 
 
 @pytest.mark.parametrize(
-    ("gain", "p", "expected", "level", "refused"),
+    ("gain", "expected", "level", "refused"),
     [
-        (5.0, 0.01, 50.0, 0.01, False),
-        (5.0, 0.5, 50.0, 0.01, False),  # the gain decides, in however many segments
-        (-0.7, 0.9, 0.0, 0.01, False),  # a record at rest: two fits differ by chance
-        (-3.0, 0.9, 0.0, 0.01, True),
-        (1.9, 0.2, 0.0, 0.1, True),  # its states follow records that it does not explain
-        (5.0, 0.01, 0.0, 0.1, False),
-        (0.0, 1.0, 0.0, np.inf, True),  # it cannot be simulated
+        (5.0, 50.0, 0.01, False),
+        (-0.7, 0.0, 0.01, False),  # a record at rest: two fits differ by chance
+        (-3.0, 0.0, 0.01, True),
+        (1.9, 0.0, 0.1, True),  # its states follow records that it does not explain
+        (5.0, 0.0, 0.1, False),
+        (0.0, 0.0, np.inf, True),  # it cannot be simulated
     ],
 )
-def test_what_held_out_records_refuse(gain, p, expected, level, refused):
+def test_what_held_out_records_refuse(gain, expected, level, refused):
     cost = 1.0 if np.isfinite(level) else np.inf
     own = SimpleNamespace(level=level, cost=cost, defect_sd=np.ones(2))
     after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
     attempt = object.__new__(_Attempt)
     attempt.inflation, attempt.options = 1.0, Options()
     attempt.expected = lambda old, new: (expected, float(np.sqrt(2.0 * expected)))
-    paired = Paired(gain=gain, p=p)
-    assert attempt._refused(paired, None, after) is refused
+    assert attempt._refused(gain, None, after) is refused
 
 
-def _fault_of(monkeypatch, paired, *, expected, level=0.01, parameter="", inflation=1.0):
+def _fault_of(monkeypatch, gain, *, expected, level=0.01, parameter=""):
     """Reason against the only effect of a set, whose held-out gain is given."""
     own = SimpleNamespace(level=level, cost=1.0, defect_sd=np.ones(2))
     after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
     attempt = object.__new__(_Attempt)
-    attempt.alone, attempt.inflation, attempt.options = {"a": 99.0}, inflation, Options()
+    attempt.alone, attempt.inflation, attempt.options = {"a": 99.0}, 1.0, Options()
     for name, value in {
         "unexplained": lambda c: 0.0,
         "_outcome_without": lambda c, name: None,
@@ -520,21 +517,18 @@ def _fault_of(monkeypatch, paired, *, expected, level=0.01, parameter="", inflat
         monkeypatch.setattr(attempt, name, value, raising=False)
     effect = SimpleNamespace(tolerance_parameter=parameter)
     one = SimpleNamespace(fit=SimpleNamespace(included=[SimpleNamespace(name="a", effect=effect)]))
-    return attempt._fault(one, "a", paired, paired.gain, 9.0)
+    return attempt._fault(one, "a", gain, gain, 9.0)
 
 
 @pytest.mark.parametrize(
-    ("gain", "level", "inflation", "told"),
+    ("gain", "level", "told"),
     [
-        (1.9, 0.1, 1.0, "only with larger continuity defects"),
-        (5.0, 0.1, 2.0, "p = 0.5"),  # a doubtful noise model
-        (-9.0, 0.01, 1.0, "40.0 would be expected of it"),
+        (1.9, 0.1, "only with larger continuity defects"),
+        (-9.0, 0.01, "40.0 would be expected of it"),
     ],
 )
-def test_the_reason_of_a_refusal(monkeypatch, gain, level, inflation, told):
-    paired = Paired(gain=gain, p=0.5)
-    given = {"expected": (40.0, 9.0), "level": level, "inflation": inflation}
-    why = _fault_of(monkeypatch, paired, **given)
+def test_the_reason_of_a_refusal(monkeypatch, gain, level, told):
+    why = _fault_of(monkeypatch, gain, expected=(40.0, 9.0), level=level)
     assert why.startswith(f"held-out gain {gain:.1f} units of log evidence")
     assert told in why
 
@@ -542,8 +536,7 @@ def test_the_reason_of_a_refusal(monkeypatch, gain, level, inflation, told):
 @pytest.mark.parametrize(("parameter", "refused"), [("", False), ("friction", True)])
 def test_an_effect_that_increases_a_tolerance_must_be_confirmed(monkeypatch, parameter, refused):
     """A gain of 0.5 where 0.6 is expected: the records can neither confirm nor contradict it."""
-    paired = Paired(gain=0.5, p=0.2)
-    why = _fault_of(monkeypatch, paired, expected=(0.6, 1.2), parameter=parameter)
+    why = _fault_of(monkeypatch, 0.5, expected=(0.6, 1.2), parameter=parameter)
     assert bool(why) is refused
 
 

@@ -1,0 +1,132 @@
+"""Rules decide differently on the two sides of their thresholds."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from feltmb.data import Record, Sensor
+from feltmb.fit import Candidate, Effect
+from feltmb.gap.acceptance import _Attempt
+from feltmb.gap.checks import _estimate, _fine, _grid, check_records
+from feltmb.gap.discrepancy import Discrepancy, _memory, converged
+from feltmb.gap.misfit import form_of
+from feltmb.gap.options import Options
+from feltmb.gap.score import prior_of
+
+
+def small_beside_large(monkeypatch, *, gain, share, gap, unexplained):
+    """Reason against an effect beside one that gains 1000 units."""
+    own = SimpleNamespace(level=0.01, cost=1.0, defect_sd=np.ones(2))
+    after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
+    attempt = object.__new__(_Attempt)
+    attempt.alone, attempt.inflation, attempt.options = {"small": 99.0}, 1.0, Options()
+    attempt.discrepancy = {"q": None} if unexplained else None
+    for name, value in {
+        "unexplained": lambda c: 0.0,
+        "_outcome_without": lambda c, name: None,
+        "outcome": lambda fit: after,
+        "closes": lambda c, name: share,
+        "_gaps": lambda outcome: [gap],
+    }.items():
+        monkeypatch.setattr(attempt, name, value, raising=False)
+    effect = SimpleNamespace(tolerance_parameter="")
+    included = [SimpleNamespace(name=n, effect=effect) for n in ("large", "small")]
+    both = SimpleNamespace(fit=SimpleNamespace(included=included))
+    return attempt._fault(both, "small", gain, 1000.0, 9.0)
+
+
+@pytest.mark.parametrize(
+    ("gain", "share", "gap", "unexplained", "refused"),
+    [
+        (25.0, 0.5, 50.0, False, True),  # an error of a sixth in the law of the large effect
+        (35.0, 0.5, 50.0, False, False),
+        (25.0, 0.995, 50.0, False, False),  # no error of form compensates the rest so completely
+        (25.0, 0.98, 50.0, False, True),
+        (25.0, 0.995, 5.0, False, True),  # a small rest is closed by chance
+        (25.0, 0.25, 5.0, True, False),  # beside an accepted residual, a fifth is enough
+        (25.0, 0.15, 5.0, True, True),
+    ],
+)
+def test_a_small_effect_beside_a_large_one(monkeypatch, gain, share, gap, unexplained, refused):
+    why = small_beside_large(monkeypatch, gain=gain, share=share, gap=gap, unexplained=unexplained)
+    assert ("a small error in the law of that effect could explain as much" in why) is refused
+    assert bool(why) is refused
+
+
+def test_an_error_of_form_leaves_a_tenth_of_its_amplitude():
+    # The gain is a square: 3 % of the force of an effect that gains 1e6 units leave 9 units.
+    assert form_of(1e6, 0.03) == pytest.approx(9.0)
+
+
+@pytest.mark.parametrize(("rest", "done"), [(0.8, False), (0.9, True), (1.2, True)])
+def test_a_residual_that_hardly_decreases_has_converged(rest, done):
+    old, new = ({"q": Discrepancy(s, 0.01, s)} for s in (1.0, rest))
+    assert converged(old, new) is done
+
+
+@pytest.mark.parametrize(("pole", "white"), [(0.1, True), (0.35, False)])
+def test_a_weakly_correlated_residual_counts_as_white(pole, white):
+    draws = np.random.default_rng(3).normal(size=20_000)
+    values = np.zeros_like(draws)
+    for i in range(1, draws.size):
+        values[i] = pole * values[i - 1] + draws[i]
+    assert (_memory([values]) == 0.0) is white
+
+
+def test_the_steps_of_a_fine_sensor_are_a_fifth_of_its_variance_at_most():
+    edge = np.sqrt(12.0 * 0.2)
+    assert _fine(0.95 * edge, 1.0)
+    assert not _fine(1.05 * edge, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("off", "between", "step"),
+    [(0.002, 0.0, 0.5), (0.05, 0.0, 0.0), (0.0, 0.03, 0.5), (0.0, 0.2, 0.0)],
+)
+def test_a_grid_of_values(off, between, step):
+    """``off``: error of all steps; ``between``: share of the steps that end between two lines."""
+    generator = np.random.default_rng(1)
+    steps = generator.choice([1.0, 2.0], size=400)
+    steps[:: round(2.0 / between) if between else 401][: round(between * 200)] = 1.4
+    steps = 0.5 * (steps + off * generator.uniform(0.0, 1.0, size=400))
+    found = _grid(np.cumsum(steps), 100.0)
+    assert found == pytest.approx(step, rel=0.01) if step else found == 0.0
+
+
+@pytest.mark.parametrize(("quantum", "clipped"), [(0.002, True), (0.1, False)])
+def test_values_at_the_end_of_a_coarse_range_are_not_clipped(quantum, clipped):
+    """A coarse digitizer repeats its largest value at each maximum."""
+    time = np.linspace(0.0, 10.0, 2001)
+    value = np.minimum(np.sin(2.0 * time), 0.9 if clipped else 2.0)
+    value = quantum * np.round(value / quantum)
+    record = Record(
+        name="a",
+        time=time,
+        inputs={},
+        outputs={"q": value},
+        sensors={"q": Sensor(name="q", unit="m", sigma=1e-3, quantum=quantum)},
+    )
+    (found,) = check_records([record]).channels
+    assert (found.clipped > 0.02) is clipped
+
+
+@pytest.mark.parametrize(("loud", "method"), [(1.5, "differences"), (4.0, "rest")])
+def test_noise_is_that_of_the_rest_if_the_other_parts_have_much_more(loud, method):
+    generator = np.random.default_rng(5)
+    size = np.where(np.arange(4800) < 1200, 1.0, loud)
+    _, found, _ = _estimate(size * generator.normal(size=4800), 1.0)
+    assert found == method
+
+
+def test_a_fitted_shape_costs_three_units():
+    effect = Effect(
+        name="drag",
+        component="c",
+        unit="N",
+        scale=1.0,
+        shapes=(1.0, 2.0),
+        rate=lambda t, x, u, p, size, shape: {"v": size * shape},
+    )
+    listed, fitted = (prior_of([Candidate(effect, s)], 1.0) for s in (2.0, 1.3))
+    assert fitted - listed == pytest.approx(-3.0)
