@@ -49,9 +49,11 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
     from feltmb.files import make_folder, write_file
     from feltmb.graphics.animate import animate
     from feltmb.graphics.plot import mechanism as draw
-    from feltmb.graphics.plot import save_all
+    from feltmb.graphics.plot import picture_rate, save_all
     from feltmb.graphics.viewer import view
+    from feltmb.run.options import RunOptions
     from feltmb.run.simulate import simulate
+    from feltmb.run.stroke import load_stroke
 
     action = load_with_settings("steinway45", settings)
     make_folder(out)
@@ -81,7 +83,9 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
         bar.advance(task)
         for name in STROKES:
             step(task, f"simulating {name}")
-            runs[name] = simulate(action, name)
+            stroke = load_stroke(name)
+            rate = picture_rate(stroke.duration, RunOptions.output_rate)
+            runs[name] = simulate(action, stroke, output_rate=rate)
             written.append(runs[name].save(out / f"{name}.nc", force=True))
             bar.advance(task)
             step(task, f"plotting {name}")

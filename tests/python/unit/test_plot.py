@@ -191,6 +191,33 @@ def test_energy_without_ledger_shows_the_stored_parts_only(action):
     assert "sum stored" in lines(figure.axes[0])
 
 
+def test_a_loop_with_too_few_samples_says_so(action):
+    """At 10 kHz the jack leather and the string are polygons; `--plot` takes 40 kHz."""
+    coarse = plot.loops(feltmb.simulate(action, "forte", 0.12))
+    assert "Samples every 0.1 ms are few for contacts 4, 6" in coarse.get_supxlabel()
+    assert plot.picture_rate(0.12, 1e4) == 40e3
+    assert plot.picture_rate(10.0, 1e4) == 20e3
+    assert plot.picture_rate(1e3, 1e4) == 1e4
+    fine = feltmb.simulate(action, "forte", 0.12, output_rate=plot.picture_rate(0.12, 1e4))
+    assert plot.loops(fine).get_supxlabel() == ""
+    # Between the samples nothing is invented: the points of 10 kHz are among those of 40 kHz.
+    few, many = (dict(lines(plot.loops(r, [6]).axes[0]))["run"] for r in (
+        feltmb.simulate(action, "forte", 0.12), fine))  # fmt: skip
+    np.testing.assert_allclose(few, many[::4], rtol=1e-6, atol=1e-9)
+
+
+def test_stroke_with_plots_has_more_samples(tmp_path):
+    from click.testing import CliRunner
+
+    from feltmb.cli.stroke import command
+
+    for options, rate in (([], 1e4), (["--plot"], 4e4), (["--plot", "--output-rate", "5e3"], 5e3)):
+        out = tmp_path / f"{rate:g}.nc"
+        arguments = ["steinway45", "forte", "--duration", "0.1", "-o", str(out), *options]
+        assert CliRunner().invoke(command, arguments).exit_code == 0
+        assert feltmb.load_run(out).provenance["options"]["output_rate"] == rate
+
+
 def test_loops_lie_over_the_curves_of_their_laws(runs, action):
     run = runs["forte"]
     figure = plot.loops(run, [6])

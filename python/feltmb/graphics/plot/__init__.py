@@ -8,7 +8,7 @@ for which the run has no data are omitted. If nothing remains, an error is raise
 
 from feltmb.graphics.plot.effect_bars import effects
 from feltmb.graphics.plot.energies import energy, loops
-from feltmb.graphics.plot.files import PICTURES, save_all
+from feltmb.graphics.plot.files import PICTURES, picture_rate, save_all
 from feltmb.graphics.plot.pages import compare, overview
 from feltmb.graphics.plot.portrait import mechanism
 from feltmb.graphics.plot.poses import body_poses
@@ -30,6 +30,7 @@ __all__ = [
     "mechanism",
     "motion",
     "overview",
+    "picture_rate",
     "run_action",
     "save_all",
     "scene",

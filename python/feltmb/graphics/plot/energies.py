@@ -172,11 +172,16 @@ def _alone(law: _core.ContactLaw, deepest: float, lasts: float) -> tuple[Any, An
     return (e, force[: e.size]), (whole[e.size - 1 :], force[e.size - 1 :])
 
 
+#: Share of the largest compression between two samples above which a loop has visible corners.
+COARSE = 0.25
+
+
 def loops(run: Run, numbers: Sequence[int] | None = None) -> Figure:
     """Plot force over compression of contacts, compared with their laws alone.
 
     For the law alone, virgin felt is compressed uniformly to the largest compression of the run and
-    released, within the duration of the contact.
+    released, within the duration of the contact. The samples of the run are connected by straight
+    lines; a note tells if they are too few for a contact.
 
     Parameters
     ----------
@@ -208,6 +213,7 @@ def loops(run: Run, numbers: Sequence[int] | None = None) -> Figure:
     rows = -(-len(chosen) // columns)
     figure = new_figure(max(2.7 * columns + 0.4, 5.0), 2.3 * rows + 0.9)
     head_title(figure, run, "Force and compression")
+    coarse = []
     for i, (ax, number) in enumerate(
         zip(panel_grid(figure, len(chosen), columns), chosen, strict=True)
     ):
@@ -223,6 +229,9 @@ def loops(run: Run, numbers: Sequence[int] | None = None) -> Figure:
         ):
             ax.plot(1e3 * e, values, color="#B0B0B0", linewidth=2.4, linestyle=style, label=label)
         loop = np.where(touching, force, np.nan)
+        steps = np.abs(np.diff(compression))[touching[1:] & touching[:-1]]
+        if steps.max(initial=0.0) > COARSE * deepest:
+            coarse.append(number)
         ax.plot(1e3 * compression, loop, color=RED, linewidth=0.9, label="run")
         style_axes(
             ax,
@@ -234,6 +243,15 @@ def loops(run: Run, numbers: Sequence[int] | None = None) -> Figure:
         peak = max(float(force.max()), 1e-6)
         ax.set_ylim(-0.03 * peak, 1.12 * peak)
         ax.locator_params(nbins=4)
+    if coarse:
+        interval = 1e3 * float(np.median(np.diff(run.time)))
+        figure.supxlabel(
+            f"Samples every {interval:.3g} ms are few for contacts "
+            f"{', '.join(map(str, coarse))}: simulate with a higher output rate.",
+            fontsize=NORMAL - 0.5,
+            ha="left",
+            x=0.01,
+        )
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(
         handles, labels, loc="outside lower right", ncols=3, frameon=False, fontsize=NORMAL - 0.5
