@@ -35,6 +35,7 @@ __all__ = [
     "ProgressLine",
     "Quantity",
     "budget_option",
+    "caution",
     "complain",
     "console",
     "diameter_option",
@@ -603,16 +604,38 @@ form_option = click.option(
     help="Relative error of the force of a law. The interval of its magnitude contains it, and a "
     "tenth of it may remain as a residual.",
 )
+
+
+def caution(name: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Callback of an option that warns of an unusual number of fibers."""
+
+    def check(_context: click.Context, _parameter: click.Parameter, value: Any) -> Any:
+        if value is not None:
+            from feltmb.fiber import unusual
+
+            for text in unusual(**{name: value}):
+                complain(f"warning: {text}")
+        return value
+
+    return check
+
+
 modulus_option = click.option(
     "--e-modulus",
     "modulus",
     type=positive("Pa"),
     default="2.5 GPa",
     show_default=True,
+    callback=caution("E"),
     help="Fiber modulus [Pa].",
 )
 diameter_option = click.option(
-    "--d-f", type=positive("m"), default="25 um", show_default=True, help="Fiber diameter [m]."
+    "--d-f",
+    type=positive("m"),
+    default="25 um",
+    show_default=True,
+    callback=caution("d_f"),
+    help="Fiber diameter [m].",
 )
 
 

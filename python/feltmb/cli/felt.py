@@ -12,7 +12,9 @@ from feltmb.cli.common import (
     NOT_NEGATIVE,
     POSITIVE,
     FileName,
+    caution,
     check_targets,
+    complain,
     console,
     diameter_option,
     force_option,
@@ -103,17 +105,25 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
         )
     console().print(table)
     say(f"loss of the loop: {100 * m.loss():.2f} % of the loading work")
+    for text in m.fiber.unusual():
+        complain(f"warning: {text}")
     if output is not None:
         save_figure(plot_material(m), output, force=force)
 
 
 @felt.command(name="loop", short_help="Compress and release a fiber mass with friction.")
 @click.option("--v-f0", type=FRACTION, required=True, help="Volume fraction without load [-].")
-@click.option("--to", "top", type=FRACTION, required=True, help="Largest volume fraction [-].")
-@click.option("--mu", type=NOT_NEGATIVE, default=0.35, show_default=True, help="Friction [-].")
+@click.option(
+    "--to", "top", type=FRACTION, required=True, callback=caution("v_f"),
+    help="Largest volume fraction [-].",
+)  # fmt: skip
+@click.option(
+    "--mu", type=NOT_NEGATIVE, default=0.35, show_default=True, callback=caution("mu"),
+    help="Friction [-].",
+)  # fmt: skip
 @click.option(
     "--Wf0", "withdrawal", type=positive("N/m"), default=1.0, show_default=True,
-    help="Withdrawal force per length [N/m].",
+    callback=caution("Wf0"), help="Withdrawal force per length [N/m].",
 )  # fmt: skip
 @modulus_option
 @diameter_option
@@ -122,6 +132,7 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
     type=POSITIVE,
     default=1.3,
     show_default=True,
+    callback=caution("gamma"),
     help="Blocked length per contact over the fiber diameter [-].",
 )
 @click.option("--k-bend", type=POSITIVE, default=24.0, show_default=True, help="Beam constant [-].")

@@ -49,7 +49,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 #: Largest dimensions of a felt under a contact, by unit; larger ones would overflow.
-LIMITS = {"m": (1e-6, 10.0), "m^2": (1e-10, 100.0)}
+LIMITS = {"m": (1e-6, 10.0), "m^2": (1e-10, 1.0)}
 
 
 @checked

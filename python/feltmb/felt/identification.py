@@ -696,7 +696,7 @@ def identify(
             "critical_angles": None,
         }
     )
-    warnings: list[str] = list(test.notes)
+    warnings: list[str] = [*test.notes, *material.fiber.unusual()]
     thickness: _Thickness | None = None
     if test.thickness is not None and not test.reference_known:
         if np.sum(test.loading) < 8:

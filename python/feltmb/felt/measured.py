@@ -137,6 +137,8 @@ def read_measured_loop(
     file = Path(path)
     table = read_test(file, ("displacement", "thickness"), ("force",))
     by_thickness = table.compression == "thickness"
+    if by_thickness and table.x.min() <= 0.0:
+        raise DataError(f"{file}: thickness down to {table.x.min():.4g} m, expected > 0")
     sign = -1.0 if by_thickness else 1.0
     order = _order(sign * table.x, table.branches)
     try:

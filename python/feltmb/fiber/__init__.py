@@ -32,6 +32,7 @@ from feltmb.fiber.orientation import (
     structure,
     uniaxial_tensor,
 )
+from feltmb.fiber.ranges import unusual
 from feltmb.fiber.simulation import Cycle, FiberBox, FiberRun, lay, simulate
 
 __all__ = [
@@ -73,4 +74,5 @@ __all__ = [
     "structure",
     "tangent_modulus",
     "uniaxial_tensor",
+    "unusual",
 ]

@@ -18,6 +18,7 @@ from feltmb import params
 from feltmb._core import fiber as _core
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
+from feltmb.fiber.ranges import unusual
 from feltmb.files import read_toml
 from feltmb.units.quantity import SI, Schema, is_quantity, validated
 
@@ -55,6 +56,19 @@ class Fiber(Schema):
     """Young's modulus E [Pa]; not used by the two-step procedure."""
     Q: Annotated[float, SI("1"), Field(gt=0)] = 2.0
     """Constant of eq. 3.15 [-]; 2 for random directions in space."""
+
+    def unusual(self) -> list[str]:
+        """Sentences about numbers outside of their usual range; see :func:`feltmb.fiber.unusual`.
+
+        Returns
+        -------
+        list of str
+            Empty if all numbers are usual.
+        """
+        given = {"d_f": self.diameter, "mu": self.friction, "Wf0": self.withdrawal_force}
+        if self.young_modulus is not None:
+            given["E"] = self.young_modulus
+        return unusual(**given)
 
 
 class Branch(Schema):

@@ -794,6 +794,7 @@ CALLS = {
     ),
     "feltmb.fiber.Network.structure": lambda: (fiber.network(100), {"threads": 1}),
     "feltmb.fiber.Network.tensors": lambda: (fiber.network(100), {"threads": 1}),
+    "feltmb.fiber.unusual": lambda: {"d_f": 25e-6},
     "feltmb.fiber.carnaby_pan": lambda: {"v_f": V, **CARNABY},
     "feltmb.fiber.carnaby_pan_march": lambda: {
         "C": np.linspace(1e-8, 1e-7, 4),

@@ -14,6 +14,7 @@ from feltmb.cli.common import (
     FileName,
     Number,
     Quantity,
+    complain,
     force_option,
     list_option,
     modulus_option,
@@ -64,13 +65,17 @@ def pressure_command(
     import numpy as np
 
     from feltmb.errors import InvalidParameter
-    from feltmb.fiber import law, models
+    from feltmb.fiber import law, models, unusual
     from feltmb.fiber.plot import plot_law
+    from feltmb.fiber.ranges import RANGES
 
     known = models()
     if model not in known:
         law(model)  # the message has the known laws
-    made = law(model, **numbers(given, "--set", parameter_units(known[model])))
+    parameters = numbers(given, "--set", parameter_units(known[model]))
+    for text in unusual(**{k: v for k, v in parameters.items() if k in RANGES}):
+        complain(f"warning: {text}")
+    made = law(model, **parameters)
     if points < 2 or not top > made.v_f0:
         raise InvalidParameter(
             f"pressure: --points = {points}, --to = {top:.6g}; expected at least 2 points and "
@@ -362,6 +367,12 @@ def history_command(
     if faults:
         raise DataError(fault_text(str(path), faults, most=20))
     time, x = series
+    if strain and np.max(x) >= 1.0:
+        i = int(np.argmax(x >= 1.0))
+        raise DataError(
+            f"{path}: {columns.place(i)}: strain {x[i]:g}, expected < 1 (compression positive): "
+            "at 1 nothing is left of the thickness"
+        )
     headings = ("time [s]", "strain [-]" if strain else "compression [m]")
     result = history(model, time, x, spring=spring, **params)
     unit = "stress [Pa]" if strain else "force [N]"

@@ -12,6 +12,7 @@ from feltmb.cli.common import (
     NOT_NEGATIVE,
     POSITIVE,
     Number,
+    caution,
     diameter_option,
     positive,
     say,
@@ -97,7 +98,13 @@ def structure_command(ratio: tuple[float, ...], n: int | None, seed: int, spread
 @fiber.command(
     name="contacts", short_help="Mean free length and contacts per volume by every model."
 )
-@click.option("--v-f", type=FRACTION, required=True, help="Volume fraction [-].")
+@click.option(
+    "--v-f",
+    type=FRACTION,
+    required=True,
+    callback=caution("v_f"),
+    help="Volume fraction [-].",
+)
 @diameter_option
 @click.option("--ratio", type=POSITIVE, default=1.0, show_default=True, help="R = v_f/v_random.")
 @click.option(
@@ -105,6 +112,7 @@ def structure_command(ratio: tuple[float, ...], n: int | None, seed: int, spread
     type=POSITIVE,
     default=math.pi / 2,
     show_default="pi/2",
+    callback=caution("gamma"),
     help="Blocked length per contact over d_f (binomial).",
 )
 @click.option(
@@ -115,7 +123,10 @@ def structure_command(ratio: tuple[float, ...], n: int | None, seed: int, spread
     help="Coefficient of variation of the diameters.",
 )
 @click.option(
-    "--length", type=positive("m"), help="Mean fiber length [m]: also the numbers per fiber."
+    "--length",
+    type=positive("m"),
+    callback=caution("length"),
+    help="Mean fiber length [m]: also the numbers per fiber.",
 )
 @click.option(
     "--length-cv",

@@ -14,6 +14,7 @@ from feltmb.cli.common import (
     POSITIVE,
     Number,
     Quantity,
+    caution,
     complain,
     console,
     diameter_option,
@@ -51,7 +52,12 @@ from feltmb.cli.fiber.group import (
 )
 @diameter_option
 @click.option(
-    "--segment", type=positive("m"), default=62.5e-6, show_default=True, help="Segment length [m]."
+    "--segment",
+    type=positive("m"),
+    default=62.5e-6,
+    show_default=True,
+    callback=caution("length"),
+    help="Segment length [m].",
 )
 @click.option(
     "--v-f", type=FRACTION, default=0.1, show_default=True, help="Initial volume fraction."

@@ -1,0 +1,83 @@
+"""Numbers of fibers that no fiber has: warnings with the range; impossible ones are faults."""
+
+import math
+
+import pytest
+
+from feltmb import felt, fiber
+from feltmb.cli import main
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.felt import packaged_materials, read_measured_loop
+from feltmb.fiber.ranges import RANGES
+
+
+@pytest.fixture
+def run(capsys):
+    def command(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main(list(arguments))
+        out = capsys.readouterr()
+        return end.value.code, out.out + out.err
+
+    return command
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_a_number_outside_of_its_range_is_told_with_the_range(name):
+    usual = RANGES[name]
+    for inside in (usual.low, usual.high, math.sqrt(max(usual.low, 1e-9) * usual.high)):
+        assert fiber.unusual(**{name: inside}) == []
+    (text,) = fiber.unusual(**{name: 1.01 * usual.high})
+    assert usual.what in text
+    assert f"{usual.low:g} to {usual.high:g}" in text
+    assert ("check its unit" in text) == (usual.unit != "1")
+
+
+def test_packaged_felts_are_usual_and_unknown_names_are_refused():
+    for name in packaged_materials():
+        assert felt.load_material(name).fiber.unusual() == [], name
+    assert len(fiber.unusual(d_f=25.0, E=2.5)) == 2
+    with pytest.raises(InvalidParameter, match="no number of fibers 'df'; near are d_f"):
+        fiber.unusual(df=1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("felt", "loop", "--v-f0", "0.1", "--to", "0.3", "--d-f", "25m"), "fiber diameter = 25 m"),
+        (("felt", "loop", "--v-f0", "0.1", "--to", "0.95"), "volume fraction = 0.95"),
+        (("felt", "loop", "--v-f0", "0.1", "--to", "0.3", "--mu", "35"), "fibers = 35"),
+        (("fiber", "contacts", "--v-f", "0.2", "--length", "25m"), "fiber length = 25 m"),
+        (("fiber", "pressure", "van_wyk", "-s", "E=2.5,k_p=0.01,v_f0=0.1"), "modulus = 2.5 Pa"),
+    ],
+)
+def test_commands_warn_and_compute_all_the_same(run, arguments, told):
+    code, output = run(*arguments)
+    assert code == 0, output
+    assert "warning: " in output
+    assert told in output
+    assert "is outside of" in output
+
+
+def test_usual_numbers_are_silent(run):
+    code, output = run("felt", "loop", "--v-f0", "0.1", "--to", "0.3")
+    assert code == 0
+    assert "warning" not in output
+
+
+def test_impossible_numbers_are_faults(run, tmp_path):
+    path = tmp_path / "history.csv"
+    path.write_text("time [s],strain [-]\n0,0\n1,0.5\n2,1.5\n3,0.2\n")
+    code, output = run("fiber", "history", "hunt_crossley", str(path), "-s", "K=1e6,alpha=0.1")
+    assert code == 2
+    assert "line 4: strain 1.5, expected < 1" in output
+    loop = tmp_path / "loop.csv"
+    rows = [*range(1, 31), *range(29, 0, -1)]
+    loop.write_text("thickness [mm],force [N]\n" + "".join(f"{5 - i / 4},{i * i}\n" for i in rows))
+    with pytest.raises(DataError, match=r"thickness down to -0\.0025 m, expected > 0"):
+        read_measured_loop(loop)
+    code, output = run(
+        "felt", "envelope", "synthetic_hammer", "--thickness", "6mm", "--area", "constant:10m^2"
+    )
+    assert code == 2
+    assert "expected 1e-10 to 1" in output
