@@ -52,6 +52,7 @@ def command(
 ) -> None:
     """Show bodies, joints, contacts, springs and string of ACTION, with units and sources."""
     from feltmb.files import write_text
+    from feltmb.mechanism.parameters import bare_numbers
 
     mechanism = load_with_settings(action, settings)
     if toml:
@@ -75,8 +76,12 @@ def command(
         table = new_table(
             f"{mechanism.name}: values", "path", "value", "unit", "source", whole=(0,)
         )
+        bare = {
+            p.path.removesuffix(".x").removesuffix(".y"): p.unit for p, _ in bare_numbers(mechanism)
+        }
         for path, value, unit, source in mechanism.quantities():
-            table.add_row(path, f"{value}", unit, source)
+            note = "no unit in the file: SI" if path in bare else source
+            table.add_row(path, f"{value}", bare.get(path, unit), note)
         console().print(table)
     else:
         _tables(mechanism)

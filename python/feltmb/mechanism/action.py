@@ -292,5 +292,11 @@ def _walk(node: Any, path: str) -> Iterator[tuple[str, Any, str, str]]:
             return
         for key, value in node.items():
             yield from _walk(value, f"{path}.{key}" if path else str(key))
-    elif isinstance(node, (int, float)) and not isinstance(node, bool) and math.isfinite(node):
+    elif _is_number(node) or (
+        isinstance(node, list) and len(node) == 2 and all(map(_is_number, node))
+    ):
         yield path, node, "", ""
+
+
+def _is_number(node: Any) -> bool:
+    return isinstance(node, (int, float)) and not isinstance(node, bool) and math.isfinite(node)

@@ -28,8 +28,10 @@ from feltmb.units.quantity import is_quantity, shortened, unit_of
 __all__ = [
     "Parameter",
     "all_parameters",
+    "bare_numbers",
     "find_parameters",
     "mechanism_with",
+    "told_bare_numbers",
     "told_numbers",
     "with_values_told",
 ]
@@ -211,21 +213,77 @@ def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> 
 
 def _at(model: _OfFile, path: str, numbers: list[Parameter]) -> Iterator[tuple[Parameter, str]]:
     """Numbers at a path, each with the unit that the file gives."""
-    for parts in expand_path(model.raw, path):
-        node: Any = model.raw
-        unit = ""
-        for part in parts:
-            node = node.get(part) if isinstance(node, Mapping) else None
-            if isinstance(node, str):
-                unit = (split_quantity(node) or (0.0, ""))[1]
-            elif is_quantity(node):
-                unit = str(node.get("unit", ""))
+    raw = model.raw
+    for parts in expand_path(raw, path):
+        unit = _unit_in_file(raw, parts[:-1] if parts[-1] == "value" else parts)
         start = ".".join(parts).removesuffix(".value")
         for k, axis in enumerate(_AXES):
             start = f"{start[:-2]}.{axis}" if start.endswith(f".{k}") else start
         for p in numbers:
             if p.path == start or p.path.startswith(f"{start}."):
                 yield p, unit or p.unit
+
+
+def _unit_in_file(raw: Mapping[str, Any], parts: Sequence[str]) -> str | None:
+    """Unit that a file gives for an entry; "": it has none; None: the entry is not in the file."""
+    node: Any = raw
+    unit = ""
+    for part in parts:
+        if is_quantity(node) or isinstance(node, list):  # a component
+            values = node["value"] if is_quantity(node) else node
+            index = _AXES.index(part) if part in _AXES else -1
+            node = values[index] if isinstance(values, list) and index < len(values) else None
+        elif isinstance(node, Mapping):
+            three = node.get("unit")  # of a curve with the coefficients a, b, c
+            if isinstance(three, list) and part in "abc":
+                unit = str(three["abc".index(part)])
+            node = node.get(part)
+        else:
+            return None
+        if isinstance(node, str):
+            unit = (split_quantity(node) or (0.0, ""))[1]
+        elif is_quantity(node):
+            unit = str(node.get("unit", ""))
+    return None if node is None else unit
+
+
+def bare_numbers(model: _OfFile) -> list[tuple[Parameter, tuple[str, ...]]]:
+    """Numbers of a file without a unit, which are in SI units, with other units of the file.
+
+    The other units are those that the file gives to the same quantity, such as mm for a length in
+    m. Zeros and numbers without dimension are omitted.
+
+    Parameters
+    ----------
+    model
+        A mechanism or an actuator.
+    """
+    raw = model.raw
+    bare: list[Parameter] = []
+    units: dict[str, dict[str, None]] = {}
+    for p in _walk(model.config, model.config, [], []):
+        unit = None if p.unit == "1" else _unit_in_file(raw, p.path.split("."))
+        if unit == "" and p.value != 0.0:
+            bare.append(p)
+        elif unit and conversion_factor(unit, p.unit) != 1.0:
+            units.setdefault(p.unit, {})[unit] = None
+    return [(p, tuple(units.get(p.unit, ()))) for p in bare]
+
+
+def told_bare_numbers(model: _OfFile) -> tuple[list[str], list[str]]:
+    """Numbers without a unit as text with their SI unit, and sentences about doubtful ones.
+
+    A number is doubtful if the file gives other units to the same quantity elsewhere.
+    """
+    plain, doubtful = [], []
+    for p, units in bare_numbers(model):
+        plain.append(f"{p.path} = {p.value:g} {p.unit}")
+        if units:
+            doubtful.append(
+                f"{plain[-1]}: has no unit, and other numbers of the file are in "
+                f"{', '.join(units)}; write the unit"
+            )
+    return plain, doubtful
 
 
 def with_values_told(

@@ -1,14 +1,19 @@
 """Mechanism files: loading, changing values, hash, round trip."""
 
 import pickle
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import feltmb
 from feltmb.action.actuator import load_actuator
+from feltmb.cli import main
 from feltmb.mechanism import parse_setting
-from feltmb.mechanism.parameters import told_numbers, with_values_told
+from feltmb.mechanism.parameters import bare_numbers, told_numbers, with_values_told
+
+DATA = Path(__file__).resolve().parents[2] / "data"
 
 
 def test_packaged_actions():
@@ -255,6 +260,39 @@ def test_changes_act_in_their_order_and_everywhere(action, tmp_path):
 def test_changes_that_cannot_be_made(action, settings, message):
     with pytest.raises(feltmb.InvalidParameter, match=message):
         with_values_told(action, settings)
+
+
+def test_numbers_without_a_unit_are_listed_with_the_si_unit_that_they_have(tmp_path, capsys):
+    text = (DATA / "pendulum.toml").read_text()
+    bare = {p.path: (p.value, p.unit, units) for p, units in bare_numbers(load(DATA))}
+    assert bare["bodies.arm.position.y"] == (0.5, "m", ("mm",))
+    assert bare["contacts.01.loading.b"] == (730.0, "1/m", ())
+    assert not {"bodies.arm.mass", "bodies.arm.position.x", "finger.pad.exponent"} & set(bare)
+    for old, new in (
+        ('inertia = { value = 12.0, unit = "kg mm^2" }', "inertia = 12.0"),
+        ('inertia = { value = 12.0, unit = "kg mm^2" }', "inertia = { value = 12.0 }"),
+        ('inertia = { value = 12.0, unit = "kg mm^2" }', 'inertia = "12.0"'),
+    ):
+        assert old in text
+        (tmp_path / "pendulum.toml").write_text(text.replace(old, new))
+        found = {p.path: p for p, _ in bare_numbers(load(tmp_path))}
+        assert found["bodies.arm.inertia"].value == 12.0
+        assert found["bodies.arm.inertia"].unit == "kg m^2"
+    assert bare_numbers(feltmb.load_action("steinway45")) == []
+    assert bare_numbers(load_actuator("wood")) == []
+    with pytest.raises(SystemExit):
+        main(["validate", str(DATA / "pendulum.toml")])
+    out, err = capsys.readouterr()
+    assert "numbers without a unit are in SI units: bodies.arm.position.y = 0.5 m;" in out
+    assert "bodies.arm.position.y = 0.5 m: has no unit, and other numbers" in err
+    with pytest.raises(SystemExit):
+        main(["show", str(DATA / "pendulum.toml"), "--values"])
+    out = capsys.readouterr().out
+    assert re.search(r"bodies.arm.position +\[0.0, 0.5\] +m +no unit in the file", out)
+
+
+def load(folder):
+    return feltmb.load_action(folder / "pendulum.toml")
 
 
 # --- hash, round trip, pickle, extends ---------------------------------------------------------
