@@ -30,6 +30,7 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions, effects
 from feltmb.cli.gap_blind import command as blind_command
 from feltmb.cli.gap_check import command as check_command
+from feltmb.cli.gap_join import command as join_command
 from feltmb.cli.gap_plan import command as plan_command
 from feltmb.cli.gap_plan import measured_option
 from feltmb.cli.gap_reading import reading_options
@@ -54,6 +55,7 @@ def command() -> None:
 
 command.add_command(blind_command)
 command.add_command(check_command)
+command.add_command(join_command)
 command.add_command(plan_command)
 command.add_command(session_command)
 

@@ -1,6 +1,7 @@
 """Measured data: records, sensors, and their files (CSV, MAT, NetCDF, each with a TOML file)."""
 
 from feltmb.data.files import read_record, read_records, write_record
+from feltmb.data.joining import Clocks, fit_clocks, join_records
 from feltmb.data.records import (
     Array,
     InputMode,
@@ -16,6 +17,7 @@ from feltmb.data.sheet import ReadOptions
 
 __all__ = [
     "Array",
+    "Clocks",
     "InputMode",
     "Integers",
     "ReadOptions",
@@ -25,6 +27,8 @@ __all__ = [
     "Sensor",
     "StartPrior",
     "evenly_spaced",
+    "fit_clocks",
+    "join_records",
     "read_record",
     "read_records",
     "write_record",

@@ -1,0 +1,95 @@
+"""``feltmb gap join``: joins two measured files with two clocks to one record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from feltmb.cli.common import (
+    FileName,
+    complain,
+    force_option,
+    list_option,
+    say,
+    say_written,
+    split_pairs,
+    tables_as_json,
+)
+from feltmb.errors import InvalidParameter
+
+__all__ = ["command"]
+
+
+@click.command("join", short_help="Join two files with two clocks to one record.")
+@click.argument("first", type=click.Path(path_type=Path))
+@click.argument("second", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    "-o",
+    "output",
+    type=FileName(".csv", dir_okay=False),
+    required=True,
+    help="CSV file to write; its TOML file gets the same name.",
+)
+@list_option(
+    "--same",
+    metavar="TIME=TIME",
+    help="Time of an event on the clock of FIRST and on that of SECOND, such as 0.532s=1.207s. "
+    "One gives the offset of the clocks, two give also their rate; default: the clocks are equal.",
+)
+@list_option(
+    "--input",
+    "inputs",
+    metavar="NAME=CHANNEL",
+    help="Channel that is an input of the model, such as force=Load; default: the only channel in "
+    "N is the force, if neither file has an input.",
+)
+@force_option
+@tables_as_json
+def command(
+    first: Path,
+    second: Path,
+    output: Path,
+    same: tuple[str, ...],
+    inputs: tuple[str, ...],
+    force: bool,
+) -> None:
+    """Join FIRST and SECOND, measured files of one experiment with two clocks, to one record.
+
+    The clock and the samples of FIRST are kept, such as those of a camera. SECOND is interpolated
+    linearly at these times. Each file is described by its TOML file or its header.
+    """
+    from feltmb.data import join_records, read_record, write_record
+    from feltmb.files import check_writable
+
+    for path in (output, output.with_suffix(".toml")):
+        check_writable(path, force=force)
+        if path in (first, second, first.with_suffix(".toml"), second.with_suffix(".toml")):
+            raise InvalidParameter(f"join: -o {output} is the name of a file that is joined")
+    chosen = split_pairs("--input", inputs, "NAME=CHANNEL") or None
+    made = join_records(read_record(first), read_record(second), same=_events(same), inputs=chosen)
+    made = replace(made, name=output.stem)
+    for note in made.notes:
+        complain(note)
+    say_written(write_record(made, output, force=force))
+    say_written(output.with_suffix(".toml"))
+    channels = [f"input {n}" for n in made.inputs] + list(made.outputs)
+    say(f"{made.samples} samples of {', '.join(channels)}")
+
+
+def _events(texts: Sequence[str]) -> list[tuple[float, float]]:
+    from feltmb.units.quantity import parse_scalar
+
+    events = []
+    for text in texts:
+        one, mark, two = text.partition("=")
+        try:
+            if not mark:
+                raise ValueError("expected TIME=TIME, such as 0.532s=1.207s")
+            events.append((parse_scalar(one, "s"), parse_scalar(two, "s")))
+        except ValueError as error:
+            raise InvalidParameter(f"--same {text}: {error}") from None
+    return events

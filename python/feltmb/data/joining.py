@@ -1,0 +1,218 @@
+"""Joins two records of one experiment that were measured with two clocks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feltmb.arguments import checked
+from feltmb.data.records import Array, InputMode, Record
+from feltmb.errors import DataError, InvalidParameter, no_such
+
+__all__ = ["Clocks", "fit_clocks", "join_records"]
+
+#: Steps of the median size above which samples are missing.
+MOST_STEPS = 5.0
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Time on a second clock as a function of that on the first one: offset + rate * time."""
+
+    offset: float
+    """Time on the second clock at zero of the first one [s]."""
+    rate: float
+    """Seconds of the second clock in a second of the first one [1]."""
+    residual: float
+    """Largest distance of a common event from the line [s]; 0 for one or two events."""
+
+    def second(self, first: Array) -> Array:
+        """Times on the second clock for times on the first one [s]."""
+        return self.offset + self.rate * first
+
+    def __str__(self) -> str:
+        text = f"zero of the first clock is {1e3 * self.offset:.6g} ms on the second one"
+        if self.rate != 1.0:
+            text += f", which is {1e6 * (self.rate - 1.0):+.4g} ppm faster"
+        if self.residual > 0.0:
+            text += f"; the events agree within {1e3 * self.residual:.3g} ms"
+        return text
+
+
+@checked
+def fit_clocks(same: Sequence[tuple[float, float]]) -> Clocks:
+    """Relation of two clocks from events that both have seen.
+
+    Parameters
+    ----------
+    same
+        Times of each common event on the first and on the second clock [s]. None: the clocks are
+        equal. One: they differ by an offset. More: also by their rate (least squares).
+
+    Returns
+    -------
+    Clocks
+        Offset and rate.
+
+    Raises
+    ------
+    InvalidParameter
+        Events have the same time on a clock, or the rates differ by more than 10 %.
+    """
+    if not same:
+        return Clocks(0.0, 1.0, 0.0)
+    first, second = np.asarray(same, dtype=float).T
+    if first.size == 1:
+        return Clocks(float(second[0] - first[0]), 1.0, 0.0)
+    if np.unique(first).size < first.size or np.unique(second).size < second.size:
+        raise InvalidParameter("same: two events have the same time, expected different events")
+    rate, offset = np.polyfit(first, second, 1)
+    if not 0.9 <= rate <= 1.1:
+        raise InvalidParameter(
+            f"same: the second clock would run {rate:.4g} times as fast as the first one, expected "
+            "0.9 to 1.1; check the events, and the unit or frame rate of the clocks"
+        )
+    residual = float(np.abs(offset + rate * first - second).max()) if first.size > 2 else 0.0
+    return Clocks(float(offset), float(rate), residual)
+
+
+@checked
+def join_records(
+    first: Record,
+    second: Record,
+    *,
+    same: Sequence[tuple[float, float]] = (),
+    inputs: Mapping[str, str] | None = None,
+) -> Record:
+    """One record of two that were measured with two clocks, such as a camera and a load cell.
+
+    The clock and the samples of the first record are kept. The channels of the second one are
+    interpolated linearly at these times. The record covers the time that both have. Notes of the
+    record tell what was done.
+
+    Parameters
+    ----------
+    first
+        Record whose clock is kept: the one with the outputs to compare.
+    second
+        The other record.
+    same
+        Times of common events on both clocks [s]; see :func:`fit_clocks`.
+    inputs
+        Input -> channel that becomes this input, such as ``{"force": "Load"}``. Default: if neither
+        record has an input, the only channel in N becomes the input ``force``.
+
+    Returns
+    -------
+    Record
+        Inputs, outputs and sensors of both, with name, role and conditions of the first.
+
+    Raises
+    ------
+    DataError
+        Both have a channel of the same name, they have no time in common, or samples of the second
+        one are missing.
+    InvalidParameter
+        The events or the names of inputs are invalid.
+    """
+    clocks = fit_clocks(same)
+    doubled = sorted({*first.inputs, *first.outputs} & {*second.inputs, *second.outputs})
+    if doubled:
+        raise DataError(
+            f"join: {first.name} and {second.name} both have {', '.join(doubled)}; expected "
+            "different names (TOML files beside the data name their channels)"
+        )
+    moments = clocks.second(first.time)
+    slack = 1e-6 * second.interval  # rounding of the clocks
+    within = (moments >= second.time[0] - slack) & (moments <= second.time[-1] + slack)
+    if np.count_nonzero(within) < 2:
+        raise DataError(
+            f"join: {first.name} is from {moments[0]:.6g} to {moments[-1]:.6g} s on the clock of "
+            f"{second.name}, which has {second.time[0]:.6g} to {second.time[-1]:.6g} s; expected a "
+            "time in common: which event have both seen? (same, --same)"
+        )
+    at = moments[within]
+    _refuse_gaps(second, at)
+    steps = np.diff(second.time)
+    ratio = first.interval * clocks.rate / float(np.median(steps))
+    notes = [
+        f"{second.name} was interpolated linearly at the times of {first.name}: {clocks}",
+        f"{np.count_nonzero(within)} of {first.samples} samples of {first.name} are in both",
+    ]
+    if ratio < 0.99:
+        notes.append(
+            f"{second.name} has fewer samples than {first.name} ({ratio:.2g} for one): values "
+            "between its samples are no measurements; join in the other order"
+        )
+
+    def taken(values: Array) -> Array:
+        return np.asarray(np.interp(at, second.time, values))
+
+    both = replace(
+        first,
+        time=first.time[within],
+        inputs={k: v[within] for k, v in first.inputs.items()}
+        | {k: taken(v) for k, v in second.inputs.items()},
+        outputs={k: v[within] for k, v in first.outputs.items()}
+        | {k: taken(v) for k, v in second.outputs.items()},
+        sensors={**first.sensors, **second.sensors},
+        input_mode=first.input_mode if first.inputs or not second.inputs else second.input_mode,
+        input_units={**first.input_units, **second.input_units},
+        input_sigma={**first.input_sigma, **second.input_sigma},
+        input_correlation_time={**first.input_correlation_time, **second.input_correlation_time},
+        source="; ".join(
+            dict.fromkeys(
+                text
+                for text in (first.source, second.source, f"{first.name} and {notes[0]}")
+                if text
+            )
+        ),
+        notes=(*first.notes, *second.notes, *notes),
+        before=None,
+    )
+    return _with_inputs(both, inputs)
+
+
+def _refuse_gaps(record: Record, at: Array) -> None:
+    """Refuse missing samples of a record between times at which it is needed."""
+    steps = np.diff(record.time)
+    wide = np.flatnonzero(steps > MOST_STEPS * float(np.median(steps)))
+    for i in wide:
+        if np.any((at > record.time[i]) & (at < record.time[i + 1])):
+            raise DataError(
+                f"join: {record.name} has no samples from {record.time[i]:.6g} to "
+                f"{record.time[i + 1]:.6g} s, {steps[i] / np.median(steps):.3g} of its steps; "
+                f"expected at most {MOST_STEPS:g}"
+            )
+
+
+def _with_inputs(record: Record, inputs: Mapping[str, str] | None) -> Record:
+    """The record with channels that become inputs."""
+    notes = list(record.notes)
+    if inputs is None:
+        forces = [n for n, s in record.sensors.items() if s.unit == "N"]
+        alone = not record.inputs and len(forces) == 1 < len(record.outputs)
+        inputs = {"force": forces[0]} if alone else {}
+        notes += [f"{channel} is the input {name}" for name, channel in inputs.items()]
+    outputs, sensors = dict(record.outputs), dict(record.sensors)
+    driven, units = dict(record.inputs), dict(record.input_units)
+    mode: InputMode = record.input_mode
+    for name, channel in inputs.items():
+        if channel not in outputs:
+            raise no_such("channel", channel, outputs)
+        if name in driven or (name in outputs and name != channel):
+            raise InvalidParameter(f"join: input {name} exists already")
+        driven[name], units[name] = outputs.pop(channel), sensors.pop(channel).unit
+        if not record.inputs:
+            mode = "motion" if units[name] in ("m", "rad") else "force"
+    return replace(
+        record,
+        inputs=driven,
+        outputs=outputs,
+        sensors=sensors,
+        input_units=units,
+        input_mode=mode,
+        notes=tuple(notes),
+    )
