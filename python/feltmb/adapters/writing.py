@@ -14,6 +14,7 @@ from feltmb.adapters.variants import changed_config
 from feltmb.errors import InvalidParameter
 from feltmb.files import write_text
 from feltmb.mechanism import Action, MechanismFile, expand_path
+from feltmb.mechanism.values import tidy
 from feltmb.units import conversion_factor, split_quantity
 from feltmb.units.quantity import is_quantity
 
@@ -88,11 +89,6 @@ def action_of_findings(
     return Action(raw, action.origin)
 
 
-def _tidy(value: float) -> float:
-    """A number without its last digits, which contain rounding errors."""
-    return float(f"{value:.12g}")
-
-
 def _put(raw: dict[str, Any], path: str, before: float, after: float, provenance: str) -> None:
     """Replace a number of the file by a value in SI units, converted to the unit in the file."""
     parts = expand_path(raw, path)[0]
@@ -127,12 +123,12 @@ def _put(raw: dict[str, Any], path: str, before: float, after: float, provenance
             node["note"] = was
         else:
             node["note"] = f"{node['note']}; {was}"
-        node[last] = _tidy(_scaled(float(leaf), "", before, after)["value"])
+        node[last] = tidy(_scaled(float(leaf), "", before, after)["value"])
         node.update(said)
     else:
         source = node.get("source", "") if leaf is not None else ""
         note = _note(before, "", source, "")
-        node[last] = {"value": _tidy(after)} | said | {"note": note}
+        node[last] = {"value": tidy(after)} | said | {"note": note}
 
 
 def _put_component(
@@ -143,9 +139,9 @@ def _put_component(
     values, unit = list(node["value"]), str(node.get("unit", ""))
     was = list(node["value"])
     if unit and before != 0.0 and isinstance(was[index], (int, float)) and was[index]:
-        values[index] = _tidy(was[index] * (after / before))
+        values[index] = tidy(was[index] * (after / before))
     else:
-        values[index] = _tidy(after / _to_si(unit))
+        values[index] = tidy(after / _to_si(unit))
     if node.get("source") != provenance:
         node["note"] = _note(was, unit, node.get("source", ""), node.get("note", ""))
     node.update({"value": values, "source": provenance, "status": "fitted"})
@@ -164,8 +160,8 @@ def _to_si(unit: str) -> float:
 def _scaled(number: float, unit: str, before: float, after: float) -> dict[str, Any]:
     """The new value in the unit of the file; in SI without a unit if the old value is zero."""
     if number == 0.0 or before == 0.0 or not math.isfinite(before / number):
-        return {"value": _tidy(after)}
-    out: dict[str, Any] = {"value": _tidy(number * (after / before))}
+        return {"value": tidy(after)}
+    out: dict[str, Any] = {"value": tidy(number * (after / before))}
     return out | ({"unit": unit} if unit else {})
 
 

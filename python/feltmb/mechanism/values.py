@@ -26,6 +26,7 @@ __all__ = [
     "parse_setting",
     "plain_data",
     "split_operator",
+    "tidy",
 ]
 
 #: Path and operator of a change; ``contacts.*`` ends with a wildcard, not with an operator.
@@ -221,7 +222,7 @@ def _combined(old: Any, unit: str | None, operator: str, value: Any) -> Any:
     if isinstance(old, bool) or not isinstance(old, (int, float)):
         raise ValueError(f"the value is {shortened(repr(old))}, expected a number")
     if operator == "*":
-        return old * parse_scalar(value, "1")
+        return tidy(old * parse_scalar(value, "1"))
     sign = 1 if operator == "+" else -1
     split = split_quantity(value) if isinstance(value, str) else None
     amount, given = split or (value, "")
@@ -231,13 +232,18 @@ def _combined(old: Any, unit: str | None, operator: str, value: Any) -> Any:
             + (f" such as {unit}" if unit else "")
         )
     if not given:
-        return old + sign * amount
+        return tidy(old + sign * amount)
     if given == "%" != unit:
         raise ValueError(f"got {value!r}, expected an amount; for a share write *=, such as *=110%")
     if unit is not None:
-        return old + sign * amount * conversion_factor(given, unit)
+        return tidy(old + sign * amount * conversion_factor(given, unit))
     factor, si = to_si(given)  # a number without a unit is in the SI unit of its field
-    return f"{float(old + sign * amount * factor)!r} {si}"
+    return f"{tidy(old + sign * amount * factor)!r} {si}"
+
+
+def tidy(value: float) -> float:
+    """A number without its last digits, which contain rounding errors."""
+    return value if isinstance(value, int) else float(f"{value:.12g}")
 
 
 def _in_unit_of(old: Any, value: Any) -> Any:

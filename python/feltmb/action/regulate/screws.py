@@ -9,6 +9,7 @@ from typing import Any
 from feltmb.action.regulate.targets import Screw, Step
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action
+from feltmb.mechanism.values import tidy
 from feltmb.units import conversion_factor
 from feltmb.units.quantity import parse_scalar
 
@@ -99,8 +100,3 @@ class Screws:
                 new["note"] = f"{old}; {describe(i)}" if old else describe(i)
             values[path] = new
         return self.base.with_values(values) if values else self.base
-
-
-def tidy(value: float) -> float:
-    """A number without its last digits, which contain rounding errors."""
-    return float(f"{value:.12g}")

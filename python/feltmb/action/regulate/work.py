@@ -10,11 +10,12 @@ from typing import Any
 
 from feltmb import _core
 from feltmb.action.regulate.measuring import Bench, CannotMeasure
-from feltmb.action.regulate.screws import Screws, tidy
+from feltmb.action.regulate.screws import Screws
 from feltmb.action.regulate.solving import solve
 from feltmb.action.regulate.targets import MEASURES, Step, Targets, default_targets, load_targets
 from feltmb.arguments import checked
 from feltmb.mechanism import Action, load_action
+from feltmb.mechanism.values import tidy
 
 
 @dataclass(frozen=True)
