@@ -198,12 +198,15 @@ class ProgressLine:
         """The line; the most important parts come first, because its end may be cut."""
         parts = [p.stage]
         if p.simulations:
-            about = f" of about {p.about}" if p.about else ""
+            about = f" of at least {p.about}" if p.about else ""
             parts.append(f"{p.simulations}{about} simulations")
         if p.misfit is not None:
             parts.append(f"misfit {p.misfit:.3g}")
-        left = "" if p.left is None else f", about {duration(p.left)} left"
-        parts.append(duration(p.elapsed) + left)
+        parts.append(duration(p.elapsed))
+        if p.left is not None and p.left_most is not None:
+            parts.append(f"{duration(p.left)} to {duration(p.left_most)} left")
+        elif p.left is not None:
+            parts.append(f"at least {duration(p.left)} left")
         return ", ".join(parts) + (f": {p.detail}" if p.detail else "")
 
     def close(self) -> None:

@@ -7,6 +7,7 @@ results so far are reported. The proof on held-out records still has its part of
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -36,9 +37,11 @@ __all__ = [
 CHECKS, FIT = "checks of the data", "fit of the model"
 SEARCH, PROOF, REPORT = "search", "proof on held-out records", "report"
 STAGES = (CHECKS, FIT, SEARCH, PROOF, REPORT)
-#: Typical number of linearizations and trial points by stage, for the estimate of the remaining
-#: time.
-USUAL = {FIT: 20, SEARCH: 120, PROOF: 20}
+#: Smallest and usual largest number of steps (linearizations and trial points) of the fit of the
+#: model, of items of the other stages (refits, evaluations on held-out records), and of steps of an
+#: item, until they are known.
+STEPS_OF_FIT, STEPS_OF_ITEM = (20, 120), (5, 12)
+ITEMS = {SEARCH: (3, 40), PROOF: (2, 16)}
 #: Share of the time limit after which no fit is started; the rest is for the proof.
 FOR_FITS = 0.6
 #: Share of this time after which the fit of the model alone ends, so that effects are fitted, too.
@@ -61,15 +64,18 @@ class Progress:
     simulations: int
     """Number of simulated records so far; a part of a record counts as its share."""
     about: int
-    """Estimated total number of simulated records; 0: unknown."""
+    """Least expected total number of simulated records; 0: unknown."""
     misfit: float | None
     """Smallest sum of squares so far, relative to its expectation under noise [1]; None: none
     yet."""
     elapsed: float
     """Elapsed time [s]."""
     left: float | None
-    """Estimated remaining time if every stage takes its usual number of steps [s]; None: unknown,
-    because this stage has taken more."""
+    """Least remaining time [s]: known refits and evaluations, with the mean time of those that are
+    finished. None: unknown."""
+    left_most: float | None = None
+    """Remaining time [s] if every stage takes its usual largest number of them, or until the time
+    limit. None: unknown, because there were more."""
 
 
 class Ended(Exception):
@@ -112,6 +118,9 @@ class Watch:
         self._first = _seen
         self._last = -PAUSE
         self._calls = dict.fromkeys(STAGES, 0)
+        self._items = {stage: least for stage, (least, _) in ITEMS.items()}  # known ones left
+        self._took: dict[str, list[float]] = {SEARCH: [], PROOF: []}  # of finished items [s]
+        self._item = 0.0  # start of the present item
         self.stage, self.detail = CHECKS, ""
         self.misfit: float | None = None
         self.why = ""
@@ -215,6 +224,9 @@ class Watch:
 
     def enter(self, stage: str) -> None:
         """Start a stage."""
+        if self._took.get(self.stage):
+            self._took[self.stage][-1] = self.elapsed - self._item
+        self._items[stage] = ITEMS.get(stage, (0, 0))[0]
         self.stage, self.detail = stage, ""
         self._entered = self.elapsed
         self._show(now=True)
@@ -223,6 +235,19 @@ class Watch:
         """Report the present step of the stage."""
         self.detail = f"{detail} {done + 1}/{total}" if total else detail
         self._show(now=True)
+
+    def expect(self, count: int) -> None:
+        """The present item of the stage is finished; at least ``count`` more are known.
+
+        An item is a refit in the search, or an evaluation in the proof. The next one begins now.
+        """
+        took, now = self._took.get(self.stage), self.elapsed
+        if took is None:
+            return
+        if took:
+            took[-1] = now - self._item
+        took.append(math.inf)
+        self._item, self._items[self.stage] = now, max(count, 1)
 
     def fitted(self, misfit: float) -> None:
         """Report the sum of squares of a finished fit, relative to its expectation."""
@@ -252,14 +277,14 @@ class Watch:
             return
         self._last = elapsed
         made = round(_seen - self._first)
-        calls = sum(self._calls.values())
-        about, left = 0, None
-        # A stage that takes more than its usual number of steps may take any number.
-        if calls >= 4 and made and self._calls[self.stage] <= USUAL.get(self.stage, -1):
-            about = max(round(made * (calls + self._calls_left()) / calls), made)
-            left = elapsed * (about - made) / made
+        about = 0
+        left = most = None
+        if sum(self._calls.values()) >= 4 and made and self.stage != REPORT:
+            left, most = self._left()
             if self._budget is not None:
-                left = min(left, max(self._budget - elapsed, 0.0))
+                limit = max(self._budget - elapsed, 0.0)
+                left, most = min(left, limit), min(most or limit, limit)
+            about = round(made * (1.0 + left / elapsed))
         self._tell(
             Progress(
                 stage=self.stage,
@@ -269,14 +294,32 @@ class Watch:
                 misfit=self.misfit,
                 elapsed=elapsed,
                 left=left,
+                left_most=most,
             )
         )
 
-    def _calls_left(self) -> float:
-        """Number of remaining steps if every stage takes its usual number."""
-        at = STAGES.index(self.stage)
-        here = 0 if self.over() else USUAL[self.stage] - self._calls[self.stage]
-        return here + sum(USUAL.get(s, 0) for s in STAGES[at + 1 :] if s in self._stages)
+    def _left(self) -> tuple[float, float | None]:
+        """Least and usual largest remaining time [s]; the latter is None if it is exceeded."""
+        step = self.elapsed / sum(self._calls.values())
+        finished = [t for took in self._took.values() for t in took if t < math.inf]
+        least, most = 0.0, 0.0
+        known = True
+        if self.stage in (CHECKS, FIT) and not self.over():
+            least, most = (step * max(0, n - self._calls[FIT]) for n in STEPS_OF_FIT)
+        for stage in self._stages[self._stages.index(self.stage) :]:
+            if stage not in ITEMS or (stage == SEARCH and self.over()):
+                continue
+            items, usual = self._items[stage], ITEMS[stage][1]
+            own = [t for t in self._took[stage] if t < math.inf] or finished
+            short, long = (step * n for n in STEPS_OF_ITEM)
+            if own:
+                short = long = sum(own) / len(own)
+            more = max(items, usual - len(self._took[stage]))
+            spent = self.elapsed - self._item if stage == self.stage and self._took[stage] else 0.0
+            least += max(items * short - spent, (items - 1) * short)
+            most += max(more * long - spent, (more - 1) * long)
+            known = known and len(self._took[stage]) <= usual
+        return least, most if known else None
 
 
 #: Watch of this thread and of the threads that it starts; otherwise an unused watch.

@@ -206,8 +206,18 @@ class _Attempt:
         if key not in self.outcomes:
             if self.progress is not None:
                 self.progress("held-out: " + (" + ".join(key) or "model"), len(self.outcomes), 0)
+            current().expect(self._expected(key))
             self.outcomes[key] = self._with_second_starts(fit)
         return self.outcomes[key]
+
+    def _expected(self, key: tuple[str, ...]) -> int:
+        """Least number of evaluations that are left, with that of the set of this key.
+
+        The best set and its parts without one effect are evaluated.
+        """
+        best = () if self.search.best is None else self.search.best.key
+        parts = {(), best, *(tuple(n for n in best if n != out) for out in best)}
+        return len(parts - self.outcomes.keys() - {key}) + 1
 
     def _with_second_starts(self, fit: Fit) -> Outcome:
         """Evaluate a fit, with the best result so far as its second start.

@@ -433,6 +433,7 @@ class _Hunt:
                 self.skipped[t.name] = None
                 return
             self._tell(f"refine: {t.name}")
+            current().expect(self.width)  # as many sets follow
             self.annealed.add(t.name)
             way = replace(self.quick, worth=min(self._worth(), self.model_fit.cost))
             fit = annealed(base, (t,), np.array([size[i] * t.effect.scale]), way)
@@ -463,6 +464,7 @@ class _Hunt:
             again = t.name in self.annealed and self._contradicted(t.effect, at)
             if again or (t.name,) not in self.done:
                 self.tried.add(_mark((t,)))
+                current().expect(1 + self.width - len(names))
                 self._attempt(near, (t,), np.array([size[i] * t.effect.scale]))
             if len(names) >= self.width:
                 break
@@ -507,10 +509,11 @@ class _Hunt:
 
     def _extend(self, base: Fit, at: Scores, count: int) -> None:
         """Refit a base with the additions that have the largest linear evidence."""
-        for chosen, magnitudes in self._survivors(base, at, count):
-            if _mark(chosen) not in self.tried:
-                self.tried.add(_mark(chosen))
-                self._attempt(base, chosen, magnitudes)
+        new = [c for c in self._survivors(base, at, count) if _mark(c[0]) not in self.tried]
+        for k, (chosen, magnitudes) in enumerate(new):
+            self.tried.add(_mark(chosen))
+            current().expect(len(new) - k)
+            self._attempt(base, chosen, magnitudes)
 
     def _survivors(
         self, base: Fit, at: Scores, count: int
@@ -594,6 +597,7 @@ class _Hunt:
             rest = tuple(t for t in best.fit.included if t is not candidate)
             others = np.delete(best.fit.point.magnitudes, k)
             if rest and _short(self.done.get(_key(rest)), best, k):
+                current().expect(len(best.fit.included) - k)
                 self._attempt(best.fit, rest, others)
             if not left:
                 continue
@@ -610,6 +614,7 @@ class _Hunt:
                 known = self.done.get(_key((*rest, new)))
                 if known is None or not _holds(known, rest):
                     magnitude = size[i] * new.effect.scale
+                    current().expect(1)
                     self._attempt(best.fit, (*rest, new), np.append(others, magnitude))
 
     def _shrink(self) -> None:
@@ -686,6 +691,7 @@ class _Hunt:
                 return
             _, chosen, magnitudes = left.pop()
             seen.add((best.key, _key(chosen)))
+            current().expect(1 + len(left))
             self._tell("exchange: " + " + ".join(t.name for t in chosen))
             start = best.fit.problem.carry(best.fit.point, chosen, magnitudes)
             problem, level = best.fit.problem.with_candidates(chosen), best.fit.level

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -194,6 +195,43 @@ def test_other_models_are_counted():
     assert told[-1].simulations >= seen[-1].simulations
 
 
+def test_the_remaining_time_counts_what_is_known(monkeypatch):
+    now, told = [0.0], []
+    monkeypatch.setattr(watch.clock, "perf_counter", lambda: now[0])
+    w = Watch(told.append)
+    watch.simulated(1.0)
+    w.enter("fit of the model")
+    for now[0] in (1.0, 2.0, 3.0, 4.0):
+        w.step()
+    w.enter("search")  # at least 3 refits and 2 evaluations of 5 steps, usually 40 and 16 of 12
+    assert (told[-1].left, told[-1].left_most) == (25.0, 12.0 * 56)
+    w.expect(7)
+    now[0] = 14.0
+    w.expect(6)  # the first refit took 10 s
+    w.say("refine: b")
+    assert (told[-1].left, told[-1].left_most) == (6 * 10.0 + 2 * 10.0, 38 * 10.0 + 16 * 10.0)
+    now[0] = 18.0
+    w.say("refine: b")
+    assert told[-1].left == 76.0
+    for _ in range(40):
+        w.expect(1)
+    w.say("refine: c")
+    assert told[-1].left_most is None  # more than usual
+    w.enter("proof on held-out records")
+    w.expect(2)
+    now[0] = 48.0
+    w.expect(1)  # the first evaluation took 30 s
+    w.say("held-out: c")
+    assert told[-1].left == 30.0
+    limited = Watch(told.append, budget=100.0)
+    limited._begin, limited._calls["search"] = 0.0, 4
+    watch.simulated(1.0)
+    limited.enter("search")
+    assert told[-1].left_most == 52.0  # until the limit
+    w.enter("report")
+    assert told[-1].left is told[-1].left_most is None
+
+
 PROGRESS = Progress(
     stage="search",
     detail="refine: dry friction",
@@ -211,10 +249,11 @@ def test_the_line_of_progress(capsys):
     line(PROGRESS)  # no terminal: once a stage
     line.close()
     wanted = (
-        "feltmb: search, 241 of about 830 simulations, misfit 1.07, 8 s, about 3:20 min left: "
-        "refine: dry friction\n"
+        "feltmb: search, 241 of at least 830 simulations, misfit 1.07, 8 s, at least 3:20 min "
+        "left: refine: dry friction\n"
     )
     assert capsys.readouterr().err == wanted
+    assert "8 s, 3:20 min to 8:20 min left" in line.text(replace(PROGRESS, left_most=500.0))
     assert duration(5400.0) == "90:00 min"
     assert duration(7500.0) == "2:05 h"
 

@@ -1040,7 +1040,7 @@ class Live {
 
   diagnosing(m) {
     if (this.diagnosing_) this.diagnosing_.textContent = [m.stage, `${m.simulations} simulations`,
-      m.left ? `about ${round(m.left, 2)} s left` : "", m.detail].filter(t => t).join(", ");
+      m.left ? `at least ${round(m.left, 2)} s left` : "", m.detail].filter(t => t).join(", ");
   }
 
   diagnosed(m) {
