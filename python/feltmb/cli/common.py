@@ -179,6 +179,10 @@ class ProgressLine:
     def __call__(self, p: Progress) -> None:
         """Show the progress."""
         with self._lock:
+            if p.notice:
+                if is_terminal():
+                    redraw("")
+                say(f"feltmb: {p.notice}", err=True)
             if is_terminal():
                 redraw(self.text(p)[: max(console(stderr=True).width - 1, 20)])
             elif p.stage != self._stage or p.elapsed >= self._next or self._is_estimate(p):
@@ -204,7 +208,8 @@ class ProgressLine:
             parts.append(f"misfit {p.misfit:.3g}")
         parts.append(duration(p.elapsed))
         if p.left is not None and p.left_most is not None:
-            parts.append(f"{duration(p.left)} to {duration(p.left_most)} left")
+            least, most = duration(p.left), duration(p.left_most)
+            parts.append(f"at most {most} left" if least == most else f"{least} to {most} left")
         elif p.left is not None:
             parts.append(f"at least {duration(p.left)} left")
         return ", ".join(parts) + (f": {p.detail}" if p.detail else "")

@@ -117,6 +117,10 @@ class Store:
             )
             return None
 
+    def stored(self) -> list[dict[str, Any]]:
+        """Data of all results, without their arrays; files that cannot be read are omitted."""
+        return [_read(path) for path in sorted(self.folder.glob("*.json"))]
+
     def put(
         self,
         key: str,

@@ -303,7 +303,7 @@ def _optimize(
         arrays |= {f"starts{i}": place.starts, f"nuisances{i}": place.nuisances}
     for i, linear in enumerate(linears):
         arrays |= {f"by_input{i}": linear.by_input, f"ends_by_input{i}": linear.ends_by_input}
-    problem.store.put(key, {}, arrays)
+    problem.store.put(key, {"effects": sorted(t.name for t in problem.included)}, arrays)
     return found, cost, linears, converged
 
 

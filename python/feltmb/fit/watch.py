@@ -73,6 +73,8 @@ class Progress:
     left: float | None
     """Least remaining time [s]: known refits and evaluations, with the mean time of those that are
     finished. None: unknown."""
+    notice: str = ""
+    """Message for the user, which is told once."""
     left_most: float | None = None
     """Remaining time [s] if every stage takes its usual largest number of them, or until the time
     limit. None: unknown, because there were more."""
@@ -120,6 +122,7 @@ class Watch:
         self._calls = dict.fromkeys(STAGES, 0)
         self._items = {stage: least for stage, (least, _) in ITEMS.items()}  # known ones left
         self._took: dict[str, list[float]] = {SEARCH: [], PROOF: []}  # of finished items [s]
+        self._notice = ""
         self._item = 0.0  # start of the present item
         self.stage, self.detail = CHECKS, ""
         self.misfit: float | None = None
@@ -249,6 +252,12 @@ class Watch:
         took.append(math.inf)
         self._item, self._items[self.stage] = now, max(count, 1)
 
+    def note(self, notice: str) -> None:
+        """Tell the user something, once."""
+        self._notice = notice
+        self._show(now=True)
+        self._notice = ""
+
     def fitted(self, misfit: float) -> None:
         """Report the sum of squares of a finished fit, relative to its expectation."""
         if self.misfit is None or misfit < self.misfit:
@@ -295,6 +304,7 @@ class Watch:
                 elapsed=elapsed,
                 left=left,
                 left_most=most,
+                notice=self._notice,
             )
         )
 

@@ -57,6 +57,7 @@ from feltmb.gap.profile import profile_of
 from feltmb.gap.proof import HeldOut, Outcome, metric_of, residuals_by_segment
 from feltmb.gap.refine import tighten
 from feltmb.gap.report import Report
+from feltmb.gap.resumed import resumed
 from feltmb.gap.score import (
     NO_SIGNATURE,
     all_candidates,
@@ -228,6 +229,7 @@ class _Diagnosis:
         self._lap("data checks")
         usable, self.not_tested = _usable(self.model, effects)
         self.skipped: tuple[NotTested, ...] = ()
+        self.resumed = ""
         self.task = Task(
             effects=usable,
             options=options,
@@ -279,6 +281,17 @@ class _Diagnosis:
             self.task.settings,
         )
         _check_columns(self.model, tabulated, self.metric, self.records)
+        if self.task.store is not None:
+            self.resumed = resumed(
+                self.task.store,
+                self.model,
+                self.task.effects,
+                self.records,
+                [s.record.whole for s in self.data.held],
+                self.options,
+                tabulated,
+            )
+            self.watch.note(self.resumed)
         self._lap("gap as it is")
         return tabulated
 
@@ -518,6 +531,7 @@ class _Diagnosis:
             no_profile=no_profile,
             seconds=self.seconds,
             stopped=f"{watch.stopped_in} ({watch.why})" if watch.why else "",
+            resumed=self.resumed,
         )
 
     def _decided(

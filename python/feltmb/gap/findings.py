@@ -749,6 +749,10 @@ class Findings:
     alone."""
     stopped: str = ""
     """Stage in which the diagnosis was stopped, and why; empty: it was completed."""
+    resumed: str = ""
+    """What was reused of an interrupted diagnosis, or why nothing was; empty without a folder
+    (``Options.resume``). Not written to files, because their bytes must depend on the input
+    alone."""
 
     @property
     def no_step(self) -> str:

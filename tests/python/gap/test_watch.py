@@ -1,6 +1,7 @@
 """A fit or diagnosis tells what it does, and ends early with what it knows."""
 
 import os
+import re
 import signal
 import sys
 from dataclasses import replace
@@ -14,6 +15,7 @@ from feltmb.fit.watch import Watch
 from feltmb.gap import (
     Exposed,
     FunctionModel,
+    Options,
     Parameter,
     Record,
     Sensor,
@@ -333,3 +335,32 @@ def test_budget_of_the_command_line(tmp_path, capsys, monkeypatch):
     said = run("fit", "m.py", "r.csv", "--budget", "1us")
     assert "note: stopped" in said.out
     assert "m" not in sys.modules  # the module of the user's file
+
+
+def test_a_rerun_tells_what_it_reuses(tmp_path):
+    def begun(m, records=RECORDS, **more):
+        options = Options(resume=tmp_path, **more)
+        told = []
+
+        def stop():
+            return sum(p.detail.startswith("refine") for p in told) > 2
+
+        report = diagnose(m, m.effects, records, None, options, told.append, stop=stop)
+        assert [p.notice for p in told if p.notice] == [report.resumed]
+        return report.resumed
+
+    assert begun(model(sd=np.inf)) == "starts anew: the folder holds no unfinished diagnosis"
+    again = begun(model(sd=np.inf))
+    assert again.startswith("resumes the diagnosis of 2")
+    assert re.search(
+        r": fits of the model and \d sets? with [123] of 3 candidates are reused$", again
+    )
+    assert begun(model(sd=np.inf), alpha=0.02).endswith(
+        "; the option alpha changed, which other fits may need"
+    )
+    other = [replace(RECORDS[0], time=RECORDS[0].time + 0.001), *RECORDS[1:]]
+    assert "starts anew, because record a changed since 2" in begun(model(sd=np.inf), other)
+    assert "starts anew, because the model (gain) changed" in begun(model(sd=0.2), other)
+    fewer = [*other[:2], replace(other[2], outputs={"y": 2.0 * other[2].outputs["y"]})]
+    assert "because record c changed" in begun(model(sd=0.2), fewer)
+    assert diagnose(model(), (), RECORDS).resumed == ""
