@@ -63,7 +63,7 @@ def command(
 
     from feltmb.cli.gap_models import load_adapter
     from feltmb.files import check_writable, make_folder, write_text
-    from feltmb.fit.solve import FitSettings
+    from feltmb.fit.solve import NOT_CONVERGED, FitSettings
     from feltmb.gap import fit_model
     from feltmb.gap.report import plain
 
@@ -120,7 +120,7 @@ def command(
         table.add_row(
             r.name + unit,
             f"{r.value:.5g}" + (" (limit)" if r.at_limit else ""),
-            f"{r.low:.4g} .. {r.high:.4g}",
+            f"{r.low:.4g} .. {r.high:.4g}" if r.converged else NOT_CONVERGED,
             prior,
             f"{r.contraction:.0%}",
         )

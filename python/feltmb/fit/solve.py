@@ -18,6 +18,7 @@ from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.watch import Say, current
 
 __all__ = [
+    "NOT_CONVERGED",
     "Fit",
     "FitSettings",
     "Interval",
@@ -46,6 +47,8 @@ ACROSS, CROSSINGS, BEYOND = 1.0, 4, 15
 TAKEN, GOOD = 0.1, 0.6
 #: Number of consecutive samples whose mean square decides whether the model follows a record.
 ROW = 5
+#: Text in place of the interval of a number whose fit was ended early.
+NOT_CONVERGED = "not converged"
 #: Two fits whose log evidence differs by less are equal.
 SAME = 0.5
 
@@ -112,6 +115,8 @@ class Interval:
     contraction: float
     """1 - (sd / prior sd)^2 without ``form_sd`` [1]: information of the data relative to the
     prior; 1 without a prior."""
+    converged: bool = True
+    """False: the fit was ended early, and the interval is that of its present point."""
     form_sd: float = 0.0
     """Standard deviation that errors in the form of included laws add."""
 
@@ -136,6 +141,8 @@ class Fit:
     notes: tuple[str, ...]
     linears: tuple[Linear, ...] = field(repr=False)
     normal: Normal = field(repr=False)
+    cut: bool = False
+    """Whether its time was over before it converged."""
 
     @property
     def explains(self) -> bool:
@@ -229,6 +236,7 @@ class Fit:
                         else 0.0
                     ),
                     form_sd=float(form_sd),
+                    converged=not self.cut,
                 )
             )
         return tuple(out)
@@ -506,6 +514,7 @@ def _finish(
         notes=(),
         linears=tuple(linears),
         normal=normal,
+        cut=not converged and current().must_end(),
     )
 
 

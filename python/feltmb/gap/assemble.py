@@ -140,6 +140,7 @@ def ranked(
                 smallest=float(DETECTABLE * scale / strength[i]) if strength[i] > 0.0 else math.inf,
                 confusable=confused,
                 named=name in named,
+                converged=refitted is None or not refitted.fit.cut,
                 remedy=candidate.effect.remedy,
                 numbers=shape_numbers(candidate.effect, shape, wide),
             )

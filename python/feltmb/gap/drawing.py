@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from feltmb.fit.solve import NOT_CONVERGED
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import ComponentRow, HowFar, LedgerCell, Profile, Ranked
 from feltmb.style import (
@@ -123,7 +124,8 @@ def bars(effects: Sequence[Ranked], one_of: Sequence[str], refused: Sequence[str
         ax.barh(i, r.posterior, 0.7, color=color, gid=f"belief-{i}")
         unit = unit_suffix(r.unit)
         value = f"{r.magnitude:.{digits(r.magnitude, r.sd, 4)}g}"
-        text = f"{note}{r.posterior:.0%}; {value} ± {1.96 * r.sd:.2g}{unit}"
+        wide = f" ± {1.96 * r.sd:.2g}{unit}" if r.converged else f"{unit}, {NOT_CONVERGED}"
+        text = f"{note}{r.posterior:.0%}; {value}{wide}"
         ax.text(r.posterior + 0.01, i, plain_text(text), va="center", fontsize=NORMAL)
     ax.set_xlim(0.0, 1.8)  # space for the magnitudes
     ax.set_xticks([0.0, 0.5, 1.0], ["0", "50 %", "100 %"])

@@ -182,6 +182,8 @@ class Calibrated:
     beyond: bool = False
     """Whether the value exceeds its tolerance; see
     :func:`~feltmb.gap.tolerance.beyond_tolerance`."""
+    converged: bool = True
+    """False: the fit was ended early, and the interval is that of its present point."""
     text: str = ""
     """Description of the change in one sentence."""
 
@@ -438,6 +440,8 @@ class Ranked:
     confusable: tuple[str, ...]
     """Effects that these records cannot distinguish from it."""
     named: bool
+    converged: bool = True
+    """False: its fit was ended early, and the interval is that of its present point."""
     remedy: str = ""
     numbers: tuple[ShapeNumber, ...] = ()
     """Numbers of the shape of the effect."""
@@ -753,6 +757,14 @@ class Findings:
     """What was reused of an interrupted diagnosis, or why nothing was; empty without a folder
     (``Options.resume``). Not written to files, because their bytes must depend on the input
     alone."""
+
+    @property
+    def not_tested_by_reason(self) -> list[tuple[str, list[str]]]:
+        """Reasons why effects were not tested, and the names of these effects; most first."""
+        groups: dict[str, list[str]] = {}
+        for n in self.not_tested:
+            groups.setdefault(n.why, []).append(n.name)
+        return sorted(groups.items(), key=lambda group: -len(group[1]))
 
     @property
     def no_step(self) -> str:

@@ -75,6 +75,7 @@ def page(report: Findings, viewers: str = "") -> str:
         "bars": Markup(bars(report.which.effects, report.one_of, [n.name for n in report.refused])),
         "profiles": [(p.text, Markup(profile_curve(p))) for p in report.profiles],
         "waterfall": Markup(waterfall(report.how_far)),
+        "refused": [n.name for n in report.refused],
         "intervals": report.fit.intervals(),
         "together": together(report.fit),
         "sources": sorted({s for s in _sources(report) if s}),

@@ -17,6 +17,7 @@ from feltmb.arguments import checked
 from feltmb.display import html_table
 from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder, write_text
+from feltmb.fit.solve import NOT_CONVERGED
 from feltmb.gap.findings import Findings
 from feltmb.gap.page import page
 
@@ -39,7 +40,13 @@ class Report(Findings):
 
     def _repr_html_(self) -> str:
         rows = [
-            (r.effect, r.magnitude, r.low, r.high, r.unit, f"{r.posterior:.0%}")
+            (
+                r.effect,
+                r.magnitude,
+                *((r.low, r.high) if r.converged else (NOT_CONVERGED, "")),
+                r.unit,
+                f"{r.posterior:.0%}",
+            )
             for r in self.which.effects
             if r.refitted
         ]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from feltmb.fit.model import Candidate, Effect
-from feltmb.fit.solve import Fit
+from feltmb.fit.solve import NOT_CONVERGED, Fit
 from feltmb.gap.acceptance import Accepted
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import ShapeNumber
@@ -36,6 +36,8 @@ class Size:
     """[unit]"""
     shape_sd: Mapping[int, float]
     """Standard deviations of the logarithms of the numbers of the shape that move, by place."""
+    converged: bool = True
+    """Whether its fit was not ended early."""
 
     @property
     def low(self) -> float:
@@ -63,6 +65,8 @@ class Size:
         text = f"{effect.name} of {factor * self.magnitude:.{shown}g}{unit}"
         low, high = (f"{factor * end:.{shown}g}" for end in (self.low, self.high))
         about = [f"95% from {low} to {high}{unit}" if bounded else "no finite 95% interval"]
+        if not self.converged:
+            about = [NOT_CONVERGED]
         for number in shape_numbers(effect, self.candidate.shape, self.shape_sd):
             if number.low < number.high:
                 found = _NAME_AND_UNIT.fullmatch(number.name)
@@ -111,6 +115,7 @@ class Sizes:
             candidate=found.fit.included[k],
             magnitude=float(found.fit.point.magnitudes[k]),
             sd=math.sqrt(max(float(own.total[at, at]), 0.0)),
+            converged=not found.fit.cut,
             shape_sd={i: v for (j, i), v in own.shapes.items() if j == k},
         )
 

@@ -13,7 +13,15 @@ from feltmb.data import Array
 from feltmb.fit.model import Model, Parameter
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.solve import Fit, FitSettings, Interval, chained, estimate_states, polish
+from feltmb.fit.solve import (
+    NOT_CONVERGED,
+    Fit,
+    FitSettings,
+    Interval,
+    chained,
+    estimate_states,
+    polish,
+)
 from feltmb.gap.criteria import MOVED, TOLERATED
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated, GivenValue
@@ -215,6 +223,7 @@ def _row(p: Parameter, interval: Interval, share: float, *, sure: bool) -> Calib
         alone=alone,
         alone_sd=alone_sd,
         beyond=far is not None and beyond_tolerance(interval, p.sd),
+        converged=interval.converged,
     )
     return replace(row, text=_text(p, row))
 
@@ -238,11 +247,9 @@ def _text(p: Parameter, row: Calibrated) -> str:
     if row.prior_deviations is None:
         unit = unit_suffix(p.unit)
         places = digits(row.value, row.sd, 3)
-        return (
-            f"{subject} is {row.value:.{places}g} ± {1.96 * row.sd:.2g}{unit}, "
-            "of which nothing was known before"
-        )
-    change, wide = row.value - row.tabulated, 1.96 * row.sd
+        about = f" ± {1.96 * row.sd:.2g}{unit}" if row.converged else f"{unit} ({NOT_CONVERGED})"
+        return f"{subject} is {row.value:.{places}g}{about}, of which nothing was known before"
+    change, wide = row.value - row.tabulated, 1.96 * row.sd if row.converged else math.nan
     word = p.words[change > 0.0]
     by, shown = 1.0, p.unit if p.unit != "1" else ""
     if p.relative or row.tabulated != 0.0:
@@ -252,6 +259,8 @@ def _text(p: Parameter, row: Calibrated) -> str:
     elif p.unit == "rad":
         by, shown = math.degrees(1.0), "deg"
     text = f"{subject} is {_amount(change * by, wide * by, shown)} {word} than {row.origin}"
+    if not row.converged:
+        return f"{text} ({NOT_CONVERGED})"
     if row.at_limit:
         return f"{text} (at its limit)"
     if not math.isnan(row.alone):
@@ -324,8 +333,11 @@ def _given_text(p: Parameter, interval: Interval, *, effect: bool) -> str:
     texts = []
     for what, value, sd in known:
         wide = f" ± {by * 1.96 * sd:.2g}" if 0.0 < sd < math.inf else ""
+        if not (what or interval.converged):
+            wide = ""
         texts.append(f"{what}{by * value:.{digits(value, sd, 3)}g}{wide}{unit_suffix(shown)}")
-    return f"{p.name} of {texts[0]} ({', '.join(['95 %', *texts[1:]])})"
+    about = "95 %" if interval.converged else NOT_CONVERGED
+    return f"{p.name} of {texts[0]} ({', '.join([about, *texts[1:]])})"
 
 
 def _amount(change: float, wide: float, unit: str) -> str:

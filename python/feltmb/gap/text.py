@@ -7,6 +7,7 @@ import math
 import textwrap
 from collections.abc import Iterator
 
+from feltmb.fit.solve import NOT_CONVERGED
 from feltmb.gap.criteria import NO_GAP_RATIO, NOISE_ERROR
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import EXPLAINED, Findings, Verdict
@@ -19,6 +20,10 @@ __all__ = ["parts", "report_text"]
 Part = str | FittingTable
 #: Largest numbers of parameters, effects and correlated pairs that are listed.
 MOST_MOVED, MOST_EFFECTS, MOST_PAIRS = 8, 6, 3
+#: Largest number of names that are listed for a reason why effects were not tested.
+MOST_UNTESTED = 3
+#: Mark of an effect of the best set that is not named.
+REFUSED = "x "
 
 
 def parts(report: Findings, width: int) -> Iterator[Part]:
@@ -137,14 +142,17 @@ def _missing(report: Findings, width: int) -> Iterator[Part]:
         "", "effect", "magnitude, 95 %", "T", "probability", right=(1, 2, 3), whole=(0, 1, 2, 3)
     )
     room = max(27, width - 55)
+    refused = {n.name for n in report.refused}
     for r in report.which.effects[:MOST_EFFECTS]:
         mark = "* " if r.named else ("? " if r.effect in report.one_of else "  ")
+        if r.effect in refused:
+            mark = REFUSED
         unit = unit_suffix(r.unit)
         left = [f"{mark}{r.effect}", *(f"  {b}" for b in textwrap.wrap(r.component, room))]
         shown = digits(r.magnitude, r.sd, 3)
         right = [
             f"{r.magnitude:.{max(4, shown)}g}{unit}",
-            f"{r.low:.{shown}g} .. {r.high:.{shown}g}",
+            f"{r.low:.{shown}g} .. {r.high:.{shown}g}" if r.converged else NOT_CONVERGED,
         ]
         right += [""] * (len(left) - len(right))
         if r.named or r.effect in report.one_of:
@@ -176,10 +184,13 @@ def _missing(report: Findings, width: int) -> Iterator[Part]:
     if report.no_profile:
         yield f"No profile: {report.no_profile}."
     for n in report.refused:
-        yield f"In the best set, but not named: {n.name} ({n.why})"
-    for why in dict.fromkeys(n.why for n in report.not_tested):
-        names = ", ".join(n.name for n in report.not_tested if n.why == why)
-        yield f"Not tested: {names} ({why})"
+        yield f"{REFUSED}Refused (in the best set, but not named): {n.name} ({n.why})"
+    for why, names in report.not_tested_by_reason:
+        listed = ", ".join(names[:MOST_UNTESTED])
+        if len(names) > MOST_UNTESTED:
+            listed += f" and {len(names) - MOST_UNTESTED} more"
+        count = "1 effect" if len(names) == 1 else f"{len(names)} effects"
+        yield f"Not tested, {count}: {why} ({listed})"
 
 
 def _remains(report: Findings) -> Iterator[Part]:

@@ -47,12 +47,13 @@ def test_bars_say_what_is_refused():
         given = {f: 0.0 for f in Ranked.__dataclass_fields__}
         given |= {"effect": name, "posterior": posterior, "unit": "N", "magnitude": 0.43}
         given |= {"sd": 0.01, "named": name == "a", "mechanism": f"why {name}"}
+        given["converged"] = name == "a"
         return Ranked(**given)
 
     svg = bars([effect("a", 0.9), effect("b", 0.05)], [], ["b"])
     assert tips(svg) == ["why a", "why b"]
     assert "90%; 0.43 ± 0.02 N" in words(svg)
-    assert any(w.startswith("refused; 5%") for w in words(svg))
+    assert "refused; 5%; 0.43 N, not converged" in words(svg)
     assert bars([], [], []) == ""
 
 

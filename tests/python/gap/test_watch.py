@@ -23,6 +23,8 @@ from feltmb.gap import (
     diagnose,
     fit_model,
 )
+from feltmb.gap.findings import NotTested
+from feltmb.gap.page import page
 
 TIME = np.arange(240) * 1e-2
 STAGES = [
@@ -116,6 +118,46 @@ def test_stopped_in_the_search_the_best_so_far_is_told_with_what_was_not_tried()
     untried = {n.name for n in report.not_tested}
     assert untried
     assert untried <= {"cube", "drift"}
+
+
+def test_numbers_of_a_fit_that_was_ended_have_no_interval(monkeypatch):
+    monkeypatch.setattr(watch, "GRACE", 0.0)
+    m, seen = model(sd=np.inf), []
+
+    def stop():
+        return sum(p.stage == "search" and "refine" in p.detail for p in seen) > 0
+
+    report = diagnose(m, m.effects, RECORDS, progress=seen.append, stop=stop)
+    (row,) = [r for r in report.which.effects if r.refitted]
+    assert not row.converged
+    assert re.search(rf"{row.effect} +\S+ +\S+ .*\n +\S* +not converged", report.text())
+    assert f"{row.effect} of" in report.statement
+    assert "(not converged)" in report.statement
+    for page_of in (report._repr_html_(), page(report)):
+        assert "not converged" in page_of
+    assert all(r.converged for r in diagnose(m, m.effects, RECORDS).which.effects)
+    fit = fit_model(model(), RECORDS, stop=lambda: True)
+    assert not any(i.converged for i in fit.intervals())
+    assert all(i.converged for i in fit_model(model(), RECORDS).intervals())
+
+
+def test_refused_and_untested_effects_in_the_tables():
+    m = model()
+    report = diagnose(m, m.effects, RECORDS)
+    untested = [NotTested(name=f"e{k}", why="too slow") for k in range(5)]
+    report = replace(
+        report,
+        refused=(NotTested(name="cube", why="held-out gain -2"),),
+        not_tested=(NotTested(name="other", why="not visible"), *untested),
+    )
+    text, html = report.text(), page(report)
+    assert re.search(r"\n +x cube ", text)
+    assert "x Refused (in the best set, but not named): cube (held-out gain -2)" in text
+    assert "Not tested, 5 effects: too slow (e0, e1, e2 and 2 more)\n" in text
+    assert "Not tested, 1 effect: not visible (other)\n" in text
+    assert html.count("; refused") == 1  # in the table
+    assert "6 effects were not tested" in html
+    assert '<td>too slow</td><td class="num">5</td><td>e0, e1, e2, e3, e4</td>' in html
 
 
 @pytest.mark.parametrize("stage", STAGES[1:])
