@@ -367,12 +367,21 @@ def test_a_proof_without_time_names_nothing(monkeypatch):
     quick = gap.Options(advice=False, bootstrap=0)
     assert gap.diagnose(model, [cube], records, options=quick).named == ("cube",)
     late = Watch.proof_over
-    monkeypatch.setattr(
-        Watch, "proof_over", lambda self: self.stage == "proof on held-out records" or late(self)
-    )
+
+    def over(self):
+        if self.stage == "proof on held-out records":
+            self._end("the budget of 1 s was spent")
+            return True
+        return late(self)
+
+    monkeypatch.setattr(Watch, "proof_over", over)
     report = gap.diagnose(model, [cube], records, options=quick)
     assert report.named == report.one_of == ()
-    assert "the held-out proof was not complete" in report.text()
+    assert report.verdict == "TOO WEAK"
+    assert (
+        "Stopped in the proof on held-out records (the budget of 1 s was spent): the proof on "
+        "held-out records is not complete, so nothing is named. cube of "
+    ) in report.statement
 
 
 def test_a_model_file_with_a_function_is_checked_on_the_command_line(tmp_path, capsys):
