@@ -24,6 +24,7 @@ from feltmb.gap.advise import advise
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import Null, calibrate, largest_statistic
 from feltmb.gap.checks import DataChecks
+from feltmb.gap.common_delay import common_delay
 from feltmb.gap.components import component_table
 from feltmb.gap.criteria import NOISE_ERROR, refuted, unknown_gain
 from feltmb.gap.decide import Decision, Facts, decide
@@ -281,6 +282,10 @@ class _Diagnosis:
             self.task.settings,
         )
         _check_columns(self.model, tabulated, self.metric, self.records)
+        late = common_delay(self.model, (*self.data.fitted, *self.data.held))
+        if late:
+            self.data = self.data.warned([late])
+            self.watch.note(late)
         if self.task.store is not None:
             self.resumed = resumed(
                 self.task.store,

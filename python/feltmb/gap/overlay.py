@@ -17,7 +17,9 @@ from feltmb.fit.linearize import RUNAWAY
 from feltmb.fit.model import Model
 from feltmb.fit.observe import observe_whole
 from feltmb.fit.runner import untold_trials
+from feltmb.fit.segmented_records import segment_record
 from feltmb.gap.checks import DataChecks, check_against, not_recorded, with_sigma
+from feltmb.gap.common_delay import common_delay
 from feltmb.gap.criteria import (
     ALIKE,
     ANY_FACTOR,
@@ -112,7 +114,8 @@ class GapBefore:
 def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     """Simulate the inputs of records with the tabulated parameters and compare the outputs.
 
-    Nothing is fitted: each record is simulated once.
+    Nothing is fitted: each record is simulated once, and for a mechanism with the derivatives at
+    the beginning of the motion.
 
     Raises
     ------
@@ -157,6 +160,8 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         notes.append(f"the unit of {clock}")
     else:
         notes += _hints(rows)
+        if delay := _delay_of_beginnings(model, records, checks):
+            notes.append(delay)
     return GapBefore(
         model=model.name,
         rows=tuple(rows),
@@ -164,6 +169,17 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         records=tuple(shown),
         simulated=simulated,
         notes=tuple(notes),
+    )
+
+
+def _delay_of_beginnings(model: Model, records: Sequence[Record], checks: DataChecks) -> str:
+    """See :func:`~feltmb.gap.common_delay.common_delay`."""
+    if not math.isfinite(model.longest_run):
+        return ""
+    found = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
+    return common_delay(
+        found.model,
+        [segment_record(found.model, r, checks.noise(r.name), None) for r in found.records],
     )
 
 
