@@ -440,6 +440,23 @@ def test_a_mechanism_without_hammer_key_and_string_is_drawn(pendulum, swing, tmp
     assert distance(surfaces["stop"], surfaces["face"]) == pytest.approx(gap, abs=5e-6)
 
 
+def test_the_motion_of_a_mechanism_without_points_is_that_of_its_coordinates():
+    raw = {k: v for k, v in PENDULUM.items() if k not in ("points", "surfaces", "contacts")}
+    slide = {"joint": "prismatic", "axis": [1.0, 0.0], "coordinate": "car.x", "position": [0, 0]}
+    raw["bodies"] = {**raw["bodies"], "car": {**slide, "mass": 0.1}}
+    raw["finger"] = {"body": "car", "point": [0.0, 0.0], "direction": [1.0, 0.0]}
+    run = feltmb.simulate(Action(raw, "free"), feltmb.ramp_stroke(2.0), 0.4)
+    figure = plot.overview(run)
+    shown = {ax.get_ylabel(): lines(ax) for ax in figure.axes}
+    assert list(shown) == ["finger force [N]", "displacement [mm]", "angle [deg]"]
+    assert list(shown["displacement [mm]"]) == ["car.x"]  # not the bending of the rod
+    car, arm = shown["displacement [mm]"]["car.x"], shown["angle [deg]"]["arm.angle"]
+    np.testing.assert_allclose(car[:, 1], 1e3 * (run["car.x"] - run["car.x"][0]))
+    np.testing.assert_allclose(arm[:, 1], np.degrees(run["arm.angle"] - run["arm.angle"][0]))
+    assert np.ptp(car[:, 1]) > 1.0
+    assert len(plot.motion(run).axes) == 2
+
+
 @pytest.mark.parametrize("picture", [n for n in plot.PICTURES if n != "mechanism"])
 def test_a_run_without_the_outputs_is_refused_clearly(runs, picture):
     run = dataclasses.replace(

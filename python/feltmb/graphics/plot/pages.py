@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +18,12 @@ from feltmb.graphics.plot.readings import (
     run_name,
 )
 from feltmb.graphics.plot.series import (
+    Motion,
     draw_finger,
     draw_motion,
     draw_speed,
     draw_view,
-    motion_curves,
+    motions_of,
 )
 from feltmb.run.reading import reading_of, strike_words, striker_speed
 from feltmb.run.results import let_off_words
@@ -52,7 +54,7 @@ def overview(run: Run) -> Figure:
     Raises
     ------
     InvalidParameter
-        The run has neither finger, tracking points nor contacts.
+        The run has neither finger, tracking points, coordinates nor contacts.
     """
     need_samples(run)
     whole = (float(run.time[0]), float(run.time[-1]))
@@ -63,11 +65,10 @@ def overview(run: Run) -> Figure:
     panels: list[str] = []
     if "finger.force" in run:
         panels.append("finger")
-    try:
-        motion_curves(run)
-        panels.append("motion")
-    except InvalidParameter:
-        pass
+    motions: dict[str, Motion] = {}
+    with contextlib.suppress(InvalidParameter):
+        motions = {f"motion {m.what}": m for m in motions_of(run)}
+    panels += motions
     if striker_speed(run) is not None:
         panels.append("speed")
     views = {f"view {n}": v for n, v in reading_of(run).views.items() if n != "motion"}
@@ -76,9 +77,9 @@ def overview(run: Run) -> Figure:
     if numbers:
         panels.append("forces")
     if not panels:
-        raise InvalidParameter("plot overview: the run has no finger, tracking points or contacts")
-    heights = {"finger": 0.9, "motion": 1.5, "speed": 1.1, "forces": 1.5}
-    heights |= dict.fromkeys(views, 1.2)
+        raise InvalidParameter("plot overview: the run has no finger, motion or contacts")
+    heights = {"finger": 0.9, "speed": 1.1, "forces": 1.5}
+    heights |= dict.fromkeys(motions, 1.5) | dict.fromkeys(views, 1.2)
     total = sum(heights[p] for p in panels)
     figure = new_figure(8.6, 1.9 * total + 0.9)
     head_title(figure, run, "Stroke")
@@ -93,9 +94,10 @@ def overview(run: Run) -> Figure:
             if near != whole:
                 ax.axvspan(1e3 * near[0], 1e3 * near[1], color="#F2F2F2", zorder=0)
                 ax.set_title("whole run; gray: shown below", fontsize=SMALL, loc="right")
-        elif panel == "motion":
-            draw_motion(ax, run)
-            ax.set_ylabel("displacement [mm]", fontsize=NORMAL)
+        elif panel in motions:
+            moved = motions[panel]
+            draw_motion(ax, moved, run.time)
+            ax.set_ylabel(f"{moved.what} [{reader_unit(moved.unit)[1]}]", fontsize=NORMAL)
         elif panel == "speed":
             draw_speed(ax, run)
         elif panel in views:
@@ -114,7 +116,7 @@ def overview(run: Run) -> Figure:
         if window == near:
             mark_events(ax, run, near, width=5.2, labels=not labeled)
             labeled = True
-        if panel in ("motion", "forces") or panel in views:
+        if panel == "forces" or panel in motions or panel in views:
             side_legend(ax)
         if ax is not axes[-1] and panel != "finger":
             ax.set_xlabel("")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 __all__ = [
+    "Motion",
     "contact_forces",
     "draw_finger",
     "draw_motion",
@@ -59,7 +62,7 @@ __all__ = [
     "draw_view",
     "finger_force",
     "motion",
-    "motion_curves",
+    "motions_of",
     "striker_speed",
     "string",
 ]
@@ -85,64 +88,98 @@ def view_curves(run: Run, view: View) -> list[tuple[str, Array, str, str]]:
     return curves
 
 
-def motion_curves(run: Run) -> list[tuple[str, Array, str, str]]:
-    """Label, displacement from the start [m], color and line style."""
+@dataclass(frozen=True)
+class Motion:
+    """Curves of a panel with motions of one unit."""
+
+    what: str
+    unit: str
+    """SI unit of the curves."""
+    curves: Sequence[tuple[str, Array, str, str]]
+    """Label, change from the start [unit], color and line style."""
+
+
+def motions_of(run: Run) -> list[Motion]:
+    """The view ``motion`` of ``[reading]``, else tracking points, else coordinates by their unit.
+
+    Coordinates of the bending of beams are omitted.
+
+    Raises
+    ------
+    InvalidParameter
+        The run has none of these.
+    """
     view = reading_of(run).views.get("motion")
     curves = view_curves(run, view) if view is not None else []
     if curves:
-        return curves
+        return [Motion("displacement", "m", curves)]
     points = [n for n in run.names if re.fullmatch(r".+\.[xy]", n) and run.unit(n) == "m"]
+    points = [n for n in points if f"{n}.rate" not in run]  # a coordinate may have such a name
     for i, name in enumerate(points[:12]):
         point, axis = name[:-2], name[-1]
         color = CYCLE[(i // 2) % len(CYCLE)]
         style = "-" if axis == "y" else "--"
         curves.append((plain_text(f"{point}, d{axis}"), run[name] - run[name][0], color, style))
-    if not curves:
-        raise InvalidParameter(
-            "plot motion: the run has no tracking points; give the mechanism [points]"
-        )
-    return curves
+    if curves:
+        return [Motion("displacement", "m", curves)]
+    found = []
+    moves = [n for n in run.names if f"{n}.rate" in run and not re.fullmatch(r".+\.[uv]\d+", n)]
+    for what, unit in (("displacement", "m"), ("angle", "rad")):
+        own = [n for n in moves if run.unit(n) == unit]
+        curves = [
+            (plain_text(n), run[n] - run[n][0], color, "-")
+            for n, color in zip(own, itertools.cycle(CYCLE), strict=False)
+        ]
+        if curves:
+            found.append(Motion(what, unit, curves[:12]))
+    if not found:
+        raise InvalidParameter("plot motion: the run has no tracking points and no coordinates")
+    return found
 
 
-def draw_motion(ax: Axes, run: Run) -> None:
-    """Plot the displacements of a run on axes."""
-    for label, values, color, style in motion_curves(run):
+def draw_motion(ax: Axes, motion: Motion, time: Array) -> None:
+    """Plot the motions of one unit on axes."""
+    factor, unit = reader_unit(motion.unit)
+    for label, values, color, style in motion.curves:
         ax.plot(
-            1e3 * run.time, 1e3 * values, color=color, linestyle=style, linewidth=1.3, label=label
+            1e3 * time, factor * values, color=color, linestyle=style, linewidth=1.3, label=label
         )
-    style_axes(ax, "time [ms]", "displacement from start [mm]")
+    style_axes(ax, "time [ms]", f"{motion.what} from start [{unit}]")
 
 
 def motion(run: Run) -> Figure:
     """Plot the view ``motion`` of ``[reading]``; for the action, thesis Figs 4.12 to 4.16.
 
     The lower panel shows the time around the strike. For a mechanism without this view, its first
-    tracking points are shown.
+    tracking points are shown, and without points its coordinates.
 
     Raises
     ------
     InvalidParameter
-        The run has no tracking points.
+        The run has neither tracking points nor coordinates.
     """
     need_samples(run)
-    motion_curves(run)
+    motions = motions_of(run)
     whole = (float(run.time[0]), float(run.time[-1]))
     near = action_window(run)
     zoom = near[1] - near[0] < 0.8 * (whole[1] - whole[0])
-    figure = new_figure(9.0, 7.4 if zoom else 4.6)
+    panels = [(m, w) for m in motions for w in ((whole, near) if zoom else (whole,))]
+    figure = new_figure(9.0, 1.8 + 2.8 * len(panels))
     head_title(figure, run, "Motion")
-    axes = figure.subplots(2 if zoom else 1, 1, squeeze=False)[:, 0]
-    for ax, window in zip(axes, (whole, near), strict=False):
-        draw_motion(ax, run)
+    axes = figure.subplots(len(panels), 1, squeeze=False)[:, 0]
+    early = [name for t, name in named_events(run) if not near[0] <= t <= near[1]]
+    for ax, (moved, window) in zip(axes, panels, strict=True):
+        draw_motion(ax, moved, run.time)
         set_window(ax, window)
-    if zoom:
-        axes[0].axvspan(1e3 * near[0], 1e3 * near[1], color="#F2F2F2", zorder=0)
-        axes[0].set_xlabel("")
-        axes[0].set_title("whole run; gray: shown below", fontsize=SMALL + 0.5, loc="right")
-        early = [name for t, name in named_events(run) if not near[0] <= t <= near[1]]
-        mark_events(axes[0], run, whole, width=6.4, only=early)
-    mark_events(axes[-1], run, near if zoom else whole, width=6.4)
-    side_legend(axes[0])
+        if zoom and window == whole:
+            ax.axvspan(1e3 * near[0], 1e3 * near[1], color="#F2F2F2", zorder=0)
+            ax.set_xlabel("")
+            ax.set_title("whole run; gray: shown below", fontsize=SMALL + 0.5, loc="right")
+            mark_events(ax, run, whole, width=6.4, only=early)
+        else:
+            mark_events(ax, run, window, width=6.4)
+        if window == whole:
+            side_legend(ax)
     return figure
 
 
