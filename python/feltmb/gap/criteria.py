@@ -357,7 +357,8 @@ CLOSES_ALL = _number(
     _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 DEEP_GAP = _number(
-    "DEEP_GAP", 10.0, "noise", "gap that such an effect must close", _JUDGED, "gap/test_thresholds.py",
+    "DEEP_GAP", 10.0, "noise", "gap that such an effect must close",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 EXPLAINS_MOST = _number(
     "EXPLAINS_MOST", 0.5, "share of the squared held-out gap",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import shutil
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
@@ -62,7 +61,7 @@ def resumed(
             # The model is computed for the records: it differs if they do.
             what = [n for n in changed if not n.startswith("the model")] or changed
             told = f"starts anew, because {_listed(what)} changed since {head['begun']}"
-            shutil.rmtree(store.folder)
+            store.clear()
         else:
             now = head["begun"]
             told = f"resumes the diagnosis of {now}: {_finished(store, effects)}"

@@ -401,7 +401,10 @@ def test_a_rerun_tells_what_it_reuses(tmp_path):
         "; the option alpha changed, which other fits may need"
     )
     other = [replace(RECORDS[0], time=RECORDS[0].time + 0.001), *RECORDS[1:]]
+    notes = tmp_path / "notes.json"
+    notes.write_text('{"of": "the user"}')
     assert "starts anew, because record a changed since 2" in begun(model(sd=np.inf), other)
+    assert notes.exists()
     assert "starts anew, because the model (gain) changed" in begun(model(sd=0.2), other)
     fewer = [*other[:2], replace(other[2], outputs={"y": 2.0 * other[2].outputs["y"]})]
     assert "because record c changed" in begun(model(sd=0.2), fewer)
