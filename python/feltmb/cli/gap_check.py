@@ -159,7 +159,7 @@ def _print_checks(checks: DataChecks) -> None:
             str(c.samples),
             f"{c.missing:.0%}",
             f"{c.spread:.4g}",
-            f"{c.sigma:.2g}",
+            f"{c.sigma:.2g}" + (f" + {100.0 * c.relative:.2g}%" if c.relative else ""),
             c.method,
         )
     console().print(table)

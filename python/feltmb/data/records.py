@@ -55,6 +55,10 @@ class Sensor:
     unit: str = "1"
     sigma: float | None = None
     """Standard deviation of the noise [unit]; None: estimated (rest, repeats, or differences)."""
+    relative_sigma: float = 0.0
+    """Standard deviation of noise that is proportional to the value [1], in addition to ``sigma``,
+    the noise at the value zero. It counts beside the value without noise, which follows from the
+    neighbors of a sample, and has the color of the other noise."""
     quantum: float = 0.0
     """Quantization step of the digitizer [unit]; adds quantum^2/12 to the variance."""
     delay: float = 0.0
@@ -95,6 +99,16 @@ class Sensor:
                 faults.append(f"{name} = {value!r}, expected a finite number >= 0")
         if self.sigma is not None and not 0.0 < self.sigma <= LARGEST:
             faults.append(f"sigma = {self.sigma!r}, expected a finite number > 0, or none")
+        if not 0.0 <= self.relative_sigma <= 1.0:
+            faults.append(
+                f"relative_sigma = {self.relative_sigma!r}, expected from 0 to 1 (0.04 is 4 % of "
+                "the value)"
+            )
+        elif self.relative_sigma > 0.0 and not self.sigma:
+            faults.append(
+                f"relative_sigma = {self.relative_sigma!r}, expected with it a sigma, the noise at "
+                "the value zero"
+            )
         if self.colored_sigma > 0.0 and not (self.correlation_time > 0.0 and self.sigma):
             faults.append(
                 f"colored_sigma = {self.colored_sigma!r}, expected with it a correlation_time > 0 "

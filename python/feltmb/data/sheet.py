@@ -55,6 +55,8 @@ class OutputSpec(ColumnSpec):
     """An output and its sensor."""
 
     sigma: float | None = None
+    relative_sigma: float = 0.0
+    """Noise that is proportional to the value [1], in addition to sigma; 0.04 is 4 % of it."""
     quantum: float = 0.0
     delay: float = 0.0
     bandwidth: float | None = None

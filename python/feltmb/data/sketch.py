@@ -119,6 +119,7 @@ def _sensor(spec: Any, *, output: bool, unit: str) -> list[str]:
     lines = [f"# sigma = 0.0  # standard deviation of its noise [SI]; {without}"]
     if not output:
         return lines
+    lines.append("# relative_sigma = 0.0  # noise in proportion to the value; 0.04 is 4 % of it")
     if spec.delay:
         lines.append(f"delay = {spec.delay:g}  # s, delay relative to the input")
     if spec.reference:

@@ -10,26 +10,37 @@ import numpy as np
 
 from feltmb.data import Array, Integers, Record, Sensor
 
-__all__ = ["Noise", "innovations", "noise_of", "rounding_error", "sd_of_knots"]
+__all__ = [
+    "Noise",
+    "innovations",
+    "noise_of",
+    "rms_of_measured",
+    "rounding_error",
+    "sd_of_knots",
+]
 
 #: Share of the variance of averaged noise that is assumed white. The spectrum of an average has
 #: zeros, and a model is not exact enough to be judged at these frequencies.
 WHITE = 0.05
 #: Number of previous samples that predict a sample of partly white noise.
 REACH = 16
+#: Samples on each side of a sample that determine its value without noise; distance in standard
+#: deviations of the noise beyond which it disagrees with the measured value.
+NEIGHBORS, AGREES = 4, 3.5
 
 
 @dataclass(frozen=True)
 class Noise:
     """Noise of one channel: exponentially correlated, averaged, or partly white.
 
-    Exponentially correlated noise has the time constant ``correlation_time``. Averaged noise is the
-    mean of white noise over ``averaged`` samples: over n samples, the correlation at a distance of
-    k samples is (1 - k / n), except for a twentieth of the variance, which is assumed white.
+    The standard deviation is ``sigma``, or grows with the value (:meth:`sd`). Exponentially
+    correlated noise has the time constant ``correlation_time``. Averaged noise is the mean of white
+    noise over ``averaged`` samples: over n samples, the correlation at a distance of k samples is
+    (1 - k / n), except for a twentieth of the variance, which is assumed white.
     """
 
     sigma: float
-    """Standard deviation [unit]."""
+    """Standard deviation [unit], if ``relative`` > 0 at the value zero."""
     correlation_time: float = 0.0
     """Time constant of the correlation [s]; 0: white. If ``averaged`` > 1, it only states above
     which frequency the spectrum is not flat."""
@@ -37,6 +48,44 @@ class Noise:
     """Number of evenly spaced samples of the average [1]."""
     white: float = 0.0
     """Share of the variance that is white; the rest has the time constant ``correlation_time``."""
+    relative: float = 0.0
+    """Standard deviation of a second part, relative to the value [1]. It has the color of the
+    first one."""
+
+    def sd(self, values: Array) -> Array:
+        """Standard deviation at samples of a signal with these values, without noise [unit]."""
+        if self.relative == 0.0:
+            return np.full(np.shape(values), self.sigma)
+        return np.hypot(self.sigma, self.relative * np.abs(values))
+
+    def sd_of_measured(self, time: Array, measured: Array) -> Array:
+        """Standard deviation at measured samples [unit]; NaN is missing.
+
+        The value of a sample is that of a parabola through its neighbors. It does not depend on the
+        noise of the sample itself: weights from the measured value would favor samples that are too
+        small by chance, and a fit would be low by twice the square of ``relative``. Where neighbors
+        and sample disagree, as beside a step, the larger value is used. With constant ``sigma``,
+        the values have no influence.
+
+        Parameters
+        ----------
+        time
+            Times of the samples [s], (n,).
+        measured
+            Measured values [unit], (n,).
+        """
+        seen = np.flatnonzero(np.isfinite(measured))
+        if self.relative == 0.0 or not seen.size:
+            return np.full(np.shape(measured), self.sigma)
+        own = measured[seen]
+        smooth = _from_neighbors(time[seen], own)
+        larger = np.maximum(np.abs(smooth), np.abs(own))
+        value = np.where(np.abs(smooth - own) <= AGREES * self.sd(larger), smooth, larger)
+        return self.sd(np.interp(np.arange(measured.size), seen, value))
+
+    def scaled(self, factor: float) -> Noise:
+        """The noise with a standard deviation that is larger by a factor at every value."""
+        return replace(self, sigma=factor * self.sigma, relative=factor * self.relative)
 
     @property
     def reach(self) -> int:
@@ -67,8 +116,17 @@ class Noise:
         fast = max(self.white * self.sigma**2 - rounding_error(step) ** 2, 0.0)
         return replace(self, sigma=math.sqrt(total), white=fast / total if total > 0.0 else 0.0)
 
-    def draw(self, time: Array, generator: np.random.Generator) -> Array:
-        """Random noise at given times [unit], stationary from the first sample."""
+    def draw(
+        self, time: Array, generator: np.random.Generator, values: Array | None = None
+    ) -> Array:
+        """Random noise at given times [unit], stationary from the first sample.
+
+        ``values``: those of the signal, on which noise with a ``relative`` part depends.
+        """
+        if self.relative > 0.0:
+            assert values is not None
+            plain = replace(self, sigma=1.0, relative=0.0)
+            return self.sd(values) * plain.draw(time, generator)
         n = time.size
         if self.averaged > 1:
             white = generator.standard_normal(n + self.averaged - 1)
@@ -126,11 +184,46 @@ def noise_of(sensor: Sensor, sigma: float, quantum: float) -> Noise:
     fast = sigma**2 + quantum**2 / 12.0
     total = fast + sensor.colored_sigma**2
     share = fast / total if sensor.colored_sigma > 0.0 else 0.0
-    return Noise(math.sqrt(total), sensor.correlation_time, white=share)
+    return Noise(
+        math.sqrt(total), sensor.correlation_time, white=share, relative=sensor.relative_sigma
+    )
+
+
+def rms_of_measured(sd: Array, measured: Array) -> Array:
+    """Root mean square of the noise of the samples that were measured, by channel.
+
+    ``sd``: standard deviations, (n, ...); ``measured``: values, of the same shape.
+    """
+    seen = np.isfinite(measured)
+    seen |= ~seen.any(axis=0)  # a channel that was not measured
+    return np.asarray(np.sqrt(np.mean(sd**2, axis=0, where=seen)))
+
+
+def _from_neighbors(time: Array, values: Array) -> Array:
+    """Value of each sample according to its neighbors, within their range.
+
+    A parabola by least squares. With fewer neighbors than two times ``NEIGHBORS``, the values.
+    """
+    width = 2 * NEIGHBORS + 1
+    if values.size < width:
+        return values
+    index = np.arange(values.size)
+    window = np.clip(index - NEIGHBORS, 0, values.size - width)[:, None] + np.arange(width)
+    other = window != index[:, None]
+    away = time[window] - time[:, None]
+    away /= np.max(np.abs(away), axis=1, keepdims=True)
+    near = values[window]
+    sums = [np.sum(other * away**k, axis=1) for k in range(5)]
+    matrix = np.stack([np.stack(sums[k : k + 3], axis=-1) for k in range(3)], axis=-2)
+    matrix += 1e-9 * np.eye(3)  # times that nearly coincide
+    right = np.stack([np.sum(other * away**k * near, axis=1) for k in range(3)], axis=-1)
+    found = np.linalg.solve(matrix, right[..., None])[:, 0, 0]
+    low = np.min(near, axis=1, where=other, initial=np.inf)
+    return np.asarray(np.clip(found, low, np.max(near, axis=1, where=other, initial=-np.inf)))
 
 
 def innovations(
-    noise: Sequence[Noise], position: Integers, time: Array
+    noise: Sequence[Noise], position: Integers, time: Array, own_sd: Array
 ) -> tuple[Integers, Array, Array]:
     """Predict the noise of each sample of a segment from the previous samples.
 
@@ -142,6 +235,8 @@ def innovations(
         Index of a sample in its segment, (W, L, ny); -1: not measured.
     time
         Times of the samples [s], (W, L).
+    own_sd
+        Standard deviation of the noise of each sample [units of the channels], (W, L, ny).
 
     Returns
     -------
@@ -176,8 +271,11 @@ def innovations(
             )
             decay[:, :, c, 0] = memory
             sd[:, :, c] = np.sqrt(1.0 - memory**2)
-    sigma = np.array([n.sigma for n in noise])
-    return before, decay, np.where(valid, 1.0 / (sigma * sd), 0.0)
+    if any(n.relative > 0.0 for n in noise):  # the correlation is that of noise over its sd
+        for k in range(reach):
+            at = np.maximum(before[..., k], 0)
+            decay[..., k] *= own_sd / np.take_along_axis(own_sd, at, axis=1)
+    return before, decay, np.where(valid, 1.0 / (own_sd * sd), 0.0)
 
 
 def _predicted(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from feltmb.data import Record
 from feltmb.fit.model import INTERPOLATION, Batch, Jobs, Model, Parameter, Simulated
+from feltmb.fit.noise import Noise
 
 __all__ = ["BETWEEN", "Stepped", "refined", "resolved"]
 
@@ -171,7 +172,8 @@ def _squares(
             if name in record.outputs and sensor is not None and sensor.sigma:
                 one, other = (run.outputs[:, :, c][inside] for run in (a, b))
                 with np.errstate(over="ignore"):
-                    part = (one - other) / sensor.sigma
+                    noise = Noise(sensor.sigma, relative=sensor.relative_sigma)
+                    part = (one - other) / noise.sd(one)
                     part[~np.isfinite(one) & ~np.isfinite(other)] = 0.0  # both simulations fail
                     total += float(np.sum(np.where(np.isfinite(part), part, np.inf) ** 2))
     return total

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from feltmb.data import Array, Integers, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.model import Model
-from feltmb.fit.noise import Noise, innovations
+from feltmb.fit.noise import Noise, innovations, rms_of_measured
 
 __all__ = ["Noise", "SegmentedRecord", "choose_segments", "segment_record"]
 
@@ -37,6 +37,9 @@ class SegmentedRecord:
     weight: Array
     """1 / standard deviation of the innovation; 0 if not measured. (W, L, ny)"""
     noise: tuple[Noise, ...]
+    sd: Array
+    """Standard deviation of the noise of each sample of the record [units of the channels], (n,
+    ny)."""
     nuisances: tuple[tuple[str, int, float], ...]
     """("gain" | "offset" | "delay", channel, prior standard deviation)."""
 
@@ -44,6 +47,11 @@ class SegmentedRecord:
     def count(self) -> int:
         """Number of segments."""
         return len(self.segments)
+
+    @cached_property
+    def rms_noise(self) -> Array:
+        """Root mean square of the noise of the measured samples, by channel [its unit], (ny,)."""
+        return rms_of_measured(self.sd, self.joined(self.measured))
 
     @property
     def samples(self) -> Array:
@@ -192,7 +200,9 @@ def segment_record(
     valid = np.isfinite(measured)
     position = np.where(valid, np.arange(longest)[None, :, None], -1)
     chosen = tuple(noise.get(name, Noise(1.0)) for name in model.outputs)
-    before, decay, weight = innovations(chosen, position, record.time[at])
+    columns = zip(chosen, all_measured.T, strict=True)
+    own_sd = np.stack([n.sd_of_measured(record.time, y) for n, y in columns], axis=-1)
+    before, decay, weight = innovations(chosen, position, record.time[at], own_sd[at])
     nuisances = []
     for c, name in enumerate(model.outputs):
         if name not in record.outputs or not valid[:, :, c].any():
@@ -214,5 +224,6 @@ def segment_record(
         decay=decay,
         weight=weight,
         noise=chosen,
+        sd=own_sd,
         nuisances=tuple(nuisances),
     )

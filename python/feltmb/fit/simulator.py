@@ -31,6 +31,7 @@ from feltmb.fit.model import (
     State,
     Weighted,
 )
+from feltmb.fit.noise import Noise
 from feltmb.fit.noise_of_function import Step, choose_step, noise_of_function
 from feltmb.fit.runner import Run, Runner
 from feltmb.fit.watch import current
@@ -265,7 +266,12 @@ class SimulatorModel(Model):
                 dead.append(name)
         forward = sum(1 for s in steps.values() if not s.central)
         shares = [s.size / size for s, (_, size, *_) in zip(steps.values(), rows, strict=True)]
-        sigma = [record.sensors[n].sigma if n in record.sensors else None for n in self.outputs]
+        sigma = [
+            float(np.sqrt(np.mean(Noise(s.sigma, relative=s.relative_sigma).sd(y) ** 2)))
+            if s is not None and s.sigma
+            else None
+            for s, y in zip(map(record.sensors.get, self.outputs), base.T, strict=True)
+        ]
         notes = []
         if any(not s or noise * u > NO_MATTER * s for s, u in zip(sigma, unit, strict=True)):
             kinds = ((forward, "forward"), (len(steps) - forward, "central"))

@@ -253,11 +253,7 @@ def how_far_rows(
             sigma = float(
                 np.sqrt(
                     np.mean(
-                        [
-                            s.noise[c].sigma ** 2
-                            for s in segmented_records
-                            if name in s.record.outputs
-                        ]
+                        [s.rms_noise[c] ** 2 for s in segmented_records if name in s.record.outputs]
                     )
                 )
             )
@@ -377,7 +373,8 @@ def _closed(
         for c, name in enumerate(before.fit.problem.model.outputs):
             own = [s for s in segmented_records if name in s.record.outputs]
             parts = _per_channel(outcome, segmented_records, which, c)
-            out.extend(p / s.noise[c].sigma for p, s in zip(parts, own, strict=True))
+            for part, s in zip(parts, own, strict=True):
+                out.append(part / s.sd[np.isfinite(s.record.outputs[name]), c])
     a, b = _rms(old), _rms(new)
     if not (np.isfinite(a) and np.isfinite(b)):
         return 0.0, 0.0, 0.0

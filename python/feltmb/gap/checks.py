@@ -15,6 +15,7 @@ from feltmb.fit import Model
 from feltmb.fit.noise import Noise, noise_of, rounding_error
 from feltmb.gap.color import averaged_noise, color_at_rest, still_blocks
 from feltmb.gap.criteria import (
+    ALPHA,
     AWAY_FROM_REST,
     CLOCK_JUMP,
     COARSE,
@@ -25,6 +26,7 @@ from feltmb.gap.criteria import (
     UNEVEN_STEP,
     WHOLE_STEPS,
 )
+from feltmb.gap.scatter import grows_with_value
 from feltmb.units import conversion_factor, unit_suffix
 
 __all__ = ["ChannelCheck", "DataChecks", "check_records"]
@@ -58,7 +60,8 @@ class ChannelCheck:
     spread: float
     """Standard deviation of the signal [unit]."""
     sigma: float
-    """Standard deviation of the noise that is used, resolution included [unit]."""
+    """Standard deviation of the noise that is used, resolution included [unit]; if ``relative`` >
+    0, at the value zero."""
     method: str
     """Source of sigma: "sensor", "repeats", "rest", "differences", "prediction",
     "spread"."""
@@ -75,6 +78,19 @@ class ChannelCheck:
     """Low-frequency drift of the segment at rest, in sigma."""
     white: float = 0.0
     """Share of the noise variance that is white, if the sensor states colored noise [1]."""
+    relative: float = 0.0
+    """Standard deviation of the noise that is proportional to the value [1]."""
+
+    @property
+    def noise(self) -> Noise:
+        """The noise that is used."""
+        return Noise(self.sigma, self.correlation_time, self.averaged, self.white, self.relative)
+
+    @checked
+    def with_noise_times(self, factor: float) -> ChannelCheck:
+        """The check with larger noise."""
+        new = self.noise.scaled(factor)
+        return replace(self, sigma=new.sigma, relative=new.relative)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,11 +109,7 @@ class DataChecks:
     @checked
     def noise(self, record: str) -> dict[str, Noise]:
         """Noise of each channel of a record."""
-        return {
-            c.channel: Noise(c.sigma, c.correlation_time, c.averaged, c.white)
-            for c in self.channels
-            if c.record == record
-        }
+        return {c.channel: c.noise for c in self.channels if c.record == record}
 
 
 @checked
@@ -159,6 +171,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
     warnings += _rounded(channels, records)
     channels = _pooled(channels)
     channels = _colored(channels, records, warnings)
+    warnings += _growing(channels, records)
     flat = tuple((label, channel, sd) for (label, channel), sd in sorted(repeats.items()))
     return DataChecks(
         channels=tuple(channels),
@@ -188,6 +201,26 @@ def _rounded(channels: Sequence[ChannelCheck], records: Sequence[Record]) -> lis
         + (f" ({len(names)} records)" if len(names) > 1 else "")
         for (channel, text), names in found.items()
     ]
+
+
+def _growing(channels: Sequence[ChannelCheck], records: Sequence[Record]) -> list[str]:
+    """One warning for each sensor whose scatter grows with its value more than its noise does."""
+    by_name = {r.name: r for r in records}
+    sensors: dict[tuple[str, str], list[ChannelCheck]] = {}
+    for c in channels:
+        if by_name[c.record].even:
+            sensors.setdefault((c.channel, c.unit), []).append(c)
+    out = []
+    for (name, unit), group in sensors.items():
+        samples = [by_name[c.record].outputs[name] for c in group]
+        found = grows_with_value(samples, [c.noise for c in group], ALPHA)
+        if found:
+            out.append(
+                f"{name}: the scatter of its samples grows with its value, from "
+                f"{found[0]:.2g}{unit_suffix(unit)} at zero: state sigma = {found[0]:.2g} and "
+                f"relative_sigma = {found[1]:.2g} of its sensor (in [outputs.{name}])"
+            )
+    return out
 
 
 def without_constant(
@@ -399,10 +432,10 @@ def _colored(
         steps = np.diff(by_name[c.record].time)
         interval = float(np.median(steps))
         even = np.allclose(steps, interval, rtol=SAME_CLOCK, atol=0.0)
-        # Only sensors without a stated white share: otherwise both parts of the noise are
-        # specified.
+        # Only sensors without a stated white or relative share: otherwise the parts of the noise
+        # are specified.
         known = c.method == "sensor" and _fine(c.quantum, c.sigma)
-        if even and not c.white and (known or c.method in ESTIMATED):
+        if even and not c.white and not c.relative and (known or c.method in ESTIMATED):
             # The clocks of one camera may differ in the last digit.
             sheet = (c.channel, c.method in ESTIMATED, c.sigma, c.correlation_time)
             sensors.setdefault((*sheet, f"{interval:.6g}"), []).append(c)
@@ -577,6 +610,7 @@ def _channel(
         clipped=clipped,
         drift=drift,
         white=noise.white,
+        relative=noise.relative,
     )
 
 

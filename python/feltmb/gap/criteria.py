@@ -208,6 +208,17 @@ GIVEN_SIGMA = _number(
     "parameters; a residual that is larger by this share can be the noise of the sensor", _JUDGED,
     "gap/test_told_sigma.py",
 )  # fmt: skip
+GROWS = _number(
+    "GROWS", 1.5, "1",
+    "scatter of the largest values, over that of the smallest ones and over the noise that is "
+    "used, above which noise in proportion to the value is looked for", _JUDGED,
+    "gap/test_relative_noise.py",
+)  # fmt: skip
+NOT_WHITE = _pair(
+    "NOT_WHITE", (0.8, 1.25), "1",
+    "scatter in eighth differences over that in fourth differences: outside of this range it is "
+    "a motion, not white noise", _JUDGED, "gap/test_relative_noise.py",
+)  # fmt: skip
 COLORED = _number(
     "COLORED", 0.2, "correlation",
     "correlation of neighboring samples above which the correlation time of the residual is "

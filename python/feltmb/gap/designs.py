@@ -28,6 +28,7 @@ from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import Store
 from feltmb.fit.limits import FurtherSensor, Limits, PartTest
 from feltmb.fit.model import Candidate, Effect, Model
+from feltmb.fit.noise import Noise
 from feltmb.fit.watch import Say
 from feltmb.gap.checks import with_sigma
 from feltmb.gap.further_sensors import Sensors, offered
@@ -654,10 +655,11 @@ def _farthest(records: Sequence[Record], sensors: Mapping[str, Sensor], most: in
         at = np.linspace(0.0, max(x.time[-1] for x in records), POINTS)
         for name, sensor in sensors.items():
             spread = max(float(np.std(x.outputs[name])) for x in records) or 1.0
-            sigma = sensor.sigma or 1e-3 * spread
+            noise = Noise(sensor.sigma or 1e-3 * spread, relative=sensor.relative_sigma)
             # After the end of a record its last value is used. Large motions are compared by
             # logarithm.
-            value = np.interp(at, r.time, r.outputs[name]) / sigma
+            value = np.interp(at, r.time, r.outputs[name])
+            value = value / noise.sd(value)
             parts.append(np.sign(value) * np.log1p(np.abs(value)))
         for name, values in r.inputs.items():  # a hundredth of the largest is one step
             unit = 0.01 * max(float(np.max(np.abs(x.inputs[name]))) for x in records)

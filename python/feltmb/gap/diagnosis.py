@@ -726,7 +726,7 @@ def _check_columns(model: Model, tabulated: Outcome, metric: str, whole: Sequenc
     on ``whole``, the records before they were cut into blocks, whose start may be known.
     """
     records = tabulated.fit.problem.segmented_records
-    noise = [{n: x.sigma for n, x in zip(model.outputs, s.noise, strict=True)} for s in records]
+    noise = [dict(zip(model.outputs, s.rms_noise.tolist(), strict=True)) for s in records]
     own = [s.record for s in records]
     cases = [list(zip(own, getattr(tabulated, metric), noise, strict=True))]
     known = [r for r in whole if r.start is None or r.start.known]
@@ -771,9 +771,9 @@ def _within(fit: Fit) -> bool:
     for c, _ in enumerate(fit.problem.model.outputs):
         total = expected = 0.0
         for s, r in zip(records, residuals_by_segment(fit), strict=True):
-            seen = r[np.isfinite(r[:, c]), c]
-            total += float(seen @ seen)
-            expected += seen.size * s.noise[c].sigma ** 2
+            seen = np.isfinite(r[:, c])
+            total += float(np.sum(r[seen, c] ** 2))
+            expected += float(np.sum(s.sd[seen, c] ** 2))
         if total > expected:
             return False
     return True

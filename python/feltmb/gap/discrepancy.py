@@ -43,7 +43,7 @@ class Discrepancy:
     """Residual of a channel, described as noise."""
 
     sigma: float
-    """Standard deviation [unit]."""
+    """Standard deviation [unit], at the value zero if the noise of the sensor grows with it."""
     correlation_time: float | None
     """Correlation time [s]; None: only noise is left, with the color of each record's sensor."""
     factor: float
@@ -111,7 +111,12 @@ def _described(
     out = {}
     parts = residuals_by_segment(fit)
     for c, name in enumerate(fit.problem.model.outputs):
-        values = [p[:, c] for p in parts if np.isfinite(p[:, c]).any()]
+        # Noise that grows with the value is compared as if it were that at the value zero.
+        values = [
+            p[:, c] * (s.noise[c].sigma / s.sd[:, c])
+            for p, s in zip(parts, sensed, strict=True)
+            if np.isfinite(p[:, c]).any()
+        ]
         if not values:
             continue
         total = np.concatenate([v[np.isfinite(v)] for v in values])
@@ -140,7 +145,7 @@ def color_of_discrepancy(
     out = {}
     for c, name in enumerate(fit.problem.model.outputs):
         rest = [
-            (p[:, c] / s.noise[c].sigma, np.diff(s.record.time))
+            (p[:, c] / s.sd[:, c], np.diff(s.record.time))
             for p, s in zip(parts, sensed, strict=True)
             if np.isfinite(p[:, c]).any()
         ]
@@ -197,7 +202,7 @@ def with_factor(
 ) -> SegmentedRecord:
     """The segmented record with the noise of some of its sensors larger by a factor [1]."""
     noise = dict(zip(model.outputs, segmented.noise, strict=True))
-    new = {n: replace(noise[n], sigma=f * noise[n].sigma) for n, f in factor.items()}
+    new = {n: noise[n].scaled(f) for n, f in factor.items()}
     return _renoised(model, segmented, new)
 
 
@@ -231,12 +236,13 @@ def with_noise(
 ) -> SegmentedRecord:
     """The segmented record with the noise of its sensors replaced by an unexplained residual."""
     noise = dict(zip(model.outputs, segmented.noise, strict=True))
-    new = {
-        name: replace(noise[name], sigma=own.sigma)
-        if own.correlation_time is None
-        else Noise(own.sigma, own.correlation_time)
-        for name, own in rest.items()
-    }
+    new = {}
+    for name, own in rest.items():
+        relative = noise[name].relative * (own.sigma / noise[name].sigma)
+        if own.correlation_time is None:
+            new[name] = replace(noise[name], sigma=own.sigma, relative=relative)
+        else:
+            new[name] = Noise(own.sigma, own.correlation_time, relative=relative)
     return _renoised(model, segmented, new)
 
 

@@ -62,6 +62,7 @@ class Sensors:
             new = replace(
                 old,
                 sigma=offer.sigma,
+                relative_sigma=share * old.relative_sigma,
                 quantum=share * old.quantum,
                 colored_sigma=share * old.colored_sigma,
             )

@@ -212,6 +212,7 @@ def _inherit(checks: DataChecks, whole: DataChecks, records: Sequence[Record]) -
                 averaged=parent.averaged,
                 quantum=parent.quantum,
                 white=parent.white,
+                relative=parent.relative,
             )
         )
     return replace(
@@ -245,8 +246,7 @@ def _floored(checks: DataChecks, floors: Mapping[str, float], model: Model) -> D
 def _with_factor(checks: DataChecks, factor: Mapping[str, float]) -> DataChecks:
     """The data checks with larger noise of some channels, and warnings about it."""
     channels = tuple(
-        replace(c, sigma=c.sigma * factor[c.channel]) if c.channel in factor else c
-        for c in checks.channels
+        c.with_noise_times(factor[c.channel]) if c.channel in factor else c for c in checks.channels
     )
     given = {c.channel for c in checks.channels if c.method == "sensor"}
     known = f"given noise (assumed accurate to {GIVEN_SIGMA:.0%})"

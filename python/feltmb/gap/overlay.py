@@ -15,6 +15,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.linearize import RUNAWAY
 from feltmb.fit.model import Model
+from feltmb.fit.noise import rms_of_measured
 from feltmb.fit.observe import observe_whole
 from feltmb.fit.runner import untold_trials
 from feltmb.fit.segmented_records import segment_record
@@ -133,6 +134,11 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     for record in records:
         noise = checks.noise(record.name)
         record, said = model.referred(with_sigma(record, noise))
+        sigma = {
+            n: float(rms_of_measured(x.sd_of_measured(record.time, y), y))
+            for n, x in noise.items()
+            for y in [record.outputs[n]]
+        }
         notes += said
         values = expected_outputs(model, record)
         if text := divergence(record, model.outputs, values):
@@ -144,9 +150,8 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         simulated[record.name] = outputs
         for name in record.outputs:
             if name in outputs:
-                rows.append(_row(record, name, outputs[name], noise[name].sigma))
+                rows.append(_row(record, name, outputs[name], sigma[name]))
         notes += _undefined(model, record, outputs, text)
-        sigma = {n: x.sigma for n, x in noise.items()}
         for cycle in _exchanged(record, outputs, sigma):
             channels = [channel for channel, _ in cycle]
             own = [r for r in rows if r.record == record.name and r.channel in channels]
@@ -666,9 +671,10 @@ def _figure(gap: GapBefore) -> Figure:
         left.plot(time, factor * model, color=ORANGE, lw=1.1, ls="--", label="model")
         title = r.record if len(gap.records) > 1 or r is rows[0] else ""
         left.set_title(plain_text(title), fontsize=8.5, loc="left")
-        band = factor * r.noise
+        sd = gap.checks.noise(r.record)[r.channel].sd_of_measured(record.time, measured)
+        band = 2.0 * factor * sd
         style_axes(right, y=plain_text(f"record - model{unit}"))
-        right.axhspan(-2.0 * band, 2.0 * band, color=GRAY, alpha=0.25, lw=0)
+        right.fill_between(time, -band, band, color=GRAY, alpha=0.25, lw=0)
         right.plot(time, factor * (measured - model), color=BLUE, lw=1.0)
         right.set_title(
             f"rms {factor * r.rms:.3g}{unit.strip(' []') and ' ' + unit.strip(' []')}"

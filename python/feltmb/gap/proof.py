@@ -146,8 +146,9 @@ class Outcome:
             good = np.isfinite(residual)
             if np.any(measured & ~good):
                 return float("inf"), count
-            for c, noise in enumerate(segmented.noise):
-                total += float(np.sum((residual[good[:, c], c] / noise.sigma) ** 2))
+            for c in range(good.shape[1]):
+                seen = good[:, c]
+                total += float(np.sum((residual[seen, c] / segmented.sd[seen, c]) ** 2))
             count += int(good.sum())
         return total, count
 

@@ -152,7 +152,7 @@ def _cosines(segmented: SegmentedRecord, most: int) -> tuple[Array, Array]:
             if rate * tau > SLOW_COLOR:
                 break
             column = np.zeros((1, length, ny))
-            column[0, : time.size, c] = np.cos(rate * time) * segmented.noise[c].sigma
+            column[0, : time.size, c] = np.cos(rate * time) * segmented.sd[first : last + 1, c]
             columns.append(column)
             omega.append(rate)
     if not columns:

@@ -106,7 +106,7 @@ def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:
                 continue
             rest.append(r[known, c])
             spread.append(measured[known] - np.mean(measured[known]))
-            noise.append(np.full(int(known.sum()), s.noise[c].sigma))
+            noise.append(s.sd[known, c])
             if not np.all(np.isfinite(r[known, c])):
                 failed.append(s.record.name)
         if not rest:

@@ -44,14 +44,17 @@ def ledger(fit: Fit, alpha: float) -> tuple[tuple[LedgerCell, ...], dict[str, fl
                 dof = max(n - float(taken[valid, c].sum()), 1.0)
                 chi2 = float(values @ values)
                 p = float(stats.chi2.sf(chi2, dof))
-                rms = float(np.sqrt(np.mean(values**2))) * segmented.noise[c].sigma
+                first, last = segmented.segments[w]
+                sd = segmented.sd[first : last + 1, c]
+                sigma = float(np.sqrt(np.mean(sd[valid[: sd.size]] ** 2)))
+                rms = float(np.sqrt(np.mean(values**2))) * sigma
                 lag = _lag1(values)
-                rows.append((segmented, w, channel, c, values, rms, chi2, dof, p, lag))
-    ps = np.array([r[8] for r in rows])
+                rows.append((segmented, w, channel, c, values, rms, sigma, chi2, dof, p, lag))
+    ps = np.array([r[9] for r in rows])
     flags = _shows(ps, alpha)
     cells = []
     onset: dict[str, float] = {}
-    for (segmented, w, channel, c, values, rms, chi2, dof, p, lag), flag in zip(
+    for (segmented, w, channel, c, values, rms, sigma, chi2, dof, p, lag), flag in zip(
         rows, flags, strict=True
     ):
         first, last = segmented.segments[w]
@@ -63,7 +66,7 @@ def ledger(fit: Fit, alpha: float) -> tuple[tuple[LedgerCell, ...], dict[str, fl
                 end=float(segmented.record.time[last]),
                 samples=values.size,
                 rms=rms,
-                sigma=segmented.noise[c].sigma,
+                sigma=sigma,
                 z=float((chi2 - dof) / np.sqrt(2.0 * dof)),
                 p=p,
                 significant=bool(flag),
@@ -122,8 +125,8 @@ def first_act(fit: Fit) -> dict[str, float]:
             )
             for magnitudes in (fit.point.magnitudes, np.zeros_like(fit.point.magnitudes))
         ]
-        sigma = np.array([n.sigma for n in segmented.noise])
-        seen = np.nan_to_num(np.abs(runs[0] - runs[1]) / sigma)[:, segmented.valid.any(axis=(0, 1))]
+        seen = np.nan_to_num(np.abs(runs[0] - runs[1]) / segmented.sd)
+        seen = seen[:, segmented.valid.any(axis=(0, 1))]
         most = np.max(seen, axis=1, initial=0.0)
         shows = np.flatnonzero(most > ONSET_SHARE * max(1.0, float(np.max(most))))
         if shows.size:
@@ -171,7 +174,7 @@ def split_gap(fit: Fit) -> Mapping[str, Mapping[str, float]]:
                     continue
                 e, s, a = e[good], -slope[part][good], y[part][good]
                 total = float(e @ e)
-                noise = good.sum() * segmented.noise[c].sigma ** 2
+                noise = float(np.sum(segmented.sd[part, c][good] ** 2))
                 if total <= noise:
                     continue
                 by_time = _explained(e, [s])
@@ -282,7 +285,7 @@ def _local_shift(
     t, y, m = t[good], y[good], m[good]
     slope = np.gradient(y, t)
     e = m - y
-    sigma = segmented.noise[c].sigma
+    sigma = float(np.sqrt(np.mean(segmented.sd[part, c][good] ** 2)))
     power = float(slope @ slope)
     if power <= 0.0:
         return None

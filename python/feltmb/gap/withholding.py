@@ -363,9 +363,9 @@ class _Machine:
             for name in outputs:
                 if name not in record.outputs:
                     continue
-                sigma = noise[name].sigma
+                sigma = noise[name].sd(clean[name])
                 measured = np.isfinite(record.outputs[name])
-                change = (outputs[name] - clean[name])[measured] / sigma
+                change = ((outputs[name] - clean[name]) / sigma)[measured]
                 square += float(np.sum(change**2))
                 seen = self._seen(record, name, outputs[name], rng)
                 made[name] = np.where(measured, seen, np.nan)
@@ -400,7 +400,7 @@ class _Machine:
         y = y + sensor.offset_sd * rng.standard_normal()
         step = sensor.quantum
         noise = self.noise.noise(record.name)[name].without_rounding(step)
-        y = y + noise.draw(record.time, rng)
+        y = y + noise.draw(record.time, rng, y)
         return np.round(y / step) * step if step > 0.0 else y
 
 
