@@ -93,6 +93,16 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
         },
     ),
     (
+        "--missing",
+        {
+            "metavar": "NUMBER",
+            "cls": ListOption,
+            "multiple": True,
+            "help": "Number of the file that stands for a missing value, such as -9999. "
+            "Repeatable.",
+        },
+    ),
+    (
         "--likelihood",
         {
             "type": Number(0, 1),
@@ -142,8 +152,16 @@ def _options(given: dict[str, Any]) -> ReadOptions:
         frame_rate=given["frame_rate"],
         run=given["run"],
         likelihood=given["likelihood"],
+        missing=_numbers("--missing", given["missing"]),
         down=False if given["y_up"] else None,
     )
+
+
+def _numbers(option: str, texts: Sequence[str]) -> tuple[float, ...]:
+    try:
+        return tuple(float(t) for t in texts)
+    except ValueError:
+        raise InvalidParameter(f"{option} {', '.join(texts)}: expected a number") from None
 
 
 def _points(texts: Sequence[str]) -> list[str]:

@@ -340,6 +340,8 @@ def _series(
     trust = columns.likelihood.get(key)
     if trust is not None:
         values = np.where(columns.values[trust] >= sheet.likelihood, values, np.nan)
+    if sheet.missing:
+        values = np.where(np.isin(columns.values[key], sheet.missing), np.nan, values)
     return values, si
 
 

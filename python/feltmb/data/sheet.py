@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
@@ -95,6 +95,8 @@ class Sheet(Schema):
     again."""
     likelihood: Annotated[float, Field(ge=0.0, le=1.0)] = 0.6
     """Samples of a tracker with a smaller likelihood are missing [1]."""
+    missing: tuple[float, ...] = ()
+    """Numbers that stand for a missing value in all columns [unit of the file], such as [-9999]."""
     first: int = 0
     """First sample that is used."""
     last: int | None = None
@@ -136,6 +138,8 @@ class ReadOptions:
     """Column that numbers the runs."""
     likelihood: float | None = None
     """Samples of a tracker with a smaller likelihood are missing [1]."""
+    missing: Sequence[float] = ()
+    """Numbers that stand for a missing value in all columns [unit of the file]."""
     down: bool | None = None
     """Whether y in pixels increases downwards; default: yes."""
 
@@ -146,6 +150,8 @@ class ReadOptions:
             found["frame_rate"] = self.frame_rate
         if self.likelihood is not None:
             found["likelihood"] = self.likelihood
+        if self.missing:
+            found["missing"] = tuple(self.missing)
         if self.run:
             found["run"] = self.run
         if "time" in self.columns:

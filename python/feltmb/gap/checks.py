@@ -13,6 +13,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Model
 from feltmb.fit.noise import Noise, noise_of, rounding_error
+from feltmb.gap import outliers
 from feltmb.gap.color import averaged_noise, color_at_rest, still_blocks
 from feltmb.gap.criteria import (
     ALPHA,
@@ -135,6 +136,8 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
     problems: list[str] = []
     warnings: list[str] = []
     warnings += without_copies(records)[1]
+    for own, found in zip((problems, warnings), outliers.told(records), strict=True):
+        own += found
     repeats = _repeatability(records, warnings)
     channels = []
     for record in records:

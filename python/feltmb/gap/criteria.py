@@ -326,6 +326,16 @@ MOST_MISSING = _number(
     "share of missing values above which a warning is given",
     _JUDGED, "gap/test_data.py",
 )  # fmt: skip
+FAR_CODE = _number(
+    "FAR_CODE", 0.5, "range of the others",
+    "distance from all other values above which a number such as -9999 is told as a code for a "
+    "missing value", _JUDGED, "gap/test_outliers.py",
+)  # fmt: skip
+FAR_SPIKE = _number(
+    "FAR_SPIKE", 5.0, "range of the others",
+    "distance from the other values above which a single sample is a spike, and a code is certain",
+    _JUDGED, "gap/test_outliers.py",
+)  # fmt: skip
 MOST_CLIPPED = _number(
     "MOST_CLIPPED", 0.02, "share of the values",
     "share of values at the end of the range above which a warning is given",

@@ -405,15 +405,25 @@ def test_options_of_the_command_line():
     def options(**given):
         empty = dict.fromkeys(("column", "unit", "scale", "origin", "reference", "time_offset"), ())
         return _options(
-            {**empty, "frame_rate": None, "run": "", "likelihood": None, "y_up": False, **given}
+            {
+                **empty,
+                "frame_rate": None,
+                "run": "",
+                "likelihood": None,
+                "missing": (),
+                "y_up": False,
+                **given,
+            }
         )
 
     told = options(column=("tip.x=Marker 3 X",), unit=("px", "time=ms"), time_offset=("12ms",))
+    assert options(missing=("-9999", "1e30")).missing == (-9999.0, 1e30)
     assert told.columns == {"tip.x": "Marker 3 X"}
     assert told.units == {"": "px", "time": "ms"}
     assert told.delays == {"": 0.012}
     for wrong in (
         {"column": ("tip.x",)},
+        {"missing": ("none",)},
         {"time_offset": ("soon",)},
         {"reference": ("floor",)},
         {"unit": ("mm", "px")},

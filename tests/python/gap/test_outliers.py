@@ -1,0 +1,137 @@
+"""Codes for missing values, and single spikes: told, never removed unasked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from feltmb.data import ReadOptions, Record, Sensor, read_record, read_records
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.gap import LinearModel, Parameter, check, check_records, diagnose
+from feltmb.gap.outliers import outliers
+
+ROOT = Path(__file__).parents[3]
+TIME = np.linspace(0.0, 10.0, 400)
+LINE = LinearModel(
+    output="y",
+    columns={"gain": lambda r: r.inputs["u"]},
+    parameters=[Parameter(name="gain", value=1.0, sd=0.1)],
+)
+
+
+def record(name="r", *, at=(), value=0.0, seed=1, role="fit", **inputs):
+    wave = np.sin(TIME)
+    y = 20.0 + wave + 0.01 * np.random.default_rng(seed).standard_normal(TIME.size)
+    y[list(at)] = value
+    return Record(
+        name=name,
+        time=TIME,
+        inputs={"u": 20.0 + wave, **inputs},
+        outputs={"y": y},
+        sensors={"y": Sensor(name="y", unit="mm")},
+        role=role,
+    )
+
+
+@pytest.mark.parametrize("code", [-9999.0, -99999.0, 9999.0, 999.9, 1e30, -1e38, -9.999])
+def test_a_certain_code_is_a_fault(code):
+    """-9999 mm are -9.999 m."""
+    own = record(at=[50, 51, 300], value=code)
+    with pytest.raises(DataError) as error:
+        check(LINE, own)
+    text = str(error.value)
+    assert f"r.y: 3 values of {code:.6g} mm, at {TIME[50]:.6g} s first" in text
+    assert "missing = [NUMBER]" in text
+    assert "--missing NUMBER" in text
+    with pytest.raises(DataError, match="3 values"):
+        diagnose(LINE, [], [own, record("other", seed=2)])
+
+
+@pytest.mark.parametrize("code", [-999.0, 32767.0])
+def test_another_code_is_a_question(code):
+    (told,) = [w for w in check_records([record(at=[7], value=code)]).warnings if "far" in w]
+    assert f"r.y: one value of {code:.6g} mm, at {TIME[7]:.6g} s, far outside" in told
+    assert "(18.98 to 21.0" in told
+
+
+def test_several_codes_and_records_are_told_together():
+    first = record("first", at=[3, 4], value=-9999.0)
+    first.outputs["y"].flags.writeable = True
+    first.outputs["y"][100:103] = 1e30
+    second = record("second", at=[9], value=-9999.0, seed=2)
+    problems = check_records([first, second]).problems
+    assert len(problems) == 2
+    assert "y: 3 values of -9999 mm, in 2 records, at" in "".join(problems)
+    assert "first.y: 3 values of 1e+30 mm" in "".join(problems)
+
+
+def test_a_code_in_an_input_is_a_fault_and_a_pulse_is_none():
+    pulse = np.where(TIME[30] == TIME, 5.0, 0.01 * np.cos(TIME))
+    assert not outliers(record(push=pulse))
+    coded = np.where(TIME[30] == TIME, -9999.0, 0.0)
+    assert "r.push: one value of -9999, at" in check_records([record(push=coded)]).problems[0]
+
+
+def test_single_spikes_are_told():
+    own = record(at=[100], value=60.0)
+    own.outputs["y"].flags.writeable = True
+    own.outputs["y"][200] = -40.0
+    checks = check_records([own])
+    (told,) = [w for w in checks.warnings if "far" in w]
+    assert "r.y: 2 values, one of them -40 mm" in told
+    assert "leave the cells empty" in told
+    assert not checks.problems
+
+
+def test_an_impact_a_step_and_a_full_scale_are_no_spikes():
+    impact = np.exp(-(((TIME - 5.0) / 0.05) ** 2)) + 1e-4 * np.sin(TIME)
+    for values in (
+        impact,
+        np.where(TIME > 5.0, 100.0, 0.0) + 0.01 * np.sin(50.0 * TIME),
+        np.minimum(999.0, 120.0 * TIME),
+        np.full(TIME.size, 9999.0),
+        np.where(TIME > 8.0, 9999.0, 9000.0 + TIME),
+    ):
+        found = Record(name="r", time=TIME, inputs={}, outputs={"y": values})
+        told = outliers(found)
+        assert not [o for o in told if o.certain or not o.code]
+    for path in sorted((ROOT / "examples").glob("gap_action/*/*.csv")):
+        for own in read_records([path]):
+            assert not outliers(own), path
+
+
+FILE = "time [s],u [mm],y [mm]\n" + "".join(
+    f"{t:.3f},{u:.4f},{-9999 if i in (5, 6) else 2.0 * u:.4f}\n"
+    for i, (t, u) in enumerate(zip(TIME, np.sin(TIME), strict=True))
+)
+
+
+def test_a_stated_code_is_missing(tmp_path):
+    path = tmp_path / "logger.csv"
+    path.write_text(FILE)
+    with pytest.raises(DataError, match=r"2 values of -9.999 m, at 0.125 s first"):
+        check(LINE, read_record(path, inputs=["u"], outputs=["y"]))
+    own = read_record(path, inputs=["u"], outputs=["y"], options=ReadOptions(missing=[-9999]))
+    assert np.flatnonzero(np.isnan(own.outputs["y"])).tolist() == [5, 6]
+    path.with_suffix(".toml").write_text("missing = [-9999]\n[inputs.u]\n[outputs.y]\n")
+    own = read_record(path)
+    assert np.flatnonzero(np.isnan(own.outputs["y"])).tolist() == [5, 6]
+    assert not check_records([own]).problems
+
+
+@pytest.mark.parametrize(
+    ("value", "told"), [('["none"]', "missing"), ("-9999", "missing"), ("[nan]", "missing")]
+)
+def test_a_wrong_code_is_told(tmp_path, value, told):
+    path = tmp_path / "logger.csv"
+    path.write_text(FILE)
+    path.with_suffix(".toml").write_text(f"missing = {value}\n[inputs.u]\n[outputs.y]\n")
+    with pytest.raises(DataError, match=told):
+        read_record(path)
+
+
+def test_the_options_are_numbers():
+    with pytest.raises(InvalidParameter, match="missing"):
+        ReadOptions(missing=["none"])
