@@ -145,7 +145,7 @@ def ready(
     if wrong := wrong_clock(model, records):
         raise DataError(
             f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit time=UNIT, unit of "
-            "the time in the TOML file"
+            "the time in the TOML file; rates of a model are per second"
         )
     prepared = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
     # A model may increase the noise of a sensor to the error of its own outputs.

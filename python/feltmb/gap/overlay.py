@@ -128,10 +128,15 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     records, told = model.driven(divided(model, records))
     notes = [*told, *not_recorded(model, records)]
     checks = check_against(model, records)
+    clock = wrong_clock(model, records)
     rows: list[GapBeforeRow] = []
     shown: list[Record] = []
     simulated: dict[str, dict[str, Array]] = {}
     for record in records:
+        if clock and np.ptp(record.time) > model.longest_run:
+            # A simulation with a wrong clock may take very long, and shows nothing.
+            notes.append(f"{record.name}: not simulated with this clock")
+            continue
         noise = checks.noise(record.name)
         record, said = model.referred(with_sigma(record, noise))
         sigma = {
@@ -141,8 +146,9 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         }
         notes += said
         values = expected_outputs(model, record)
-        if text := divergence(record, model.outputs, values):
-            notes.append(text)
+        text = divergence(record, model.outputs, values)
+        if text:
+            notes += [text] * (not clock)
             with np.errstate(invalid="ignore"):
                 values = np.where(np.abs(values) < RUNAWAY, values, np.nan)
         outputs = {name: values[:, i] for i, name in enumerate(model.outputs)}
@@ -151,7 +157,8 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         for name in record.outputs:
             if name in outputs:
                 rows.append(_row(record, name, outputs[name], sigma[name]))
-        notes += _undefined(model, record, outputs, text)
+        if not clock:
+            notes += _undefined(model, record, outputs, text)
         for cycle in _exchanged(record, outputs, sigma):
             channels = [channel for channel, _ in cycle]
             own = [r for r in rows if r.record == record.name and r.channel in channels]
@@ -159,7 +166,7 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
                 continue  # wrong units are as good an explanation
             rows = [replace(r, factor=float("nan")) if r in own else r for r in rows]
             notes.append(f"{record.name}: {_looks_like(cycle)}: are the columns exchanged?")
-    if clock := wrong_clock(model, records):
+    if clock:
         nan = float("nan")
         rows = [replace(r, factor=nan, delay=nan) for r in rows]
         notes.append(f"the unit of {clock}")
@@ -428,25 +435,34 @@ _CLOCKS = (
     (1.0 / 60.0, "s labeled as minutes"),
     (1e-3, "ms labeled as s"),
     (1e3, "s labeled as ms"),
+    (3600.0, "hours labeled as s"),
+    (1.0 / 3600.0, "s labeled as hours"),
 )
+#: Longest clock of a model without states, which may need a time in proportion to it.
+LONGEST_OF_FUNCTION = 1e3
+#: What else explains a clock: the unit of time of the model is shorter, or longer, than a second.
+_OF_MODEL = {1e3: "ms", 1.0 / 60.0: "minute", 1.0 / 3600.0: "hour"}
 
 
 def wrong_clock(model: Model, records: Sequence[Record]) -> str:
     """Description of a clock in a wrong unit, in one sentence; empty if it is right.
 
     The model follows all records with another clock far better than with the recorded one. A clock
-    with which a record exceeds ``model.longest_run`` does not explain it.
+    with which a record exceeds ``model.longest_run`` does not explain it. The unit of time of the
+    equations of a user may be the wrong one.
     """
+    own = "" if math.isfinite(model.longest_run) else "? Or are the rates of the model per {}"
     return _follows_other(
         model,
         records,
         [
             (
-                f"time: the model follows all records with a clock {factor:.3g} times as long "
-                f"({text}?)",
+                f"time: the model follows all records with a clock {factor:.4g} times as long "
+                f"({text}{own.format(_OF_MODEL[factor]) if factor in _OF_MODEL else ''}?)",
                 partial(Record.stretched, factor=factor),
             )
             for factor, text in _CLOCKS
+            if factor <= LONGEST_OF_FUNCTION or model.states()
         ],
     )
 
@@ -484,7 +500,7 @@ def _follows_other(
     records: Sequence[Record],
     others: Sequence[tuple[str, Callable[[Record], Record]]],
 ) -> str:
-    """Description of the first change of the records with which the model follows all of them.
+    """Description of the change of the records with which the model follows all of them best.
 
     The parameters have their tabulated values, and the zeros of the outputs do not count. Chaotic
     models and records that start during a motion are not tested.
@@ -516,10 +532,16 @@ def _follows_other(
         if own < WRONG_CLOCK:
             return ""
         most.append(min(OTHER_SCALE**2 * own, EXPLAINS_MOST))
+    best = ""
     for text, changed in others:
-        if all(gap(changed(r)) < m for r, m in zip(records, most, strict=True)):
-            return text
-    return ""
+        left = []
+        for record, limit in zip(records, most, strict=True):
+            left.append(gap(changed(record)))
+            if not left[-1] < limit:
+                break
+        else:
+            best, most = text, left
+    return best
 
 
 def exchanged_channels(

@@ -111,8 +111,8 @@ def divergence(record: Record, names: Sequence[str], outputs: Array) -> str:
             return (
                 f"record {record.name}: {name} of the model is beyond {DIVERGED:.0e} times the "
                 f"largest measured value ({most:.3g} {unit}) after {far[0] + 1} samples. The "
-                f"samples are {record.interval:.3g} s apart: is this their unit (--unit time=ms)? "
-                "Or the model is unstable."
+                f"samples are {record.interval:.3g} s apart: is this their unit (--unit time=ms), "
+                "and are the rates of the model per second? Or the model is unstable."
             )
     return ""
 

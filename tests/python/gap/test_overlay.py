@@ -14,7 +14,7 @@ import feltmb
 from feltmb import gap
 from feltmb.cli import main
 from feltmb.data import Record, Sensor, write_record
-from feltmb.errors import DataError
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import overlay
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -451,6 +451,89 @@ def test_a_clock_in_a_wrong_unit_is_found(factor, told):
         gap.diagnose(model, [], wrong)
 
 
+def in_another_time(second, rate=1.5e-3, **known):
+    """A first-order lag whose rates are per ``second``, and its records over two hours."""
+    model = gap.OdeModel(
+        name="lag",
+        states=[gap.State(name="a", unit="mol/l", scale=1.0, start_sd=0.0)],
+        parameters=[gap.Parameter(name="k", value=rate * second, unit="1/s", **known)],
+        inputs=["feed"],
+        rates=lambda t, x, u, p: (p.k * (u.feed - x.a),),
+        outputs={"a": "a"},
+    )
+    time = np.arange(0.0, 7200.0, 20.0)
+    records = []
+    for i in range(2):
+        feed = np.where((time > 300.0) & (time < 2500.0 + 900.0 * i), 1.0, 0.2)
+        a = np.zeros(time.size)
+        for j in range(time.size - 1):  # exact between samples, but for the ramp of the input
+            mean = 0.5 * (feed[j] + feed[j + 1])
+            a[j + 1] = mean + (a[j] - mean) * np.exp(-1.5e-3 * 20.0)
+        records.append(
+            Record(
+                name=f"r{i}", time=time, inputs={"feed": feed},
+                outputs={"a": a + 0.01 * np.random.default_rng(i).standard_normal(time.size)},
+                sensors={"a": gap.Sensor(name="a", unit="mol/l", sigma=0.01)},
+            )
+        )  # fmt: skip
+    return model, records
+
+
+@pytest.mark.parametrize(
+    ("second", "told"),
+    [
+        (3600.0, "0.0002778 times as long (s labeled as hours? Or are the rates {} per hour?)"),
+        (60.0, "0.01667 times as long (s labeled as minutes? Or are the rates {} per minute?)"),
+        (1.0 / 3600.0, "3600 times as long (hours labeled as s?)"),
+        (1e-3, "1000 times as long (s labeled as ms? Or are the rates {} per ms?)"),
+    ],
+)  # fmt: skip
+def test_rates_in_another_unit_of_time_are_told(second, told):
+    """With rates per hour the simulation diverges, and with rates per ms nothing moves."""
+    model, records = in_another_time(second, sd=1e-4 * second)
+    told = told.format("of the model")
+    notes = gap.check(model, records).notes
+    assert notes == (f"the unit of time: the model follows all records with a clock {told}",)
+    with pytest.raises(DataError) as error:
+        gap.diagnose(model, [], records)
+    assert told in str(error.value)
+    assert "rates of a model are per second" in str(error.value)
+
+
+def test_rates_in_the_right_unit_of_time_are_not_told():
+    model, records = in_another_time(1.0, sd=1e-4)
+    assert not gap.check(model, records).notes
+    model, records = in_another_time(1.0, rate=3e-3, sd=1e-4)  # a gap, but of no clock
+    assert "unit of time" not in " ".join(gap.check(model, records).notes)
+
+
+def test_a_divergence_without_tabulated_values_asks_for_the_unit_of_the_rates():
+    model, records = in_another_time(3600.0, sd=np.inf)
+    assert "are the rates of the model per second?" in " ".join(gap.check(model, records).notes)
+    with pytest.raises(InvalidParameter, match="are the rates of the model per second"):
+        gap.diagnose(model, [], records)
+
+
+def test_a_function_that_fails_in_another_unit_of_time_is_told():
+    def function(t, u, p):
+        x, out = 0.0, []
+        for i, now in enumerate(t):
+            x += (now - t[i - 1] if i else 0.0) * 3600.0 * p["k"] * (u["feed"][i] - x)
+            if abs(x) > 1e9:
+                raise OverflowError("too large")
+            out.append(x)
+        return {"a": out}
+
+    _, records = in_another_time(1.0, sd=1e-4)
+    model = gap.SimulatorModel(
+        function,
+        parameters=[gap.Parameter(name="k", value=1.5e-3, sd=1e-4)],
+        inputs=["feed"], outputs=["a"], workers=1,
+    )  # fmt: skip
+    with pytest.raises(DataError, match="are the rates of the model per hour"):
+        gap.diagnose(model, [], records)
+
+
 @pytest.mark.parametrize(("factor", "told"), [(1e3, "ms labeled as s"), (1e-3, "s labeled as ms")])
 def test_a_clock_of_a_stroke_in_a_wrong_unit_is_found_before_a_long_simulation(factor, told):
     model = action()
@@ -458,7 +541,11 @@ def test_a_clock_of_a_stroke_in_a_wrong_unit_is_found_before_a_long_simulation(f
     wrong = dataclasses.replace(stroke, time=factor * stroke.time)
     with pytest.raises(DataError, match=f"unit of time: .*{told}"):
         gap.diagnose(model, [], [wrong])
-    assert any(f"({told}?)" in note for note in gap.check(model, wrong).notes)
+    found = gap.check(model, wrong)
+    assert any(f"({told}?)" in note for note in found.notes)
+    assert bool(found.rows) == (factor < 1.0)  # not simulated for a minute and more
+    assert any("not simulated with this clock" in n for n in found.notes) == (factor > 1.0)
+    found.plot()
     # Simulations of another clock are not those of the first one.
     slow, fast = (
         overlay.expected_outputs(model, dataclasses.replace(stroke, time=f * stroke.time))
