@@ -10,6 +10,7 @@ import pytest
 
 from feltmb.data import read_record, read_records, write_record
 from feltmb.errors import DataError
+from feltmb.fit.limits import FurtherSensor
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.noise import Noise
 from feltmb.fit.problem import Problem
@@ -31,6 +32,8 @@ from feltmb.gap import (
 )
 from feltmb.gap.checks import check_records
 from feltmb.gap.discrepancy import larger_than_noise, with_factor
+from feltmb.gap.further_sensors import Sensors
+from feltmb.gap.information import information
 from feltmb.gap.uncorrelated import uncorrelated
 
 ROOT = Path(__file__).parents[3]
@@ -340,3 +343,24 @@ def test_a_wrong_value_is_told(tmp_path, value, told):
 def test_it_needs_the_noise_at_zero():
     with pytest.raises(DataError, match="expected with it a sigma, the noise at the value zero"):
         Sensor(name="y", relative_sigma=0.04)
+
+
+# ---------------------------------------------------------------- plans
+
+
+def test_the_information_of_a_record_is_that_of_weighted_samples():
+    model, own, _ = _line(1, relative=0.1)
+    bend = Effect(
+        name="bend", component="line", scale=0.5, regressor=lambda r, shape: r.time**2 / 10.0
+    )
+    found = information(model, own, (Candidate(bend),))
+    segmented = segment_record(model, own, {"y": Noise(0.05, relative=0.1)}, None)
+    table = np.column_stack([own.time, np.ones(own.samples), 0.5 * own.time**2 / 10.0])
+    weighted = table / segmented.sd
+    assert found.matrix == pytest.approx(weighted.T @ weighted, rel=1e-6)
+
+
+def test_a_better_sensor_has_less_of_both_parts():
+    now = {"y": Sensor(name="y", sigma=0.03, relative_sigma=0.06)}
+    better = Sensors(now).having(FurtherSensor(output="y", sigma=0.01)).now["y"]
+    assert better.relative_sigma == pytest.approx(0.02)
