@@ -20,9 +20,9 @@ ORDERS = 4, 8
 GROUPS, LEAST = 4, 24
 #: Largest relative noise that is looked for [1]. A signal that is random itself scatters more.
 MOST = 0.3
-#: Largest ratio of the root mean square to the standard deviation from the median of normal
-#: numbers: what is larger here and there is a motion.
-NORMAL = 1.4
+#: Limits of the ratio of the root mean square to the standard deviation from the median, which is
+#: about 1 for normal numbers. It is less for a vibration, and more for a motion now and then.
+NORMAL = 0.75, 1.4
 #: Sum of the squared correlations of overlapping fourth differences of white noise: so many count
 #: as one.
 OVERLAP = sum((math.comb(8, 4 + k) / math.comb(8, 4)) ** 2 for k in range(-4, 5))
@@ -100,9 +100,9 @@ def grows_with_value(
     if gain / OVERLAP <= unknown_gain(alpha):
         return None
     left = low[top] / np.sqrt(a + b * level[top] ** 2)
-    normal = _rms(left) < NORMAL * float(np.median(np.abs(left)) / 0.6745)
+    ratio = _rms(left) / float(np.median(np.abs(left)) / 0.6745)
     relative = small[-1] * math.sqrt(b)
-    if relative > MOST or not normal:
+    if relative > MOST or not NORMAL[0] < ratio < NORMAL[1]:
         return None
     return max(small[-1] * math.sqrt(a), 0.1 * small[0]), relative
 

@@ -299,6 +299,18 @@ def test_a_motion_that_shakes_where_it_is_far_is_no_noise():
         assert not [w for w in told if "grows with its value" in w], path
 
 
+def test_a_vibration_at_a_large_value_is_no_noise():
+    time = np.arange(600) * 0.01
+    told = 0
+    for seed in range(40):
+        generator = np.random.default_rng(seed)
+        moved = 5.0 + 0.2 * np.sin(generator.uniform(20.0, 310.0) * time)
+        y = np.where(time < 3.0, 0.0, moved) + 0.01 * generator.standard_normal(600)
+        own = Record(name="r", time=time, inputs={}, outputs={"y": y})
+        told += any("grows" in w for w in check_records([own]).warnings)
+    assert told == 0
+
+
 def test_the_gap_before_a_fit_is_in_this_noise():
     (one, *_) = own = records(1)
     found = check(TANK, own)
