@@ -51,11 +51,19 @@ class Outlier:
         return self.code and known and far
 
 
-def told(records: Sequence[Record]) -> tuple[list[str], list[str]]:
-    """Faults and warnings about the outliers of records, one for each channel and code."""
+def told(
+    records: Sequence[Record], outputs: Sequence[str] | None = None
+) -> tuple[list[str], list[str]]:
+    """Faults and warnings about the outliers of records, one for each channel and code.
+
+    ``outputs``: those that are used; None: all.
+    """
     groups: dict[tuple[object, ...], list[tuple[str, Outlier]]] = {}
     for record in records:
         for own in outliers(record):
+            unused = outputs is not None and own.channel not in outputs
+            if unused and own.channel not in record.inputs:
+                continue
             value = own.value if own.code else None
             groups.setdefault((own.channel, value, own.certain), []).append((record.name, own))
     faults: list[str] = []

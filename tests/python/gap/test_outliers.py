@@ -74,6 +74,18 @@ def test_a_code_in_an_input_is_a_fault_and_a_pulse_is_none():
     assert "r.push: one value of -9999, at" in check_records([record(push=coded)]).problems[0]
 
 
+def test_a_channel_that_the_model_does_not_have_is_no_fault():
+    own = record(at=[50], value=-9999.0)
+    both = Record(
+        name="r",
+        time=TIME,
+        inputs=own.inputs,
+        outputs={"y": own.inputs["u"], "z": own.outputs["y"]},
+    )
+    assert not check_records([both], ["y"]).problems
+    assert check_records([both]).problems
+
+
 def test_single_spikes_are_told():
     own = record(at=[100], value=60.0)
     own.outputs["y"].flags.writeable = True
