@@ -14,7 +14,9 @@ STEP = 1e-3
 def whitened(noise, y):
     """Samples with what those before predict taken away, by the spread that is left."""
     position = np.arange(y.size)[None, :, None]
-    before, factors, weight = innovations([noise], position, (STEP * np.arange(y.size))[None, :])
+    time = (STEP * np.arange(y.size))[None, :]
+    sd = np.full(position.shape, noise.sigma)
+    before, factors, weight = innovations([noise], position, time, sd)
     seen = np.where(before[0, :, 0] >= 0, y[np.maximum(before[0, :, 0], 0)], 0.0)
     return (y - np.sum(factors[0, :, 0] * seen, axis=1)) * weight[0, :, 0]
 
