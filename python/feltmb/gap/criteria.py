@@ -152,7 +152,7 @@ NEAR_UNIT = _number(
 SAME_DELAY = _number(
     "SAME_DELAY", 0.3, "share of the mean",
     "largest spread of the delays of all channels that is reported as one delay of the clock",
-    _JUDGED, "gap/test_overlay.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 DELAY_LEAVES = _number(
     "DELAY_LEAVES", 0.1, "share of the excess",

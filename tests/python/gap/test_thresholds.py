@@ -12,6 +12,7 @@ from feltmb.gap.checks import _estimate, _fine, _grid, check_records
 from feltmb.gap.discrepancy import Discrepancy, _memory, converged
 from feltmb.gap.misfit import form_of
 from feltmb.gap.options import Options
+from feltmb.gap.overlay import _hints
 from feltmb.gap.score import prior_of
 
 
@@ -52,6 +53,17 @@ def test_a_small_effect_beside_a_large_one(monkeypatch, gain, share, gap, unexpl
     why = small_beside_large(monkeypatch, gain=gain, share=share, gap=gap, unexplained=unexplained)
     assert ("a small error in the law of that effect could explain as much" in why) is refused
     assert bool(why) is refused
+
+
+@pytest.mark.parametrize(("second", "one_clock"), [(4.6e-3, True), (6.5e-3, False)])
+def test_delays_that_are_nearly_equal_are_one_delay_of_the_clock(second, one_clock):
+    rows = [
+        SimpleNamespace(record="a", channel=c, delay=d, factor=np.nan, unit="m")
+        for c, d in (("p", 4e-3), ("q", second))
+    ]
+    told = _hints(rows)
+    assert any("every channel is about 4.3 ms late" in text for text in told) is one_clock
+    assert len(told) <= 1
 
 
 def test_an_error_of_form_leaves_a_tenth_of_its_amplitude():
