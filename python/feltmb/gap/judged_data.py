@@ -69,8 +69,8 @@ class JudgedData:
         return self.each(lambda s: with_noise(model, s, dict(residual)))
 
     def warned(self, warnings: Sequence[str]) -> JudgedData:
-        """The data with further warnings of its checks."""
-        checks = replace(self.checks, warnings=(*self.checks.warnings, *warnings))
+        """The data with further warnings, before those of its checks."""
+        checks = replace(self.checks, warnings=(*warnings, *self.checks.warnings))
         return replace(self, checks=checks)
 
 
