@@ -65,9 +65,10 @@ def command(
     from feltmb.data import join_records, read_record, write_record
     from feltmb.files import check_writable
 
+    read = {p.resolve() for file in (first, second) for p in (file, file.with_suffix(".toml"))}
     for path in (output, output.with_suffix(".toml")):
         check_writable(path, force=force)
-        if path in (first, second, first.with_suffix(".toml"), second.with_suffix(".toml")):
+        if path.resolve() in read:
             raise InvalidParameter(f"join: -o {output} is the name of a file that is joined")
     chosen = split_pairs("--input", inputs, "NAME=CHANNEL") or None
     made = join_records(read_record(first), read_record(second), same=_events(same), inputs=chosen)

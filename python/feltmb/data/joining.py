@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data.records import Array, InputMode, Record
+from feltmb.data.records import Array, InputMode, Record, Sensor
 from feltmb.errors import DataError, InvalidParameter, no_such
 
 __all__ = ["Clocks", "fit_clocks", "join_records"]
 
 #: Steps of the median size above which samples are missing.
 MOST_STEPS = 5.0
+#: Properties of the sensor of an output that an input does not have.
+NOT_OF_INPUTS = "relative_sigma", "quantum", "gain_sd", "offset_sd", "delay_sd"
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,8 @@ class Clocks:
     def __str__(self) -> str:
         text = f"zero of the first clock is {1e3 * self.offset:.6g} ms on the second one"
         if self.rate != 1.0:
-            text += f", which is {1e6 * (self.rate - 1.0):+.4g} ppm faster"
+            ppm = 1e6 * (self.rate - 1.0)
+            text += f", which is {abs(ppm):.4g} ppm {'faster' if ppm > 0.0 else 'slower'}"
         if self.residual > 0.0:
             text += f"; the events agree within {1e3 * self.residual:.3g} ms"
         return text
@@ -102,7 +106,8 @@ def join_records(
         Times of common events on both clocks [s]; see :func:`fit_clocks`.
     inputs
         Input -> channel that becomes this input, such as ``{"force": "Load"}``. Default: if neither
-        record has an input, the only channel in N becomes the input ``force``.
+        record has an input, the only channel in N becomes the input ``force``. Known errors of its
+        sensor (delay, bandwidth, gain, offset) are removed; its noise becomes that of the input.
 
     Returns
     -------
@@ -198,21 +203,38 @@ def _with_inputs(record: Record, inputs: Mapping[str, str] | None) -> Record:
         notes += [f"{channel} is the input {name}" for name, channel in inputs.items()]
     outputs, sensors = dict(record.outputs), dict(record.sensors)
     driven, units = dict(record.inputs), dict(record.input_units)
+    noise, color = dict(record.input_sigma), dict(record.input_correlation_time)
+    moved: dict[str, Sensor] = {}
     mode: InputMode = record.input_mode
     for name, channel in inputs.items():
         if channel not in outputs:
             raise no_such("channel", channel, outputs)
         if name in driven or (name in outputs and name != channel):
             raise InvalidParameter(f"join: input {name} exists already")
-        driven[name], units[name] = outputs.pop(channel), sensors.pop(channel).unit
+        driven[name], moved[name] = outputs.pop(channel), sensors.pop(channel)
+        sensor = moved[name]
+        units[name] = sensor.unit
+        if sensor.sigma:
+            noise[name] = math.hypot(sensor.sigma, sensor.colored_sigma)
+            color[name] = sensor.correlation_time
+        unused = [key for key in NOT_OF_INPUTS if getattr(sensor, key)]
+        if unused:
+            notes.append(f"{', '.join(unused)} of {channel} has no influence: it is an input")
         if not record.inputs:
             mode = "motion" if units[name] in ("m", "rad") else "force"
-    return replace(
+    made = replace(
         record,
         inputs=driven,
         outputs=outputs,
         sensors=sensors,
         input_units=units,
+        input_sigma=noise,
+        input_correlation_time=color,
         input_mode=mode,
         notes=tuple(notes),
     )
+    for name, sensor in moved.items():
+        known = {key: getattr(sensor, key) for key in ("delay", "bandwidth", "gain", "offset")}
+        if any(value != getattr(Sensor, key) for key, value in known.items()):
+            made = made.with_sensed_input(name, **known)
+    return made

@@ -53,7 +53,7 @@ def test_the_force_is_that_of_the_time_of_the_camera():
     told = "; ".join(both.notes)
     assert "interpolated linearly" in told
     assert "1250 ms" in told
-    assert "+500 ppm faster" in told
+    assert "which is 500 ppm faster" in told
     assert "Load is the input force" in told
     assert "1250 ms" in both.source
 
@@ -86,6 +86,21 @@ def test_missing_outputs_stay_missing_and_inputs_can_be_chosen():
                      same=EVENTS)  # fmt: skip
 
 
+def test_the_sensor_of_a_channel_that_becomes_an_input_is_used():
+    late = 0.02
+    sensor = Sensor(name="Load", unit="N", sigma=0.03, colored_sigma=0.04, correlation_time=1e-3,
+                    delay=late, gain=2.0, offset=0.5, gain_sd=0.01)  # fmt: skip
+    load = 0.5 + 2.0 * force(np.arange(0.1, 0.4, 1e-4) - late)
+    both = join_records(
+        camera(), cell(outputs={"Load": load}, sensors={"Load": sensor}), same=EVENTS
+    )
+    inner = both.time < 0.37
+    np.testing.assert_allclose(both.inputs["force"][inner], force(both.time[inner]), atol=3e-3)
+    assert both.input_sigma == {"force": pytest.approx(0.05 / 2.0)}
+    assert both.input_correlation_time == {"force": 1e-3}
+    assert any("gain_sd of Load has no influence" in note for note in both.notes)
+
+
 def test_a_slower_second_record_is_told():
     both = join_records(camera(), cell(step=1e-2), same=EVENTS)
     assert any("join in the other order" in note for note in both.notes)
@@ -110,7 +125,8 @@ def test_what_cannot_be_joined_is_told():
             fit_clocks(same)
 
 
-def test_the_command_writes_a_record_that_is_read_as_it_is(tmp_path, capsys):
+def test_the_command_writes_a_record_that_is_read_as_it_is(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     first, second, out = (tmp_path / n for n in ("a.csv", "b.csv", "both.csv"))
     write_record(camera(), first)
     second.write_text(
@@ -129,6 +145,7 @@ def test_the_command_writes_a_record_that_is_read_as_it_is(tmp_path, capsys):
     np.testing.assert_allclose(both.inputs["force"], force(both.time), atol=1e-5)
     for arguments, why in (
         ((first, second, "-o", first, "--force"), "is the name of a file that is joined"),
+        ((first.name, second, "-o", first, "--force"), "is the name of a file that is joined"),
         ((first, second, "-o", tmp_path / "c.csv", "--same", "3s"), "expected TIME=TIME"),
         ((first, second, "-o", tmp_path / "c.csv", "--same", "3s=1m"), "does not measure"),
         ((first, second, "-o", out), "exists"),
