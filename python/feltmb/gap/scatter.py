@@ -100,11 +100,11 @@ def grows_with_value(
     if gain / OVERLAP <= unknown_gain(alpha):
         return None
     left = low[top] / np.sqrt(a + b * level[top] ** 2)
-    ratio = _rms(left) / float(np.median(np.abs(left)) / 0.6745)
-    relative = small[-1] * math.sqrt(b)
-    if relative > MOST or not NORMAL[0] < ratio < NORMAL[1]:
+    normal = float(np.median(np.abs(left))) / 0.6745  # 0: most values are equal
+    relative = float(small[-1]) * math.sqrt(b)
+    if relative > MOST or not NORMAL[0] * normal < _rms(left) < NORMAL[1] * normal:
         return None
-    return max(small[-1] * math.sqrt(a), 0.1 * small[0]), relative
+    return float(max(small[-1] * math.sqrt(a), 0.1 * small[0])), relative
 
 
 def _differences(values: Array) -> tuple[Array, Array, Array]:

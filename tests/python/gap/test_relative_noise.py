@@ -299,6 +299,13 @@ def test_a_motion_that_shakes_where_it_is_far_is_no_noise():
         assert not [w for w in told if "grows with its value" in w], path
 
 
+def test_values_with_two_digits_are_no_error():
+    time = np.arange(1000) * 0.01
+    y = np.array([float(f"{v:.2g}") for v in 20.0 * np.exp(-time / 3.0)])
+    checked = check_records([Record(name="r", time=time, inputs={}, outputs={"y": y})])
+    assert not [w for w in checked.warnings if "grows" in w]
+
+
 def test_a_vibration_at_a_large_value_is_no_noise():
     time = np.arange(600) * 0.01
     told = 0
