@@ -292,7 +292,7 @@ class Watch:
             left, most = self._left()
             if self._budget is not None:
                 limit = max(self._budget - elapsed, 0.0)
-                left, most = min(left, limit), min(most or limit, limit)
+                left, most = min(left, limit), limit if most is None else min(most, limit)
             about = round(made * (1.0 + left / elapsed))
         self._tell(
             Progress(
@@ -316,6 +316,7 @@ class Watch:
         known = True
         if self.stage in (CHECKS, FIT) and not self.over():
             least, most = (step * max(0, n - self._calls[FIT]) for n in STEPS_OF_FIT)
+            known = self._calls[FIT] <= STEPS_OF_FIT[1]
         for stage in self._stages[self._stages.index(self.stage) :]:
             if stage not in ITEMS or (stage == SEARCH and self.over()):
                 continue

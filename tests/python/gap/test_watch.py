@@ -276,6 +276,19 @@ def test_the_remaining_time_counts_what_is_known(monkeypatch):
     assert told[-1].left is told[-1].left_most is None
 
 
+def test_a_fit_with_more_steps_than_usual_may_take_any_time(monkeypatch):
+    now, told = [0.0], []
+    monkeypatch.setattr(watch.clock, "perf_counter", lambda: now[0])
+    w = Watch(told.append, stages=STAGES[:2])
+    watch.simulated(1.0)
+    w.enter("fit of the model")
+    for now[0] in map(float, range(1, 122)):
+        w.step()
+        if now[0] == 120.0:
+            assert (told[-1].left, told[-1].left_most) == (0.0, 0.0)
+    assert (told[-1].left, told[-1].left_most) == (0.0, None)
+
+
 PROGRESS = Progress(
     stage="search",
     detail="refine: dry friction",
