@@ -169,7 +169,8 @@ def _key_travel(action: Action, result: Any, low: float, high: float) -> dict[st
     y = _samples(result, f"{action.config.reading.key_point}.y")
     if y is None:
         return {}
-    return {"key_travel": float(y[0] - y[(result.time >= low) & (result.time <= high)].min())}
+    own = y[(result.time >= low) & (result.time <= high)]
+    return {"key_travel": float(y[0] - own.min())} if own.size else {}
 
 
 def add_check(

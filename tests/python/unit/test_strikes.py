@@ -68,6 +68,13 @@ def test_a_run_without_samples_does_not_tell_its_strikes(stroke):
     assert run.summary["impact_time"] > 0.0
 
 
+def test_strikes_between_two_samples_have_the_numbers_of_their_events():
+    run = feltmb.simulate("steinway45", "repeated", output_rate=8.0)
+    fine = feltmb.simulate("steinway45", "repeated")
+    assert list(run.strikes["impact_speed"]) == list(fine.strikes["impact_speed"])
+    assert 0 < run.strikes["key_travel"].count() < 5
+
+
 def test_without_a_key_the_striker_tells_where_a_strike_begins(run, stroke):
     raw = copy.deepcopy(feltmb.load_action("steinway45").raw)
     del raw["reading"]["key_point"], raw["reading"]["touch"]
