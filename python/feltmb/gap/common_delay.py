@@ -13,8 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
-from feltmb.data import Array
+from feltmb.data import Array, Integers
 from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Model
 from feltmb.fit.problem import Problem
@@ -64,7 +65,8 @@ def common_delay(model: Model, records: Sequence[SegmentedRecord]) -> str:
         _Beginning(whole, part, outputs, linear, names)
         for whole, part, outputs, linear in zip(records, parts, seen, linears, strict=True)
     ]
-    own = _misfit(problem, starts, 0.0)
+    together = _Beginnings(problem, starts)
+    own = together.misfit(0.0)
     count = float(problem.samples)
     if own < limit_of_noise(count):
         return ""
@@ -72,7 +74,7 @@ def common_delay(model: Model, records: Sequence[SegmentedRecord]) -> str:
     longest = LONGEST * min(float(np.ptp(s.record.time)) for s in records)
     # Whole sampling intervals: between samples, an interpolation would have less noise.
     most = int(longest / step)
-    misfits = np.array([_misfit(problem, starts, k * step) for k in range(-most, most + 1)])
+    misfits = np.array([together.misfit(k * step) for k in range(-most, most + 1)])
     best = int(np.argmin(misfits))
     if best in (0, most, 2 * most):
         return ""
@@ -80,7 +82,7 @@ def common_delay(model: Model, records: Sequence[SegmentedRecord]) -> str:
     if not misfits[best] - count < DELAY_LEAVES * (own - count):
         return ""
     for one in starts:
-        known, shifted = (_misfit(problem, [one], d) for d in (0.0, delay))
+        known, shifted = map(_Beginnings(problem, [one]).misfit, (0.0, delay))
         if shifted > max(known, limit_of_noise(float(np.sum(one.part.samples)))):
             return ""
     factor, unit = readable_unit(abs(delay), "s")
@@ -120,32 +122,41 @@ class _Beginning:
     def residual(self, delay: float) -> Array:
         """Whitened residual of the record without a delay [s], (m,)."""
         record = self.whole.record
-        measured = np.full((record.samples, self.outputs.shape[2]), np.nan)
+        place = self.part.segments[:, :1] + np.arange(self.outputs.shape[1])
+        at = record.time[np.minimum(place, record.samples - 1)] + delay
+        measured = np.full(self.outputs.shape, np.nan)
         for k, name in enumerate(self.names):
             values = record.outputs.get(name)
             if values is not None and (there := np.isfinite(values)).any():
-                at = record.time + delay
-                measured[:, k] = np.interp(at, record.time[there], values[there])
-        place = self.part.segments[:, :1] + np.arange(self.outputs.shape[1])
-        gap = measured[np.minimum(place, record.samples - 1)] - self.outputs
+                measured[..., k] = np.interp(at, record.time[there], values[there])
+        gap = measured - self.outputs
         return np.asarray(self.part.whiten(np.where(self.part.valid, gap, 0.0))).ravel()
 
 
-def _misfit(problem: Problem, starts: Sequence[_Beginning], delay: float) -> float:
+class _Beginnings:
     """Sum of squares with the most likely parameters and nuisances of the linear model."""
-    everything = problem.model.parameters
-    prior = [everything[i].sd for i in problem.free]
-    size = len(prior) + sum(len(s.part.nuisances) for s in starts)
-    matrix, right, total = np.eye(size), np.zeros(size), 0.0
-    at = len(prior)
-    for s in starts:
-        own = [sd for _, _, sd in s.part.nuisances]
-        columns = np.r_[np.arange(len(prior)), at : at + len(own)]
-        at += len(own)
-        by = s.linear.by_global
-        jacobian = by.reshape(-1, by.shape[2]) * np.array([*prior, *own])
-        gap = s.residual(delay)
-        total += float(gap @ gap)
-        matrix[np.ix_(columns, columns)] += jacobian.T @ jacobian
-        right[columns] += jacobian.T @ gap
-    return total - float(right @ np.linalg.solve(matrix, right))
+
+    def __init__(self, problem: Problem, starts: Sequence[_Beginning]):
+        everything = problem.model.parameters
+        prior = [everything[i].sd for i in problem.free]
+        self._size = len(prior) + sum(len(s.part.nuisances) for s in starts)
+        self._parts: list[tuple[_Beginning, Integers, Array]] = []
+        matrix, at = np.eye(self._size), len(prior)
+        for s in starts:
+            own = [sd for _, _, sd in s.part.nuisances]
+            columns = np.r_[np.arange(len(prior)), at : at + len(own)]
+            at += len(own)
+            by = s.linear.by_global
+            jacobian = by.reshape(-1, by.shape[2]) * np.array([*prior, *own])
+            self._parts.append((s, columns, jacobian))
+            matrix[np.ix_(columns, columns)] += jacobian.T @ jacobian
+        self._factor = cho_factor(matrix)
+
+    def misfit(self, delay: float) -> float:
+        """Sum of squares of the records without a delay [s]."""
+        right, total = np.zeros(self._size), 0.0
+        for s, columns, jacobian in self._parts:
+            gap = s.residual(delay)
+            total += float(gap @ gap)
+            right[columns] += gap @ jacobian
+        return total - float(right @ cho_solve(self._factor, right))
