@@ -247,7 +247,12 @@ def tidy(value: float) -> float:
 
 
 def _in_unit_of(old: Any, value: Any) -> Any:
-    """A bare number with the unit of the text that it replaces: 16 for ``"15 g"`` is ``"16 g"``."""
+    """A bare number with the unit of the text that it replaces: 16 for ``"15 g"`` is ``"16 g"``.
+
+    The same holds for each component of a list.
+    """
+    if isinstance(old, list) and isinstance(value, list) and len(old) == len(value):
+        return [_in_unit_of(o, v) for o, v in zip(old, value, strict=True)]
     if not isinstance(old, str) or isinstance(value, bool) or not isinstance(value, (int, float)):
         return value
     found = split_quantity(old)

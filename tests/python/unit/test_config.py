@@ -230,6 +230,13 @@ def test_changes_act_in_their_order_and_everywhere(action, tmp_path):
     bare = feltmb.mechanism.Action(action.raw | {"gravity": [0.0, -9.81]})
     lighter = bare.with_values({"gravity.y +=": "1 mm/s^2"})
     assert lighter.config.gravity[1] == pytest.approx(-9.809, abs=1e-12)
+    texts = feltmb.mechanism.Action(action.raw | {"gravity": [0.0, "-9810 mm/s^2"]})
+    for change, expected in (
+        ({"gravity *=": 0.5}, (0.0, -4.905)),
+        ({"gravity +=": ["1 mm/s^2", 1]}, (0.001, -9.809)),
+        ({"gravity": [0.3, -7]}, (0.3, -0.007)),
+    ):
+        assert texts.with_values(change).config.gravity == pytest.approx(expected), change
     arm = load_actuator("wood")
     grown = arm.with_values({"hub.radius +=": "1 mm"})
     assert grown.config.hub.radius == pytest.approx(arm.config.hub.radius + 1e-3)
