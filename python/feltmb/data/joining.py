@@ -17,7 +17,7 @@ __all__ = ["Clocks", "fit_clocks", "join_records"]
 #: Steps of the median size above which samples are missing.
 MOST_STEPS = 5.0
 #: Properties of the sensor of an output that an input does not have.
-NOT_OF_INPUTS = "relative_sigma", "quantum", "gain_sd", "offset_sd", "delay_sd"
+NOT_OF_INPUTS = "relative_sigma", "gain_sd", "offset_sd", "delay_sd"
 
 
 @dataclass(frozen=True)
@@ -214,9 +214,9 @@ def _with_inputs(record: Record, inputs: Mapping[str, str] | None) -> Record:
         driven[name], moved[name] = outputs.pop(channel), sensors.pop(channel)
         sensor = moved[name]
         units[name] = sensor.unit
-        if sensor.sigma:
-            noise[name] = math.hypot(sensor.sigma, sensor.colored_sigma)
-            color[name] = sensor.correlation_time
+        rounding = sensor.quantum / math.sqrt(12.0)
+        if sigma := math.hypot(sensor.sigma or 0.0, sensor.colored_sigma, rounding):
+            noise[name], color[name] = sigma, sensor.correlation_time
         unused = [key for key in NOT_OF_INPUTS if getattr(sensor, key)]
         if unused:
             notes.append(f"{', '.join(unused)} of {channel} has no influence: it is an input")

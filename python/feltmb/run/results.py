@@ -258,8 +258,8 @@ class Run:
 
         Columns: the numbers of ``summary`` that belong to a strike, SI units, and
         ``check_end_time`` (the backcheck releases the hammer), ``key_return_time`` (the key is
-        back). NaN: it did not happen in this strike. Empty if the samples were not stored
-        (``summary_only``).
+        back). NaN: it did not happen in this strike. Empty if there are several strikes, and the
+        samples that separate them were not stored (``summary_only``).
         """
         import pandas as pd
 

@@ -89,14 +89,14 @@ def test_missing_outputs_stay_missing_and_inputs_can_be_chosen():
 def test_the_sensor_of_a_channel_that_becomes_an_input_is_used():
     late = 0.02
     sensor = Sensor(name="Load", unit="N", sigma=0.03, colored_sigma=0.04, correlation_time=1e-3,
-                    delay=late, gain=2.0, offset=0.5, gain_sd=0.01)  # fmt: skip
+                    quantum=0.12, delay=late, gain=2.0, offset=0.5, gain_sd=0.01)  # fmt: skip
     load = 0.5 + 2.0 * force(np.arange(0.1, 0.4, 1e-4) - late)
     both = join_records(
         camera(), cell(outputs={"Load": load}, sensors={"Load": sensor}), same=EVENTS
     )
     inner = both.time < 0.37
     np.testing.assert_allclose(both.inputs["force"][inner], force(both.time[inner]), atol=3e-3)
-    assert both.input_sigma == {"force": pytest.approx(0.05 / 2.0)}
+    assert both.input_sigma == {"force": pytest.approx(np.hypot(0.05, 0.12 / np.sqrt(12.0)) / 2.0)}
     assert both.input_correlation_time == {"force": 1e-3}
     assert any("gain_sd of Load has no influence" in note for note in both.notes)
 
