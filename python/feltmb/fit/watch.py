@@ -227,8 +227,7 @@ class Watch:
 
     def enter(self, stage: str) -> None:
         """Start a stage."""
-        if self._took.get(self.stage):
-            self._took[self.stage][-1] = self.elapsed - self._item
+        self._finish_item()
         self._items[stage] = ITEMS.get(stage, (0, 0))[0]
         self.stage, self.detail = stage, ""
         self._entered = self.elapsed
@@ -244,13 +243,18 @@ class Watch:
 
         An item is a refit in the search, or an evaluation in the proof. The next one begins now.
         """
-        took, now = self._took.get(self.stage), self.elapsed
+        took = self._took.get(self.stage)
         if took is None:
             return
-        if took:
-            took[-1] = now - self._item
+        self._finish_item()
         took.append(math.inf)
-        self._item, self._items[self.stage] = now, max(count, 1)
+        self._item, self._items[self.stage] = self.elapsed, max(count, 1)
+
+    def _finish_item(self) -> None:
+        """Keep the time of the present item, unless it was ended early."""
+        took = self._took.get(self.stage)
+        if took and not self.must_end():
+            took[-1] = self.elapsed - self._item
 
     def note(self, notice: str) -> None:
         """Tell the user something, once."""

@@ -276,6 +276,21 @@ def test_the_remaining_time_counts_what_is_known(monkeypatch):
     assert told[-1].left is told[-1].left_most is None
 
 
+def test_refits_that_were_ended_early_tell_nothing_about_the_time(monkeypatch):
+    now, told, asked = [0.0], [], []
+    monkeypatch.setattr(watch.clock, "perf_counter", lambda: now[0])
+    w = Watch(told.append, stop=lambda: bool(asked))
+    watch.simulated(1.0)
+    w.enter("search")
+    for now[0] in (1.0, 2.0, 3.0, 4.0):
+        w.step()
+    asked.append(True)
+    w.expect(2)
+    w.expect(1)
+    w.enter("proof on held-out records")  # at least 2 evaluations of 5 steps
+    assert told[-1].left == 10.0
+
+
 def test_a_fit_with_more_steps_than_usual_may_take_any_time(monkeypatch):
     now, told = [0.0], []
     monkeypatch.setattr(watch.clock, "perf_counter", lambda: now[0])
