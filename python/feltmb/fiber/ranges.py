@@ -39,6 +39,7 @@ DENSEST = math.pi / math.sqrt(12.0)
 RANGES = {
     "d_f": UsualRange("fiber diameter", 1e-7, 1e-3, "m", "microfibers to bristles; wool 25e-6 m"),
     "length": UsualRange("fiber length", 1e-5, 1.0, "m", "wool 0.03 to 0.15 m"),
+    "segment": UsualRange("segment length", 1e-7, 1e-2, "m", "2.5 diameters are usual"),
     "E": UsualRange("fiber modulus", 1e6, 1e12, "Pa", "rubber to carbon; wool 2.5e9 Pa"),
     "mu": UsualRange("friction between fibers", 0.0, 2.0, "1", "wool 0.1 to 0.5"),
     "Wf0": UsualRange("withdrawal force per length", 1e-4, 1e4, "N/m", "felts 0.1 to 100 N/m"),
@@ -61,8 +62,8 @@ def unusual(**values: float) -> list[str]:
     Parameters
     ----------
     **values
-        Numbers in SI units by name: ``d_f`` and ``length`` of a fiber [m], ``E`` [Pa], ``mu`` [-],
-        ``Wf0`` [N/m], ``gamma`` [-], ``v_f`` [-].
+        Numbers in SI units by name: ``d_f`` and ``length`` of a fiber [m], ``segment`` of a
+        simulated fiber [m], ``E`` [Pa], ``mu`` [-], ``Wf0`` [N/m], ``gamma`` [-], ``v_f`` [-].
 
     Returns
     -------

@@ -33,6 +33,15 @@ def test_a_number_outside_of_its_range_is_told_with_the_range(name):
     assert ("check its unit" in text) == (usual.unit != "1")
 
 
+def test_segments_are_not_told_as_fibers(run, tmp_path):
+    def told(segment):
+        # The file cannot be written; the options are read before.
+        return run("fiber", "simulate", "--segment", segment, str(tmp_path))[1]
+
+    assert "warning" not in told("5um")
+    assert "segment length = 62.5 m is outside of" in told("62.5m")
+
+
 def test_packaged_felts_are_usual_and_unknown_names_are_refused():
     for name in packaged_materials():
         assert felt.load_material(name).fiber.unusual() == [], name

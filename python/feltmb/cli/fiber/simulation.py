@@ -56,7 +56,7 @@ from feltmb.cli.fiber.group import (
     type=positive("m"),
     default=62.5e-6,
     show_default=True,
-    callback=caution("length"),
+    callback=caution("segment"),
     help="Segment length [m].",
 )
 @click.option(
