@@ -392,7 +392,7 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
             lines.append(f"{where}: {item['ctx']['error']}")
         elif kind in ("model_type", "dict_type"):
             lines.append(f"{where}: got {got}, expected a table")
-        elif kind == "list_type":
+        elif kind in ("list_type", "tuple_type"):
             hint = f"; hint: [[{where}]] in place of [{where}]" if "{" in got else ""
             lines.append(f"{where}: got {got}, expected a list{hint}")
         else:

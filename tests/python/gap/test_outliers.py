@@ -134,7 +134,12 @@ def test_a_stated_code_is_missing(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("value", "told"), [('["none"]', "missing"), ("-9999", "missing"), ("[nan]", "missing")]
+    ("value", "told"),
+    [
+        ('["none"]', "missing"),
+        ("-9999", "missing: got -9999, expected a list"),
+        ("[nan]", "missing"),
+    ],
 )
 def test_a_wrong_code_is_told(tmp_path, value, told):
     path = tmp_path / "logger.csv"
