@@ -135,7 +135,7 @@ def _of(
     bar = unknown_gain(alpha)
     if by_slope[2] > bar + max(by_level[2], 0.0):
         return Uncorrelated(name, math.sqrt(by_slope[0]), math.sqrt(by_slope[1]))
-    if by_level[2] > bar:
-        relative = math.sqrt(by_level[0] * stated**2 + by_level[1])
+    relative = math.sqrt(by_level[0] * stated**2 + by_level[1])
+    if by_level[2] > bar and relative <= 1.0:  # no sensor has more
         return Uncorrelated(name, math.sqrt(by_level[0]), relative=relative)
     return Uncorrelated(name, factor)

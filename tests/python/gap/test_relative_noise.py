@@ -34,7 +34,7 @@ from feltmb.gap.checks import check_records
 from feltmb.gap.discrepancy import larger_than_noise, with_factor
 from feltmb.gap.further_sensors import Sensors
 from feltmb.gap.information import information
-from feltmb.gap.uncorrelated import uncorrelated
+from feltmb.gap.uncorrelated import _of, uncorrelated
 
 ROOT = Path(__file__).parents[3]
 SIGMA, RELATIVE, COUNT = 2e-3, 0.04, 300
@@ -273,6 +273,19 @@ def test_errors_of_a_larger_relative_noise_are_told_with_the_whole():
 
 
 # ---------------------------------------------------------------- checks without a model
+
+
+@pytest.mark.parametrize(("true", "told"), [(0.5, True), (1.6, False)])
+def test_no_noise_is_told_that_no_sensor_can_have(true, told):
+    generator = np.random.default_rng(0)
+    value = np.abs(generator.standard_normal(400))  # in units of the noise at zero
+    levels = (100.0 * value) ** 2
+    squares = true**2 * levels * generator.standard_normal(400) ** 2
+    factor = float(np.sqrt(np.mean(squares)))
+    found = _of("y", factor, squares, np.zeros(400), levels, 0.0, 0.05)
+    assert (found.relative > 0.0) == told
+    assert found.relative == pytest.approx(true, rel=0.15) or not told
+    assert told or found.factor == factor
 
 
 @pytest.mark.parametrize("sigma", [SIGMA, None])
