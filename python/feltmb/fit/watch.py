@@ -196,9 +196,11 @@ class Watch:
             return self.elapsed - self._asked > GRACE
         if self._budget is None:
             return False
-        if self.stage == REPORT:
-            return self.elapsed > self._budget + GRACE
-        late = self.elapsed - self._entered > (1.0 - FOR_FITS) * self._budget
+        late = (
+            self.elapsed > self._budget + GRACE
+            if self.stage == REPORT
+            else self.elapsed - self._entered > (1.0 - FOR_FITS) * self._budget
+        )
         if late:
             self._end(f"the budget of {self._budget:g} s was spent")
         return late

@@ -202,6 +202,18 @@ def test_the_proof_has_some_time_after_an_interrupt(monkeypatch):
     assert report.stopped == "proof on held-out records (interrupted)"
 
 
+def test_a_report_that_is_ended_says_why(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(watch.clock, "perf_counter", lambda: now[0])
+    w = Watch(budget=60.0)
+    for now[0], stage in ((40.0, "proof on held-out records"), (58.0, "report")):
+        w.enter(stage)
+        assert not w.proof_over()
+    now[0] = 60.0 + 1.1 * watch.GRACE
+    assert w.proof_over()
+    assert (w.stopped_in, w.why) == ("report", "the budget of 60 s was spent")
+
+
 def test_a_budget_is_told_and_must_be_positive():
     m = model()
     report = diagnose(m, m.effects, RECORDS, budget=1e-9)
