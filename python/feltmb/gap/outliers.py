@@ -41,6 +41,8 @@ class Outlier:
     """Range of the other values [unit]."""
     code: bool
     """Whether the values are equal, and a number that loggers write for "no value"."""
+    of_input: bool = False
+    """Whether the channel is an input, which needs a number at every sample."""
 
     @property
     def certain(self) -> bool:
@@ -89,6 +91,11 @@ def _sentence(found: Sequence[tuple[str, Outlier]]) -> str:
         f"{where}: {what} {first.value:.6g}{suffix}, {when}{' first' if count > 1 else ''}, far "
         f"outside of all others ({low:.4g} to {high:.4g}{suffix}): "
     )
+    if first.of_input:
+        return (
+            f"{text}if this number stands for a missing value, replace it or cut the record, "
+            "because an input needs a number at every sample"
+        )
     if first.code:
         return (
             f"{text}if this number stands for a missing value, leave the cells empty, or state "
@@ -127,7 +134,8 @@ def _of(
     farthest = values[far][np.argmax(np.abs(values[far] - np.median(rest)))]
     at = float(record.time[far[0]])
     low, high = float(np.min(rest)), float(np.max(rest))
-    return Outlier(name, unit, float(farthest), far.size, at, low, high, code)
+    of_input = name not in record.outputs
+    return Outlier(name, unit, float(farthest), far.size, at, low, high, code, of_input)
 
 
 def _digits(value: float) -> str:

@@ -71,7 +71,10 @@ def test_a_code_in_an_input_is_a_fault_and_a_pulse_is_none():
     pulse = np.where(TIME[30] == TIME, 5.0, 0.01 * np.cos(TIME))
     assert not outliers(record(push=pulse))
     coded = np.where(TIME[30] == TIME, -9999.0, 0.0)
-    assert "r.push: one value of -9999, at" in check_records([record(push=coded)]).problems[0]
+    (told,) = check_records([record(push=coded)]).problems
+    assert "r.push: one value of -9999, at" in told
+    assert "replace it or cut the record" in told  # an empty cell of an input is a fault, too
+    assert "--missing" not in told
 
 
 def test_a_channel_that_the_model_does_not_have_is_no_fault():
