@@ -287,6 +287,8 @@ def test_numbers_without_a_unit_are_listed_with_the_si_unit_that_they_have(tmp_p
         assert found["bodies.arm.inertia"].unit == "kg m^2"
     assert bare_numbers(feltmb.load_action("steinway45")) == []
     assert bare_numbers(load_actuator("wood")) == []
+    for path in (Path(__file__).resolve().parents[3] / "examples" / "gallery").glob("*.toml"):
+        assert not [p.path for p, units in bare_numbers(feltmb.load_action(path)) if units], path
     with pytest.raises(SystemExit):
         main(["validate", str(DATA / "pendulum.toml")])
     out, err = capsys.readouterr()
