@@ -149,7 +149,7 @@ def _curves(name: str, model: ModelWithEffects, record: Record, units: dict[str,
     from feltmb.graphics.viewer import Curves
 
     outputs: dict[str, Array] = model.simulate(record)
-    values = {n: outputs[n] for n in record.outputs}
+    values = {n: outputs[n] for n in record.outputs if n in outputs}
     if not all(np.all(np.isfinite(v)) for v in values.values()):
         raise DataError(f"{name}: left the numbers on record {record.name}")
     return Curves(name, record.time, values, units)

@@ -80,8 +80,11 @@ class Progress:
     limit. None: unknown, because there were more."""
 
 
-class Ended(Exception):
-    """The time of a computation is over: what it has not completed is discarded."""
+class Ended(BaseException):
+    """The time of a computation is over: what it has not completed is discarded.
+
+    It is no error of the model that is simulated, so that ``except Exception`` does not handle it.
+    """
 
 
 Tell = Callable[[Progress], None]

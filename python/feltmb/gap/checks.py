@@ -10,7 +10,7 @@ import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
-from feltmb.errors import DataError, InvalidParameter
+from feltmb.errors import DataError, InvalidParameter, near_names
 from feltmb.fit import Model
 from feltmb.fit.noise import Noise, noise_of, rounding_error
 from feltmb.gap import outliers
@@ -321,13 +321,22 @@ def check_against(model: Model, records: Sequence[Record]) -> DataChecks:
     return checks
 
 
-def not_recorded(model: Model, records: Sequence[Record]) -> tuple[str, ...]:
-    """A sentence about outputs of the model that no record has, or none."""
-    recorded = {name for r in records for name in r.outputs}
+def not_compared(model: Model, records: Sequence[Record]) -> tuple[str, ...]:
+    """Sentences about outputs that only the model or only the records have."""
+    recorded = list(dict.fromkeys(name for r in records for name in r.outputs))
     absent = [n for n in model.outputs if n not in recorded]
-    if model.many_outputs or not absent:
-        return ()
-    return (f"{', '.join(absent)}: not compared, because no record has this output of the model",)
+    told = []
+    if absent and not model.many_outputs:
+        told.append(
+            f"{', '.join(absent)}: not compared, because no record has this output of the model"
+        )
+    told += [
+        f"{name}: not compared, because the model has no such output"
+        f"{near_names(name, model.outputs)}"
+        for name in recorded
+        if name not in model.outputs
+    ]
+    return tuple(told)
 
 
 def with_sigma(record: Record, noise: Mapping[str, Noise]) -> Record:

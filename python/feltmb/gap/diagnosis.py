@@ -762,6 +762,7 @@ def _noise_of(
         for part, sigma in zip(parts, noise, strict=True)
         if part.name == whole.name or part.name.startswith(f"{whole.name}[")
         for name in part.outputs
+        if name in sigma
     }
 
 

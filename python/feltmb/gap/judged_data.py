@@ -18,7 +18,7 @@ from feltmb.gap.checks import (
     DataChecks,
     check_against,
     check_records,
-    not_recorded,
+    not_compared,
     with_sigma,
     without_constant,
     without_copies,
@@ -138,7 +138,7 @@ def ready(
     """
     records, copies = without_copies(records, hold_out)
     records, inputs = model.driven(divided(model, records))
-    absent = not_recorded(model, records)
+    absent = not_compared(model, records)
     records, constant = without_constant(records, model.outputs)
     checks = check_against(model, records)
     # A simulation of a record with a wrong clock may not end.

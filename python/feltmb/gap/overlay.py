@@ -19,7 +19,7 @@ from feltmb.fit.noise import rms_of_measured
 from feltmb.fit.observe import observe_whole
 from feltmb.fit.runner import untold_trials
 from feltmb.fit.segmented_records import segment_record
-from feltmb.gap.checks import DataChecks, check_against, not_recorded, with_sigma
+from feltmb.gap.checks import DataChecks, check_against, not_compared, with_sigma
 from feltmb.gap.common_delay import common_delay
 from feltmb.gap.criteria import (
     ALIKE,
@@ -126,7 +126,7 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     if isinstance(records, Record):
         records = [records]
     records, told = model.driven(divided(model, records))
-    notes = [*told, *not_recorded(model, records)]
+    notes = [*told, *not_compared(model, records)]
     checks = check_against(model, records)
     clock = wrong_clock(model, records)
     rows: list[GapBeforeRow] = []

@@ -17,7 +17,7 @@ from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import fit_problem
 from feltmb.fit.watch import CHECKS, FIT, Watch
 from feltmb.gap import library
-from feltmb.gap.checks import not_recorded
+from feltmb.gap.checks import not_compared
 from feltmb.gap.information import linearized, planned
 from feltmb.gap.judged_data import ready
 from feltmb.gap.sizes import Size
@@ -226,13 +226,27 @@ def test_a_plan_before_any_data_makes_effects_from_the_limits(tmp_path, capsys):
 def test_outputs_that_no_record_has_are_told(tmp_path):
     model = load(tmp_path, MODEL + EFFECTS).model
     told = "speed: not compared, because no record has this output of the model"
-    assert not_recorded(model, [record()]) == (told,)
+    assert not_compared(model, [record()]) == (told,)
     assert told in gap.check(model, record()).notes
     whole = record(table=np.zeros(100), speed=np.zeros(100))
     fast = {n: Sensor(name=n, unit=u) for n, u in (("table", "m"), ("speed", "m/s"))}
     whole = Record(name="run", time=whole.time, inputs=whole.inputs, outputs=whole.outputs,
                    sensors=fast)  # fmt: skip
-    assert not_recorded(model, [whole]) == ()
+    assert not_compared(model, [whole]) == ()
+
+
+def test_an_output_that_the_model_does_not_have_is_told_and_not_used(tmp_path):
+    """A diagnosis ended in a KeyError when its pictures were drawn."""
+    from feltmb.cli.gap_curves import record_viewers
+
+    model = load(tmp_path, MODEL + EFFECTS).model
+    more = record(table=1e-2 * np.sin(0.06 * np.arange(100)), tabel=np.zeros(100))
+    told = "tabel: not compared, because the model has no such output; near are table"
+    assert told in not_compared(model, [more])
+    assert told in gap.check(model, more).notes
+    report = gap.diagnose(model, (), more, options=gap.Options(bootstrap=0))
+    assert told in report.checks.warnings
+    assert "table" in record_viewers(report, [more])
 
 
 def test_a_clock_in_another_unit_is_told(tmp_path):

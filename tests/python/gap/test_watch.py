@@ -11,7 +11,8 @@ import pytest
 
 from feltmb.cli.common import ProgressLine, duration, interruptible
 from feltmb.fit import Progress, watch
-from feltmb.fit.watch import Watch
+from feltmb.fit.calling import calling
+from feltmb.fit.watch import Ended, Watch
 from feltmb.gap import (
     Exposed,
     FunctionModel,
@@ -449,3 +450,8 @@ def test_a_rerun_tells_what_it_reuses(tmp_path):
     fewer = [*other[:2], replace(other[2], outputs={"y": 2.0 * other[2].outputs["y"]})]
     assert "because record c changed" in begun(model(sd=0.2), fewer)
     assert diagnose(model(), (), RECORDS).resumed == ""
+
+
+def test_the_end_of_the_time_is_no_fault_of_a_model():
+    with pytest.raises(Ended), calling("model m: its simulation"):
+        raise Ended

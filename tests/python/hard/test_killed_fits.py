@@ -80,7 +80,9 @@ def kill_at(process, moment):
 
 def kept(folder):
     """Finished optimizations and when they were written."""
-    return {p.name: p.stat().st_mtime_ns for p in (folder / ".resume").glob("[!.]*.json")}
+    found = (folder / ".resume").glob("[!.]*.json")
+    # That file says what the fits belong to.
+    return {p.name: p.stat().st_mtime_ns for p in found if p.name != "diagnosis.json"}
 
 
 def kill_until_done(started, given, kind, folder, kills, seed):
