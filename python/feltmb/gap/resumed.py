@@ -12,6 +12,7 @@ from feltmb.data import Record
 from feltmb.errors import DataError
 from feltmb.files import Store, digest_of, is_file, package_digest, read_json, write_text
 from feltmb.fit.model import Effect, Model
+from feltmb.gap.findings import listed
 from feltmb.gap.options import Options
 from feltmb.gap.proof import Outcome
 
@@ -21,6 +22,8 @@ __all__ = ["resumed"]
 OF_FITS = ("segment", "good_enough")
 #: File that describes the diagnosis to which the fits of a folder belong.
 HEAD = "diagnosis.json"
+#: Number of changes that are listed.
+MOST_NAMES = 4
 
 
 def resumed(
@@ -60,13 +63,13 @@ def resumed(
         if changed:
             # The model is computed for the records: it differs if they do.
             what = [n for n in changed if not n.startswith("the model")] or changed
-            told = f"starts anew, because {_listed(what)} changed since {head['begun']}"
+            told = f"starts anew, because {_some(what)} changed since {head['begun']}"
             store.clear()
         else:
             now = head["begun"]
             told = f"resumes the diagnosis of {now}: {_finished(store, effects)}"
             if other := _changed(head["search"], soft):
-                told += f"; {_listed(other)} changed, which other fits may need"
+                told += f"; {_some(other)} changed, which other fits may need"
     store.folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"begun": now, "fits": own, "search": soft}, indent=1)
     write_text(path, text + "\n", force=True)
@@ -107,11 +110,10 @@ def _changed(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
     return [n for n in {**new, **old} if old.get(n) != new.get(n)]
 
 
-def _listed(names: Sequence[str], most: int = 4) -> str:
-    shown = list(names[:most])
-    if len(names) > most:
-        shown.append(f"{len(names) - most} more")
-    return " and ".join(filter(None, [", ".join(shown[:-1]), shown[-1]]))
+def _some(names: Sequence[str]) -> str:
+    """The first names as a part of a sentence."""
+    more = len(names) - MOST_NAMES
+    return listed([*names[:MOST_NAMES], *([f"{more} more"] if more > 0 else [])])
 
 
 def _finished(store: Store, effects: Sequence[Effect]) -> str:

@@ -193,14 +193,14 @@ def add_check(
     if compression is None or np.count_nonzero(within) < 2:
         return
     time = result.time[within]
-    columns = {n: i for i, n in enumerate(result.names)}
     held = sum(
-        result.data[within, columns[f"contact{c:02d}.force"]]
+        result.data[within, result.names.index(f"contact{c:02d}.force")]
         for c in action.config.reading.check_contacts
     )
     gap = -compression[within]
-    if "string.strike" in columns:
-        gap = gap - result.data[within, columns["string.strike"]]
+    displaced = _samples(result, "string.strike")
+    if displaced is not None:
+        gap = gap - displaced[within]
     tail = time >= time[-1] - CHECK_WINDOW
     if math.isfinite(high) or np.mean(np.asarray(held)[tail]) <= 0.0:
         found = _quietest(time, gap, held > 0.0)
