@@ -48,7 +48,6 @@ NEUTRAL: dict[str, tuple[float, ...]] = {
     "DEEP_GAP": (0.0,),
     "EXPLAINS_MOST": (0.0,),
     "LEAST_CLOSED": (0.0, 2.0),
-    "NEAR_SHAPE": (0.0, 1.0),
     "NO_GAP_RATIO": (1.0,),
     "SLOW_COLOR": (math.inf,),
     "SMALL_SHARE": (0.0,),

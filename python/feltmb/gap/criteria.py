@@ -348,11 +348,6 @@ FAINT_SCORE = _number(
     "FAINT_SCORE", 4.0, "T", "score below which a single effect is not refitted",
     _JUDGED, "gap/test_search.py",
 )  # fmt: skip
-NEAR_SHAPE = _number(
-    "NEAR_SHAPE", 0.5, "share of the best gain",
-    "gain, relative to the best one, above which the shape of a single effect is fitted",
-    _JUDGED, "gap/test_shape.py",
-)  # fmt: skip
 NEAR_BEST = _number(
     "NEAR_BEST", 50.0, "log evidence",
     "distance to the best set above which another set is not an alternative",

@@ -16,7 +16,7 @@ from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import SAME, Fit, FitSettings, finish, model_with_variability, polish
 from feltmb.fit.starts import from_other_starts
 from feltmb.fit.watch import Say, current
-from feltmb.gap.criteria import FAINT_SCORE, NEAR_BEST, NEAR_SHAPE, RIVAL, SMALL_SHARE
+from feltmb.gap.criteria import FAINT_SCORE, NEAR_BEST, RIVAL, SMALL_SHARE
 from feltmb.gap.refine import (
     CandidateSet,
     annealed,
@@ -560,7 +560,7 @@ class _Hunt:
             (c for c in self.done.values() if len(c.names) == 1), key=lambda c: -c.evidence
         )
         for c in alone[:2]:
-            if c.evidence - self.start > NEAR_SHAPE * (self._best().evidence - self.start) > 0.0:
+            if c.evidence > self.start:
                 self._shape(c)
         for _ in range(2 * self.most):
             if current().stopping() or not self.done or self._best().evidence < self.start:

@@ -17,6 +17,7 @@ from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, finish, fit_problem, polish
 from feltmb.gap import refine
 from feltmb.gap.checks import check_records
+from feltmb.gap.criteria import FAINT_SCORE
 from feltmb.gap.judged_data import prepare
 from feltmb.gap.refine import CandidateSet
 from feltmb.gap.score import all_candidates, score_fit
@@ -86,6 +87,15 @@ def line_with(*effects):
     ]
     segmented = segment_record(line, record, {"y": Noise(0.01)}, None)
     return search(fit_problem(Problem(line, (segmented,))), chosen, FitSettings())
+
+
+def test_an_effect_with_a_faint_score_is_not_refitted_alone():
+    found = line_with("cubic", "even", "quintic")
+    names = [t.name for t in found.scores.candidates]
+    score = dict(zip(names, found.scores.singles(), strict=True))
+    assert score["even"] < FAINT_SCORE < score["quintic"]
+    alone = {c.key for c in found.sets if len(c.key) == 1}
+    assert alone == {("cubic",), ("quintic",)}
 
 
 def stuck(problem, *_args):
