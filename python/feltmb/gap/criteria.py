@@ -432,27 +432,27 @@ LEAST_CLOSED = _number(
 LARGE_MOVE = _number(
     "LARGE_MOVE", 0.1, "share of the gap",
     "share above which the statement lists a changed parameter", _JUDGED,
-    "gap/test_rules.py",
+    "gap/test_thresholds.py",
 )  # fmt: skip
 MOVED = _number(
     "MOVED", 2.0, "sd",
     "distance from its tabulated value above which a parameter counts as changed, and prior "
     "deviation above which a separate measurement of the part is recommended", _STATISTICS,
-    "adapters/test_aliases.py",
+    "gap/test_thresholds.py",
 )  # fmt: skip
 SIGNATURE = _number(
     "SIGNATURE", 0.15, "share of a recovered force",
     "share of a reconstructed force above which its form is reported",
-    _JUDGED, "gap/test_diagnose.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 SECOND_SIGNATURE = _number(
     "SECOND_SIGNATURE", 0.7, "share of the largest share",
     "share, relative to the largest, above which another form is also reported",
-    _JUDGED, "gap/test_diagnose.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 ONSET_SHARE = _number(
     "ONSET_SHARE", 0.1, "share of noise and of the largest",
-    "difference of an output above which an effect is visible", _JUDGED, "gap/test_diagnose.py",
+    "difference of an output above which an effect is visible", _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 
 # ---------------------------------------------------------------- plans and advice
@@ -467,18 +467,18 @@ DETECTABLE = _number(
 CLEAR_SIGNAL = _number(
     "CLEAR_SIGNAL", 5.0, "signal-to-noise ratio",
     "ratio above which an effect stands out clearly",
-    _JUDGED, "gap/test_withhold.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 CONFUSED = _number(
     "CONFUSED", 0.1, "probability",
     "probability of confusion above which two effects are one class and an experiment is not "
     "recommended",
-    _JUDGED, "gap/test_planning.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 BETTER_SENSOR = _number(
     "BETTER_SENSOR", 3.0, "1",
     "factor by which the noise of a proposed sensor is lower",
-    _JUDGED, "gap/test_advise.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 
 WORTH_TELLING = _number(

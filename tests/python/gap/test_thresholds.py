@@ -6,14 +6,25 @@ import numpy as np
 import pytest
 
 from feltmb.data import Record, Sensor
-from feltmb.fit import Candidate, Effect
+from feltmb.fit import Candidate, Effect, Parameter
+from feltmb.fit.linear import LinearModel
+from feltmb.fit.problem import Problem
+from feltmb.fit.segmented_records import Noise, segment_record
+from feltmb.fit.solve import finish
+from feltmb.gap import diagnose
 from feltmb.gap.acceptance import _Attempt
 from feltmb.gap.checks import _estimate, _fine, _grid, check_records
+from feltmb.gap.components import _likeness
+from feltmb.gap.confusion import confused_groups
+from feltmb.gap.decide import _moved
 from feltmb.gap.discrepancy import Discrepancy, _memory, converged
+from feltmb.gap.further_sensors import FurtherSensor, offered
 from feltmb.gap.misfit import form_of
 from feltmb.gap.options import Options
 from feltmb.gap.overlay import _hints
 from feltmb.gap.score import prior_of
+from feltmb.gap.where import first_act
+from feltmb.gap.withholding import Withheld, WithheldCase
 
 
 def small_beside_large(monkeypatch, *, gain, share, gap, unexplained):
@@ -142,3 +153,105 @@ def test_a_fitted_shape_costs_three_units():
     )
     listed, fitted = (prior_of([Candidate(effect, s)], 1.0) for s in (2.0, 1.3))
     assert fitted - listed == pytest.approx(-3.0)
+
+
+@pytest.mark.parametrize(
+    ("speed", "noise", "expected"),
+    [
+        (0.0, 2.0, "most like the position (2"),  # a fifth of the variance
+        (0.0, 3.0, "no simple form"),  # a tenth
+        (0.9, 0.1, " or the speed (4"),
+        (0.7, 0.1, "most like the position (6"),
+    ],
+)
+def test_the_form_of_a_force(speed, noise, expected):
+    time = np.linspace(0.0, 20.0 * np.pi, 4000)
+    q, v = np.sqrt(2.0) * np.sin(time), np.sqrt(2.0) * np.cos(time)
+    force = q + speed * v + noise * np.random.default_rng(1).standard_normal(time.size)
+    found = _likeness(np.column_stack([force, np.full(time.size, 0.1), q, v]))
+    assert expected in found
+    assert (" or " in found) is (speed == 0.9)
+
+
+def moved(*shares, beyond=()):
+    """Sentences about parameters a, b, ... with these shares of the gap."""
+    rows = [
+        SimpleNamespace(
+            text=f"{name} moved", notes="", share=s, sure=True, beyond=name in beyond,
+            prior_deviations=5.0,
+        )
+        for name, s in zip("abcdef", shares, strict=False)
+    ]  # fmt: skip
+    return _moved(SimpleNamespace(calibrated=rows, apart=True))
+
+
+def test_only_parameters_that_explain_a_tenth_of_the_gap_are_listed():
+    said = moved(0.6, 0.11, 0.09, 0.01)
+    assert said == "a moved; b moved. 2 more parameters moved, by less of the gap."
+    # What exceeds its tolerance is always listed.
+    said = moved(0.6, 0.09, 0.01, beyond="c")
+    assert said == "c moved; a moved. 1 more parameter moved."
+
+
+@pytest.mark.parametrize(("deviations", "told"), [(1.8, False), (2.2, True)])
+def test_a_parameter_has_changed_from_two_standard_deviations(deviations, told):
+    line = LinearModel(
+        output="y",
+        columns={"slope": lambda r: r.inputs["x"]},
+        parameters=[Parameter(name="slope", value=1.0, sd=10.0)],
+        name="line",
+    )
+    x = np.sin(np.linspace(0.0, 40.0, 400))
+    sd = 0.01 / np.sqrt(2.0 * x @ x)
+    records = []
+    for k, role in enumerate(("fit", "fit", "held_out")):
+        noise = 0.01 * np.random.default_rng(k).standard_normal(x.size)
+        noise -= x * (x @ noise) / (x @ x)  # without influence on the slope
+        record = Record(
+            name=f"run {k}",
+            time=0.01 * np.arange(x.size),
+            inputs={"x": x},
+            outputs={"y": (1.0 + deviations * sd) * x + noise},
+            sensors={"y": Sensor(name="y", sigma=0.01)},
+            role=role,
+        )
+        records.append(record)
+    assert bool(diagnose(line, [], records).calibrated) is told
+
+
+@pytest.mark.parametrize(("chance", "groups"), [(0.09, ()), (0.11, (("a", "b"),))])
+def test_effects_that_a_tenth_of_the_records_confuse_are_one_class(chance, groups):
+    assert confused_groups(["a", "b"], np.array([[0.0, chance], [chance, 0.0]])) == groups
+
+
+@pytest.mark.parametrize(("signal", "counted"), [(4.9, 0), (5.1, 1)])
+def test_only_effects_that_stand_out_are_scored(signal, counted):
+    case = WithheldCase(
+        number=1, effect="drag", magnitude=1.0, unit="N", signal_to_noise=signal, outcome="right",
+        verdict="NAMED", named=("drag",), one_of=(), first="drag", confidence=0.99, seconds=1.0,
+    )  # fmt: skip
+    assert Withheld(cases=(case,)).share("right")[-1] == counted
+
+
+def test_a_better_sensor_has_a_third_of_the_noise():
+    now = {"y": Sensor(name="y", unit="m", sigma=3e-5)}
+    line = LinearModel(output="y", columns={}, parameters=[], name="line")
+    (offer,) = offered([FurtherSensor(output="y")], now, line)
+    assert offer.sigma == pytest.approx(1e-5)
+
+
+def test_an_effect_is_visible_from_a_tenth_of_its_largest_change():
+    line = LinearModel(output="y", columns={}, parameters=[], name="line")
+    ramp = np.linspace(0.0, 1.0, 101)
+    growing = Effect(name="growing", component="spring", regressor=lambda r, s: ramp)
+    record = Record(
+        name="run",
+        time=0.01 * np.arange(101),
+        inputs={},
+        outputs={"y": 1.0 * ramp},
+        sensors={"y": Sensor(name="y", sigma=0.01)},
+    )
+    segmented = segment_record(line, record, {"y": Noise(0.01)}, None)
+    problem = Problem(line, (segmented,)).with_candidates((Candidate(growing),))
+    fit = finish(problem, problem.start(np.array([1.0])), 1.0, np.zeros(0))
+    assert first_act(fit)["run"] == pytest.approx(0.11)
