@@ -20,7 +20,7 @@ from feltmb.arguments import checked
 from feltmb.contact import Law
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt.envelopes import FeltEnvelope
-from feltmb.fiber.approach import LEAST, free_approach
+from feltmb.fiber.approach import LEAST, TOUCH, free_approach, scatter_of
 from feltmb.fiber.columns import read_test
 from feltmb.fiber.cycles import Branches, find_branches
 
@@ -32,6 +32,10 @@ Array = NDArray[np.float64]
 KNOTS = 40
 #: Lowest sample of a branch, as a share of the compression, that needs no extrapolation.
 LOWEST = 0.02
+#: First force that counts as a preload: multiples of the scatter of the force.
+PRELOAD = 5.0
+#: The compression that a preloaded test lacks is estimated up to this multiple of its first force.
+BEGINNING = 3.0
 #: Range of the exponent of an extrapolated branch.
 EXPONENTS = (1.0, 10.0)
 #: Range of the transition length of the law, and its wiping out of inner loops (docs: model.md).
@@ -142,16 +146,17 @@ def read_measured_loop(
     sign = -1.0 if by_thickness else 1.0
     order = _order(sign * table.x, table.branches)
     try:
-        found = measured_loop(
+        found = _measured_loop(
             sign * table.x[order],
             table.loads[order],
             zero=None if zero is None else sign * zero,
             points=points,
             name=file.stem,
+            by_thickness=by_thickness,
         )
     except InvalidParameter as error:
         raise DataError(f"{file}: {error}") from None
-    return replace(found, by_thickness=by_thickness, notes=(*table.notes, *found.notes))
+    return replace(found, notes=(*table.notes, *found.notes))
 
 
 def _order(x: Array, branches: list[str]) -> NDArray[np.intp]:
@@ -201,6 +206,21 @@ def measured_loop(
     InvalidParameter
         The arrays are no loop, or an argument is out of range; all faults are in the message.
     """
+    return _measured_loop(
+        displacement, force, zero=zero, points=points, name=name, by_thickness=False
+    )
+
+
+def _measured_loop(
+    displacement: Array,
+    force: Array,
+    *,
+    zero: float | None,
+    points: int,
+    name: str,
+    by_thickness: bool,
+) -> MeasuredLoop:
+    """As :func:`measured_loop`; by thickness, the displacement is minus the thickness."""
     from scipy.optimize import isotonic_regression
 
     x, f = np.asarray(displacement, dtype=float), np.asarray(force, dtype=float)
@@ -257,7 +277,7 @@ def measured_loop(
         _ = made.core
     except InvalidParameter as error:
         raise InvalidParameter(f"measured_loop: {error}") from None
-    found = MeasuredLoop(e, f, zero, branches, made, ())
+    found = MeasuredLoop(e, f, zero, branches, made, (), by_thickness)
     found = _with_memory(found, _memory(found))
     notes = _notes(found, given=given)
     for side, low in (("loading", low_load), ("unloading", low_back)):
@@ -334,11 +354,9 @@ def _notes(found: MeasuredLoop, *, given: bool) -> list[str]:
     """Sentences about the samples. ``given``: whether the zero was."""
     e, force, branches = found.compression, found.force, found.branches
     notes = []
-    largest = float(np.max(force))
-    at_zero = float(force[branches.kept[branches.loading][0]])
-    if at_zero > 0.05 * largest:
-        hint = "" if given else ": give the displacement at the first contact (zero, --zero)"
-        notes.append(f"the first sample of loading is under {at_zero:.4g} N already{hint}")
+    preload = _preload(found, given=given)
+    if preload is not None:
+        notes.append(preload)
     if found.loss < 0.0:
         notes.append(
             f"unloading lies above loading (loss {100 * found.loss:.3g} %), and the law has no "
@@ -365,3 +383,56 @@ def _notes(found: MeasuredLoop, *, given: bool) -> list[str]:
             "does not describe"
         )
     return notes
+
+
+def _preload(found: MeasuredLoop, *, given: bool) -> str | None:
+    """Sentence about a force at the first sample of loading, if it exceeds the scatter."""
+    at = found.branches.kept[found.branches.loading]
+    at = at[np.argsort(found.compression[at], kind="stable")]
+    e, force = found.compression[at], found.force[at]
+    if given and e[0] > LOWEST * found.envelope.closing:
+        return None  # the law continues to the given zero as a power
+    begin = slice(0, LEAST)
+    slope, first = np.polyfit(e[begin] - e[0], force[begin], 1)
+    first = min(float(first), float(np.median(force[begin])))
+    if first <= max(PRELOAD * scatter_of(force), TOUCH[1] * float(np.max(force))):
+        return None
+    note = (
+        f"the first sample of loading is under {first:.4g} N already, and the law has 0 N there: "
+        "it is too stiff at small compression"
+    )
+    if given:
+        return note
+    above = np.flatnonzero(force > BEGINNING * first)
+    end = int(above[0]) if above.size else e.size
+    missing = _missing(e[:end] - e[0], force[:end], first, float(slope)) if end > LEAST else None
+    what = "thickness" if found.by_thickness else "displacement"
+    if missing is None:
+        return f"{note}; give the {what} at the first contact (zero, --zero)"
+    zero = (missing - e[0] - found.zero) * (1.0 if found.by_thickness else -1.0)
+    return (
+        f"{note}; by a power law through the samples up to {BEGINNING * first:.3g} N, the test "
+        f"lacks about {1e3 * missing:.2g} mm of compression: give the {what} at the first contact "
+        f"(zero), about --zero={1e3 * zero:.3g}mm, if the force is no offset of the load cell"
+    )
+
+
+def _missing(e: Array, force: Array, first: float, slope: float) -> float | None:
+    """Compression before the first sample [m], by a power law; None if the samples do not tell."""
+    from scipy.optimize import least_squares
+
+    span = float(e[-1])
+    if not slope > 0.0 or not span > 0.0:
+        return None
+
+    def difference(p: Array) -> Array:
+        missing, power = p
+        basis = (1.0 + e / (missing * span)) ** power
+        return np.asarray((basis * (basis @ force) / (basis @ basis) - force) / first)
+
+    bounds = ([1e-3, EXPONENTS[0]], [1e2, EXPONENTS[1]])
+    guess = np.clip([first / (slope * span), 1.5], 1.01 * np.array(bounds[0]), bounds[1])
+    fit = least_squares(difference, guess, bounds=bounds)
+    if not bounds[0][0] * 1.01 < fit.x[0] < bounds[1][0] * 0.99:
+        return None
+    return float(fit.x[0] * span)

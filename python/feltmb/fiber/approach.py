@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LEAST", "free_approach"]
+__all__ = ["LEAST", "TOUCH", "free_approach", "scatter_of"]
 
 Array = NDArray[np.float64]
 
@@ -19,6 +19,17 @@ SURE, OFFSET = 3.0, 2e-4
 OUTLIERS = 5
 #: Largest stiffness of a free approach, as a share of the mean stiffness of loading.
 FREE = 0.2
+
+
+def scatter_of(force: Array) -> float:
+    """Standard deviation of the noise of a smooth force, from its third differences [its unit].
+
+    Parameters
+    ----------
+    force
+        Force in the order of the displacement, (n,).
+    """
+    return 1.4826 * float(np.median(np.abs(np.diff(force, 3)))) / float(np.sqrt(20.0))
 
 
 def free_approach(x: Array, force: Array, zero: float | None = None) -> tuple[float, float]:
@@ -49,7 +60,7 @@ def free_approach(x: Array, force: Array, zero: float | None = None) -> tuple[fl
     order = np.argsort(x, kind="stable")
     x, force = x[order], force[order]
     curve = isotonic_regression(median_filter(force, OUTLIERS, mode="nearest")).x
-    scatter = 1.4826 * float(np.median(np.abs(np.diff(force, 3)))) / np.sqrt(20.0)
+    scatter = scatter_of(force)
     small = max(TOUCH[0] * scatter, TOUCH[1] * float(np.ptp(curve)))
     free = x < zero if zero is not None else curve <= curve[0] + 2.0 * small
     level = 0.0

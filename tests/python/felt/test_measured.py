@@ -109,6 +109,46 @@ def test_the_force_of_the_approach_and_lost_samples(offset, wrong):
     assert any(f"approach, {offset:.2g} N, is subtracted" in note for note in found.notes)
 
 
+def preloaded(missing, noise, seed=1):
+    """Loop of 150 e^1.5 + 120 e^3 N (e in mm) that begins at the compression ``missing`` [mm]."""
+    up = np.linspace(missing, 1.4, 600)
+    load = 150.0 * up**1.5 + 120.0 * up**3
+    force = np.concatenate([load, load[-1] * (up[::-1] / 1.4) ** 3.2])
+    x = 1e-3 * (np.concatenate([up, up[::-1]]) - missing)
+    return x, force + noise * np.random.default_rng(seed).standard_normal(x.size)
+
+
+@pytest.mark.parametrize("missing", [0.16, 0.3])
+def test_a_preload_is_told_with_the_compression_that_the_test_lacks(missing, tmp_path):
+    """The force at the first sample is 2 % or 5 % of the largest one."""
+    x, force = preloaded(missing, 0.4)
+    (note,) = (n for n in measured_loop(x, force).notes if "first sample" in n)
+    zero = float(note.split("--zero=")[1].split("mm")[0])
+    assert zero == pytest.approx(-missing, rel=0.4)
+    rows = "\n".join(f"{6.0 - 1e3 * a:.6f},{b:.6f}" for a, b in zip(x, force, strict=True))
+    path = tmp_path / "pair.csv"
+    path.write_text("thickness [mm],force [N]\n" + rows)
+    (note,) = (n for n in read_measured_loop(path).notes if "first sample" in n)
+    assert f"about --zero={6.0 - zero:.3g}mm" in note
+    # With the zero, the law begins softly, and nothing is left to tell.
+    told = measured_loop(x, force, zero=-1e-3 * missing)
+    assert not any("first sample" in n for n in told.notes)
+    told = measured_loop(x, force, zero=0.0)
+    assert any("first sample" in n and "--zero" not in n for n in told.notes)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.4, 3.0])
+@pytest.mark.parametrize("power", [1.0, 1.5, 2.5])
+def test_noise_is_no_preload(noise, power):
+    for seed, n in enumerate((20, 100, 1000)):
+        up = np.linspace(0.0, 1.4, n)
+        load = 100.0 * up**power + 120.0 * up**3
+        force = np.concatenate([load, load[-1] * (up[::-1] / 1.4) ** 4])
+        force += noise * np.random.default_rng(seed).standard_normal(force.size)
+        found = measured_loop(1e-3 * np.concatenate([up, up[::-1]]), force)
+        assert not any("first sample" in note for note in found.notes)
+
+
 def test_unloading_above_loading_is_told():
     x, force = powers()
     found = measured_loop(x, np.concatenate([force[200:][::-1], force[:200][::-1]]))
