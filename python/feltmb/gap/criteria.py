@@ -331,10 +331,27 @@ FAR_CODE = _number(
     "distance from all other values above which a number such as -9999 is told as a code for a "
     "missing value", _JUDGED, "gap/test_outliers.py",
 )  # fmt: skip
-FAR_SPIKE = _number(
-    "FAR_SPIKE", 5.0, "range of the others",
-    "distance from the other values above which a single sample is a spike, and a code is certain",
-    _JUDGED, "gap/test_outliers.py",
+FAR_CERTAIN = _number(
+    "FAR_CERTAIN", 5.0, "range of the others",
+    "distance from all other values above which a number such as -9999 is certainly a code",
+    _JUDGED, "gap/test_thresholds.py",
+)  # fmt: skip
+SPIKE = _number(
+    "SPIKE", 15.0, "scatter",
+    "distance of a sample from both neighbors, in one direction, above which it is a spike; the "
+    "scatter is the median distance of all samples from the mean of their neighbors, or the "
+    "largest of the samples two and three away",
+    _JUDGED, "gap/test_thresholds.py",
+)  # fmt: skip
+SPIKE_RANGE = _number(
+    "SPIKE_RANGE", 0.1, "range of the others",
+    "smallest distance of a spike from both neighbors",
+    _JUDGED, "gap/test_thresholds.py",
+)  # fmt: skip
+AGREE = _number(
+    "AGREE", 0.2, "distance of the spike",
+    "largest difference of the two neighbors of a spike; a step is none",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 MOST_CLIPPED = _number(
     "MOST_CLIPPED", 0.02, "share of the values",

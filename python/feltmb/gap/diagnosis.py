@@ -48,6 +48,7 @@ from feltmb.gap.measured import known_by_test
 from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.one_record import error_of_one_record
 from feltmb.gap.options import Options
+from feltmb.gap.outliers import channels_with_spikes
 from feltmb.gap.overlay import (
     exchanged_channels,
     expected_outputs,
@@ -614,6 +615,13 @@ class _Diagnosis:
                 watch.say("next experiment")
             advice = advise(facts.search, accepted)
         self._lap("next")
+        if not answered and (spiky := channels_with_spikes(self.records, self.model.outputs)):
+            text = (
+                f"Leave out the samples of {', '.join(spiky)} that are far from the samples before "
+                "and after (see the warning), then repeat the diagnosis: one of them outweighs "
+                "many others."
+            )
+            advice = (Advice(text=text), *advice)
         if not watch.why:
             advice += tuple(Advice(text=u.remedy) for u in facts.uncorrelated)
         return advice + next_steps(

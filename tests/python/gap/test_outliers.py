@@ -96,8 +96,40 @@ def test_single_spikes_are_told():
     checks = check_records([own])
     (told,) = [w for w in checks.warnings if "far" in w]
     assert "r.y: 2 values, one of them -40 mm" in told
-    assert "leave the cells empty" in told
+    assert f"at {TIME[100]:.6g} s first, far from the samples before and after" in told
+    assert "leave these cells empty" in told
     assert not checks.problems
+
+
+def test_spikes_inside_the_range_are_told_by_a_diagnosis_and_empty_cells_help():
+    """The range of y is 2 mm, its noise 0.01 mm."""
+    records = [record("a"), record("b", seed=2), record("c", seed=3, role="held_out")]
+    for own in records:
+        own.outputs["y"].flags.writeable = True
+        own.outputs["y"][[90, 250]] += (0.8, -0.8)
+    report = diagnose(LINE, [], records)
+    (told,) = [w for w in report.checks.warnings if "samples before and after" in w]
+    assert "y: 6 values, one of them" in told
+    assert f"in 3 records, at {TIME[90]:.6g} s of a first" in told
+    assert "Leave out the samples of y" in report.next[0].text
+    for own in records:
+        own.outputs["y"][[90, 250]] = np.nan
+    report = diagnose(LINE, [], records)
+    assert report.verdict == "NO GAP"
+    assert not [w for w in report.checks.warnings if "before and after" in w]
+    assert not [a for a in report.next if "Leave out" in a.text]
+
+
+@pytest.mark.parametrize("level", [99.99, 0.9999, 9999.0])
+def test_a_level_of_an_input_is_no_code(level):
+    valve = np.where((TIME > 2.0) & (TIME < 5.0), level, 0.0)
+    own = record(valve=valve)
+    assert not outliers(own)
+    stairs = np.where(TIME > 8.0, 0.1 * level, valve)  # a third level: a question
+    assert not check_records([record(valve=stairs)]).problems
+    measured = np.where(valve == level, level, 0.001 * level * np.cos(TIME))
+    (found,) = outliers(record(valve=measured))
+    assert found.certain
 
 
 def test_an_impact_a_step_and_a_full_scale_are_no_spikes():

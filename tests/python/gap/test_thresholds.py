@@ -21,6 +21,7 @@ from feltmb.gap.discrepancy import Discrepancy, _memory, converged
 from feltmb.gap.further_sensors import FurtherSensor, offered
 from feltmb.gap.misfit import form_of
 from feltmb.gap.options import Options
+from feltmb.gap.outliers import outliers
 from feltmb.gap.overlay import _hints
 from feltmb.gap.score import prior_of
 from feltmb.gap.where import first_act
@@ -132,6 +133,50 @@ def test_values_at_the_end_of_a_coarse_range_are_not_clipped(quantum, clipped):
     )
     (found,) = check_records([record]).channels
     assert (found.clipped > 0.02) is clipped
+
+
+def spikes(values):
+    record = Record(
+        name="r", time=np.arange(values.size, dtype=float), inputs={}, outputs={"y": values}
+    )
+    return sum(own.count for own in outliers(record))
+
+
+@pytest.mark.parametrize(
+    ("height", "after", "near", "wide", "told"),
+    [
+        (15.5, 0.0, 0.0, 0.0, 1),
+        (14.5, 0.0, 0.0, 0.0, 0),  # less than 15 times the scatter
+        (22.0, 3.0, 0.0, 0.0, 1),
+        (22.0, 4.0, 0.0, 0.0, 0),  # the neighbors differ by more than a fifth: a step
+        (16.5, 0.0, 0.05, 0.0, 1),
+        (16.5, 0.0, 0.15, 0.0, 0),  # more scatter near it: a vibration
+        (16.0, 0.0, 0.0, 150.0, 1),
+        (16.0, 0.0, 0.0, 175.0, 0),  # less than a tenth of the range
+    ],
+)
+def test_a_spike_is_far_from_both_neighbors(height, after, near, wide, told):
+    """Each sample is 1 from the mean of its neighbors."""
+    values = np.tile([0.0, 1.0], 3000)
+    assert spikes(values) == 0
+    values[[3001, 3002, 3004]] = height, after, -near
+    assert spikes(values + np.linspace(0.0, wide, values.size)) == told
+
+
+def test_more_than_a_hundredth_of_the_samples_are_no_spikes():
+    noise = np.random.default_rng(1).normal(size=2000)
+    at = np.arange(50, 1950, 90)
+    assert spikes(np.where(np.isin(np.arange(2000), at[:20]), 100.0, noise)) == 20
+    assert spikes(np.where(np.isin(np.arange(2000), at), 100.0, noise)) == 0
+
+
+@pytest.mark.parametrize(("low", "certain"), [(-1900.0, True), (-2100.0, False)])
+def test_a_certain_code_is_far_outside(low, certain):
+    values = np.random.default_rng(1).uniform(low, 0.0, 2000)
+    values[7] = 9999.0
+    own = Record(name="r", time=np.arange(2000.0), inputs={}, outputs={"y": values})
+    (found,) = outliers(own)
+    assert found.certain is certain
 
 
 @pytest.mark.parametrize(("loud", "method"), [(1.5, "differences"), (4.0, "rest")])
