@@ -106,7 +106,8 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
         "--likelihood",
         {
             "type": Number(0, 1),
-            "help": "Points of a tracker below this likelihood are missing values; default 0.6.",
+            "help": "Points of a tracker below this likelihood are missing values; default 0.6. "
+            "The file needs a column such as tip_likelihood beside tip_x.",
         },
     ),
 )

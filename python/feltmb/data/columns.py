@@ -48,6 +48,7 @@ def read_columns(path: Path, *, strict: bool = True) -> Columns:
     kind = path.suffix.lower()
     if kind in _TEXTS:
         columns = _read_text(path)
+        columns.pair_likelihood()
         if strict and (faults := columns.faults()):
             raise DataError(fault_text(str(path), faults, most=10))
         return columns
@@ -57,6 +58,7 @@ def read_columns(path: Path, *, strict: bool = True) -> Columns:
     columns = readers[kind](path)
     columns.split_names()
     columns.only_longest()
+    columns.pair_likelihood()
     if max((v.size for v in columns.values.values()), default=0) < 2:
         raise DataError(f"{path}: holds no series; there are {columns}")
     return columns

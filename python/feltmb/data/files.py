@@ -159,6 +159,13 @@ def _read_file(path: Path, signals: Signals, options: ReadOptions) -> tuple[Reco
     given = read_sheet(path)
     columns = read_columns(path)
     sheet = sheet_for(path, columns, signals, options, given)
+    stated = given is not None and "likelihood" in given.model_fields_set
+    if (stated or options.likelihood is not None) and not columns.likelihood:
+        raise DataError(
+            f"{path}: likelihood = {sheet.likelihood:g}, but the file has no likelihood of its "
+            "points, expected a column such as tip_likelihood (0 to 1) beside tip_x and tip_y; "
+            f"there are {columns}"
+        )
     return _build(path, sheet, columns, signals.units, guessed=given is None)
 
 
@@ -197,6 +204,7 @@ def _build(
         f"{', '.join(bare)}: no unit in the header; the numbers are taken as they stand, in SI "
         "units (--unit NAME=UNIT, in Python units of ReadOptions)",
     )
+    columns = replace(columns, notes=[*columns.notes, *_unlikely(sheet, columns)])
     headed = {
         n: unit_of_column(columns, columns.find(s.column or n), s.unit)
         for n, s in (*sheet.inputs.items(), *sheet.outputs.items())
@@ -339,10 +347,31 @@ def _series(
         values = values * (-factor if down else factor) * scale * spec.factor + spec.shift
     trust = columns.likelihood.get(key)
     if trust is not None:
-        values = np.where(columns.values[trust] >= sheet.likelihood, values, np.nan)
+        values = np.where(_likely(sheet, columns, trust), values, np.nan)
     if sheet.missing:
         values = np.where(np.isin(columns.values[key], sheet.missing), np.nan, values)
     return values, si
+
+
+def _likely(sheet: Sheet, columns: Columns, trust: str) -> NDArray[np.bool_]:
+    """Which samples of a point of a tracker have a sufficient likelihood."""
+    return np.asarray(columns.values[trust] >= sheet.likelihood)
+
+
+def _unlikely(sheet: Sheet, columns: Columns) -> list[str]:
+    """One note for each point of a tracker whose samples are left out in part."""
+    specs = (*sheet.inputs.items(), *sheet.outputs.items())
+    used = (columns.likelihood.get(columns.find(s.column or n)) for n, s in specs)
+    notes = []
+    for trust in dict.fromkeys(t for t in used if t is not None):
+        likely = _likely(sheet, columns, trust)
+        if not likely.all():
+            notes.append(
+                f"{np.sum(~likely)} of {likely.size} points are left out, because {trust} is below "
+                f"{sheet.likelihood:g} (likelihood in the TOML, --likelihood NUMBER, in Python "
+                "likelihood of ReadOptions)"
+            )
+    return notes
 
 
 def _bare(name: str, spec: ColumnSpec, columns: Columns) -> bool:

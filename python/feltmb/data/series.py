@@ -45,6 +45,9 @@ _CALLED = {
     "key displacement": "key_displacement",
     "finger displacement": "displacement motion weg",
 }
+#: Columns of a tracker: how sure it is of a point, and coordinates of the point.
+_LIKELIHOOD = re.compile(r"(.*?)[._ -]?(?:likelihood|confidence|score)", re.IGNORECASE)
+_COORDINATE = re.compile(r"(.*?)[._ -]?[xyz]", re.IGNORECASE)
 
 
 def limit_text() -> str:
@@ -100,6 +103,18 @@ class Columns:
             if unit and heading not in self.units and name not in self.values:
                 self.values[name] = self.values.pop(heading)
                 self.units[name], self.headings[name] = unit, heading
+
+    def pair_likelihood(self) -> None:
+        """Find columns such as ``tip_likelihood`` beside ``tip_x`` and ``tip_y``."""
+        for trust, values in self.values.items():
+            named = _LIKELIHOOD.fullmatch(trust)
+            seen = values[np.isfinite(values)]
+            if named is None or np.any((seen < 0.0) | (seen > 1.0)):
+                continue
+            for column in self.values:
+                point = _COORDINATE.fullmatch(column)
+                if point is not None and plain_name(point[1]) == plain_name(named[1]):
+                    self.likelihood[column] = trust
 
     def place(self, row: int) -> str:
         """Place of a row in the file, as text: its line, or its number from 1."""

@@ -171,8 +171,4 @@ def _deeplabcut(path: Path, lines: Lines) -> Columns | None:
         names.append((f"{part}.{coords[j]}", PIXEL if coords[j] in ("x", "y") else ""))
     columns = columns_of(path, read_table(lines[kinds.index("coords") :]), names)
     columns.source, columns.frames = "DeepLabCut", "frame"
-    for name in columns.values:
-        point, _, coordinate = name.rpartition(".")
-        if coordinate in ("x", "y") and f"{point}.likelihood" in columns.values:
-            columns.likelihood[name] = f"{point}.likelihood"
     return columns

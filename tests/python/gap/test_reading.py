@@ -303,6 +303,39 @@ def test_deeplabcut(tmp_path):
     assert list(record.outputs) == ["one.tip.x", "one.tip.y", "two.toe.x", "two.toe.y"]
 
 
+@pytest.mark.parametrize("header", ["tip_x,tip_y,tip_likelihood", "tip.x,tip.y,Tip Confidence",
+                                    "x,y,score"])  # fmt: skip
+def test_the_likelihood_of_a_point_in_a_table(tmp_path, header):
+    rows = "0,1,4,0.99\n1,2,5,0.7\n2,3,6,0.5\n"
+    path = put(tmp_path, f"t,{header}\n{rows}")
+    options = ReadOptions(units={"": "mm"})
+    record = read_record(path, options=options)
+    assert list(record.outputs) == header.split(",")[:2]
+    for values, first in zip(record.outputs.values(), (1e-3, 4e-3), strict=True):
+        np.testing.assert_allclose(values, [first, first + 1e-3, np.nan])
+    (told,) = [n for n in record.notes if "left out" in n]
+    assert "1 of 3 points are left out" in told
+    assert f"{header.split(',')[2]} is below 0.6" in told
+    strict = read_record(path, options=ReadOptions(units={"": "mm"}, likelihood=0.9))
+    assert [np.isnan(v).sum() for v in strict.outputs.values()] == [2, 2]
+    lax = read_record(path, options=ReadOptions(units={"": "mm"}, likelihood=0.5))
+    assert all(np.isfinite(v).all() for v in lax.outputs.values())
+    assert not [n for n in lax.notes if "left out" in n]
+
+
+def test_a_likelihood_without_a_column_is_a_fault(tmp_path):
+    # A score above 1 is no likelihood, and one of another point does not belong to tip.
+    for third in ("score", "toe_likelihood"):
+        path = put(tmp_path, f"t,tip_x [mm],tip_y [mm],{third}\n0,1,4,9\n1,2,5,8\n2,3,6,7\n")
+        with pytest.raises(DataError, match=r"likelihood = 0.9, but the file has no likelihood"):
+            read_record(path, options=ReadOptions(likelihood=0.9))
+        assert np.isfinite(read_record(path).outputs["tip_x"]).all()
+        path.with_suffix(".toml").write_text("likelihood = 0.9\n[outputs.tip_x]\n")
+        with pytest.raises(DataError, match=r"expected a column such as tip_likelihood"):
+            read_record(path)
+        path.with_suffix(".toml").unlink()
+
+
 @pytest.mark.parametrize(
     ("text", "outputs"),
     [
