@@ -24,6 +24,7 @@ __all__ = [
     "noise_of_record",
     "smooth_record",
     "start_of",
+    "still_samples",
 ]
 
 #: Smallest number of samples for an estimate of noise.
@@ -77,10 +78,20 @@ def start_of(values: npt.ArrayLike, noise: float | None = None) -> float:
     x = x[np.isfinite(x)]
     if not x.size:
         return float("nan")
-    noise = noise_of_record(x) if noise is None else noise
-    beyond = np.abs(x - np.median(x[:5])) > NEAR * noise
-    still = int(np.argmax(beyond)) if beyond.any() else x.size
+    still = still_samples(x, noise_of_record(x) if noise is None else noise)
     return float(np.mean(x[: max(1, still // 4)]))
+
+
+def still_samples(values: npt.ArrayLike, noise: float) -> int:
+    """Number of samples before the first one that differs from the start by more than the noise.
+
+    NaN is missing.
+    """
+    import numpy as np
+
+    x = np.asarray(values, dtype=float)
+    beyond = np.abs(x - np.median(x[np.isfinite(x)][:5])) > NEAR * noise
+    return int(np.argmax(beyond)) if beyond.any() else x.size
 
 
 def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Array:

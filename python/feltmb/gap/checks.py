@@ -28,6 +28,7 @@ from feltmb.gap.criteria import (
     WHOLE_STEPS,
 )
 from feltmb.gap.scatter import grows_with_value
+from feltmb.gap.tare import forces_before_motion
 from feltmb.units import conversion_factor, unit_suffix
 
 __all__ = ["ChannelCheck", "DataChecks", "check_records"]
@@ -171,6 +172,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
                 f"{record.name}: none of its outputs ({', '.join(record.outputs)}) is one of the "
                 f"model ({', '.join(outputs)})"
             )
+    warnings += forces_before_motion(records)
     warnings += _rounded(channels, records)
     channels = _pooled(channels)
     channels = _colored(channels, records, warnings)

@@ -353,6 +353,11 @@ AGREE = _number(
     "largest difference of the two neighbors of a spike; a step is none",
     _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
+TARE = _number(
+    "TARE", 0.02, "largest change of the force",
+    "force before the motion above which it is told as a possible zero of the load cell",
+    _JUDGED, "gap/test_thresholds.py",
+)  # fmt: skip
 MOST_CLIPPED = _number(
     "MOST_CLIPPED", 0.02, "share of the values",
     "share of values at the end of the range above which a warning is given",

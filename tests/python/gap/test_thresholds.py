@@ -24,6 +24,7 @@ from feltmb.gap.options import Options
 from feltmb.gap.outliers import outliers
 from feltmb.gap.overlay import _hints
 from feltmb.gap.score import prior_of
+from feltmb.gap.tare import forces_before_motion
 from feltmb.gap.where import first_act
 from feltmb.gap.withholding import Withheld, WithheldCase
 
@@ -177,6 +178,33 @@ def test_a_certain_code_is_far_outside(low, certain):
     own = Record(name="r", time=np.arange(2000.0), inputs={}, outputs={"y": values})
     (found,) = outliers(own)
     assert found.certain is certain
+
+
+@pytest.mark.parametrize(
+    ("level", "still", "told"),
+    [
+        (0.12, 40, True),
+        (0.08, 40, False),  # a fiftieth of the largest change
+        (-0.12, 40, True),
+        (0.12, 5, False),  # it does not rest
+        (0.12, 500, False),  # nothing moves
+    ],
+)
+def test_a_force_before_the_motion(level, still, told):
+    generator = np.random.default_rng(1)
+    moves = np.maximum(0.0, np.arange(500.0) - still) / 400.0
+    pressed = 5.0 * np.minimum(1.0, moves * 20.0)
+    record = Record(
+        name="r",
+        time=np.arange(500.0),
+        inputs={"force": level + pressed + generator.normal(0.0, 1e-3, 500)},
+        outputs={"x": moves + generator.normal(0.0, 1e-3, 500)},
+    )
+    found = forces_before_motion([record])
+    assert bool(found) is told
+    if told:
+        assert f"r.force is {level:.3g} N before the motion" in found[0]
+        assert "--origin force=start" in found[0]
 
 
 @pytest.mark.parametrize(("loud", "method"), [(1.5, "differences"), (4.0, "rest")])
