@@ -65,9 +65,8 @@ def command(names: tuple[str, ...], inside: float | None) -> None:
             code = pytest.main(["-q", "-x", "--tb=no", "-p", "no:cacheprovider", path])
         click.get_current_context().exit(code)
     print("| criterion | value | factor | first test that fails |\n|---|---|---|---|")
-    for c in known.values():
-        if (names and c.name not in names) or c.reason.startswith("default of `Options"):
-            continue
+    usual = [c.name for c in CRITERIA if not c.reason.startswith("default of `Options")]
+    for c in map(known.__getitem__, names or usual):
         for factor in FACTORS:
             failed = _first_failure(c.name, c.test, factor) or "**none**"
             print(f"| `{c.name}` | {c.value} | {factor:g} | {failed} |", flush=True)

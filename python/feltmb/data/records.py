@@ -271,6 +271,11 @@ class Record:
         return int(self.time.size)
 
     @property
+    def units(self) -> dict[str, str]:
+        """Unit of each channel that states one, inputs and outputs."""
+        return {n: s.unit for n, s in self.sensors.items()} | dict(self.input_units)
+
+    @property
     def whole(self) -> str:
         """Name of the record of which this one is a numbered part; else its own name."""
         return _PART.sub("", self.name)

@@ -375,8 +375,7 @@ def faults_against(model: Model, records: Sequence[Record]) -> list[str]:
                 f"{record.name}: {record.samples} samples; the model {model.name} needs at least "
                 f"{model.least_samples}"
             )
-        given = {k: s.unit for k, s in record.sensors.items()} | dict(record.input_units)
-        for name, unit in given.items():
+        for name, unit in record.units.items():
             wanted = model.units.get(name) or "1"
             if "1" not in (unit, wanted) and not _same(unit, wanted):
                 problems.append(

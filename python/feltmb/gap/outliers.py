@@ -118,7 +118,7 @@ def outliers(record: Record) -> list[Outlier]:
     Inputs may be single pulses.
     """
     found = []
-    units = {n: s.unit for n, s in record.sensors.items()} | dict(record.input_units)
+    units = record.units
     for name, values in (*record.inputs.items(), *record.outputs.items()):
         unit = units.get(name) or "1"
         left = np.flatnonzero(np.isfinite(values))

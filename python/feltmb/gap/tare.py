@@ -18,45 +18,42 @@ FORCES = ("N", "N m")
 
 def forces_before_motion(records: Sequence[Record]) -> list[str]:
     """One warning for each force that is not zero while all channels of a record are still."""
-    found: dict[tuple[str, str], list[tuple[str, float, str]]] = {}
+    found: dict[str, list[tuple[Record, float]]] = {}
     for record in records:
-        groups = {"inputs": record.inputs, "outputs": record.outputs}
-        forces = [
-            (group, name)
-            for group, signals in groups.items()
-            for name in signals
-            if np.isfinite(signals[name]).any() and _unit(record, name) in FORCES
-        ]
+        signals = {**record.inputs, **record.outputs}
+        noise = {n: _noise(x) for n, x in signals.items() if np.isfinite(x).any()}
+        forces = [n for n in noise if _unit(record, n) in FORCES]
         if not forces:
             continue
-        signals = {**record.inputs, **record.outputs}
-        still = min(still_samples(x, _noise(x)) for x in signals.values() if np.isfinite(x).any())
+        still = min(still_samples(signals[n], sigma) for n, sigma in noise.items())
         if not LEAST_SAMPLES <= still < record.samples:
             continue
-        for group, name in forces:
-            level = start_of(signals[name][:still], _noise(signals[name]))
+        for name in forces:
+            level = start_of(signals[name][:still], noise[name])
             change = np.nanmax(np.abs(signals[name] - level))
-            if abs(level) > max(TARE * change, NEAR * _noise(signals[name])):
-                row = record.name, level, _unit(record, name)
-                found.setdefault((group, name), []).append(row)
-    out = []
-    for (group, name), rows in found.items():
-        record_name, level, unit = max(rows, key=lambda row: abs(row[1]))
-        where = f"{record_name}.{name}" if len(rows) == 1 else name
-        more = "" if len(rows) == 1 else f", in {record_name} and {len(rows) - 1} other records"
-        more = more.removesuffix("s") if len(rows) == 2 else more
-        out.append(
-            f"{where} is {level:.3g}{unit_suffix(unit)} before the motion{more}: if the load cell "
-            f'shows this without a load, subtract it (--origin {name}=start, origin = "start" in '
-            f"[{group}.{name}], in Python origins of ReadOptions)"
-        )
-    return out
+            if abs(level) > max(TARE * change, NEAR * noise[name]):
+                found.setdefault(name, []).append((record, level))
+    return [_sentence(name, rows) for name, rows in found.items()]
+
+
+def _sentence(name: str, rows: Sequence[tuple[Record, float]]) -> str:
+    """What is told about a force in the records in which it is not zero before the motion."""
+    record, level = max(rows, key=lambda row: abs(row[1]))
+    where, more, others = f"{record.name}.{name}", "", len(rows) - 1
+    if others:
+        where = name
+        more = f", in {record.name} and {others} other record{'s' if others > 1 else ''}"
+    table = "inputs" if name in record.inputs else "outputs"
+    return (
+        f"{where} is {level:.3g}{unit_suffix(_unit(record, name))} before the motion{more}: if the "
+        f"load cell shows this without a load, subtract it (--origin {name}=start, "
+        f'origin = "start" in [{table}.{name}], in Python origins of ReadOptions)'
+    )
 
 
 def _unit(record: Record, name: str) -> str:
     """Unit of a signal; a force without one is in N."""
-    sensor = record.sensors.get(name)
-    unit = record.input_units.get(name, "") if sensor is None else sensor.unit
+    unit = record.units.get(name, "")
     return "N" if unit in ("", "1") and name == "force" else unit
 
 

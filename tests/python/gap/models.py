@@ -1,4 +1,4 @@
-"""A small oscillator with and without what it lacks."""
+"""Models of the tests: a line, and a small oscillator with and without what it lacks."""
 
 import numpy as np
 
@@ -7,12 +7,24 @@ from feltmb.gap import (
     Coordinate,
     Effect,
     Jobs,
+    LinearModel,
     OdeModel,
     Parameter,
     Record,
     Sensor,
     State,
 )
+
+
+def line(sd):
+    """The output y is the input x times a slope of 1 with this prior standard deviation."""
+    return LinearModel(
+        output="y",
+        columns={"slope": lambda r: r.inputs["x"]},
+        parameters=[Parameter(name="slope", value=1.0, sd=sd)],
+        name="line",
+    )
+
 
 MASS = Coordinate(name="mass", position="q", speed="v", inertia="m")
 NOMINAL = OdeModel(

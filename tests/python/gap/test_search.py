@@ -10,8 +10,7 @@ import pytest
 from blind.bench import Bench
 from blind.key_hammer import KeyHammer, effects
 from feltmb.data import Record, Sensor
-from feltmb.fit import Candidate, Effect, Parameter
-from feltmb.fit.linear import LinearModel
+from feltmb.fit import Candidate, Effect
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, finish, fit_problem, polish
@@ -65,12 +64,7 @@ def test_a_set_is_fitted_again_from_a_larger_one_that_got_further(tmp_path):
 
 def line_with(*effects):
     """A straight line fitted to a cubic, and the search among some effects."""
-    line = LinearModel(
-        output="y",
-        columns={"slope": lambda r: r.inputs["x"]},
-        parameters=[Parameter(name="slope", value=1.0, sd=0.2)],
-        name="line",
-    )
+    line = models.line(0.2)
     x = np.linspace(-1.0, 1.0, 101)
     y = x + 0.1 * x**3 + 0.01 * np.random.default_rng(1).standard_normal(x.size)
     record = Record(
@@ -168,12 +162,7 @@ def test_a_set_with_memory_is_fitted_again_from_one_without(tmp_path, monkeypatc
 
 def test_scores_without_an_effect_are_those_of_the_fit_without_it():
     """The model is linear, so that the prediction is exact: scores, and the sum of squares."""
-    line = LinearModel(
-        output="y",
-        columns={"slope": lambda r: r.inputs["x"]},
-        parameters=[Parameter(name="slope", value=1.0, sd=0.2)],
-        name="line",
-    )
+    line = models.line(0.2)
     x = np.linspace(-1.0, 1.0, 101)
     record = Record(
         name="run",
@@ -212,12 +201,7 @@ def test_scores_without_an_effect_are_those_of_the_fit_without_it():
 
 def _searched(effects, force):
     """Search on records of a line with a further force."""
-    line = LinearModel(
-        output="y",
-        columns={"slope": lambda r: r.inputs["x"]},
-        parameters=[Parameter(name="slope", value=1.0, sd=0.1)],
-        name="line",
-    )
+    line = models.line(0.1)
     generator = np.random.default_rng(3)
     segments = []
     for i in range(3):

@@ -1,12 +1,14 @@
 """Rules decide differently on the two sides of their thresholds."""
 
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from feltmb.data import Record, Sensor
-from feltmb.fit import Candidate, Effect, Parameter
+from feltmb.fit import Candidate, Effect
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
@@ -27,6 +29,12 @@ from feltmb.gap.score import prior_of
 from feltmb.gap.tare import forces_before_motion
 from feltmb.gap.where import first_act
 from feltmb.gap.withholding import Withheld, WithheldCase
+
+sys.path.insert(0, str(Path(__file__).parent))
+import models
+
+#: A model whose output is zero.
+NOTHING = LinearModel(output="y", columns={}, parameters=[], name="nothing")
 
 
 def small_beside_large(monkeypatch, *, gain, share, gap, unexplained):
@@ -268,12 +276,7 @@ def test_only_parameters_that_explain_a_tenth_of_the_gap_are_listed():
 
 @pytest.mark.parametrize(("deviations", "told"), [(1.8, False), (2.2, True)])
 def test_a_parameter_has_changed_from_two_standard_deviations(deviations, told):
-    line = LinearModel(
-        output="y",
-        columns={"slope": lambda r: r.inputs["x"]},
-        parameters=[Parameter(name="slope", value=1.0, sd=10.0)],
-        name="line",
-    )
+    line = models.line(10.0)
     x = np.sin(np.linspace(0.0, 40.0, 400))
     sd = 0.01 / np.sqrt(2.0 * x @ x)
     records = []
@@ -308,13 +311,11 @@ def test_only_effects_that_stand_out_are_scored(signal, counted):
 
 def test_a_better_sensor_has_a_third_of_the_noise():
     now = {"y": Sensor(name="y", unit="m", sigma=3e-5)}
-    line = LinearModel(output="y", columns={}, parameters=[], name="line")
-    (offer,) = offered([FurtherSensor(output="y")], now, line)
+    (offer,) = offered([FurtherSensor(output="y")], now, NOTHING)
     assert offer.sigma == pytest.approx(1e-5)
 
 
 def test_an_effect_is_visible_from_a_tenth_of_its_largest_change():
-    line = LinearModel(output="y", columns={}, parameters=[], name="line")
     ramp = np.linspace(0.0, 1.0, 101)
     growing = Effect(name="growing", component="spring", regressor=lambda r, s: ramp)
     record = Record(
@@ -324,7 +325,7 @@ def test_an_effect_is_visible_from_a_tenth_of_its_largest_change():
         outputs={"y": 1.0 * ramp},
         sensors={"y": Sensor(name="y", sigma=0.01)},
     )
-    segmented = segment_record(line, record, {"y": Noise(0.01)}, None)
-    problem = Problem(line, (segmented,)).with_candidates((Candidate(growing),))
+    segmented = segment_record(NOTHING, record, {"y": Noise(0.01)}, None)
+    problem = Problem(NOTHING, (segmented,)).with_candidates((Candidate(growing),))
     fit = finish(problem, problem.start(np.array([1.0])), 1.0, np.zeros(0))
     assert first_act(fit)["run"] == pytest.approx(0.11)
