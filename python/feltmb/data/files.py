@@ -32,10 +32,11 @@ from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
 from feltmb.units import (
     PIXEL,
-    TEMPERATURE_SCALES,
     conversion_factor,
+    spelled_unit,
     split_quantity,
     to_si,
+    zero_and_factor,
 )
 from feltmb.units.quantity import fault_text, shortened, validated
 
@@ -314,35 +315,32 @@ def _series(
     unit = unit_of_column(columns, key, spec.unit)
     scale, down = 1.0, bool(spec.down)
     if spec.scale != "":
-        found = _scale(spec.scale)
-        if found is None:
+        size = _scale(spec.scale)
+        if size is None:
             faults.append(
                 f"column {shown}: scale = {shortened(repr(spec.scale))}, expected what one "
                 f'{unit or "unit"} is, such as "0.21 mm"'
             )
             return empty
         down = name.endswith(".y") and unit == PIXEL if spec.down is None else down
-        scale, unit = found
+        scale, unit = size
     elif unit == PIXEL:
         faults.append(
             f'column {shown} is in pixels: how large is one? (scale = "0.21 mm" in the TOML, or '
             "--scale 0.21mm, in Python scales of ReadOptions)"
         )
         return empty
-    zero, factor, si = (
-        _temperature(unit, spec.si or model)
-        or (_to_unit_of_model(unit, model) if model and not spec.si else None)
-        or (0.0, *_to_si(unit, spec.si))
-    )
-    if factor is None:
+    found = _conversion(unit, spec.si, model)
+    if found is None:
         expected = f"expected one of {spec.si}" if spec.si else "give its si and factor"
         faults.append(f"column {shown}: unit {shortened(unit)!r} is unknown; {expected}")
         return empty
+    zero, factor, si = found
     values = columns.values[key]
     if isinstance(spec.origin, float) and spec.origin != 0.0:
         values = values - spec.origin
     elif zero:
-        values = values - zero  # a difference from an origin has no zero
+        values = values - zero / scale  # a difference from an origin has no zero
     with np.errstate(over="ignore", invalid="ignore"):  # the record reports infinite values
         values = values * (-factor if down else factor) * scale * spec.factor + spec.shift
     trust = columns.likelihood.get(key)
@@ -417,8 +415,9 @@ def _clock(sheet: Sheet, columns: Columns, faults: list[str]) -> Array:
         )
         return np.zeros(0)
     unit = unit_of_column(columns, name, sheet.time_unit) or "s"
-    factor, _ = _to_si(unit, "s")
-    if factor is None:
+    try:
+        factor = conversion_factor(unit, "s")
+    except InvalidParameter:
         faults.append(f"column {shortened(name)}: unit {shortened(unit)!r} is no time")
         return np.zeros(0)
     with np.errstate(over="ignore"):
@@ -451,48 +450,29 @@ def _runs(
     return [(str(k), part) for k, part in enumerate(parts, 1)]
 
 
-#: Units of other quantities, which are kept.
-_OTHERS = ("V", "A", "ohm", "W", "K", "degC", "degF", "T", "dB", "counts")
-#: Those of them that may have a prefix (mV, kW), and the prefixes.
-_PREFIXED = ("V", "A", "ohm", "W", "T")
-_PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6}
+def _conversion(unit: str, si: str, model: str) -> tuple[float, float, str] | None:
+    """Zero, factor and unit of the record; None if the unit is unknown, or does not measure ``si``.
 
-
-def _temperature(unit: str, model: str) -> tuple[float, float, str] | None:
-    """Zero, factor and unit of a temperature that is on another scale than that of the model."""
-    found = TEMPERATURE_SCALES.get((unit, model))
-    return None if found is None else (*found, model)
-
-
-def _to_unit_of_model(unit: str, model: str) -> tuple[float, float, str] | None:
-    """Zero, factor and unit of a quantity of which the model has another unit than SI."""
+    The unit is ``si`` if it is stated, else that of the model if it measures the same, else SI.
+    """
+    if not unit:
+        return 0.0, 1.0, si or "1"
+    wanted = si or model
     try:
-        if not unit or to_si(model)[0] == 1.0:
+        if wanted:
+            return (*zero_and_factor(unit, spelled_unit(wanted) or wanted), wanted)
+    except InvalidParameter:
+        if si:
             return None
-        return 0.0, conversion_factor(unit, model), model
+    try:
+        return (0.0, *to_si(unit))
     except InvalidParameter:
         return None
 
 
-def _to_si(unit: str, si: str) -> tuple[float | None, str]:
-    """Factor to SI and the SI unit; units of other quantities (V, degC) are kept, mV becomes V."""
-    if not unit:
-        return 1.0, si or "1"
-    try:
-        return (conversion_factor(unit, si), si) if si else to_si(unit)
-    except InvalidParameter:
-        pass
-    prefix, plain = unit[:1], unit[1:]
-    if plain in _PREFIXED and prefix in _PREFIXES and si in ("", plain):
-        return _PREFIXES[prefix], plain
-    if (si and si != unit) or (not si and unit not in _OTHERS):
-        return None, si
-    return 1.0, unit
-
-
 def _kept(unit: str) -> str:
     """A unit that a reader would convert without being told to keep it; else ""."""
-    return "" if _to_si(unit, "") in ((1.0, unit), (1.0, "1")) else unit
+    return "" if _conversion(unit, "", "") in ((0.0, 1.0, unit), (0.0, 1.0, "1")) else unit
 
 
 def write_record(record: Record, path: str | Path, *, force: bool = False) -> Path:

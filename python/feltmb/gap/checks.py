@@ -10,7 +10,7 @@ import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
-from feltmb.errors import DataError, InvalidParameter, near_names
+from feltmb.errors import DataError, near_names
 from feltmb.fit import Model
 from feltmb.fit.noise import Noise, noise_of, rounding_error
 from feltmb.gap import outliers
@@ -29,7 +29,7 @@ from feltmb.gap.criteria import (
 )
 from feltmb.gap.scatter import grows_with_value
 from feltmb.gap.tare import forces_before_motion
-from feltmb.units import conversion_factor, unit_suffix
+from feltmb.units import same_unit, unit_suffix
 
 __all__ = ["ChannelCheck", "DataChecks", "check_records"]
 
@@ -377,19 +377,11 @@ def faults_against(model: Model, records: Sequence[Record]) -> list[str]:
             )
         for name, unit in record.units.items():
             wanted = model.units.get(name) or "1"
-            if "1" not in (unit, wanted) and not _same(unit, wanted):
+            if "1" not in (unit, wanted) and not same_unit(unit, wanted):
                 problems.append(
                     f"{record.name}: {name} is in {unit}, in the model {model.name} in {wanted}"
                 )
     return problems
-
-
-def _same(unit: str, other: str) -> bool:
-    """Whether two unit texts mean the same unit; 1 stands for an unspecified unit."""
-    try:
-        return unit == other or conversion_factor(unit, other) == 1.0
-    except (InvalidParameter, ValueError):
-        return False
 
 
 def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:

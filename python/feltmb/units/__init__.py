@@ -13,6 +13,7 @@ from feltmb.units.names import (
     split_quantity,
     to_si,
     unit_suffix,
+    zero_and_factor,
 )
 from feltmb.units.spelling import PIXEL, same_unit, spelled_unit, split_column
 
@@ -33,4 +34,5 @@ __all__ = [
     "split_quantity",
     "to_si",
     "unit_suffix",
+    "zero_and_factor",
 ]

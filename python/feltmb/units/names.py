@@ -25,63 +25,52 @@ __all__ = [
     "split_quantity",
     "to_si",
     "unit_suffix",
+    "zero_and_factor",
 ]
 
-#: name -> (factor to SI, exponents of m, kg, s, rad). Volts and degrees Celsius are not mechanical
-#: units.
-ACCEPTED_UNITS: dict[str, tuple[float, tuple[float, float, float, float]]] = {
-    "1": (1.0, (0, 0, 0, 0)),
-    "m": (1.0, (1, 0, 0, 0)),
-    "mm": (1e-3, (1, 0, 0, 0)),
-    "cm": (1e-2, (1, 0, 0, 0)),
-    "um": (1e-6, (1, 0, 0, 0)),
-    "µm": (1e-6, (1, 0, 0, 0)),
-    "in": (0.0254, (1, 0, 0, 0)),
-    "ft": (0.3048, (1, 0, 0, 0)),
-    "L": (1e-3, (3, 0, 0, 0)),
-    "l": (1e-3, (3, 0, 0, 0)),
-    "mL": (1e-6, (3, 0, 0, 0)),
-    "ml": (1e-6, (3, 0, 0, 0)),
-    "uL": (1e-9, (3, 0, 0, 0)),
-    "µL": (1e-9, (3, 0, 0, 0)),
-    "kg": (1.0, (0, 1, 0, 0)),
-    "g": (1e-3, (0, 1, 0, 0)),
-    "mg": (1e-6, (0, 1, 0, 0)),
-    "ug": (1e-9, (0, 1, 0, 0)),
-    "µg": (1e-9, (0, 1, 0, 0)),
-    "ng": (1e-12, (0, 1, 0, 0)),
-    "lb": (0.45359237, (0, 1, 0, 0)),
-    "s": (1.0, (0, 0, 1, 0)),
-    "ms": (1e-3, (0, 0, 1, 0)),
-    "us": (1e-6, (0, 0, 1, 0)),
-    "µs": (1e-6, (0, 0, 1, 0)),
-    "min": (60.0, (0, 0, 1, 0)),
-    "h": (3600.0, (0, 0, 1, 0)),
-    "rad": (1.0, (0, 0, 0, 1)),
-    "mrad": (1e-3, (0, 0, 0, 1)),
-    "deg": (math.pi / 180.0, (0, 0, 0, 1)),
-    "rev": (2.0 * math.pi, (0, 0, 0, 1)),
-    "rpm": (math.pi / 30.0, (0, 0, -1, 1)),
-    "Hz": (1.0, (0, 0, -1, 0)),
-    "kHz": (1e3, (0, 0, -1, 0)),
-    "N": (1.0, (1, 1, -2, 0)),
-    "mN": (1e-3, (1, 1, -2, 0)),
-    "cN": (1e-2, (1, 1, -2, 0)),
-    "kN": (1e3, (1, 1, -2, 0)),
-    "gf": (9.80665e-3, (1, 1, -2, 0)),
-    "kgf": (9.80665, (1, 1, -2, 0)),
-    "lbf": (4.4482216152605, (1, 1, -2, 0)),
-    "Pa": (1.0, (-1, 1, -2, 0)),
-    "kPa": (1e3, (-1, 1, -2, 0)),
-    "MPa": (1e6, (-1, 1, -2, 0)),
-    "GPa": (1e9, (-1, 1, -2, 0)),
-    "bar": (1e5, (-1, 1, -2, 0)),
-    "mbar": (1e2, (-1, 1, -2, 0)),
-    "hPa": (1e2, (-1, 1, -2, 0)),
-    "psi": (4.4482216152605 / 0.0254**2, (-1, 1, -2, 0)),
-    "J": (1.0, (2, 1, -2, 0)),
-    "mJ": (1e-3, (2, 1, -2, 0)),
-    "%": (1e-2, (0, 0, 0, 0)),
+#: Dimensions. Radians are one, because an angle is not a plain number. Counts of a converter and
+#: decibels measure nothing else.
+_BASES = ("m", "kg", "s", "rad", "A", "K", "mol", "counts", "dB")
+#: Name -> factor to SI, and exponents of the dimensions.
+ACCEPTED_UNITS: dict[str, tuple[float, tuple[float, ...]]] = {
+    "1": (1.0, (0.0,) * len(_BASES)),
+    **{name: (1.0, tuple(float(name == n) for n in _BASES)) for name in _BASES},
+}
+
+
+def _prefixed(name: str, prefixes: str = "mµnukM") -> dict[str, float]:
+    """A unit with and without prefixes, and the factors."""
+    sizes = {"k": 1e3, "M": 1e6, "G": 1e9, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
+    return {name: 1.0, **{prefix + name: sizes[prefix] for prefix in prefixes}}
+
+
+#: Dimension as a product of units above it -> factors to SI of units that measure it.
+_UNITS_OF: dict[str, dict[str, float]] = {
+    "m": {"mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "in": 0.0254, "ft": 0.3048},
+    "m^3": {"L": 1e-3, "l": 1e-3, "mL": 1e-6, "ml": 1e-6, "uL": 1e-9, "µL": 1e-9},
+    "kg": {"g": 1e-3, "mg": 1e-6, "ug": 1e-9, "µg": 1e-9, "ng": 1e-12, "lb": 0.45359237},
+    "s": {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0},
+    "rad": {"mrad": 1e-3, "deg": math.pi / 180.0, "rev": 2.0 * math.pi},
+    "rad/s": {"rpm": math.pi / 30.0},
+    "1/s": {"Hz": 1.0, "kHz": 1e3},
+    "kg m/s^2": {
+        **{"N": 1.0, "mN": 1e-3, "cN": 1e-2, "kN": 1e3},
+        **{"gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216152605},
+    },
+    "N/m^2": {
+        **{"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "mbar": 1e2, "hPa": 1e2},
+        **{"psi": 4.4482216152605 / 0.0254**2},
+    },
+    "N m": {**_prefixed("J", "mkM"), "Wh": 3600.0, "kWh": 3.6e6},
+    "J/s": _prefixed("W"),
+    "A": _prefixed("A"),
+    "W/A": _prefixed("V"),
+    "V/A": _prefixed("ohm"),
+    "V s/m^2": _prefixed("T"),
+    # Differences of temperature; the zeros are in TEMPERATURE_SCALES.
+    "K": {"mK": 1e-3, "degC": 1.0, "degF": 1.0 / 1.8},
+    "mol": _prefixed("mol", "kmuµ"),
+    "1": {"%": 1e-2},
 }
 
 #: Unit of a reading, and unit of a scale -> zero of the scale as a reading, and factor: on the
@@ -96,19 +85,27 @@ TEMPERATURE_SCALES = {
 }
 
 _FACTOR = re.compile(r"^(1(?=\^|$)|[A-Za-zµ%]+)(?:\^?([-+]?\d*\.?\d+))?$")
-_RAISED = str.maketrans({"²": "^2", "³": "^3", "μ": "µ"})  # the letter mu is not the micro sign
+#: Signs, and how they are written here. The letter mu is not the micro sign.
+_SIGNS = str.maketrans({"²": "^2", "³": "^3", "μ": "µ", "°": "deg", "℃": "degC", "Ω": "ohm"})
+
+
+def _plain(unit: str) -> str:
+    """A unit without signs: degC for °C."""
+    return unit.strip().translate(_SIGNS)
 
 
 def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
-    text = unit.strip().translate(_RAISED)
+    text = _plain(unit)
     if text in ("", "-"):
         text = "1"
     parts = text.split("/")
     if len(parts) > 2:
         raise ValueError("more than one '/'")
     factor = 1.0
-    exponents = [0.0, 0.0, 0.0, 0.0]
+    exponents = [0.0] * len(_BASES)
     for sign, part in zip((1.0, -1.0), parts, strict=False):
+        if sign < 0.0 and part.strip().startswith("(") and part.strip().endswith(")"):
+            part = part.strip()[1:-1]  # J/(kg K) is J/kg K
         for token in part.replace("*", " ").replace("·", " ").split():
             match = _FACTOR.match(token)
             if match is None or match.group(1) not in ACCEPTED_UNITS:
@@ -120,6 +117,11 @@ def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
             factor *= scale**power
             exponents = [e + power * d for e, d in zip(exponents, dims, strict=True)]
     return factor, tuple(exponents)
+
+
+for _dimension, _names in _UNITS_OF.items():
+    _factors = {name: (factor, _parse(_dimension)[1]) for name, factor in _names.items()}
+    ACCEPTED_UNITS.update(_factors)
 
 
 def _other_case(token: str) -> str:
@@ -134,10 +136,12 @@ def dimension_text(si_unit: str) -> str:
         _, wanted = _parse(si_unit)
     except ValueError:
         return si_unit
+    if _has_zero(si_unit):
+        return si_unit
     same = [
         name
         for name, (_, dims) in ACCEPTED_UNITS.items()
-        if tuple(map(float, dims)) == wanted and name not in ("1", "µm", "µs")
+        if dims == wanted and name != "1" and "µ" not in name and not _has_zero(name)
     ]
     return ", ".join(same) if same else si_unit
 
@@ -155,8 +159,9 @@ def conversion_factor(unit: str, si_unit: str) -> float:
     Raises
     ------
     InvalidParameter
-        The unit is unknown or has another dimension. Radians are a dimension of their own, because
-        an angle is not a plain number; therefore ``1/s`` and ``rad/s`` differ as well.
+        The unit is unknown or has another dimension, or is a temperature with another zero
+        (:func:`zero_and_factor`). Radians are a dimension of their own, because an angle is not a
+        plain number; therefore ``1/s`` and ``rad/s`` differ as well.
     """
     if unit == si_unit:
         return 1.0
@@ -168,7 +173,7 @@ def conversion_factor(unit: str, si_unit: str) -> float:
         ) from None
     try:
         target, wanted = _parse(si_unit)
-    except ValueError:  # not a mechanical unit: it can only be converted to itself
+    except ValueError:  # not a known unit: it can only be converted to itself
         raise InvalidParameter(
             f"unit {unit!r} does not measure this quantity; expected {si_unit}"
         ) from None
@@ -177,7 +182,30 @@ def conversion_factor(unit: str, si_unit: str) -> float:
             f"unit {unit!r} does not measure this quantity; expected a unit of "
             f"{_with_examples(si_unit)}"
         )
+    if (_has_zero(unit) or _has_zero(si_unit)) and _plain(unit) != _plain(si_unit):
+        raise InvalidParameter(f"unit {unit!r} has another zero than {si_unit}; expected {si_unit}")
     return factor / target
+
+
+def _has_zero(unit: str) -> bool:
+    """Whether the zero of a unit is not the zero of the quantity."""
+    return _plain(unit) in ("degC", "degF")
+
+
+def zero_and_factor(unit: str, other: str) -> tuple[float, float]:
+    """Zero and factor that convert a reading: it is (reading - zero) * factor in the other unit.
+
+    Only temperatures have a zero. See :func:`conversion_factor`.
+
+    Parameters
+    ----------
+    unit
+        Unit of the reading, for example ``"degC"``.
+    other
+        Unit of the result, for example ``"K"``.
+    """
+    scale = TEMPERATURE_SCALES.get((_plain(unit), _plain(other)))
+    return scale or (0.0, conversion_factor(unit, other))
 
 
 def _with_examples(si_unit: str) -> str:
@@ -232,7 +260,7 @@ def si_value(text: str) -> float | None:
 _USUAL = (
     *("1", "m", "kg", "s", "rad", "Hz", "N", "Pa", "J", "m^2", "m^3", "m/s", "m/s^2", "rad/s"),
     *("rad/s^2", "N/m", "N s/m", "N m/rad", "N m s/rad", "kg m^2", "m^3/s", "kg/s", "kg/m^3"),
-    *("N m", "Pa s"),
+    *("N m", "Pa s", "A", "V", "W", "ohm", "T", "K", "mol", "J/K", "W/K"),
 )
 
 
@@ -241,6 +269,7 @@ def to_si(unit: str) -> tuple[float, str]:
 
     Of several SI units of one dimension, the unit is the one that is written most alike: N mm is a
     torque in N m and mJ an energy in J; kg/h is a flow in kg/s and N s/mm a damping in N s/m.
+    Readings in degC and degF are kept, because their scale has another zero than that of K.
 
     Parameters
     ----------
@@ -256,11 +285,13 @@ def to_si(unit: str) -> tuple[float, str]:
         factor, dims = _parse(unit)
     except ValueError as error:
         raise InvalidParameter(f"unit {unit!r}: {error}") from None
+    if _has_zero(unit):
+        return 1.0, _plain(unit)
     same = [usual for usual in _USUAL if _parse(usual)[1] == dims]
     if same:
         named = _quantities_in(unit)
         return factor, max(same, key=lambda usual: len(_quantities_in(usual) & named))
-    powers = dict(zip(("m", "kg", "s", "rad"), dims, strict=True))
+    powers = dict(zip(_BASES, dims, strict=True))
     over = " ".join(_power(name, p) for name, p in powers.items() if p > 0.0)
     under = " ".join(_power(name, -p) for name, p in powers.items() if p < 0.0)
     return factor, f"{over or '1'}/{under}" if under else over
@@ -268,7 +299,8 @@ def to_si(unit: str) -> tuple[float, str]:
 
 def _quantities_in(unit: str) -> set[tuple[float, ...]]:
     """Dimensions of the units of which a unit is composed."""
-    return {_parse(re.sub(r"\^.*|\d+$", "", token))[1] for token in re.findall(r"[^\s/*·]+", unit)}
+    tokens = re.findall(r"[^\s/*·()]+", _plain(unit))
+    return {_parse(re.sub(r"\^.*|\d+$", "", token))[1] for token in tokens}
 
 
 def _power(name: str, power: float) -> str:

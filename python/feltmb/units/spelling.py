@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from feltmb.errors import InvalidParameter
-from feltmb.units.names import ACCEPTED_UNITS, conversion_factor
+from feltmb.units.names import ACCEPTED_UNITS, conversion_factor, to_si
 
 __all__ = ["PIXEL", "same_unit", "spelled_unit", "split_column"]
 
@@ -38,9 +38,15 @@ _NAMES = {
     "kHz": "kilohertz",
     "Pa": "pascal pascals",
     "%": "percent",
-    "degC": "°c celsius",
+    "degC": "°c celsius degc",
     "degF": "°f fahrenheit degf",
     "K": "kelvin",
+    "A": "ampere amperes amps",
+    "V": "volt volts",
+    "W": "watt watts",
+    "kW": "kilowatt kilowatts",
+    "ohm": "ohm ohms",
+    "T": "tesla",
     PIXEL: "px pixel pixels pix",
 }
 #: Torques as instruments write them; "nm" is a length.
@@ -55,24 +61,31 @@ _QUANTITIES = {
     _LENGTH: "displacement extension position travel stroke distance compression deflection weg "
     "x y",
     "rad": "angle rotation winkel",
+    "A": "current strom",
+    "V": "voltage",
+    "W": "power leistung",
+    "K": "temperature temperatur temp",
 }
 _MEASURED = {word: si for si, words in _QUANTITIES.items() for word in words.split()}
-_BRACKETS = re.compile(r"(.*\S)?\s*[\[(]([^\[\]()]*)[\])]\s*")
+_BRACKETS = re.compile(r"(.*\S)?\s*[\[(]((?:[^\[\]()]|\([^()]*\))*)[\])]\s*")
 _BARE = re.compile(r"(.*?[^\s_,/])(?:\s*[_,/]\s*|\s+|\s+in\s+)([^\s_,/]+(?:/[^\s_,/]+)?)")
 
 
 def spelled_unit(text: str) -> str | None:
     """The accepted notation of a unit; None if the text is not a unit."""
-    text = text.strip().strip("[]()").strip().rstrip(".")
+    text = text.strip()
+    if text.startswith(("[", "(")):
+        text = text.strip("[]() ")
+    text = text.rstrip(".")
     if not text:
         return None
     word = _TORQUES.get(text) or _SPELLED.get(text.lower())
     if word is not None:
         return word
     try:
-        conversion_factor(text, "1")
-    except ValueError as error:  # InvalidParameter is included
-        return text if "does not measure" in str(error) else None
+        to_si(text)
+    except InvalidParameter:
+        return None
     return text
 
 
@@ -100,8 +113,10 @@ def split_column(heading: str) -> tuple[str, str]:
         if text.endswith("]"):
             return name, spelled_unit(unit) or unit
         known = spelled_unit(unit)
-        # "Force (L)" is a force at the left, but "Time (h)" is in hours.
-        if unit in ("L", "l", "h") and not (known and _fits(name, known)):
+        # "Force (L)" is a force at the left and "Force (A)" one of sensor A, but "Time (h)" is in
+        # hours and "I (A)" in amperes.
+        letter = unit in ("L", "l", "h") or (unit in ("A", "T") and _measured(name))
+        if letter and not (known and _fits(name, known)):
             known = None
         return (name, known) if name and known else (text, "")
     bare = _BARE.fullmatch(text)
@@ -112,9 +127,14 @@ def split_column(heading: str) -> tuple[str, str]:
     return text, ""
 
 
+def _measured(name: str) -> str | None:
+    """SI unit of the quantity that is the last word of a name."""
+    return _MEASURED.get(re.split(r"[\s_./]", name.lower())[-1])
+
+
 def _fits(name: str, unit: str) -> bool:
     """Whether the last word of a name is a quantity that the unit measures."""
-    si = _MEASURED.get(re.split(r"[\s_./]", name.lower())[-1])
+    si = _measured(name)
     if si is None or unit == PIXEL:
         return unit == PIXEL and si == _LENGTH
     if unit not in ACCEPTED_UNITS:

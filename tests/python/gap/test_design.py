@@ -636,9 +636,9 @@ sd = "2 J/K"
     path.write_text(text.replace("200 W", "200 N").replace("0.1 K", "0.1 kK"))
     with pytest.raises(DataError) as error:
         read_limits(path, heated())
-    assert "inputs.u.most: got '200 N'; unit 'N' does not measure this quantity; expected W" in str(
-        error.value
-    )
+    assert (
+        "inputs.u.most: got '200 N'; unit 'N' does not measure this quantity; expected a unit of W"
+    ) in str(error.value)
     assert "sensors.y.sigma: got '0.1 kK'; unit 'kK': unknown unit" in str(error.value)
     path.write_text('[measured.C]\nvalue = "104 J/K"\nsd = "1 J/K"\n')
     assert read_measured(path, heated())[0].value == 104.0

@@ -1,10 +1,12 @@
 """Measured files as instruments and trackers write them."""
 
+import math
+
 import numpy as np
 import pytest
 
 from feltmb.cli import main
-from feltmb.data import ReadOptions, read_record, read_records
+from feltmb.data import ReadOptions, read_record, read_records, write_record
 from feltmb.data.mapping import Signals
 from feltmb.data.sketch import sketch_sheet
 from feltmb.errors import DataError, InvalidParameter
@@ -49,6 +51,19 @@ def put(folder, text, name="a.csv", encoding="utf-8"):
         ("Time in ms", "Time", "ms"),
         ("area (cm2)", "area", "cm2"),
         ("q [furlong]", "q", "furlong"),
+        ("heater (kW)", "heater", "kW"),
+        ("P (W)", "P", "W"),
+        ("U (mV)", "U", "mV"),
+        ("I (mA)", "I", "mA"),
+        ("I (A)", "I", "A"),
+        ("R (Ω)", "R", "Ω"),
+        ("c (mol/l)", "c", "mol/l"),
+        ("T (K)", "T", "K"),
+        ("T (°C)", "T", "degC"),
+        ("h (W/(m² K))", "h", "W/(m² K)"),
+        ("Current_A", "Current", "A"),
+        ("Force (A)", "Force (A)", ""),
+        ("x (T)", "x (T)", ""),
         ("Marker (left)", "Marker (left)", ""),
         ("Marker 3 X", "Marker 3 X", ""),
         ("force_in", "force_in", ""),
@@ -151,6 +166,56 @@ def test_a_temperature_is_converted_to_the_scale_of_the_model(tmp_path, unit, mo
     record = read_record(path, inputs=["u"], outputs=["T"], units={"T": model, "u": "V"})
     assert record.outputs["T"][0] == pytest.approx(first, abs=1e-6)
     assert record.sensors["T"].unit == (model or "degF")
+
+
+@pytest.mark.parametrize(
+    ("unit", "model", "factor"),
+    [
+        ("W", "kW", 1e-3),
+        ("kW", "W", 1e3),
+        ("mV", "V", 1e-3),
+        ("V", "mV", 1e3),
+        ("mA", "A", 1e-3),
+        ("mol/l", "mol/m^3", 1e3),
+        ("mmol/l", "mol/l", 1e-3),
+        ("l/min", "m^3/s", 1e-3 / 60.0),
+        ("l/h", "L/min", 1.0 / 60.0),
+        ("bar", "Pa", 1e5),
+        ("hPa", "kPa", 0.1),
+        ("RPM", "rad/s", math.pi / 30.0),
+        ("rad/s", "RPM", 30.0 / math.pi),
+        ("kWh", "MJ", 3.6),
+        ("J/(kg K)", "kJ/kg °C", 1e-3),
+    ],
+)
+@pytest.mark.parametrize("heading", ["u [{}]", "u ({})"])
+def test_inputs_and_outputs_are_converted_to_the_unit_of_the_model(
+    tmp_path, heading, unit, model, factor
+):
+    path = put(tmp_path, f"time [s],{heading.format(unit)},y [{unit}]\n0,1,5\n1,2,6\n2,3,7\n")
+    record = read_record(path, inputs=["u"], outputs=["y"], units={"u": model, "y": model})
+    assert record.inputs["u"] == pytest.approx([factor, 2.0 * factor, 3.0 * factor], rel=1e-12)
+    assert record.outputs["y"][0] == pytest.approx(5.0 * factor, rel=1e-12)
+    assert record.input_units["u"] == record.sensors["y"].unit == model
+    again = read_record(write_record(record, tmp_path / "again.csv"))
+    assert again.inputs["u"] == pytest.approx(record.inputs["u"], rel=1e-12)
+    assert again.input_units["u"] == record.input_units["u"]
+
+
+def test_a_unit_that_only_the_model_knows_is_kept(tmp_path):
+    path = put(tmp_path, "time [s],u [turns],y [turns]\n0,1,5\n1,2,6\n2,3,7\n")
+    told = {"inputs": ["u"], "outputs": ["y"]}
+    record = read_record(path, **told, units={"u": "turns", "y": "turns"})
+    assert record.input_units["u"] == record.sensors["y"].unit == "turns"
+    with pytest.raises(DataError, match="unit 'turns' is unknown"):
+        read_record(path, **told, units={"u": "rad", "y": "rad"})
+
+
+def test_a_unit_of_a_scale_may_be_a_temperature(tmp_path):
+    path = put(tmp_path, "time [s],u [V],T\n0,1,3000\n1,2,3010\n2,3,3020\n")
+    told = ReadOptions(scales={"T": "0.1 K"})
+    record = read_record(path, inputs=["u"], outputs=["T"], units={"T": "degC"}, options=told)
+    assert record.outputs["T"] == pytest.approx([26.85, 27.85, 28.85])
 
 
 def test_electrical_and_thermal_columns_may_have_prefixes(tmp_path):

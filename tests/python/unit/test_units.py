@@ -12,6 +12,7 @@ from feltmb.units import (
     dimension_text,
     spelled_unit,
     to_si,
+    zero_and_factor,
 )
 from feltmb.units.quantity import parse_scalar
 
@@ -67,6 +68,15 @@ def test_every_unit_converts_to_itself(unit):
         ("g/cm^3", 1e3, "kg/m^3"),
         ("kg/s^2", 1.0, "N/m"),
         ("m^2/s^3", 1.0, "m^2/s^3"),
+        ("kW", 1e3, "W"),
+        ("V A", 1.0, "W"),
+        ("kWh", 3.6e6, "J"),
+        ("mmol/l", 1.0, "mol/m^3"),
+        ("kJ/(h K)", 1e3 / 3600.0, "W/K"),
+        ("W/(m² °C)", 1.0, "kg/s^3 K"),
+        ("mV/A", 1e-3, "ohm"),
+        ("kΩ", 1e3, "ohm"),
+        ("counts", 1.0, "counts"),
     ],
 )
 def test_si_units_of_any_unit(unit, factor, si):
@@ -87,6 +97,10 @@ def test_si_units_of_any_unit(unit, factor, si):
         ("mm^", "m", "unknown unit"),
         ("Mm", "m", "unknown unit"),
         ("ms", "m", "does not measure"),
+        ("N", "W", "expected a unit of W"),
+        ("degC", "K", "unit 'degC' has another zero than K; expected K"),
+        ("K", "°C", "another zero"),
+        ("mK", "degF", "another zero"),
     ],
 )
 def test_wrong_units_name_what_is_expected(unit, si, message):
@@ -94,9 +108,30 @@ def test_wrong_units_name_what_is_expected(unit, si, message):
         conversion_factor(unit, si)
 
 
+@pytest.mark.parametrize(
+    ("reading", "unit", "other", "expected"),
+    [
+        (26.85, "°C", "K", 300.0),
+        (212.0, "°F", "°C", 100.0),
+        (300.0, "K", "degC", 26.85),
+        (5.0, "mV", "V", 5e-3),
+    ],
+)
+def test_only_readings_of_temperatures_have_a_zero(reading, unit, other, expected):
+    zero, factor = zero_and_factor(unit, other)
+    assert (reading - zero) * factor == pytest.approx(expected, rel=1e-12)
+
+
+def test_temperatures_keep_their_scale_and_rates_have_none():
+    assert to_si("°C") == (1.0, "degC")
+    assert to_si("degC/h") == (pytest.approx(1.0 / 3600.0), "K/s")
+
+
 def test_accepted_ways_are_listed():
     assert dimension_text("N") == "N, mN, cN, kN, gf, kgf, lbf"
     assert "mm" in dimension_text("m")
+    assert dimension_text("K") == "K, mK"
+    assert dimension_text("degC") == "degC"
     assert dimension_text("N/m^2.3") == "N/m^2.3"
 
 

@@ -76,7 +76,7 @@ class Curves:
 
 
 def _si_unit(unit: str) -> tuple[float, str]:
-    """Factor and SI unit of a unit; an unknown unit, such as V, is kept."""
+    """Factor and SI unit of a unit; an unknown unit is kept."""
     try:
         return to_si(unit)
     except InvalidParameter:
