@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,6 +11,7 @@ import numpy as np
 from feltmb import _core
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record, Sensor
+from feltmb.data.records import NOT_OF_INPUTS
 from feltmb.data.smoothing import LEAST_SAMPLES, noise_of_record, smooth_record
 from feltmb.errors import DataError
 from feltmb.fit.latest import Latest
@@ -166,29 +166,19 @@ def _without(record: Record, output: str) -> Record:
 
 def _why_not(record: Record) -> str:
     """Reason why the measured force of a record cannot drive a model; "": it can."""
-    force, sensor = record.outputs[FORCE], record.sensors.get(FORCE, Sensor(name=FORCE))
+    force, sensor = record.outputs[FORCE], record.sensors[FORCE]
     missing = int(np.count_nonzero(~np.isfinite(force)))
     if missing:
         return f"{missing} of {force.size} samples are missing"
     if not np.ptp(force) > 0.0:
         return "it is constant"
-    plain = Sensor(
-        name=sensor.name,
-        unit=sensor.unit,
-        sigma=sensor.sigma,
-        quantum=sensor.quantum,
-        correlation_time=sensor.correlation_time,
-    )
-    return "" if sensor == plain else "its sensor has more than a noise and a step"
+    unknown = [key for key in NOT_OF_INPUTS if getattr(sensor, key)]
+    return f"an input has no {', '.join(unknown)}" if unknown else ""
 
 
 def _by_force(record: Record) -> Record:
     """A record of a motion with the measured force as its input."""
-    force = record.outputs[FORCE]
-    known = record.sensors.get(FORCE, Sensor(name=FORCE))
-    outputs, sensors, sigma = dict(record.outputs), dict(record.sensors), known.sigma
-    del outputs[FORCE]
-    sensors.pop(FORCE, None)
+    outputs, sensors = dict(record.outputs), dict(record.sensors)
     if DISPLACEMENT not in outputs:
         outputs[DISPLACEMENT] = record.inputs["displacement"]
         sensors[DISPLACEMENT] = Sensor(
@@ -197,21 +187,16 @@ def _by_force(record: Record) -> Record:
             sigma=record.input_sigma.get("displacement") or None,
             correlation_time=record.input_correlation_time.get("displacement", 0.0),
         )
-    if known.quantum > 0.0:
-        own = noise_of_record(force) if sigma is None else sigma
-        sigma = math.hypot(own, known.quantum / math.sqrt(12.0))
-    return replace(
+    free = replace(
         record,
-        input_mode="force",
-        inputs={"force": force},
-        input_units={"force": known.unit},
-        input_sigma={} if sigma is None else {"force": sigma},
-        input_correlation_time=(
-            {"force": known.correlation_time} if known.correlation_time > 0.0 else {}
-        ),
+        inputs={},
+        input_units={},
+        input_sigma={},
+        input_correlation_time={},
         outputs=outputs,
         sensors=sensors,
     )
+    return free.with_output_as_input(FORCE, "force", mode="force")
 
 
 def with_noise(record: Record, notes: list[str]) -> Record:

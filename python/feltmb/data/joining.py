@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data.records import Array, InputMode, Record, Sensor
-from feltmb.errors import DataError, InvalidParameter, no_such
+from feltmb.data.records import Array, InputMode, Record
+from feltmb.errors import DataError, InvalidParameter
 
 __all__ = ["Clocks", "fit_clocks", "join_records"]
 
 #: Steps of the median size above which samples are missing.
 MOST_STEPS = 5.0
-#: Properties of the sensor of an output that an input does not have.
-NOT_OF_INPUTS = "relative_sigma", "gain_sd", "offset_sd", "delay_sd"
 
 
 @dataclass(frozen=True)
@@ -195,46 +192,16 @@ def _refuse_gaps(record: Record, at: Array) -> None:
 
 def _with_inputs(record: Record, inputs: Mapping[str, str] | None) -> Record:
     """The record with channels that become inputs."""
-    notes = list(record.notes)
     if inputs is None:
         forces = [n for n, s in record.sensors.items() if s.unit == "N"]
         alone = not record.inputs and len(forces) == 1 < len(record.outputs)
         inputs = {"force": forces[0]} if alone else {}
-        notes += [f"{channel} is the input {name}" for name, channel in inputs.items()]
-    outputs, sensors = dict(record.outputs), dict(record.sensors)
-    driven, units = dict(record.inputs), dict(record.input_units)
-    noise, color = dict(record.input_sigma), dict(record.input_correlation_time)
-    moved: dict[str, Sensor] = {}
-    mode: InputMode = record.input_mode
+        told = tuple(f"{channel} is the input {name}" for name, channel in inputs.items())
+        record = replace(record, notes=(*record.notes, *told))
+    free = not record.inputs
     for name, channel in inputs.items():
-        if channel not in outputs:
-            raise no_such("channel", channel, outputs)
-        if name in driven or (name in outputs and name != channel):
-            raise InvalidParameter(f"join: input {name} exists already")
-        driven[name], moved[name] = outputs.pop(channel), sensors.pop(channel)
-        sensor = moved[name]
-        units[name] = sensor.unit
-        rounding = sensor.quantum / math.sqrt(12.0)
-        if sigma := math.hypot(sensor.sigma or 0.0, sensor.colored_sigma, rounding):
-            noise[name], color[name] = sigma, sensor.correlation_time
-        unused = [key for key in NOT_OF_INPUTS if getattr(sensor, key)]
-        if unused:
-            notes.append(f"{', '.join(unused)} of {channel} has no influence: it is an input")
-        if not record.inputs:
-            mode = "motion" if units[name] in ("m", "rad") else "force"
-    made = replace(
-        record,
-        inputs=driven,
-        outputs=outputs,
-        sensors=sensors,
-        input_units=units,
-        input_sigma=noise,
-        input_correlation_time=color,
-        input_mode=mode,
-        notes=tuple(notes),
-    )
-    for name, sensor in moved.items():
-        known = {key: getattr(sensor, key) for key in ("delay", "bandwidth", "gain", "offset")}
-        if any(value != getattr(Sensor, key) for key, value in known.items()):
-            made = made.with_sensed_input(name, **known)
-    return made
+        mode: InputMode | None = None
+        if free and channel in record.sensors:
+            mode = "motion" if record.sensors[channel].unit in ("m", "rad") else "force"
+        record = record.with_output_as_input(channel, name, mode=mode)
+    return record

@@ -7,16 +7,18 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.arguments import checked
 from feltmb.data.readings import true_input
-from feltmb.errors import DataError
+from feltmb.data.smoothing import noise_of_record
+from feltmb.errors import DataError, InvalidParameter, no_such
 
 __all__ = [
+    "NOT_OF_INPUTS",
     "Array",
     "InputMode",
     "Integers",
@@ -36,6 +38,8 @@ Reference = Literal["", "absolute", "rest"]
 
 #: End of the name of a part of a record.
 _PART = re.compile(r"(\[(\d+/\d+|fit|held-out)\])+$")
+#: Properties of the sensor of an output that an input does not have.
+NOT_OF_INPUTS = "relative_sigma", "gain_sd", "offset_sd", "delay_sd"
 LARGEST = 1e100  # largest number of a record; larger values are not measurements
 
 
@@ -397,6 +401,72 @@ class Record:
             self.with_changed_inputs(acted),
             input_sigma={**self.input_sigma, name: sigma} if sigma > 0.0 else self.input_sigma,
         )
+
+    def with_output_as_input(
+        self, output: str, name: str, *, mode: InputMode | None = None
+    ) -> Record:
+        """Copy of the record, in which a measured output is an input of the model.
+
+        Known errors of its sensor (delay, bandwidth, gain, offset) are removed, see
+        :meth:`with_sensed_input`. Its noise, with the rounding error of its steps, becomes that of
+        the input. What an input does not have, such as ``gain_sd``, is omitted with a note.
+
+        Parameters
+        ----------
+        output
+            Output that becomes an input.
+        name
+            Name of the input.
+        mode
+            Input mode of the new record; default: the same mode.
+
+        Raises
+        ------
+        InvalidParameter
+            The output does not exist, or another channel has the name of the input.
+        DataError
+            The output has missing samples.
+        """
+        if output not in self.outputs:
+            raise no_such("channel", output, self.outputs)
+        if name in self.inputs or (name in self.outputs and name != output):
+            raise InvalidParameter(f"record {self.name}: input {name} exists already")
+        sensor, read = self.sensors[output], self.outputs[output]
+        sigma = math.hypot(sensor.sigma or 0.0, sensor.colored_sigma)
+        if sensor.quantum > 0.0:
+            sigma = sigma or noise_of_record(read)
+            sigma = math.hypot(sigma, sensor.quantum / math.sqrt(12.0))
+        notes = list(self.notes)
+        unused = [key for key in NOT_OF_INPUTS if getattr(sensor, key)]
+        if unused:
+            notes.append(f"{', '.join(unused)} of {output} has no influence: it is an input")
+        before = self.before
+        if before is not None and not np.all(np.isfinite(before.outputs.get(output, [np.nan]))):
+            notes.append(f"samples before the first one are not used: {output} is missing in them")
+            before = None
+        color = {name: sensor.correlation_time} if sigma and sensor.correlation_time else {}
+        about: dict[str, Any] = {
+            "input_mode": mode or self.input_mode,
+            "input_units": {**self.input_units, name: sensor.unit},
+            "input_sigma": {**self.input_sigma, name: sigma} if sigma else self.input_sigma,
+            "input_correlation_time": {**self.input_correlation_time, **color},
+        }
+        if before is not None:
+            driven = {k: before.inputs[k] for k in self.inputs}
+            before = replace(before, inputs={**driven, name: before.outputs[output]}, **about)
+        made = replace(
+            self,
+            inputs={**self.inputs, name: read},
+            outputs={k: v for k, v in self.outputs.items() if k != output},
+            sensors={k: v for k, v in self.sensors.items() if k != output},
+            notes=tuple(notes),
+            before=before,
+            **about,
+        )
+        known = {key: getattr(sensor, key) for key in ("delay", "bandwidth", "gain", "offset")}
+        if all(value == getattr(Sensor, key) for key, value in known.items()):
+            return made
+        return made.with_sensed_input(name, **known)
 
     def with_inputs(self, inputs: Mapping[str, Array]) -> Record:
         """Copy of the record, with some inputs replaced.

@@ -100,6 +100,43 @@ def test_a_record_knows_its_whole_and_what_was_before():
     assert long.time == pytest.approx(60.0 * late.time)
 
 
+def test_an_output_becomes_an_input():
+    time = np.arange(200) * 1e-3
+    read = 0.5 + 2.0 * np.sin(20.0 * (time - 0.01))
+    sensor = Sensor(name="f", unit="N", sigma=0.3, colored_sigma=0.4, correlation_time=5e-3,
+                    quantum=0.12, delay=0.01, gain=2.0, offset=0.5, offset_sd=0.1)  # fmt: skip
+    whole = Record(
+        name="run",
+        time=time,
+        inputs={},
+        outputs={"f": read, "y": time},
+        sensors={"f": sensor},
+        notes=("made here",),
+    )
+    for one in (whole, whole.cut(50, 150)):
+        made = one.with_output_as_input("f", "force", mode="motion")
+        inner = made.time < made.time[-1] - 0.01
+        np.testing.assert_allclose(made.inputs["force"][inner], np.sin(20.0 * made.time[inner]),
+                                   atol=1e-3)  # fmt: skip
+        assert list(made.outputs) == ["y"]
+        assert (made.input_mode, made.input_units) == ("motion", {"force": "N"})
+        assert made.input_sigma["force"] == pytest.approx(np.hypot(0.5, 0.12 / np.sqrt(12.0)) / 2)
+        assert made.input_correlation_time == {"force": 5e-3}
+        assert made.notes[0] == "made here"
+        assert "offset_sd of f has no influence" in made.notes[1]
+    assert made.before.inputs["force"][:40] == pytest.approx(np.sin(20.0 * time[:40]), abs=1e-3)
+    holes = replace(whole, outputs={**whole.outputs, "f": np.where(time < 0.01, np.nan, read)})
+    late = holes.cut(50, 150).with_output_as_input("f", "force")
+    assert late.before is None
+    assert "f is missing in them" in late.notes[-1]
+    with pytest.raises(DataError, match="input force has no number"):
+        holes.with_output_as_input("f", "force")
+    with pytest.raises(InvalidParameter, match="no channel 'g'"):
+        whole.with_output_as_input("g", "force")
+    with pytest.raises(InvalidParameter, match="input y exists already"):
+        whole.with_output_as_input("f", "y")
+
+
 def test_units_of_the_header_become_si(tmp_path):
     (tmp_path / "a.csv").write_text("t [ms],key [mm],f [N]\n0,1,2\n1,2,3\n2,,4\n")
     (tmp_path / "a.toml").write_text("[inputs.force]\ncolumn = 'f'\n[outputs.key]\n")

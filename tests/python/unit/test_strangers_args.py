@@ -1050,6 +1050,10 @@ CALLS = {
         {"change": lambda whole: {"f": 2.0 * whole.inputs["f"]}},
     ),
     "feltmb.gap.Record.with_inputs": lambda: (record(), {"inputs": {"f": np.zeros(200)}}),
+    "feltmb.gap.Record.with_output_as_input": lambda: (
+        dataclasses.replace(record(), outputs={"q": np.zeros(200), "w": np.ones(200)}),
+        {"output": "w", "name": "w"},
+    ),
     "feltmb.gap.Record.with_sensed_input": lambda: (record(), {"name": "f", "gain": 1.1}),
     "feltmb.gap.Report.write": lambda: (report(), {"folder": "report", "force": True}),
     "feltmb.gap.Report.text": lambda: (report(), {"width": 90}),
