@@ -165,14 +165,13 @@ def run(
     second Ctrl-C before the report is written stops without a report. An interrupted diagnosis
     continues when it is started again with the same output folder.
     """
-    import shutil
-
     from feltmb.cli.gap_curves import picture_html, record_viewers, remaining_picture
     from feltmb.cli.gap_models import held_out, load_adapter
     from feltmb.files import check_writable, make_folder
     from feltmb.fit.watch import REPORT
     from feltmb.gap import Options, diagnose
     from feltmb.gap.report import report_json, write_report
+    from feltmb.gap.resumed import discard
     from feltmb.gap.text import parts
 
     if output is not None:
@@ -187,7 +186,6 @@ def run(
     records = tuple(r for group in groups for r in group)
     adapter = adapter.with_records(records).including(included).measured(measured)
     held = held_out(hold_out, data, groups) or None
-    resume = None if output is None else output / ".resume"
     options = Options(
         alpha=alpha,
         credibility=credibility,
@@ -196,7 +194,7 @@ def run(
         max_effects=max_effects,
         bootstrap=bootstrap,
         seed=seed,
-        resume=resume,
+        resume=None if output is None else output / ".resume",
         good_enough=floors(good_enough, adapter.model.units),
         profile=profile,
     )
@@ -235,8 +233,8 @@ def run(
                 viewers = picture_html(remains) + viewers
             for path in write_report(report, output, force=force, viewers=viewers):
                 say_written(path)
-            if resume is not None and resume.is_dir() and not report.stopped:
-                shutil.rmtree(resume)
+            if report.fits is not None and not report.stopped:
+                discard(report.fits)
 
 
 def floors(texts: tuple[str, ...], units: Mapping[str, str]) -> dict[str, float]:

@@ -121,13 +121,6 @@ class Store:
         """Data of all results, without their arrays; files that cannot be read are omitted."""
         return [_read(path) for path in sorted(self.folder.glob("*.json"))]
 
-    def clear(self) -> None:
-        """Delete all results; other files of the folder remain."""
-        for path in sorted(self.folder.glob("*.json")):
-            if "key" in _read(path):
-                path.unlink()
-                path.with_suffix(".npz").unlink(missing_ok=True)
-
     def put(
         self,
         key: str,

@@ -236,7 +236,7 @@ class _Diagnosis:
             effects=usable,
             options=options,
             settings=FitSettings(restarts=options.restarts, seed=options.seed),
-            store=None if options.resume is None else Store(options.resume),
+            store=None,
             progress=watch.say,
         )
         try_effects(self.model, usable, self.data.fitted[0].record)
@@ -287,9 +287,9 @@ class _Diagnosis:
         if late:
             self.data = self.data.warned([late])
             self.watch.note(late)
-        if self.task.store is not None:
-            self.resumed = resumed(
-                self.task.store,
+        if self.options.resume is not None:
+            store, self.resumed = resumed(
+                self.options.resume,
                 self.model,
                 self.task.effects,
                 self.records,
@@ -297,6 +297,7 @@ class _Diagnosis:
                 self.options,
                 tabulated,
             )
+            self.task = replace(self.task, store=store)
             self.watch.note(self.resumed)
         self._lap("gap as it is")
         return tabulated
@@ -538,6 +539,7 @@ class _Diagnosis:
             seconds=self.seconds,
             stopped=f"{watch.stopped_in} ({watch.why})" if watch.why else "",
             resumed=self.resumed,
+            fits=None if self.task.store is None else self.task.store.folder,
         )
 
     def _decided(

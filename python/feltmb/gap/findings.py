@@ -757,6 +757,8 @@ class Findings:
     """What was reused of an interrupted diagnosis, or why nothing was; empty without a folder
     (``Options.resume``). Not written to files, because their bytes must depend on the input
     alone."""
+    fits: Path | None = None
+    """Folder of the finished fits, below ``Options.resume``; not written to files."""
 
     @property
     def not_tested_by_reason(self) -> list[tuple[str, list[str]]]:

@@ -46,7 +46,8 @@ class Options:
     seed: int = 0
     """Seed of the other starts and of the simulated records."""
     resume: Path | None = None
-    """Folder for finished fits; an interrupted diagnosis continues from them."""
+    """Folder for finished fits; an interrupted diagnosis continues from them. Diagnoses with other
+    records, models or options use subfolders of their own."""
     good_enough: Mapping[str, float] = field(default_factory=dict)
     """Practical accuracy by output or by unit (``{"m": 2e-4}``) [SI]. It is added to the noise of
     these channels; a fit whose residual is below both together leaves no gap."""

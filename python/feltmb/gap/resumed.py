@@ -1,11 +1,18 @@
-"""Which finished fits of an interrupted diagnosis a new one can use, and why it can use none."""
+"""Finished fits of interrupted diagnoses: which ones a new diagnosis can use, or why none.
+
+The folder has a subfolder for each set of model, records and options on which fits depend. Who
+changes one of them and changes it back finds his fits again.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 from feltmb.data import Record
@@ -16,29 +23,31 @@ from feltmb.gap.findings import listed
 from feltmb.gap.options import Options
 from feltmb.gap.proof import Outcome
 
-__all__ = ["resumed"]
+__all__ = ["discard", "resumed"]
 
 #: Options of which the stored fits depend.
 OF_FITS = ("segment", "good_enough")
 #: File that describes the diagnosis to which the fits of a folder belong.
 HEAD = "diagnosis.json"
+#: Letters of the digest that are the name of a subfolder.
+NAME_LENGTH = 12
 #: Number of changes that are listed.
 MOST_NAMES = 4
 
 
 def resumed(
-    store: Store,
+    folder: Path,
     model: Model,
     effects: Sequence[Effect],
     records: Sequence[Record],
     held_out: Sequence[str],
     options: Options,
     tabulated: Outcome,
-) -> str:
-    """Compare a diagnosis with that of a store, and return which of its fits are used.
+) -> tuple[Store, str]:
+    """Find the store of a diagnosis in a folder, and tell which of its fits are used.
 
-    Fits of another model, of other records or of another version are deleted. A function of the
-    user cannot be compared; ``tabulated``, its result before any fit, is compared in its place.
+    A function of the user cannot be compared; ``tabulated``, its result before any fit, is compared
+    in its place.
     """
     own = {
         "the version of feltmb": package_digest(),
@@ -54,26 +63,40 @@ def resumed(
             if f.name not in (*OF_FITS, "resume")
         },
     }
-    path = store.folder / HEAD
-    head = _head(store)
+    store = Store(folder / digest_of(own)[:NAME_LENGTH])
+    head = _head(store.folder)
     now = datetime.now().isoformat(" ", "minutes")
-    told = "starts anew: the folder holds no unfinished diagnosis"
     if head is not None:
-        changed = _changed(head["fits"], own)
-        if changed:
-            # The model is computed for the records: it differs if they do.
-            what = [n for n in changed if not n.startswith("the model")] or changed
-            told = f"starts anew, because {_some(what)} changed since {head['begun']}"
-            store.clear()
-        else:
-            now = head["begun"]
-            told = f"resumes the diagnosis of {now}: {_finished(store, effects)}"
-            if other := _changed(head["search"], soft):
-                told += f"; {_some(other)} changed, which other fits may need"
+        now = head["begun"]
+        told = f"resumes the diagnosis of {now}: {_finished(store, effects)}"
+        if other := _changed(head["search"], soft):
+            told += f"; {_some(other)} changed, which other fits may need"
+    else:
+        told = f"starts anew{_why(folder, own)}"
     store.folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"begun": now, "fits": own, "search": soft}, indent=1)
-    write_text(path, text + "\n", force=True)
-    return told
+    write_text(store.folder / HEAD, text + "\n", force=True)
+    return store, told
+
+
+def discard(fits: Path) -> None:
+    """Delete the fits of a finished diagnosis; those of other diagnoses remain."""
+    shutil.rmtree(fits)
+    with suppress(OSError):  # not empty
+        fits.parent.rmdir()
+
+
+def _why(folder: Path, own: Mapping[str, str]) -> str:
+    """What differs from the most similar diagnosis of the folder."""
+    found = [h for h in map(_head, sorted(folder.glob("*"))) if h is not None]
+    if not found:
+        return ": the folder holds no unfinished diagnosis"
+    found.sort(key=lambda h: h["begun"], reverse=True)
+    near = min(found, key=lambda h: len(_changed(h["fits"], own)))
+    changed = _changed(near["fits"], own)
+    # The model is computed for the records: it differs if they do.
+    what = [n for n in changed if not n.startswith("the model")] or changed
+    return f", because {_some(what)} changed since {near['begun']}; the fits of then are kept"
 
 
 def _records(records: Sequence[Record], held_out: Sequence[str]) -> dict[str, str]:
@@ -93,8 +116,8 @@ def _model(model: Model, tabulated: Outcome) -> dict[str, str]:
     return out | {"the model": digest_of(model.name, *(x.residual for x in tabulated.fit.linears))}
 
 
-def _head(store: Store) -> dict[str, Any] | None:
-    path = store.folder / HEAD
+def _head(folder: Path) -> dict[str, Any] | None:
+    path = folder / HEAD
     if not is_file(path):
         return None
     try:
@@ -122,7 +145,9 @@ def _finished(store: Store, effects: Sequence[Effect]) -> str:
     tried = {n for names in found for n in names} & {e.name for e in effects}
     if not found:
         return "it had finished no fit, so that nothing is reused"
-    alone = "fits of the model and " if () in found else ""
     several = len(found - {()})
-    fits = "1 set" if several == 1 else f"{several} sets"
-    return f"{alone}{fits} with {len(tried)} of {len(effects)} candidates are reused"
+    sets = "1 set" if several == 1 else f"{several} sets"
+    parts = ["fits of the model"] if () in found else []
+    if several:
+        parts.append(f"{sets} with {len(tried)} of {len(effects)} candidates")
+    return f"{listed(parts)} are reused"

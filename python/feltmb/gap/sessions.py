@@ -38,6 +38,7 @@ from feltmb.gap.measured import Measured, read_measured, with_measured
 from feltmb.gap.options import Options
 from feltmb.gap.plan_files import InputFiles, read_request, request_file, write_design
 from feltmb.gap.report import Report, write_report
+from feltmb.gap.resumed import discard
 from feltmb.units import unit_suffix
 
 __all__ = ["Session", "SessionStep", "session"]
@@ -576,13 +577,10 @@ def _diagnosed(
     here: Path,
     diagnosing: Callable[[Any], None] | None,
 ) -> Report:
-    import shutil
-
     make_folder(here)
-    resume = here / ".resume"
-    own = replace(options or Options(advice=False), resume=resume)
+    own = replace(options or Options(advice=False), resume=here / ".resume")
     report = diagnose(model, effects, records, None, own, diagnosing)
     write_report(report, here, force=True)
-    if resume.is_dir():
-        shutil.rmtree(resume)
+    if report.fits is not None:
+        discard(report.fits)
     return report

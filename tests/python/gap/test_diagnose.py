@@ -149,7 +149,7 @@ def test_cut_off_run_resumes(tmp_path, noise):
 
     with pytest.raises(Stop):
         diagnose(models.NOMINAL, models.EFFECTS, data, None, options, cut)
-    kept = len(list((tmp_path / "resume").glob("*.npz")))
+    kept = len(list((tmp_path / "resume").rglob("*.npz")))
     assert kept > 5
     resumed = diagnose(models.NOMINAL, models.EFFECTS, data, None, options)
     fresh = diagnose(models.NOMINAL, models.EFFECTS, data, None, Options(bootstrap=0, restarts=0))

@@ -26,6 +26,7 @@ from feltmb.gap import (
 )
 from feltmb.gap.findings import NotTested
 from feltmb.gap.page import page
+from feltmb.gap.resumed import discard
 
 TIME = np.arange(240) * 1e-2
 STAGES = [
@@ -421,12 +422,12 @@ def test_budget_of_the_command_line(tmp_path, capsys, monkeypatch):
 
 
 def test_a_rerun_tells_what_it_reuses(tmp_path):
-    def begun(m, records=RECORDS, **more):
+    def begun(m, records=RECORDS, after=("refine", 2), **more):
         options = Options(resume=tmp_path, **more)
         told = []
 
         def stop():
-            return sum(p.detail.startswith("refine") for p in told) > 2
+            return sum(p.detail.startswith(after[0]) for p in told) > after[1]
 
         report = diagnose(m, m.effects, records, None, options, told.append, stop=stop)
         assert [p.notice for p in told if p.notice] == [report.resumed]
@@ -444,12 +445,31 @@ def test_a_rerun_tells_what_it_reuses(tmp_path):
     other = [replace(RECORDS[0], time=RECORDS[0].time + 0.001), *RECORDS[1:]]
     notes = tmp_path / "notes.json"
     notes.write_text('{"of": "the user"}')
-    assert "starts anew, because record a changed since 2" in begun(model(sd=np.inf), other)
+    changed = begun(model(sd=np.inf), other)
+    assert "starts anew, because record a changed since 2" in changed
+    assert changed.endswith("; the fits of then are kept")
+    assert begun(model(sd=np.inf), alpha=0.02) == again  # who returns finds his fits
     assert notes.exists()
     assert "starts anew, because the model (gain) changed" in begun(model(sd=0.2), other)
     fewer = [*other[:2], replace(other[2], outputs={"y": 2.0 * other[2].outputs["y"]})]
     assert "because record c changed" in begun(model(sd=0.2), fewer)
     assert diagnose(model(), (), RECORDS).resumed == ""
+    begun(model(sd=np.inf), RECORDS[1:], after=("score", 0))
+    assert begun(model(sd=np.inf), RECORDS[1:]).endswith(": fits of the model are reused")
+
+
+def test_the_fits_of_a_finished_diagnosis_are_discarded_alone(tmp_path):
+    folders = []
+    for seen in (RECORDS, [replace(RECORDS[0], time=RECORDS[0].time + 0.001), *RECORDS[1:]]):
+        options = Options(resume=tmp_path / "fits")
+        folders.append(diagnose(model(), (), seen, None, options).fits)
+    first, second = folders
+    assert first.parent == second.parent == tmp_path / "fits"
+    discard(first)
+    assert second.is_dir()
+    assert not first.exists()
+    discard(second)
+    assert not (tmp_path / "fits").exists()
 
 
 def test_the_end_of_the_time_is_no_fault_of_a_model():

@@ -80,9 +80,9 @@ def kill_at(process, moment):
 
 def kept(folder):
     """Finished optimizations and when they were written."""
-    found = (folder / ".resume").glob("[!.]*.json")
+    found = (folder / ".resume").rglob("[!.]*.json")
     # That file says what the fits belong to.
-    return {p.name: p.stat().st_mtime_ns for p in found if p.name != "diagnosis.json"}
+    return {p: p.stat().st_mtime_ns for p in found if p.name != "diagnosis.json"}
 
 
 def kill_until_done(started, given, kind, folder, kills, seed):
@@ -112,9 +112,9 @@ def kill_until_done(started, given, kind, folder, kills, seed):
             done += 1
             if not all((here / name).exists() for name in files):
                 assert {p: after.get(p) for p in before} == before, "lost, or computed twice"
-            for name in after:
-                key = json.loads((here / ".resume" / name).read_text())["key"]
-                found = Store(here / ".resume").get(key)
+            for path in after:
+                key = json.loads(path.read_text())["key"]
+                found = Store(path.parent).get(key)
                 assert "cost" in found.arrays, "half a file"
             if any((here / name).exists() for name in files):
                 break  # killed when it had written: nothing to go on with
