@@ -78,7 +78,9 @@ def outcome_of(case: Any, report: Mapping[str, Any], same_number: str = "") -> s
     named, one_of = list(report["named"]), list(report["one_of"])
     verdict = report["verdict"]
     quiet = verdict in {
-        str(v) for v in gap.Verdict if v.name in ("NO_GAP", "CALIBRATED", "TOO_WEAK")
+        str(v)
+        for v in gap.Verdict
+        if v.name in ("NO_GAP", "CALIBRATED", "TOO_WEAK", "NOT_COMPLETE")
     }
     if quiet:  # the test of a part may have found the cause
         named = list(report.get("given", ()))

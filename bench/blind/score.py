@@ -24,7 +24,7 @@ BINS = ((0.5, 1.5), (1.5, 3.0), (3.0, 5.0), (5.0, 10.0), (10.0, 20.0), (20.0, 50
 SEEN = 5.0
 DATA = ("input", "hammer camera", "key camera")
 UNKNOWN = ("UNKNOWN", "NAMED + RESIDUAL REMAINS")
-SILENT = ("NO GAP", "NO STRUCTURAL GAP, CALIBRATED", "TOO WEAK")
+SILENT = ("NO GAP", "NO STRUCTURAL GAP, CALIBRATED", "TOO WEAK", "NOT COMPLETE")
 
 
 @dataclass(frozen=True)

@@ -133,6 +133,8 @@ class Watch:
         """Reason for the stop; empty: not stopped."""
         self.stopped_in = ""
         """Stage in which it was stopped."""
+        self.stopped_at = ""
+        """Step of this stage."""
         self.model_cut = 0.0
         """Time after which the fit of the model alone was ended [s]; 0: it was not."""
 
@@ -166,7 +168,7 @@ class Watch:
     def _end(self, why: str) -> None:
         """Keep the first reason for the stop, and its stage."""
         if not self.why:
-            self.why, self.stopped_in = why, self.stage
+            self.why, self.stopped_in, self.stopped_at = why, self.stage, self.detail
 
     def stopping(self) -> bool:
         """Whether fits and searches must end; a proof still has its part of the time limit."""

@@ -32,7 +32,7 @@ from feltmb.gap.tolerance import prior_deviations_told
 from feltmb.gap.uncorrelated import Uncorrelated
 from feltmb.units import readable_unit, unit_suffix
 
-__all__ = ["Decision", "Facts", "decide"]
+__all__ = ["Decision", "Facts", "decide", "first_scored"]
 
 #: Advice if only the held-out records show a gap.
 FIT_OTHERS = "They excite effects that the others do not. Fit some of them, and hold out others."
@@ -145,7 +145,7 @@ def decide(facts: Facts) -> Decision:
         if facts.closest is None and search.sets:
             text += " None of them is closer to the held-out records than the model."
         elif facts.closest is None:
-            text += _first_scored(search.scores)
+            text += first_scored(search.scores)
         refused = _refusals(accepted)
         if refused and (facts.closest is None or not facts.closest.why):
             text += f" Not confirmed: {refused}."
@@ -278,7 +278,7 @@ def _another(facts: Facts, *, complete: bool = False) -> str:
     )
 
 
-def _first_scored(scores: Scores) -> str:
+def first_scored(scores: Scores) -> str:
     """Sentence about the candidate with the largest score, if none was refitted."""
     singles = scores.singles()
     if not np.max(singles, initial=0.0) > 0.0:
@@ -288,8 +288,8 @@ def _first_scored(scores: Scores) -> str:
     size = float(scores.one_step()[first]) * effect.scale
     factor, shown = readable_unit(size, effect.unit)
     return (
-        f" None of them was refitted. By its score, the first candidate is {effect.name} of "
-        f"{factor * size:.3g}{unit_suffix(shown)}: a larger budget tests it."
+        f" No effect was refitted. By its score, the first candidate is {effect.name} of "
+        f"{factor * size:.3g}{unit_suffix(shown)}."
     )
 
 

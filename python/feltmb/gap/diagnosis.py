@@ -72,7 +72,7 @@ from feltmb.gap.sizes import Sizes
 from feltmb.gap.smoke_test import try_effects
 from feltmb.gap.spread import Spread
 from feltmb.gap.steps import next_steps
-from feltmb.gap.stopped import cut_short, left_out
+from feltmb.gap.stopped import completion, cut_short, left_out
 from feltmb.gap.tabulated import (
     as_it_is,
     calibrated_rows,
@@ -611,11 +611,11 @@ class _Diagnosis:
         """Recommended next steps; ``rows``: the gap of the model with tabulated numbers."""
         watch, accepted = self.watch, facts.accepted
         answered = decision.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)
-        advice: tuple[Advice, ...] = ()
+        advice = completion(watch, kept=self.options.resume is not None)
         if self.options.advice and not answered and not watch.over():
             if accepted.rivals:
                 watch.say("next experiment")
-            advice = advise(facts.search, accepted)
+            advice += advise(facts.search, accepted)
         self._lap("next")
         if not answered and (spiky := channels_with_spikes(self.records, self.model.outputs)):
             text = (

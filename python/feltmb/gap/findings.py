@@ -66,12 +66,14 @@ class Verdict(StrEnum):
     DATA_PROBLEM = "DATA PROBLEM"
     """Faults of sensors, inputs or clocks explain the gap at least as well as effects in the
     machine."""
+    NOT_COMPLETE = "NOT COMPLETE"
+    """The diagnosis was stopped before it could say one of the above."""
 
 
 #: Verdicts with which the model and its effects explain the records.
 EXPLAINED = frozenset({Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.NAMED, Verdict.ONE_OF})
 #: Verdicts that need no cause outside the model.
-QUIET = frozenset({Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.TOO_WEAK})
+QUIET = frozenset({Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.TOO_WEAK, Verdict.NOT_COMPLETE})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -714,7 +716,7 @@ class Findings:
     """Effects that cannot be distinguished, one of which acts: alone (verdict ONE OF), or in
     addition to the named ones. A mere possibility is in the statement only."""
     confidence: float
-    """Posterior probability of the statement [1]."""
+    """Posterior probability of the statement [1]; NaN: the diagnosis is not complete."""
     as_it_is: tuple[AsItIs, ...]
     """Gap of the model with tabulated numbers, by channel. It does not depend on the tested
     effects."""

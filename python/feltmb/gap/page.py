@@ -12,7 +12,7 @@ from feltmb.gap.drawing import bars, force_traces, ledger_map, profile_curve, wa
 from feltmb.gap.findings import EXPLAINED, Findings, Verdict
 from feltmb.gap.spread import together
 
-__all__ = ["page"]
+__all__ = ["page", "percent"]
 
 MARK = {
     Verdict.NO_GAP: "good",
@@ -23,6 +23,7 @@ MARK = {
     Verdict.UNKNOWN: "bad",
     Verdict.TOO_WEAK: "none",
     Verdict.DATA_PROBLEM: "bad",
+    Verdict.NOT_COMPLETE: "none",
 }
 
 

@@ -19,7 +19,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder, write_text
 from feltmb.fit.solve import NOT_CONVERGED
 from feltmb.gap.findings import Findings
-from feltmb.gap.page import page
+from feltmb.gap.page import page, percent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,7 +35,7 @@ class Report(Findings):
         names = ", ".join(self.named or self.one_of) or "nothing"
         return (
             f"Report({self.verdict.value}: {names}; closes {self.how_far.closed_text} of "
-            f"the held-out gap, confidence {self.confidence:.0%})"
+            f"the held-out gap, confidence {percent(self.confidence)})"
         )
 
     def _repr_html_(self) -> str:
@@ -125,6 +125,7 @@ def report_json(report: Findings) -> dict[str, Any]:
         "feltmb": __version__,
         "model": report.model.original.name,
         "verdict": report.verdict.value,
+        "stopped": report.stopped,
         "statement": report.statement,
         "confidence": plain(report.confidence),
         "as_it_is": plain(report.as_it_is),

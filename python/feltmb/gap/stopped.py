@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 from feltmb.fit.model import Effect
-from feltmb.fit.watch import FIT, Watch
+from feltmb.fit.watch import FIT, REPORT, SEARCH, Watch
 from feltmb.gap.acceptance import Accepted
-from feltmb.gap.decide import Decision
-from feltmb.gap.findings import NotTested, Verdict
+from feltmb.gap.decide import Decision, first_scored
+from feltmb.gap.findings import EXPLAINED, Advice, NotTested, Verdict
 from feltmb.gap.search import Search
 from feltmb.gap.sizes import Sizes
 
-__all__ = ["cut_short", "left_out"]
+__all__ = ["completion", "cut_short", "left_out"]
 
 
 def left_out(found: Search, effects: Sequence[Effect]) -> tuple[NotTested, ...]:
@@ -34,29 +35,34 @@ def cut_short(
 ) -> Decision:
     """The decision, limited to what holds after the stop.
 
-    An unfinished fit of the model proves nothing, nor does an unfinished proof. A named effect is
-    kept only if no untested effect could replace it.
+    An unfinished fit of the model proves nothing, nor does an unfinished proof. If no effect is
+    proven, an unfinished search may have missed it. A named effect is kept only if no untested
+    effect could replace it.
     """
     begin = f"Stopped in the {watch.stopped_in} ({watch.why})"
-    if watch.stopped_in == FIT and not found.model_fit.converged:
-        ratio = found.model_fit.chi2 / found.model_fit.dof
-        text = (
-            f"{begin}: the fit of the model is not finished, so a gap cannot be assessed. The best "
-            f"sum of squares so far is {ratio:.3g} of its expectation."
-        )
+    untested = f"{len(skipped)} of {effects} effects were not refitted"
+    searching = watch.stopped_in in (FIT, SEARCH)
+    left, seen = "", ""
+    if watch.stopped_in == FIT and not found.model_fit.converged and not found.sets:
+        left, seen = "whether there is a gap cannot be told yet", _so_far(found, sizes)
+    elif not accepted.complete:
+        left = "the proof on held-out records is not complete, so nothing is named"
+        seen = _so_far(found, sizes)
+    elif searching and not decision.named and decision.verdict not in EXPLAINED:
+        left, seen = "the search for a cause is not complete", decision.statement
+    if left:
+        step = f" The present step was: {watch.stopped_at}." if watch.stopped_at else ""
+        untested = f" {untested}." if skipped else ""
         return replace(
-            decision, verdict=Verdict.TOO_WEAK, statement=text, named=(), one_of=(), confidence=0.0
-        )
-    if not accepted.complete:
-        text = f"{begin}: the proof on held-out records is not complete, so nothing is named."
-        if found.best is not None:
-            nearest = " and ".join(map(sizes.text, found.best.names))
-            text += f" {nearest} would explain the fitted records best so far."
-        return replace(
-            decision, verdict=Verdict.TOO_WEAK, statement=text, named=(), one_of=(), confidence=0.0
+            decision,
+            verdict=Verdict.NOT_COMPLETE,
+            statement=f"{begin}: {left}.{step}{untested} {seen}",
+            named=(),
+            one_of=(),
+            confidence=math.nan,
         )
     if skipped:
-        begin += f"; {len(skipped)} of {effects} effects were not refitted"
+        begin += f"; {untested}"
     rivals = [n for n in found.skipped if n not in decision.named]
     if decision.named and rivals:
         every = (*decision.named, *(n for n in decision.one_of if n not in rivals), *rivals)
@@ -69,3 +75,25 @@ def cut_short(
             decision, verdict=Verdict.ONE_OF, statement=text, named=(), one_of=tuple(every)
         )
     return replace(decision, statement=f"{begin}. {decision.statement}")
+
+
+def completion(watch: Watch, *, kept: bool) -> tuple[Advice, ...]:
+    """How to complete a stopped diagnosis; ``kept``: its finished fits are in a folder."""
+    if watch.stopped_in in ("", REPORT):
+        return ()
+    folder = "output folder (-o FOLDER --force, in Python Options(resume=FOLDER))"
+    text = f"Start the diagnosis again with the same {folder}: it continues from its finished fits."
+    if not kept:
+        text = f"Start the diagnosis again. With an {folder} finished fits are kept."
+    return (Advice(text=text),)
+
+
+def _so_far(found: Search, sizes: Sizes) -> str:
+    """What the fitted records suggest before the proof."""
+    fit = found.model_fit
+    done = "fitted" if fit.converged else "unfinished"
+    text = f"The {done} model leaves {fit.chi2 / fit.dof:.3g} times the sum of squares of noise."
+    if found.best is not None:
+        nearest = " and ".join(map(sizes.text, found.best.names))
+        return f"{text} {nearest} would explain the fitted records best so far."
+    return text + first_scored(found.scores)

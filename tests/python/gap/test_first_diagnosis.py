@@ -1,6 +1,7 @@
 """What a first user meets: his model file, faults of his data, and the words of the answer."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -391,11 +392,12 @@ def test_a_proof_without_time_names_nothing(monkeypatch):
     monkeypatch.setattr(Watch, "proof_over", over)
     report = gap.diagnose(model, [cube], records, options=quick)
     assert report.named == report.one_of == ()
-    assert report.verdict == "TOO WEAK"
+    assert report.verdict == "NOT COMPLETE"
     assert (
         "Stopped in the proof on held-out records (the budget of 1 s was spent): the proof on "
-        "held-out records is not complete, so nothing is named. cube of "
+        "held-out records is not complete, so nothing is named."
     ) in report.statement
+    assert re.search(r"times the sum of squares of noise\. cube of ", report.statement)
 
 
 def test_a_model_file_with_a_function_is_checked_on_the_command_line(tmp_path, capsys):

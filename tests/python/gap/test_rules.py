@@ -455,7 +455,7 @@ def test_two_effects_that_held_out_records_do_not_excite_are_both_named(decided)
         belief=replace(facts.belief, sets=()),
         closest=None,
     )
-    assert "None of them was refitted. By its score, the first candidate is power" in (
+    assert "No effect was refitted. By its score, the first candidate is power" in (
         decide(early).statement
     )
     proof = {**proof, "power 2": 50.0}

@@ -26,6 +26,7 @@ from feltmb.gap import (
 )
 from feltmb.gap.findings import NotTested
 from feltmb.gap.page import page
+from feltmb.gap.report import report_json
 from feltmb.gap.resumed import discard
 
 TIME = np.arange(240) * 1e-2
@@ -91,10 +92,18 @@ def test_progress_tells_stage_simulations_misfit_and_what_is_left():
 def test_stopped_before_the_model_is_fitted_nothing_is_claimed():
     m = model()
     report = diagnose(m, m.effects, RECORDS, stop=lambda: m.simulations > 0)
-    assert report.verdict == "TOO WEAK"
+    assert report.verdict == "NOT COMPLETE"
     assert report.statement.startswith(
-        "Stopped in the fit of the model (interrupted): the fit of the model is not finished"
+        "Stopped in the fit of the model (interrupted): whether there is a gap cannot be told yet. "
     )
+    assert re.search(r"The unfinished model leaves \S+ times the sum of squares", report.statement)
+    assert "the first candidate is square of " in report.statement
+    assert np.isnan(report.confidence)
+    assert "With an output folder" in report.next[0].text
+    text = page(report)
+    assert "Probability" not in text
+    assert "nan" not in text
+    assert report_json(report)["stopped"] == report.stopped
     assert report.named == report.one_of == ()
     assert report.stopped == "fit of the model (interrupted)"
     whole = model()
@@ -189,7 +198,25 @@ def test_an_interrupt_ends_each_stage_within_few_steps(monkeypatch, stage):
     assert "NAMED" not in report.text()
     if stage in STAGES[2:4]:
         assert "the proof on held-out records is not complete" in report.statement
-        assert report.verdict == "TOO WEAK"
+        assert report.verdict == "NOT COMPLETE"
+
+
+def test_without_a_name_a_search_that_was_stopped_is_not_complete():
+    m, seen = model(sd=np.inf), []
+    effects = [e for e in m.effects if e.name != "square"]
+    whole = diagnose(m, effects, RECORDS)
+    assert whole.verdict == "UNKNOWN"
+
+    def stop():
+        return sum(p.detail.startswith("refine") for p in seen) > 0
+
+    report = diagnose(m, effects, RECORDS, progress=seen.append, stop=stop)
+    assert report.verdict == "NOT COMPLETE"
+    assert report.statement.startswith(
+        "Stopped in the search (interrupted): the search for a cause is not complete. "
+        "The present step was: refine: "
+    )
+    assert "There is a gap" in report.statement
 
 
 def test_the_proof_has_some_time_after_an_interrupt(monkeypatch):
