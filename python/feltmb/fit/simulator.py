@@ -195,19 +195,28 @@ class SimulatorModel(Model):
         seconds, again = runner.first(first)
         if self._workers != 1 and (self._workers or seconds > WORTH_A_PROCESS):
             runner.start(self._workers)
+        self._tell_work(seconds, records)
         runner.checked([Run.of(r, self.inputs, prior) for r in records])
         out = copy.copy(self)
         out._steps, notes = self._chosen_steps(records[0], again)
         out._ready = True
-        # Not in the notes of the report, which must not depend on the computer.
-        how = f"{runner.processes} processes" if runner.processes > 1 else "one process"
-        free = sum(1 for p in self.parameters if p.sd > 0.0)
-        step = len(records) * (1 + free)
-        current().say(
-            f"a run takes {seconds:.2g} s, in {how}; a step of the fit {step} runs or more"
-        )
         notes += runner.notices
         return Ready(out, tuple(records), tuple(f"model {self.name}: {n}" for n in notes))
+
+    def _tell_work(self, seconds: float, records: Sequence[Record]) -> None:
+        """Tell the duration of a run and the number of runs.
+
+        It is not in the notes of the report, which must not depend on the computer.
+        """
+        count = self._runner.processes
+        how = f"{count} processes" if count > 1 else "one process"
+        free = sum(1 for p in self.parameters if p.sd > 0.0)
+        checks = len(records) + SPACINGS + 2 * (free + len(self.effects))
+        step = len(records) * (1 + free)
+        current().say(
+            f"a run takes {seconds:.2g} s, in {how}; these checks need about {checks} runs, a step "
+            f"of the fit {step} runs or more"
+        )
 
     def _check_inputs(self, records: Sequence[Record]) -> None:
         for record in records:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -602,7 +602,13 @@ REACHED = 2.0
 FOLLOWING = 0.01
 
 
-def _led(problem: Problem, point: Point, settings: FitSettings, limit: float = FOLLOWED) -> Point:
+def _led(
+    problem: Problem,
+    point: Point,
+    settings: FitSettings,
+    limit: float = FOLLOWED,
+    tell: Callable[[str], None] | None = None,
+) -> Point:
     """Start point from which a fit without continuity defects reaches the right local minimum.
 
     If a mechanism releases a part earlier or later than the machine did, or strikes at another
@@ -625,6 +631,8 @@ def _led(problem: Problem, point: Point, settings: FitSettings, limit: float = F
         onward = ONWARD if np.all(followed >= until) else 2.0 * onward
         least = np.maximum(2.0, onward * lengths)
         until = np.minimum(lengths, np.maximum(until, followed) + least.astype(int))
+        if tell is not None:
+            tell(f", {np.sum(until) / np.sum(lengths):.0%} of the records")
         if np.all(until == lengths):
             break
         beginnings = tuple(
@@ -807,7 +815,13 @@ def _across_jumps(fit: Fit, settings: FitSettings) -> Fit:
     return fit
 
 
-def _led_without(problem: Problem, point: Point, settings: FitSettings, left_out: int) -> Point:
+def _led_without(
+    problem: Problem,
+    point: Point,
+    settings: FitSettings,
+    left_out: int,
+    tell: Callable[[str], None] | None = None,
+) -> Point:
     """As :func:`_led`, but one record joins only when the others are fitted.
 
     A record whose events the model puts at other times can hold a fit in a wrong local minimum. The
@@ -818,11 +832,11 @@ def _led_without(problem: Problem, point: Point, settings: FitSettings, left_out
         problem, segmented_records=tuple(s for i, s in enumerate(records) if i != left_out)
     )
     places = tuple(p for i, p in enumerate(point.places) if i != left_out)
-    start = _led(part, replace(point, places=places, memo={}), settings)
+    start = _led(part, replace(point, places=places, memo={}), settings, tell=tell)
     others = polish(part, replace(start, memo={}), 1.0, settings.coarser(0.5)).point
     joined = [*others.places]
     joined.insert(left_out, point.places[left_out])
-    return _led(problem, replace(others, places=tuple(joined), memo={}), settings)
+    return _led(problem, replace(others, places=tuple(joined), memo={}), settings, tell=tell)
 
 
 def _worst_record(fit: Fit, left_out: Sequence[int]) -> int | None:
@@ -837,7 +851,7 @@ def _worst_record(fit: Fit, left_out: Sequence[int]) -> int | None:
     return -max(squares)[1] if squares else None
 
 
-def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
+def _fit_whole(problem: Problem, point: Point, settings: FitSettings, progress: Say | None) -> Fit:
     """Fit records that are simulated as a whole, along several paths, and keep the best end.
 
     The first path leads along all records. On each further one, the record that the best end
@@ -848,13 +862,20 @@ def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
     starts: list[Point] = []
     ends: list[Fit] = []
 
+    def tell(share: str = "") -> None:
+        if progress is not None:
+            progress(f"start {len(ends) + 1}{share}", 0, 0)
+
     def descend(start: Point) -> None:
+        tell()
         if not any(np.array_equal(start.theta, known.theta) for known in starts):
             starts.append(start)
             fit = _across_jumps(polish(problem, start, 1.0, settings), settings)
             if not fit.cost >= 0.0:
                 fit = replace(fit, cost=np.inf, log_evidence=-np.inf)
             ends.append(fit)
+            if progress is not None:
+                current().fitted(fit.chi2 / fit.dof)
 
     def best() -> Fit:
         return min(ends, key=lambda fit: fit.cost)
@@ -864,12 +885,12 @@ def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
         descend(point)
         if best().explains:
             return best()
-    descend(_led(problem, point, settings))
+    descend(_led(problem, point, settings, tell=tell))
     if settings.restarts == 0 or not problem.has_priors:
         return best()
     if len(problem.segmented_records) == 1:
         if not current().must_end():
-            descend(_led(problem, point, settings, FOLLOWED_FURTHER))
+            descend(_led(problem, point, settings, FOLLOWED_FURTHER, tell))
         return best()
     left_out: list[int] = []
     while len(left_out) < settings.restarts and not current().must_end():
@@ -880,7 +901,7 @@ def _fit_whole(problem: Problem, point: Point, settings: FitSettings) -> Fit:
         if worst is None:
             break
         left_out.append(worst)
-        descend(_led_without(problem, point, settings, worst))
+        descend(_led_without(problem, point, settings, worst, tell))
     return best()
 
 
@@ -905,7 +926,7 @@ def fit_problem(
     settings = replace(settings or FitSettings(), chain=True)
     first = point or problem.start()
     if not problem.model.states(machine_candidates(problem.included)):
-        return _fit_whole(problem, first, settings)
+        return _fit_whole(problem, first, settings, progress)
     fit, loose, loosest = _descend(problem, first, settings, progress, label)
     fit = _rescue(fit, settings)
     if fit.explains and fit.converged:

@@ -271,7 +271,7 @@ class Watch:
 
     def fitted(self, misfit: float) -> None:
         """Report the sum of squares of a finished fit, relative to its expectation."""
-        if self.misfit is None or misfit < self.misfit:
+        if misfit < (math.inf if self.misfit is None else self.misfit):
             self.misfit = misfit
 
     def step(self) -> None:

@@ -666,6 +666,7 @@ class _Diagnosis:
         wide = sizes.spread(fit)
         fitted = Outcome(end, settings, end)
         larger = larger_than_noise(end, options.alpha)
+        self.watch.say("gap that the parameters explain")
         return _Described(
             fit=fit,
             tight=tight,

@@ -10,7 +10,7 @@ from feltmb.fit.model import Effect
 from feltmb.fit.watch import FIT, REPORT, SEARCH, Watch
 from feltmb.gap.acceptance import Accepted
 from feltmb.gap.decide import Decision, first_scored
-from feltmb.gap.findings import EXPLAINED, Advice, NotTested, Verdict
+from feltmb.gap.findings import EXPLAINED, Advice, NotTested, Verdict, listed
 from feltmb.gap.search import Search
 from feltmb.gap.sizes import Sizes
 
@@ -91,9 +91,10 @@ def completion(watch: Watch, *, kept: bool) -> tuple[Advice, ...]:
 def _so_far(found: Search, sizes: Sizes) -> str:
     """What the fitted records suggest before the proof."""
     fit = found.model_fit
-    done = "fitted" if fit.converged else "unfinished"
-    text = f"The {done} model leaves {fit.chi2 / fit.dof:.3g} times the sum of squares of noise."
+    but = "" if fit.converged else ", which has not converged,"
+    ratio = f"{fit.chi2 / fit.dof:.3g} times the sum of squares of noise"
+    text = f"The fit of the model{but} leaves {ratio}."
     if found.best is not None:
-        nearest = " and ".join(map(sizes.text, found.best.names))
+        nearest = listed(map(sizes.text, found.best.names))
         return f"{text} {nearest} would explain the fitted records best so far."
     return text + first_scored(found.scores)

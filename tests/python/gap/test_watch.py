@@ -76,7 +76,12 @@ def test_progress_tells_stage_simulations_misfit_and_what_is_left():
     assert report.named == ("square",)
     assert report.stopped == ""
     assert list(dict.fromkeys(p.stage for p in told)) == STAGES
-    assert any("a step of the fit 6 runs or more" in p.detail for p in told)  # before the fit
+    work = next(p for p in told if "a step of the fit 6 runs or more" in p.detail)
+    assert work.simulations <= 3  # before the runs that it announces
+    assert "these checks need about 17 runs" in work.detail
+    fit = [p for p in told if p.stage == "fit of the model"]
+    assert any(re.fullmatch(r"start 1, \d+% of the records", p.detail) for p in fit)
+    assert fit[-1].misfit is not None
     assert not any("takes" in w for w in report.checks.warnings)  # bytes without clock times
     made = [p.simulations for p in told]
     assert made == sorted(made)
@@ -96,7 +101,9 @@ def test_stopped_before_the_model_is_fitted_nothing_is_claimed():
     assert report.statement.startswith(
         "Stopped in the fit of the model (interrupted): whether there is a gap cannot be told yet. "
     )
-    assert re.search(r"The unfinished model leaves \S+ times the sum of squares", report.statement)
+    assert re.search(
+        r"fit of the model, which has not converged, leaves \S+ times", report.statement
+    )
     assert "the first candidate is square of " in report.statement
     assert np.isnan(report.confidence)
     assert "With an output folder" in report.next[0].text
