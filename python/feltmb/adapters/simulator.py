@@ -26,7 +26,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fit import Candidate
 from feltmb.fit.latest import Latest
-from feltmb.fit.watch import simulated
+from feltmb.fit.watch import current, simulated
 from feltmb.mechanism import Action, MechanismFile
 
 __all__ = ["Simulator", "key_of"]
@@ -256,7 +256,14 @@ class Simulator:
                 work(task)
             return
         with ThreadPoolExecutor(self.workers) as pool:
-            list(pool.map(work, tasks))
+            futures = [pool.submit(work, task) for task in tasks]
+            try:
+                for future in futures:
+                    future.result()
+                    current().beat()
+            finally:  # if the time is over, no further task is started
+                for future in futures:
+                    future.cancel()
 
 
 def key_of(

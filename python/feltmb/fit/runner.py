@@ -25,7 +25,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fit.calling import explained
 from feltmb.fit.latest import Latest
-from feltmb.fit.watch import Ended, current, simulated
+from feltmb.fit.watch import Ended, simulated
 
 __all__ = ["Run", "Runner", "untold_trials"]
 
@@ -255,7 +255,6 @@ class Runner:
     def _count(self) -> None:
         self.made += 1
         simulated(1.0)
-        current().beat()
 
     def _one(self, run: Run) -> Array | str:
         self._count()

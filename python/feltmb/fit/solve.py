@@ -767,7 +767,9 @@ def with_variability(fit: Fit, settings: FitSettings, *, near: Fit | None = None
     ``near``: another fit that explains the records, whose parameters are used in its place.
     """
     of = fit if near is None else near
-    model = model_with_variability(of) if of.explains else fit.problem.model
+    if current().stopping() or not of.explains:
+        return fit
+    model = model_with_variability(of)
     if model is fit.problem.model or current().stopping():
         return fit
     problem = replace(fit.problem, model=model)

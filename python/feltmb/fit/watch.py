@@ -96,10 +96,17 @@ _counting = Lock()
 
 
 def simulated(runs: float) -> None:
-    """Count simulated records; models call it, in any thread."""
+    """Count simulated records; models call it, in any thread.
+
+    Raises
+    ------
+    Ended
+        The time is over, and the result of the running block is discarded.
+    """
     global _seen
     with _counting:
         _seen += runs
+    current().beat()
 
 
 class Watch:
@@ -119,7 +126,8 @@ class Watch:
         self._begin = clock.perf_counter()
         self._entered = 0.0
         self._asked: float | None = None  # time of the interruption [s]
-        self._discarding = 0
+        self._discarding, self._patient = 0, 0
+        self._ended = math.inf  # time of the stop [s]
         self._first = _seen
         self._last = -PAUSE
         self._calls = dict.fromkeys(STAGES, 0)
@@ -169,6 +177,7 @@ class Watch:
         """Keep the first reason for the stop, and its stage."""
         if not self.why:
             self.why, self.stopped_in, self.stopped_at = why, self.stage, self.detail
+            self._ended = self.elapsed
 
     def stopping(self) -> bool:
         """Whether fits and searches must end; a proof still has its part of the time limit."""
@@ -232,6 +241,16 @@ class Watch:
             if self._discarding:
                 raise
 
+    @contextmanager
+    def finishing(self) -> Iterator[None]:
+        """As :meth:`keeping`, but the block has ``GRACE`` after the stop."""
+        self._patient += 1
+        try:
+            with self.keeping():
+                yield
+        finally:
+            self._patient -= 1
+
     def enter(self, stage: str) -> None:
         """Start a stage."""
         self._finish_item()
@@ -289,6 +308,8 @@ class Watch:
         """Report activity within a step; see :meth:`step`."""
         self._show(now=False)
         if self._discarding and self.must_end():
+            if self._patient and self.elapsed - self._ended <= GRACE:
+                return
             raise Ended
 
     def _show(self, *, now: bool) -> None:

@@ -345,7 +345,7 @@ class _Diagnosis:
         scores = found.scores
         for e in self.task.effects:
             own = [i for i, t in enumerate(scores.candidates) if t.effect is e]
-            if np.any(scores.testable[own]):
+            if not own or np.any(scores.testable[own]):
                 continue
             why = (
                 "parameters, start states and sensor errors can reproduce its whole signature in "

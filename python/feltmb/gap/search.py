@@ -306,14 +306,19 @@ class _Hunt:
     def run(self, *, may_restart: bool) -> Fit | None:
         """Run the search; return a better fit of the model if the search found one."""
         self._tell("score")
-        self.scores = score_fit(self.model_fit, self.candidates)
-        self.tight = None if self.tight_fit is None else score_fit(self.tight_fit, self.candidates)
         self.start = full_evidence(self.model_fit, self.total)
+        every = dict.fromkeys(e.name for e in self.effects)
+        if not self._scored():
+            self.skipped.update(every)
+            return None
         fits = [self.model_fit] + ([] if self.tight_fit is None else [self.tight_fit])
         self.explained = all(f.explains for f in fits)
         self.near = self._nearby()
         # ``near`` was fitted in ``lead``, and the model was fitted from there already.
         may_restart = may_restart and self.near is None
+        if current().stopping() and not self.done:
+            self.skipped.update(every)
+            return None
         self._screen()
         if current().stopping():
             return None
@@ -372,6 +377,22 @@ class _Hunt:
         if known is None or found.evidence > known.evidence:
             self.done[found.key] = found
         return found
+
+    def _scored(self) -> bool:
+        """Score the candidates; False: a stop left time only for those of fitted sets."""
+
+        def score(candidates: tuple[Candidate, ...]) -> None:
+            self.scores = score_fit(self.model_fit, candidates)
+            self.tight = None if self.tight_fit is None else score_fit(self.tight_fit, candidates)
+
+        scored: bool = False
+        with current().finishing():
+            score(self.candidates)
+            scored = True
+        if not scored:
+            fitted = {name for c in self.done.values() for name in c.names}
+            score(tuple(t for t in self.candidates if t.effect.name in fitted))
+        return scored
 
     def _attempt(self, base: Fit, chosen: tuple[Candidate, ...], magnitudes: Array) -> None:
         """Refit a set, starting from a similar fit."""

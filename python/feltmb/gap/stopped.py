@@ -18,10 +18,15 @@ __all__ = ["completion", "cut_short", "left_out"]
 
 
 def left_out(found: Search, effects: Sequence[Effect]) -> tuple[NotTested, ...]:
-    """Effects that have a score but are in no fitted set."""
+    """Effects that are in no fitted set."""
     fitted = {name for c in found.sets for name in c.names} | {name for name, _ in found.failed}
-    why = "was scored to first order, but not refitted: the search was stopped before"
-    return tuple(NotTested(name=e.name, why=why) for e in effects if e.name not in fitted)
+    scored = {t.effect.name for t in found.scores.candidates}
+
+    def why(name: str) -> str:
+        done = "was scored to first order, but not refitted: " if name in scored else ""
+        return f"{done}the search was stopped before"
+
+    return tuple(NotTested(name=e.name, why=why(e.name)) for e in effects if e.name not in fitted)
 
 
 def cut_short(

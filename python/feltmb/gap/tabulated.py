@@ -22,6 +22,7 @@ from feltmb.fit.solve import (
     estimate_states,
     polish,
 )
+from feltmb.fit.watch import current
 from feltmb.gap.criteria import MOVED, TOLERATED
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated, GivenValue
@@ -361,7 +362,8 @@ def _shares(
 
     The mean of two values, at least 0 each: the gain of the parameter if it is changed first, and
     if it is changed last. Parameters that can replace each other thus share what they explain
-    together. One that compensates another explains nothing if it is changed first.
+    together. One that compensates another explains nothing if it is changed first. After a stop,
+    those of the last parameters may be missing.
     """
     if not which:
         return {}
@@ -370,17 +372,19 @@ def _shares(
         return {}
     old = before[0].fit.point.theta
     out = {}
-    for i in which:
-        alone, without = old.copy(), fit.point.theta.copy()
-        alone[i] = fit.point.theta[i]
-        without[i] = old[i]
-        a = _together([_moved_to(o, alone, metric) for o in before], metric)
-        b = _together([_moved_to(o, without, metric) for o in after], metric)
-        gains = [first - a] if math.isfinite(a) else []
-        gains += [b - last] if math.isfinite(b) else []
-        if gains:
-            mean = float(np.mean(np.maximum(gains, 0.0)))
-            out[i] = min(mean / (first - 1.0), 1.0)
+    with current().keeping():
+        for i in which:
+            current().beat()
+            alone, without = old.copy(), fit.point.theta.copy()
+            alone[i] = fit.point.theta[i]
+            without[i] = old[i]
+            a = _together([_moved_to(o, alone, metric) for o in before], metric)
+            b = _together([_moved_to(o, without, metric) for o in after], metric)
+            gains = [first - a] if math.isfinite(a) else []
+            gains += [b - last] if math.isfinite(b) else []
+            if gains:
+                mean = float(np.mean(np.maximum(gains, 0.0)))
+                out[i] = min(mean / (first - 1.0), 1.0)
     return out
 
 

@@ -226,6 +226,45 @@ def test_without_a_name_a_search_that_was_stopped_is_not_complete():
     assert "There is a gap" in report.statement
 
 
+def test_scores_have_some_time_after_an_interrupt(monkeypatch):
+    def stopped(grace):
+        monkeypatch.setattr(watch, "GRACE", grace)
+        m, seen = model(), []
+
+        def stop():
+            return any(p.stage == "fit of the model" for p in seen)
+
+        return diagnose(m, m.effects, RECORDS, progress=seen.append, stop=stop)
+
+    report = stopped(np.inf)
+    assert report.which.effects[0].effect == "square"
+    assert {n.why for n in report.not_tested} == {
+        "was scored to first order, but not refitted: the search was stopped before"
+    }
+    report = stopped(-1.0)
+    assert report.verdict == "NOT COMPLETE"
+    assert report.which.effects == ()
+    assert {n.name: n.why for n in report.not_tested} == dict.fromkeys(
+        ("square", "cube", "drift"), "the search was stopped before"
+    )
+    assert "first candidate" not in report.statement
+
+
+def test_shares_that_take_too_long_are_left_out(monkeypatch):
+    m, seen = model(sd=np.inf), []
+    whole = diagnose(m, (), RECORDS, progress=seen.append)
+    assert whole.calibrated[0].share > 0.0
+    monkeypatch.setattr(watch, "GRACE", -1.0)
+    m, seen = model(sd=np.inf), []
+
+    def stop():
+        return any(p.stage == "report" for p in seen)
+
+    report = diagnose(m, (), RECORDS, progress=seen.append, stop=stop)
+    assert report.calibrated[0].value == whole.calibrated[0].value
+    assert np.isnan(report.calibrated[0].share)
+
+
 def test_the_proof_has_some_time_after_an_interrupt(monkeypatch):
     m, seen = model(), []
     monkeypatch.setattr(watch, "GRACE", np.inf)
