@@ -43,14 +43,10 @@ __all__ = ["NEUTRAL", "at_value", "command"]
 #: tests, prior probabilities, and the calibration of the confidence, which have no neutral value.
 NEUTRAL: dict[str, tuple[float, ...]] = {
     "ALLOWED_REST": (0.0,),
-    "CLOSES_ALL": (2.0,),
     "COLOR_GAIN": (math.inf,),
-    "DEEP_GAP": (0.0,),
     "EXPLAINS_MOST": (0.0,),
-    "LEAST_CLOSED": (0.0, 2.0),
     "NO_GAP_RATIO": (1.0,),
     "SLOW_COLOR": (math.inf,),
-    "SMALL_SHARE": (0.0,),
     "STILL_SHRINKS": (math.inf,),
     "WALD": (0.0,),
     "form": (0.0,),

@@ -29,8 +29,8 @@ from feltmb.adapters import mechanism_model
 from feltmb.data import Array
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish
+from feltmb.gap.evidence import full_evidence
 from feltmb.gap.judged_data import prepare, ready
-from feltmb.gap.refine import full_evidence
 
 __all__ = ["Result", "cases", "drawn_cases", "measure", "problem_of", "read", "starts", "table"]
 

@@ -13,19 +13,17 @@ from feltmb.data import Array
 from feltmb.fit.solve import SAME, Fit, FitSettings
 from feltmb.fit.watch import Ended, Say, current
 from feltmb.gap.criteria import (
-    CLOSES_ALL,
-    DEEP_GAP,
     EXPLAINS_MOST,
-    LEAST_CLOSED,
+    NEAR_BEST,
     NO_EFFECT,
     NOISE_ERROR,
     NOT_LISTED,
     RIVAL,
-    SMALL_SHARE,
     WALD,
     contradicted,
     least_odds,
 )
+from feltmb.gap.evidence import full_evidence, other_laws
 from feltmb.gap.law_errors import law_errors
 from feltmb.gap.misfit import allowance
 from feltmb.gap.options import Options
@@ -39,7 +37,7 @@ from feltmb.gap.proof import (
     held_out_gain,
     second_start,
 )
-from feltmb.gap.refine import CandidateSet, full_evidence, refit, tighten
+from feltmb.gap.refine import CandidateSet, refit, tighten
 from feltmb.gap.search import Search
 from feltmb.gap.smooth import smooth_discrepancy
 
@@ -73,9 +71,10 @@ def posterior(search: Search, settings: FitSettings) -> Posterior:
     (:func:`~feltmb.gap.law_errors.law_errors`), by continuity defects between the segments, and in
     fits without such defects by a smooth signal in the outputs
     (:func:`~feltmb.gap.smooth.smooth_discrepancy`). "None" is the model without it, or with
-    an unknown cause that gains no more than the :func:`~feltmb.gap.misfit.allowance`. Laws and
-    defects have half of the prior probability of an unknown cause each. It may also act beside
-    effects: a true effect explains most, and the unknown cause the rest.
+    an unknown cause that gains no more than the :func:`~feltmb.gap.misfit.allowance`. It may also
+    act beside effects: a true effect explains most, and the unknown cause the rest. It may also act
+    like an effect, with another law (:func:`~feltmb.gap.evidence.other_laws`). Laws, defects and
+    this have a third of the prior probability of an unknown cause each.
 
     All log evidences are divided by the inflation: the smallest residual sum of squares of all fits
     over its degrees of freedom, at least 1. If even the best fit leaves more than noise, no set may
@@ -84,7 +83,7 @@ def posterior(search: Search, settings: FitSettings) -> Posterior:
     fits = [search.model_fit, *(c.fit for c in search.sets)]
     tight = search.tightest
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
-    share = 0.5 * NOT_LISTED if law_errors(tight, settings).tested else NOT_LISTED
+    share = NOT_LISTED / 3.0 if law_errors(tight, settings).tested else NOT_LISTED
     least = allowance(tight) / inflation
 
     def gain(fit: Fit) -> float:
@@ -109,7 +108,19 @@ def posterior(search: Search, settings: FitSettings) -> Posterior:
     for k, c in enumerate(search.sets[:IN_PLAY]):
         if sets[k] + most > best - RIVAL:
             sets[k] += beside(c.fit)
-    return _posterior([alone, beyond, *sets], inflation)
+    # A set with another law in the place of an effect is the set without this effect, and an
+    # unknown cause.
+    index = {c.key: k for k, c in enumerate(search.sets)}
+    values = [alone, beyond, *sets]
+    for k, c in enumerate(search.sets):
+        if sets[k] < best - NEAR_BEST:
+            break
+        for name, odds in zip(c.names, other_laws(c.fit), strict=True):
+            rest = index.get(tuple(n for n in c.key if n != name))
+            at = 1 if rest is None else 2 + rest
+            like = (c.evidence + odds) / inflation + math.log(share)
+            values[at] = np.logaddexp(values[at], like)
+    return _posterior(values, inflation)
 
 
 def _posterior(values: Sequence[float] | Array, inflation: float) -> Posterior:
@@ -170,12 +181,11 @@ class _Attempt:
         inflation: float,
         options: Options,
         *,
-        discrepancy: bool,
         progress: Say | None,
     ):
         self.search, self.held, self.settings = search, held, settings
         self.inflation, self.options = inflation, options
-        self.discrepancy, self.progress = discrepancy, progress
+        self.progress = progress
         self.total = search.total
         self.outcomes: dict[tuple[str, ...], Outcome] = {}
         self.tightest: dict[tuple[str, ...], Fit | None] = {}
@@ -253,17 +263,6 @@ class _Attempt:
         bare = self.without(c, name)
         return self.before if bare is None else self.outcome(bare.fit)
 
-    def closes(self, c: CandidateSet, name: str) -> float:
-        """Share of the held-out gap of the set without an effect that the effect closes."""
-        without, after = self._outcome_without(c, name), self.outcome(c.fit)
-        gaps = zip(self._gaps(without), self._gaps(after), strict=True)
-        shares = [
-            (old - new) / (old - 1.0)
-            for old, new in gaps
-            if np.isfinite(old) and np.isfinite(new) and old > 1.0
-        ]
-        return max(shares, default=0.0)
-
     def _gaps(self, outcome: Outcome) -> tuple[float, float]:
         """Held-out gaps, open loop and segmented [sigma]."""
         sensed = self.held.sensed
@@ -284,16 +283,15 @@ class _Attempt:
         """Held-out gain of each effect over the set without it; reasons against effects."""
         after = self.outcome(c.fit)
         trials = {name: self._compared(self._outcome_without(c, name), after) for name in c.names}
-        most = max(trials.values())
         certain = _certainty(c.fit)
         bad = {}
         for name, gain in trials.items():
-            why = self._fault(c, name, gain, most, certain[name])
+            why = self._fault(c, name, gain, certain[name])
             if why:
                 bad[name] = why
         return trials, bad
 
-    def _fault(self, c: CandidateSet, name: str, gain: float, most: float, certain: float) -> str:
+    def _fault(self, c: CandidateSet, name: str, gain: float, certain: float) -> str:
         """Reason to reject an effect of a set; empty: the effect is confirmed."""
         alone = self.alone.get(name, 0.0)
         told = f"held-out gain {_shown(gain)} units of log evidence"
@@ -308,14 +306,6 @@ class _Attempt:
         unknown = self.unexplained(c) / self.inflation
         if 0.0 < unknown > gain and not self._carries(c, name, gain):
             return f"{told}, less than the {_shown(unknown)} that an unknown force would explain"
-        small = most > self.odds and gain < SMALL_SHARE * most
-        if small and not self._completes(c, name):
-            if gain <= 0.0:
-                return f"{told}: the held-out records are not predicted better with it"
-            return (
-                f"{told}, but that of the largest effect is {_shown(most)}: a small error in the "
-                "law of that effect could explain as much"
-            )
         without, after = self._outcome_without(c, name), self.outcome(c.fit)
         # The parameter that such an effect increases explains the records as well: only held-out
         # records can show that it is more than this parameter.
@@ -349,14 +339,6 @@ class _Attempt:
                 self.held, before, after, self.settings, self.inflation
             )
         return self.gains[keys]
-
-    def _completes(self, c: CandidateSet, name: str) -> bool:
-        """Whether a weak effect is more than an error in the form of a strong one."""
-        share = self.closes(c, name)
-        if self.discrepancy and share >= LEAST_CLOSED:
-            return True
-        gaps = self._gaps(self._outcome_without(c, name))
-        return share >= CLOSES_ALL and any(DEEP_GAP < g < np.inf for g in gaps)
 
     def _carries(self, c: CandidateSet, name: str, gain: float) -> bool:
         """Whether an effect significantly explains most of a held-out gap above noise."""
@@ -520,15 +502,9 @@ def accept(
     settings: FitSettings,
     options: Options,
     *,
-    discrepancy: bool = False,
     progress: Say | None = None,
 ) -> Accepted:
-    """Keep the effects of the best set that held-out records confirm, and find its rivals.
-
-    ``discrepancy``: an unexplained residual was added to the noise. A small law error is then
-    within the noise, and a weak effect may also be accepted by the share of the remaining gap that
-    it closes.
-    """
+    """Keep the effects of the best set that held-out records confirm, and find its rivals."""
     belief = posterior(search, settings)
     attempt = _Attempt(
         search,
@@ -536,7 +512,6 @@ def accept(
         settings,
         belief.inflation,
         options,
-        discrepancy=discrepancy,
         progress=progress,
     )
     try:

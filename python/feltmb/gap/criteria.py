@@ -187,6 +187,16 @@ FORM = _number(
     "form A of seeds 20261141, 20261142 and 20261144: 54 of 66 intervals cover without it, 63 with "
     "it", "gap/test_form.py",
 )  # fmt: skip
+FORM_ERROR = _number(
+    "FORM_ERROR", 0.2, "share of the magnitude",
+    "standard deviation between segments of the magnitude of an effect whose law is not exact",
+    _JUDGED, "gap/test_evidence.py",
+)  # fmt: skip
+OTHER_LAW = _pair(
+    "OTHER_LAW", (0.3, 1.0), "share of the magnitude",
+    "the same for a cause that is not in the library and acts like the effect", _JUDGED,
+    "gap/test_evidence.py",
+)  # fmt: skip
 FORM_LEFT = _number(
     "FORM_LEFT", 0.1, "share of the error of form",
     "amplitude of the residual that an error of form leaves, because magnitudes and parameters "
@@ -388,16 +398,6 @@ WALD = _number(
     "smallest distance of a magnitude from zero, or root of the score of the effect alone",
     _STATISTICS, "gap/test_rules.py",
 )  # fmt: skip
-CLOSES_ALL = _number(
-    "CLOSES_ALL", 0.99, "share of the remaining held-out gap",
-    "share above which an effect is always significant: an effect that does not exist cannot "
-    "compensate the error of form of another effect to 1 %",
-    _JUDGED, "gap/test_thresholds.py",
-)  # fmt: skip
-DEEP_GAP = _number(
-    "DEEP_GAP", 10.0, "noise", "gap that such an effect must close",
-    _JUDGED, "gap/test_thresholds.py",
-)  # fmt: skip
 EXPLAINS_MOST = _number(
     "EXPLAINS_MOST", 0.5, "share of the squared held-out gap",
     "share above which an effect is accepted although an unknown force would gain more, and below "
@@ -430,23 +430,10 @@ RIVAL = _number(
     "of twenty",
     _STATISTICS, "gap/test_rules.py",
 )  # fmt: skip
-SMALL_SHARE = _number(
-    "SMALL_SHARE", 0.03, "share of the gain",
-    "gain of an effect, relative to that of the largest one, below which it cannot be "
-    "distinguished from an error of form of the larger one: an error of a sixth in the force "
-    "leaves a thirtieth of its gain",
-    _JUDGED, "gap/test_thresholds.py",
-)  # fmt: skip
 SURE = _number(
     "SURE", 0.9, "probability",
     "default of `Options.credibility`, the posterior probability that a named effect needs",
     _JUDGED, "gap/test_rules.py",
-)  # fmt: skip
-LEAST_CLOSED = _number(
-    "LEAST_CLOSED", 0.2, "share of the held-out gap",
-    "share that an effect that is small beside another must close of the gap without it if an "
-    "unexplained residual was accepted",
-    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 
 # ---------------------------------------------------------------- other reported results

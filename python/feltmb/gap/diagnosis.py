@@ -314,7 +314,6 @@ class _Diagnosis:
                 held,
                 self.task.settings,
                 self.options,
-                discrepancy=done.unexplained,
                 progress=self.task.progress,
             )
 

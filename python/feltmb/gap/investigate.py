@@ -30,11 +30,12 @@ from feltmb.gap.discrepancy import (
     with_color,
     with_factor,
 )
+from feltmb.gap.evidence import full_evidence
 from feltmb.gap.judged_data import JudgedData, with_other_noise
 from feltmb.gap.lead import lead
 from feltmb.gap.misfit import form_of, misfit
 from feltmb.gap.options import Options
-from feltmb.gap.refine import CandidateSet, full_evidence, refit_at, tighten, worth_of
+from feltmb.gap.refine import CandidateSet, refit_at, tighten, worth_of
 from feltmb.gap.search import (
     Search,
     at_its_variability,

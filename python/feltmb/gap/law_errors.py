@@ -29,10 +29,10 @@ from feltmb.data import Array
 from feltmb.fit.latest import cached_for_first
 from feltmb.fit.linearize import varying
 from feltmb.fit.model import Model, Parameter
-from feltmb.fit.solve import Fit, FitSettings, evidence_at, polish, relaxed
+from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.fit.watch import current
+from feltmb.gap.evidence import full_evidence, linear_evidence
 from feltmb.gap.findings import VaryingLaw
-from feltmb.gap.refine import full_evidence, posterior_volume
 
 __all__ = ["LawErrors", "law_errors"]
 
@@ -155,11 +155,7 @@ def _screened(fit: Fit, laws: Sequence[Parameter]) -> list[tuple[VaryingLaw, flo
             )
             for x in linears
         ]
-        normal = problem.normal(point, mixed, fit.defect_sd)
-        gain = normal.gain(problem.newton(point, normal))
-        cost = relaxed(problem, point, normal) - gain
-        volume = posterior_volume(problem, point, normal)
-        return evidence_at(problem, normal, cost, fit.defect_sd, mixed) + volume
+        return linear_evidence(problem, point, mixed, fit.defect_sd)
 
     without = evidence(given)
     out = []

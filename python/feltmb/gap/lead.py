@@ -19,7 +19,8 @@ from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem, polish
 from feltmb.fit.watch import Say, current
 from feltmb.gap.criteria import NEAR_BEST
-from feltmb.gap.refine import CandidateSet, full_evidence, taken_over, worth_of
+from feltmb.gap.evidence import full_evidence
+from feltmb.gap.refine import CandidateSet, taken_over, worth_of
 from feltmb.gap.score import all_candidates, score_fit, screen_sets
 from feltmb.gap.tolerance import by_few_numbers
 

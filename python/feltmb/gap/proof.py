@@ -15,7 +15,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag, null_space
+from scipy.special import logsumexp
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Linear, Place
@@ -33,6 +35,7 @@ from feltmb.fit.solve import (
 )
 from feltmb.fit.starts import from_other_starts
 from feltmb.fit.watch import current
+from feltmb.gap.evidence import forms_of, with_form
 
 __all__ = [
     "SEGMENTED_LEVEL",
@@ -61,6 +64,8 @@ SEGMENTED_LEVEL = 0.01
 #: have many local minima: the densities of one model and record differed by 70. With larger ones,
 #: the states follow what an effect does.
 HELD_OUT_LEVEL = 1e-3
+#: Log posterior probability below which an error of form is not considered for held-out records.
+LEAST_WEIGHT = math.log(1e-3)
 #: Largest number of steps to the likeliest parameters of held-out records, and the shares of a step
 #: that are tried.
 STEPS, SHARES = 12, (1.0, 0.5, 0.25, 0.1, 0.03)
@@ -312,7 +317,9 @@ class _Likeliest:
     """Whether the linear model promises no larger gain at another point."""
 
 
-def _likeliest(base: Problem, fit: Fit, model: Fit, start: Point | None = None) -> _Likeliest:
+def _likeliest(
+    base: Problem, fit: Fit, model: Fit, start: Point | None, inexact: NDArray[np.intp]
+) -> _Likeliest:
     """Gauss-Newton search from the fitted parameters, or from other ones.
 
     Where a part is caught in one simulation and missed in another, a derivative at the fitted
@@ -334,7 +341,7 @@ def _likeliest(base: Problem, fit: Fit, model: Fit, start: Point | None = None) 
         return np.asarray(inverse @ np.concatenate([by_theta[loose.free], by_magnitude, *own]))
 
     while True:
-        linears, moved = loose.linear(point), distance(point)
+        linears, moved = with_form(loose, point, loose.linear(point), inexact), distance(point)
         total = base.cost_at(point, fit.defect_sd, linears)[0] + moved[:count] @ moved[:count]
         here = _Likeliest(point, linears, units, moved, float(total))
         if not np.isfinite(total):
@@ -414,8 +421,28 @@ class Predicted:
 
 
 def predict(base: Problem, fit: Fit, model: Fit, start: Point | None = None) -> Predicted:
+    """Posterior predictive distribution, averaged over errors of form of the effects.
+
+    The weights of the errors are those of the fitted records.
+    """
+    forms = forms_of(model)
+    found, logs = [], []
+    for inexact, log_weight in zip(forms.inexact, forms.log_weights, strict=True):
+        if log_weight > LEAST_WEIGHT:
+            found.append(_predict(base, fit, model, start, inexact))
+            logs.append(log_weight + np.cumsum(found[-1].density))
+    if len(found) == 1:
+        return found[0]
+    best = found[int(np.argmax([total[-1] for total in logs]))]
+    total = np.asarray(logsumexp(logs, axis=0))
+    return replace(best, density=np.diff(total, prepend=0.0))
+
+
+def _predict(
+    base: Problem, fit: Fit, model: Fit, start: Point | None, inexact: NDArray[np.intp]
+) -> Predicted:
     """Laplace approximation at the likeliest parameters, which are searched from ``start``."""
-    at = _likeliest(base, fit, model, start)
+    at = _likeliest(base, fit, model, start, inexact)
     none = np.full(sum(s.count for s in base.segmented_records), NO_DENSITY)
     if not np.isfinite(at.squares):
         return Predicted(none, False, fit.point, False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.model import Candidate
-from feltmb.fit.problem import Normal, Point, Problem
+from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import (
     Fit,
     FitSettings,
@@ -21,15 +21,12 @@ from feltmb.fit.solve import (
     relaxed,
 )
 from feltmb.gap.criteria import NEAR_BEST, RIVAL
-from feltmb.gap.score import prior_of
 
 __all__ = [
     "CandidateSet",
     "annealed",
     "freed",
     "from_priors",
-    "full_evidence",
-    "posterior_volume",
     "quicker",
     "refit",
     "refit_at",
@@ -65,40 +62,6 @@ class CandidateSet:
     def key(self) -> tuple[str, ...]:
         """Sorted names, which identify the set."""
         return tuple(sorted(self.names))
-
-
-def full_evidence(fit: Fit, total_weight: float) -> float:
-    """Log evidence of a fit, including the prior of its set of effects.
-
-    States, parameters and magnitudes are integrated out. The prior of a magnitude is N(0,
-    max(scale, magnitude)^2).
-    """
-    value = fit.log_evidence
-    for candidate, size in zip(fit.included, fit.point.magnitudes, strict=True):
-        width = _width(candidate, size)
-        value -= float(np.log(width)) + 0.5 * (float(size) / width) ** 2
-        if candidate.effect.sign != 0:
-            value += float(np.log(2.0))
-    # All fits to the same records have the same priors of the parameters.
-    volume = posterior_volume(fit.problem, fit.point, fit.normal)
-    return value + volume + prior_of(fit.included, total_weight)
-
-
-def posterior_volume(problem: Problem, point: Point, normal: Normal) -> float:
-    """Log of the volume of the posterior of parameters and magnitudes, up to a constant."""
-    matrix = normal.matrix.copy()
-    at = len(problem.free)
-    for k, candidate in enumerate(problem.included):
-        matrix[at + k, at + k] += 1.0 / _width(candidate, point.magnitudes[k]) ** 2
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    eigen = np.linalg.eigvalsh(matrix / np.outer(size, size))
-    log_det = float(np.sum(np.log(np.maximum(eigen, 1e-12)))) + 2.0 * float(np.sum(np.log(size)))
-    return -0.5 * log_det
-
-
-def _width(candidate: Candidate, magnitude: float) -> float:
-    """Prior standard deviation of a magnitude [unit of the effect]."""
-    return max(candidate.effect.scale, abs(float(magnitude)))
 
 
 def worth_of(best: Fit | None) -> float:

@@ -16,13 +16,13 @@ from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import SAME, Fit, FitSettings, finish, model_with_variability, polish
 from feltmb.fit.starts import from_other_starts
 from feltmb.fit.watch import Say, current
-from feltmb.gap.criteria import FAINT_SCORE, NEAR_BEST, RIVAL, SMALL_SHARE
+from feltmb.gap.criteria import FAINT_SCORE, NEAR_BEST, RIVAL
+from feltmb.gap.evidence import full_evidence
 from feltmb.gap.refine import (
     CandidateSet,
     annealed,
     freed,
     from_priors,
-    full_evidence,
     quicker,
     refit,
     refit_at,
@@ -593,7 +593,7 @@ class _Hunt:
             if left and len(best.names) < self.most:
                 self._extend(best.fit, score_fit(best.fit, left, linears=linears), 3)
                 best = self._best()
-            if best.evidence <= before + max(1e-9, SMALL_SHARE * (before - self.start)):
+            if best.evidence <= before + SAME:
                 self._vary(best)
                 if self._best().evidence <= best.evidence:
                     break

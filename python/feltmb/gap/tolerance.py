@@ -12,8 +12,9 @@ from feltmb.fit.model import Effect, Model, Parameter
 from feltmb.fit.problem import Point
 from feltmb.fit.solve import Fit, FitSettings, Interval, limit_of_noise, polish
 from feltmb.gap.criteria import RIVAL, TOLERATED
+from feltmb.gap.evidence import full_evidence
 from feltmb.gap.misfit import misfit
-from feltmb.gap.refine import CandidateSet, full_evidence, quicker, taken_over, tighten
+from feltmb.gap.refine import CandidateSet, quicker, taken_over, tighten
 from feltmb.gap.score import score_fit
 from feltmb.gap.search import Search
 from feltmb.gap.spread import Spread

@@ -18,10 +18,11 @@ from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Candidate, Effect, LinearModel, Parameter, Record, Sensor
 from feltmb.gap.acceptance import refutes
 from feltmb.gap.criteria import ALPHA, RIVAL, SURE, TOLERATED, least_odds
+from feltmb.gap.evidence import full_evidence
 from feltmb.gap.investigate import Task, _search
 from feltmb.gap.options import Options
 from feltmb.gap.proof import HeldOut, evaluate
-from feltmb.gap.refine import CandidateSet, full_evidence, refit
+from feltmb.gap.refine import CandidateSet, refit
 from feltmb.gap.score import score_fit
 from feltmb.gap.search import Search
 from feltmb.gap.tolerance import (

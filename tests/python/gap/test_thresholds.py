@@ -14,7 +14,6 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import finish
 from feltmb.gap import diagnose
-from feltmb.gap.acceptance import _Attempt
 from feltmb.gap.checks import _estimate, _fine, _grid, check_records
 from feltmb.gap.components import _likeness
 from feltmb.gap.confusion import confused_groups
@@ -22,7 +21,6 @@ from feltmb.gap.decide import _moved
 from feltmb.gap.discrepancy import Discrepancy, _memory, converged
 from feltmb.gap.further_sensors import FurtherSensor, offered
 from feltmb.gap.misfit import form_of
-from feltmb.gap.options import Options
 from feltmb.gap.outliers import outliers
 from feltmb.gap.overlay import _hints
 from feltmb.gap.score import prior_of
@@ -35,45 +33,6 @@ import models
 
 #: A model whose output is zero.
 NOTHING = LinearModel(output="y", columns={}, parameters=[], name="nothing")
-
-
-def small_beside_large(monkeypatch, *, gain, share, gap, unexplained):
-    """Reason against an effect beside one that gains 1000 units."""
-    own = SimpleNamespace(level=0.01, cost=1.0, defect_sd=np.ones(2))
-    after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
-    attempt = object.__new__(_Attempt)
-    attempt.alone, attempt.inflation, attempt.options = {"small": 99.0}, 1.0, Options()
-    attempt.discrepancy = {"q": None} if unexplained else None
-    for name, value in {
-        "unexplained": lambda c: 0.0,
-        "_outcome_without": lambda c, name: None,
-        "outcome": lambda fit: after,
-        "closes": lambda c, name: share,
-        "_gaps": lambda outcome: [gap],
-    }.items():
-        monkeypatch.setattr(attempt, name, value, raising=False)
-    effect = SimpleNamespace(tolerance_parameter="")
-    included = [SimpleNamespace(name=n, effect=effect) for n in ("large", "small")]
-    both = SimpleNamespace(fit=SimpleNamespace(included=included))
-    return attempt._fault(both, "small", gain, 1000.0, 9.0)
-
-
-@pytest.mark.parametrize(
-    ("gain", "share", "gap", "unexplained", "refused"),
-    [
-        (25.0, 0.5, 50.0, False, True),  # an error of a sixth in the law of the large effect
-        (35.0, 0.5, 50.0, False, False),
-        (25.0, 0.995, 50.0, False, False),  # no error of form compensates the rest so completely
-        (25.0, 0.98, 50.0, False, True),
-        (25.0, 0.995, 5.0, False, True),  # a small rest is closed by chance
-        (25.0, 0.25, 5.0, True, False),  # beside an accepted residual, a fifth is enough
-        (25.0, 0.15, 5.0, True, True),
-    ],
-)
-def test_a_small_effect_beside_a_large_one(monkeypatch, gain, share, gap, unexplained, refused):
-    why = small_beside_large(monkeypatch, gain=gain, share=share, gap=gap, unexplained=unexplained)
-    assert ("a small error in the law of that effect could explain as much" in why) is refused
-    assert bool(why) is refused
 
 
 @pytest.mark.parametrize(("second", "one_clock"), [(4.6e-3, True), (6.5e-3, False)])
