@@ -32,13 +32,19 @@ class Named:
         return out
 
     def __getitem__(self, name: str) -> Any:
-        return self._values[name]
+        try:
+            return self._values[name]
+        except KeyError:
+            raise KeyError(self._unknown(name)) from None
 
     def __getattr__(self, name: str) -> Any:
         try:
             return self._values[name]
         except KeyError:
-            raise AttributeError(f"no {name!r}; known are {', '.join(self._values)}") from None
+            raise AttributeError(self._unknown(name)) from None
+
+    def _unknown(self, name: object) -> str:
+        return f"no {name!r}; known are {', '.join(self._values)}"
 
     def __contains__(self, name: object) -> bool:
         return name in self._values

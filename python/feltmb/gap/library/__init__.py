@@ -47,6 +47,7 @@ from feltmb.gap.library.inputs import (
 )
 from feltmb.gap.library.levels import (
     constant_rate,
+    exchange,
     leak,
     overflow,
     power_outflow,
@@ -74,6 +75,7 @@ __all__ = [
     "dry_friction_along",
     "dry_friction_asymmetry",
     "end_stop",
+    "exchange",
     "for_coordinate",
     "for_force_balance",
     "for_input",

@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from feltmb.arguments import checked
 from feltmb.data import Array
+from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Named
 
 
+@checked
 def overflow(state: str, *, levels: Sequence[float], rate_scale: float, into: str = "") -> Effect:
     """Overflow above a level: the state loses magnitude * max(0, x - level) per second.
 
@@ -54,6 +57,7 @@ def overflow(state: str, *, levels: Sequence[float], rate_scale: float, into: st
     )
 
 
+@checked
 def leak(state: str, *, scale: float) -> Effect:
     """A loss proportional to the state."""
     return Effect(
@@ -67,6 +71,7 @@ def leak(state: str, *, scale: float) -> Effect:
     )
 
 
+@checked
 def power_outflow(state: str, power: float, *, scale: float, unit: str) -> Effect:
     """A loss proportional to a power of the state that the model does not have.
 
@@ -92,6 +97,55 @@ def power_outflow(state: str, power: float, *, scale: float, unit: str) -> Effec
     )
 
 
+@checked
+def exchange(
+    state: str, ambient: str, power: float = 1.0, *, scale: float, unit: str = "1/s"
+) -> Effect:
+    """An exchange with the surroundings that the model does not have, or has with another law.
+
+    With the difference d = state - ambient, the state loses magnitude d |d|^(power - 1) per second:
+    heat that a warm body loses to the air of a room, or a substance that passes a membrane. The
+    state gains if it is below the ambient value.
+
+    Parameters
+    ----------
+    state
+        State that exchanges.
+    ambient
+        Input of the model in the unit of the state, such as the temperature of the room.
+    power
+        Power of the difference, > 0: 1 for conduction and forced convection, about 1.25 for the
+        free convection of air, 2 for turbulent flow through an opening.
+    scale
+        Magnitude that one would expect.
+    unit
+        Unit of the magnitude: with the unit degC of the state and power 2, ``1/(degC s)``.
+
+    Raises
+    ------
+    InvalidParameter
+        The power is not finite or not above zero.
+    """
+    if not 0.0 < power < np.inf:
+        raise InvalidParameter(f"exchange: power = {power!r}, expected a finite number > 0")
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
+        difference = x[state] - u[ambient]
+        return {state: -size * np.sign(difference) * np.abs(difference) ** power}
+
+    law = "" if power == 1.0 else f"^{power:g}"
+    return Effect(
+        name=f"exchange ~ ({state} - {ambient}){law}",
+        component=state,
+        unit=unit,
+        scale=scale,
+        mechanism=f"{state} approaches {ambient} at a rate ~ |{state} - {ambient}|{law}.",
+        remedy="Add the exchange with the surroundings, or use another law of it.",
+        rate=rate,
+    )
+
+
+@checked
 def constant_rate(state: str, *, scale: float, unit: str) -> Effect:
     """A constant inflow.
 
