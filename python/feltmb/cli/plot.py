@@ -22,7 +22,8 @@ from feltmb.cli.completing import outputs
     "--compare",
     metavar="OUTPUT",
     shell_complete=outputs,
-    help="Draw only this output, with all runs in one plot, such as hammer_tip.x.",
+    help="Draw only this output, with all runs in one plot, such as hammer_tip.x. The legend has "
+    "the names of the files.",
 )
 @force_option
 @tables_as_json
@@ -37,7 +38,9 @@ def command(
 
     loaded = [load_run(path) for path in runs]
     if compare:
-        figure = overlay(loaded, list(compare))
+        stems = [path.stem for path in runs]
+        labels = [p.stem if stems.count(p.stem) == 1 else str(p) for p in runs]
+        figure = overlay(loaded, list(compare), labels)
         if out is not None:
             make_folder(out)
         target = (out or runs[0].parent) / "compare.png"

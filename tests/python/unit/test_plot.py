@@ -248,12 +248,47 @@ def test_compare_overlays_in_units_of_the_reader(runs):
     ):
         for line, run in zip(ax.get_lines(), [*pair, pair[0]], strict=True):
             np.testing.assert_allclose(line.get_ydata(), factor * run[name])
-    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert len(set(labels)) == 3
+    (legend,) = figure.legends
+    assert len({text.get_text() for text in legend.get_texts()}) == 3
     with pytest.raises(InvalidParameter, match=r"hammer_tip\.vx"):
         plot.compare(pair, ["hammer_tip.v"])
     with pytest.raises(InvalidParameter, match="0 runs"):
         plot.compare([], ["hammer.angle"])
+    with pytest.raises(InvalidParameter, match="got 1 labels, expected one for each of the 2 runs"):
+        plot.compare(pair, ["hammer.angle"], ["one"])
+
+
+def test_compare_names_runs_of_one_mechanism_by_their_files(runs, tmp_path, monkeypatch):
+    """They were "steinway45 · stroke piano (1)" and "(2)"."""
+    figures = []
+    original = plot.compare
+
+    def kept(*args):
+        figures.append(original(*args))
+        return figures[-1]
+
+    monkeypatch.setattr(plot, "compare", kept)
+    run = next(iter(runs.values()))
+    paths = [tmp_path / f"{n}.nc" for n in ("before", "_after", "a/run", "b/run", "cost_$5")]
+    for path in paths:
+        path.parent.mkdir(exist_ok=True)
+        run.save(path)
+    words = [*map(str, paths), str(paths[0]), "--compare", "hammer.angle", "-o", str(tmp_path)]
+    with pytest.raises(SystemExit, match="0"):
+        main(["plot", *words])
+    (legend,) = figures[0].legends
+    told = [text.get_text() for text in legend.get_texts()]
+    assert told == [
+        f"{paths[0]} (1)",
+        " _after",
+        str(paths[2]),
+        str(paths[3]),
+        r"cost_\$5",
+        f"{paths[0]} (6)",
+    ]
+    colors = [line.get_color() for line in figures[0].axes[0].get_lines()]
+    assert [handle.get_color() for handle in legend.legend_handles] == colors
+    assert len(set(colors)) == len(paths) + 1
 
 
 def test_finger_of_a_motion_stroke_shows_what_was_prescribed(action):

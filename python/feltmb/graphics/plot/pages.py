@@ -146,8 +146,16 @@ def _summary_line(run: Run) -> str:
     return "\n".join("   ".join(row) for row in (parts[:half], parts[half:]) if row)
 
 
-def compare(runs: Sequence[Run], names: Sequence[str]) -> Figure:
+#: Letters of a line of the legend of a comparison.
+LEGEND_LETTERS = 120
+
+
+def compare(
+    runs: Sequence[Run], names: Sequence[str], labels: Sequence[str] | None = None
+) -> Figure:
     """Plot outputs of several runs in common axes, one panel for each output.
+
+    The legend at the top is that of all panels.
 
     Parameters
     ----------
@@ -156,24 +164,30 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Figure:
     names
         Names of outputs, such as ``["hammer_tip.vx", "contact06.force"]``. A run without an output
         is omitted from its panel.
+    labels
+        Name of each run in the legend, such as its file; default: mechanism and stroke. Equal ones
+        get the number of the run.
 
     Raises
     ------
     InvalidParameter
-        There are no runs, no names, or an output that no run has.
+        There are no runs, no names, an output that no run has, or not one label for each run.
     """
     if not runs or not names:
         raise InvalidParameter(
             f"plot compare: got {len(runs)} runs and {len(names)} outputs, expected one or more"
         )
+    if labels is not None and len(labels) != len(runs):
+        raise InvalidParameter(
+            f"plot compare: got {len(labels)} labels, expected one for each of the {len(runs)} runs"
+        )
     for run in runs:
         need_samples(run)
-    figure = new_figure(8.8, 2.3 * len(names) + 0.7)
-    figure.suptitle("Comparison", fontsize=LARGE, x=0.01, ha="left", fontweight="bold")
+    titles = _titles(runs, labels)
+    columns = max(1, min(len(titles), LEGEND_LETTERS // (6 + max(map(len, titles)))))
+    lines = -(-len(titles) // columns)
+    figure = new_figure(8.8, 2.3 * len(names) + 0.7 + 0.2 * lines)
     axes = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
-    labels = [run_name(run) or f"run {i + 1}" for i, run in enumerate(runs)]
-    doubled = {label for label in labels if labels.count(label) > 1}
-    labels = [f"{label} ({i + 1})" if label in doubled else label for i, label in enumerate(labels)]
     shown: dict[str, Any] = {}
     for ax, name in zip(axes, names, strict=True):
         having = [i for i, run in enumerate(runs) if name in run]
@@ -189,7 +203,7 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Figure:
                 linestyle=("-", "--", ":")[(i // len(CYCLE)) % 3],
                 linewidth=1.1,
             )
-            shown.setdefault(labels[i], line)
+            shown.setdefault(titles[i], line)
         style_axes(ax, "", f"{name} [{unit}]")
         text = first.long_names[first.names.index(name)]
         ax.set_title(plain_text(text), fontsize=SMALL + 0.5, loc="left", color=GRAY)
@@ -197,13 +211,23 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Figure:
     axes[0].set_xlim(
         1e3 * min(float(r.time[0]) for r in runs), 1e3 * max(float(r.time[-1]) for r in runs)
     )
-    axes[0].legend(
+    figure.legend(
         shown.values(),
         shown.keys(),
-        loc="upper left",
-        bbox_to_anchor=(1.01, 1.0),
-        borderaxespad=0.0,
+        loc="outside upper left",
+        title="Comparison",
+        title_fontproperties={"size": LARGE, "weight": "bold"},
+        alignment="left",
+        ncols=columns,
         frameon=False,
         fontsize=NORMAL - 0.5,
     )
     return figure
+
+
+def _titles(runs: Sequence[Run], labels: Sequence[str] | None) -> list[str]:
+    """Different names of the runs for a legend, as text for matplotlib."""
+    given = [run_name(run) for run in runs] if labels is None else list(map(plain_text, labels))
+    # A legend leaves out names that begin with an underscore.
+    given = [f" {n}" if n.startswith("_") else n or f"run {i + 1}" for i, n in enumerate(given)]
+    return [f"{n} ({i + 1})" if given.count(n) > 1 else n for i, n in enumerate(given)]
