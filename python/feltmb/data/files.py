@@ -36,6 +36,7 @@ from feltmb.units import (
     spelled_unit,
     split_quantity,
     to_si,
+    weight_hint,
     zero_and_factor,
 )
 from feltmb.units.quantity import fault_text, shortened, validated
@@ -332,7 +333,9 @@ def _series(
         return empty
     found = _conversion(unit, spec.si, model)
     if found is None:
-        expected = f"expected one of {spec.si}" if spec.si else "give its si and factor"
+        expected = "give its si and factor"
+        if spec.si:
+            expected = f"expected one of {spec.si}{weight_hint(unit, spec.si)}"
         faults.append(f"column {shown}: unit {shortened(unit)!r} is unknown; {expected}")
         return empty
     zero, factor, si = found

@@ -29,7 +29,7 @@ from feltmb.gap.criteria import (
 )
 from feltmb.gap.scatter import grows_with_value
 from feltmb.gap.tare import forces_before_motion
-from feltmb.units import same_unit, unit_suffix
+from feltmb.units import same_unit, unit_suffix, weight_hint
 
 __all__ = ["ChannelCheck", "DataChecks", "check_records"]
 
@@ -380,6 +380,7 @@ def faults_against(model: Model, records: Sequence[Record]) -> list[str]:
             if "1" not in (unit, wanted) and not same_unit(unit, wanted):
                 problems.append(
                     f"{record.name}: {name} is in {unit}, in the model {model.name} in {wanted}"
+                    f"{weight_hint(unit, wanted)}"
                 )
     return problems
 

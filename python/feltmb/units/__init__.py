@@ -13,6 +13,7 @@ from feltmb.units.names import (
     split_quantity,
     to_si,
     unit_suffix,
+    weight_hint,
     zero_and_factor,
 )
 from feltmb.units.spelling import PIXEL, same_unit, spelled_unit, split_column
@@ -34,5 +35,6 @@ __all__ = [
     "split_quantity",
     "to_si",
     "unit_suffix",
+    "weight_hint",
     "zero_and_factor",
 ]

@@ -25,6 +25,7 @@ __all__ = [
     "split_quantity",
     "to_si",
     "unit_suffix",
+    "weight_hint",
     "zero_and_factor",
 ]
 
@@ -180,11 +181,30 @@ def conversion_factor(unit: str, si_unit: str) -> float:
     if any(abs(a - b) > 1e-12 for a, b in zip(dims, wanted, strict=True)):
         raise InvalidParameter(
             f"unit {unit!r} does not measure this quantity; expected a unit of "
-            f"{_with_examples(si_unit)}"
+            f"{_with_examples(si_unit)}{weight_hint(unit, si_unit)}"
         )
     if (_has_zero(unit) or _has_zero(si_unit)) and _plain(unit) != _plain(si_unit):
         raise InvalidParameter(f"unit {unit!r} has another zero than {si_unit}; expected {si_unit}")
     return factor / target
+
+
+def weight_hint(unit: str, wanted: str) -> str:
+    """The end of a message about a unit of mass in place of one of force; empty: it is another.
+
+    Parameters
+    ----------
+    unit
+        Given unit.
+    wanted
+        Expected unit.
+    """
+    try:
+        dims = _parse(unit)[1], _parse(wanted)[1]
+    except ValueError:
+        return ""
+    if dims != (_parse("kg")[1], _parse("N")[1]):
+        return ""
+    return "; hint: a force in grams has the unit gf (kilograms: kgf, pounds: lbf)"
 
 
 def _has_zero(unit: str) -> bool:

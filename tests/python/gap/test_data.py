@@ -1,6 +1,7 @@
 """Measured files: what is read, and what is said of files that cannot be used."""
 
 import copy
+import re
 import sys
 import warnings
 from dataclasses import replace
@@ -21,8 +22,8 @@ from feltmb.data import (
     write_record,
 )
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.gap import SimulatorModel, check_records
-from feltmb.gap.checks import without_constant, without_copies
+from feltmb.gap import SimulatorModel, check_records, library
+from feltmb.gap.checks import faults_against, without_constant, without_copies
 from feltmb.gap.missing_rows import divided, with_parts
 from feltmb.gap.split import split_records
 
@@ -466,9 +467,34 @@ def test_units_of_records_are_compared_with_those_of_the_model(tmp_path):
     assert right.sensors["q"].unit == "m"
 
 
+@pytest.mark.parametrize("unit", ["(g)", "[g]", "[lb]"])
+def test_a_force_in_grams_is_told_the_unit_of_its_weight(unit, tmp_path):
+    hint = "a force in grams has the unit gf (kilograms: kgf, pounds: lbf)"
+    said = re.escape(hint)
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{0.01 * k},{k},{k}\n" for k in range(20))
+    path.write_text(f"time [s],f {unit},q [m]\n{rows}")
+    path.with_suffix(".toml").write_text("inputs.f = {}\noutputs.q = {}\n")
+    record = read_record(path)
+    model = copy.copy(models.NOMINAL)
+    model.units = {"f": "N", "q": "m"}
+    assert faults_against(model, [record]) == [
+        f"a: f is in kg, in the model oscillator in N; hint: {hint}"
+    ]
+    path.with_suffix(".toml").write_text('inputs.f.si = "N"\noutputs.q = {}\n')
+    with pytest.raises(DataError, match=said):
+        read_record(path)
+    with pytest.raises(DataError, match=said):
+        library.for_input("f", record, unit="N")
+    path.with_suffix(".toml").write_text("inputs.f = {}\noutputs.q = {}\n")
+    path.write_text(f"time [s],f [gf],q [m]\n{rows}")
+    right = read_record(path)
+    assert faults_against(model, [right]) == []
+    assert right.inputs["f"][1] == pytest.approx(9.80665e-3)
+
+
 def test_the_input_of_a_mechanism_has_a_unit_too():
     from feltmb.adapters import mechanism_model
-    from feltmb.gap.checks import faults_against
 
     model, _ = mechanism_model(feltmb.load_action("steinway45"))
     assert model.units["force"] == "N"

@@ -91,6 +91,9 @@ def test_si_units_of_any_unit(unit, factor, si):
     [
         ("kg", "m", "does not measure this quantity; expected a unit of m"),
         ("rad/s", "1/s", "does not measure"),
+        ("g", "N", r"kgf, lbf\); hint: a force in grams has the unit gf \(kilograms: kgf, pounds"),
+        ("N", "kg", r"expected a unit of kg \(kg, g, mg, ug, ng, lb\)$"),
+        ("kg", "N m", r"expected a unit of N m \(J, .*, kWh\)$"),
         ("furlong", "m", "unknown unit 'furlong'"),
         ("RPM", "rad/s", r"unknown unit 'RPM' \(did you mean rpm\?\)"),
         ("N/m/s", "N/m", "more than one '/'"),

@@ -60,7 +60,7 @@ from feltmb.gap.library.sensors import (
     sensor_offset,
     sensor_saturation,
 )
-from feltmb.units import same_unit
+from feltmb.units import same_unit, weight_hint
 
 __all__ = [
     "backlash",
@@ -148,7 +148,7 @@ def for_input(name: str, record: Record, *, unit: str | None = None) -> tuple[Ef
         raise DataError(
             f"unit of input {name}: got {unit!r}, but record {record.name} has it in {stated!r}, "
             f"from {np.min(u):.4g} to {np.max(u):.4g}; expected this unit (a model that states the "
-            "unit of its input, such as %, gets the values in it)"
+            f"unit of its input, such as %, gets the values in it){weight_hint(stated, unit)}"
         )
     unit = unit or stated or "1"
     size = float(np.quantile(np.abs(u), 0.98)) or 1.0
