@@ -89,7 +89,7 @@ def command(
             print_json(plain(checks))
         else:
             _print_checks(checks)
-            _print_warnings(checks.warnings)
+            _print_warnings(checks.told)
         _refuse(checks)
         return
     from feltmb.cli.gap_models import load_adapter
@@ -108,7 +108,7 @@ def command(
         _print_checks(found.checks)
         _print_inputs(found.records, adapter.model.units)
         _print_gap(found)
-        _print_warnings((*found.notes, *found.checks.warnings))
+        _print_warnings(found.told)
     if picture is not None:
         save_figure(found.plot(), picture, force=force)
     if html_page is not None:
@@ -228,5 +228,5 @@ def _looks(row: GapBeforeRow) -> str:
 
 
 def _print_warnings(warnings: Sequence[str]) -> None:
-    for warning in dict.fromkeys(warnings):
+    for warning in warnings:
         say(f"Warning: {warning}")

@@ -14,6 +14,7 @@ from feltmb.errors import DataError, near_names
 from feltmb.fit import Model
 from feltmb.fit.noise import Noise, noise_of, rounding_error
 from feltmb.gap import outliers
+from feltmb.gap.by_record import grouped
 from feltmb.gap.color import averaged_noise, color_at_rest, still_blocks
 from feltmb.gap.criteria import (
     ALPHA,
@@ -107,6 +108,16 @@ class DataChecks:
     """(label, channel, standard deviation between repeats [unit])."""
     estimated: bool
     """Whether sigma of a channel was estimated from the data."""
+
+    @property
+    def told(self) -> list[str]:
+        """The warnings; those that say the same of several records are one."""
+        return grouped(self.warnings, self.records)
+
+    @property
+    def records(self) -> tuple[str, ...]:
+        """Names of the records."""
+        return tuple(dict.fromkeys(c.record for c in self.channels))
 
     @checked
     def noise(self, record: str) -> dict[str, Noise]:

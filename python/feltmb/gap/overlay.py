@@ -19,6 +19,7 @@ from feltmb.fit.noise import rms_of_measured
 from feltmb.fit.observe import observe_whole
 from feltmb.fit.runner import untold_trials
 from feltmb.fit.segmented_records import segment_record
+from feltmb.gap.by_record import grouped
 from feltmb.gap.checks import DataChecks, check_against, not_compared, with_sigma
 from feltmb.gap.common_delay import common_delay
 from feltmb.gap.criteria import (
@@ -104,6 +105,11 @@ class GapBefore:
     """Outputs of the model by record and channel, at the times of the record."""
     notes: tuple[str, ...]
     """Notes about changes to the records, and hints about the differences."""
+
+    @property
+    def told(self) -> list[str]:
+        """Notes and warnings; those that say the same of several records are one."""
+        return grouped((*self.notes, *self.checks.warnings), self.checks.records)
 
     @checked
     def plot(self) -> Figure:

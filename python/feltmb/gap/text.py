@@ -252,5 +252,5 @@ def _next(report: Findings) -> Iterator[Part]:
         yield f"- {advice.text}"
     if not report.next:
         yield report.no_step
-    for warning in report.checks.warnings:
+    for warning in report.checks.told:
         yield f"Warning: {warning}"

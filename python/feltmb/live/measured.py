@@ -256,7 +256,7 @@ class Measured:
             }
             for r in found.rows
         ]
-        notes = [self._named(n) for n in (*found.notes, *found.checks.warnings)]
+        notes = [self._named(n) for n in found.told]
         return {"records": records, "rows": rows, "notes": list(dict.fromkeys(notes))[:12]}
 
     async def _diagnose(self, asked: _Asked) -> None:
