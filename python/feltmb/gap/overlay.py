@@ -34,7 +34,7 @@ from feltmb.gap.criteria import (
 from feltmb.gap.missing_rows import divided
 from feltmb.gap.smoke_test import divergence
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
-from feltmb.units import TEMPERATURE_SCALES, readable_unit
+from feltmb.units import TEMPERATURE_SCALES, readable_unit, spelled_unit, zero_and_factor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -420,19 +420,37 @@ def _pairs(
 def _scales_of_temperature(
     model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]
 ) -> list[str]:
-    """Channels whose temperatures are on another scale in all records."""
+    """Channels whose temperatures are on another scale than that of their label in all records.
+
+    The label may differ from the unit of the model, to which the file was converted.
+    """
     out = []
+    scales = {true for true, _ in TEMPERATURE_SCALES}
     for i, name in enumerate(model.outputs):
-        pairs = _pairs(runs, i, name)
-        for (true, labeled), (zero, factor) in TEMPERATURE_SCALES.items():
-            if labeled != model.units.get(name, ""):
-                continue
-            left = [np.mean((x - y / factor - zero) ** 2) for x, y in pairs]
-            gap = [np.mean((x - y) ** 2) for x, y in pairs]
-            if pairs and all(a < OTHER_SCALE**2 * b for a, b in zip(left, gap, strict=True)):
-                scale = "degrees Fahrenheit" if true == "degF" else true
-                out.append(f"{name}: another scale in all records ({scale} labeled as {labeled}?)")
+        own = model.units.get(name, "")
+        own = spelled_unit(own) or own
+        pairs = _pairs(runs, i, name) if own in scales else []
+        gap = [np.mean((x - y) ** 2) for x, y in pairs]
+        most, best = OTHER_SCALE**2, ""
+        for true, labeled in TEMPERATURE_SCALES:
+            left = [
+                np.mean((x - _reading(_reading(y, own, true), labeled, own)) ** 2) for x, y in pairs
+            ]
+            share = max(
+                (float(a / b) for a, b in zip(left, gap, strict=True) if b > 0.0), default=1.0
+            )
+            if share < most:
+                names = [n.replace("degF", "degrees Fahrenheit") for n in (true, labeled)]
+                most, best = share, f"{names[0]} labeled as {names[1]}"
+        if best:
+            out.append(f"{name}: another scale in all records ({best}?)")
     return out
+
+
+def _reading(values: Array, scale: str, other: str) -> Array:
+    """Temperatures on another scale."""
+    zero, factor = zero_and_factor(scale, other)
+    return (values - zero) * factor
 
 
 #: Factors of a clock in a wrong unit, and their description.

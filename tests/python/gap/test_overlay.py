@@ -432,6 +432,9 @@ def heated(change_input=1.0, scale=(1.0, 0.0), gain=1.0):
         ({"change_input": 1e3}, r"unit of P: the model follows all records with 0\.001 times"),
         ({"scale": (1.0, 273.15)}, r"unit of T: .* \(K labeled as degC"),
         ({"scale": (1.8, 32.0)}, r"unit of T: .* \(degrees Fahrenheit labeled as degC"),
+        # The label of the file is not the unit of the model.
+        ({"scale": (1.0, -273.15)}, r"unit of T: .* \(degC labeled as K"),
+        ({"scale": (1.0 / 1.8, -32.0 / 1.8)}, r"of T: .* \(degC labeled as degrees Fahrenheit"),
     ],
 )
 def test_a_wrong_unit_beside_a_constant_is_found(wrong, told):
