@@ -87,7 +87,7 @@ def reduce_chain(
     mi = linear.by_input.shape[2]
     data = np.concatenate([linear.by_global, linear.residual[..., None]], axis=2)
     c = data.shape[2]
-    if nx == 0:
+    if nx == 0 and mi == 0:
         grams = np.einsum("wmi,wmj->wij", data, data, optimize=True)
         return Chain(
             grams=grams,

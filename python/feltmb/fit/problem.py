@@ -219,10 +219,10 @@ class Problem:
         ):
             with np.errstate(over="ignore", invalid="ignore"):
                 part = np.sum(residual**2, axis=1)
+                part -= _by_input_noise(linear, residual, defect, defect_sd)
                 if defect.shape[1]:
                     tied = np.sum((defect / defect_sd) ** 2, axis=1)
                     part[:-1] += tied
-                    part -= _by_input_noise(linear, residual, defect, defect_sd)
                     mean, sd = self.start_prior(segmented)
                     known = np.isfinite(sd)
                     part[0] += np.sum(

@@ -23,7 +23,7 @@ from feltmb.gap.criteria import (
     contradicted,
     least_odds,
 )
-from feltmb.gap.evidence import full_evidence, other_laws
+from feltmb.gap.evidence import forms_of, full_evidence, other_laws
 from feltmb.gap.law_errors import law_errors
 from feltmb.gap.misfit import allowance
 from feltmb.gap.options import Options
@@ -89,7 +89,10 @@ def posterior(search: Search, settings: FitSettings) -> Posterior:
     def gain(fit: Fit) -> float:
         """Gain of log evidence by an unknown cause beside a fit, with the same defects."""
         laws = law_errors(fit, settings)
-        return (laws.gain if laws.tested else smooth_discrepancy(fit).mean) / inflation
+        if laws.tested:
+            return laws.gain / inflation
+        # What errors of form of the effects explain is in the evidence of the fit already.
+        return (smooth_discrepancy(fit).mean - forms_of(fit).gain) / inflation
 
     def beside(fit: Fit) -> float:
         """Change of the log evidence of a fit if an unknown cause may act in addition."""

@@ -78,12 +78,12 @@ class Forms:
 def forms_of(fit: Fit) -> Forms:
     """Compare errors of form of the effects in a fit with exact laws.
 
-    Only exact laws are considered if nothing can vary between segments: without effects, without
-    states, or with one segment.
+    Only exact laws are considered if nothing can vary between segments: without effects, or with
+    one segment. A model without states has one segment a record.
     """
-    segments = max((s.count for s in fit.problem.segmented_records), default=0)
+    segments = sum(s.count for s in fit.problem.segmented_records)
     exact = Forms((np.zeros(0, dtype=np.intp),), np.zeros(1))
-    if not fit.included or not fit.defect_sd.size or segments < 2:
+    if not fit.included or segments < 2:
         return exact
     if not np.isfinite(fit.log_evidence):
         return exact
