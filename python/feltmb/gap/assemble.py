@@ -299,9 +299,13 @@ def how_far_rows(
 
 
 def _fraction(old: float, new: float, noise: float) -> float:
+    """Closed share of the gap above the noise; a residual below the noise is no more than closed.
+
+    Such residuals occur: start states and nuisance parameters also fit some of the noise.
+    """
     if not (np.isfinite(old) and np.isfinite(new)) or old <= noise:
         return 0.0
-    return float((old - new) / (old - noise))
+    return (old - max(new, noise)) / (old - noise)
 
 
 def _blocks(parts: Sequence[Array], size: int) -> Array:
@@ -322,7 +326,7 @@ def _draws(old: Array, new: Array, noise: float, seed: int) -> tuple[float, floa
     a = np.sqrt(np.sum(old[index, 0], axis=1) / size)
     b = np.sqrt(np.sum(new[index, 0], axis=1) / size)
     with np.errstate(divide="ignore", invalid="ignore"):
-        fractions = np.where(a > noise, (a - b) / (a - noise), 0.0)
+        fractions = np.where(a > noise, (a - np.maximum(b, noise)) / (a - noise), 0.0)
     low, high = np.quantile(np.nan_to_num(fractions), [0.025, 0.975])
     return float(low), float(high), float((1 + np.sum(b >= a)) / 1001)
 

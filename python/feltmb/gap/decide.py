@@ -303,8 +303,8 @@ def _closest(closest: Closest | None) -> str:
         rows.append(f"{name} of {factor * size:.3g}{unit_suffix(shown)}")
     sizes = ", ".join(rows)
     text = (
-        f" The closest is {sizes}: it would close {closest.closed:.0%} of the held-out gap "
-        f"(95% from {closest.low:.0%} to {closest.high:.0%})"
+        f" The closest is {sizes}: it would close {closest.closed_text} of the held-out gap "
+        f"({closest.band_text})"
     )
     return f"{text}, but is not proven: {closest.why}." if closest.why else f"{text}."
 
@@ -482,7 +482,8 @@ def _explained(far: HowFar) -> float:
 
 
 def _band(far: HowFar) -> str:
-    return f", 95% from {far.low:.0%} to {far.high:.0%}" if far.low < 0.0 else ""
+    """95 % interval of the closed share, if it contains a growth of the gap."""
+    return f", {far.band_text}" if far.low < 0.0 else ""
 
 
 def _closing(facts: Facts, names: tuple[str, ...]) -> str:

@@ -204,8 +204,31 @@ class Calibrated:
         return f" ({', '.join(notes)})" if notes else ""
 
 
+class ClosedShare:
+    """Texts of a result with the fields ``closed``, ``low`` and ``high``."""
+
+    closed: float
+    low: float
+    high: float
+
+    @property
+    def undetermined(self) -> bool:
+        """Whether the 95 % interval of ``closed`` contains both 0 % and 100 %."""
+        return round(self.low, 2) <= 0.0 and round(self.high, 2) >= 1.0
+
+    @property
+    def closed_text(self) -> str:
+        """Closed share as text; an interval that excludes nothing has no best value."""
+        return "an undetermined share" if self.undetermined else f"{self.closed:.0%}"
+
+    @property
+    def band_text(self) -> str:
+        """95 % interval of the closed share as text."""
+        return f"95% from {self.low:.0%} to {self.high:.0%}"
+
+
 @dataclass(frozen=True, kw_only=True)
-class Closest:
+class Closest(ClosedShare):
     """The tested set that is closest to the held-out records if no effect is proven."""
 
     effects: tuple[str, ...]
@@ -213,7 +236,8 @@ class Closest:
     """Magnitude of each effect [units of the effects]."""
     units: tuple[str, ...]
     closed: float
-    """Share of the held-out gap of the fitted model that the set would close [1]."""
+    """Share of the held-out gap of the fitted model that the set would close [1]; see
+    :class:`GapRow`."""
     low: float
     """Lower end of the 95 % interval of ``closed`` [1]."""
     high: float
@@ -549,7 +573,7 @@ class Profile:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GapRow:
+class GapRow(ClosedShare):
     """Gap on held-out data in one metric."""
 
     metric: str
@@ -562,7 +586,8 @@ class GapRow:
     """Gap of the model with fitted parameters and named effects [unit]."""
     noise: float
     closed: float
-    """(before - after) / (before - noise) [1]"""
+    """Closed share of the gap above the noise [1]: (before - max(after, noise)) / (before - noise),
+    at most 1, and negative if the gap grows; 0 if the gap before is not above the noise."""
     low: float
     """Lower end of the 95 % interval of ``closed``, by block bootstrap [1]."""
     high: float
@@ -573,7 +598,7 @@ class GapRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HowFar:
+class HowFar(ClosedShare):
     """Reduction of the gap on held-out data."""
 
     rows: tuple[GapRow, ...]
@@ -591,22 +616,14 @@ class HowFar:
     metric: str
     """Metric of the waterfall and of ``closed``: "open loop" or "segmented"."""
     closed: float
-    """Closed share of the held-out gap in ``metric``, all channels together [1]."""
+    """Closed share of the held-out gap in ``metric``, all channels together [1]; see
+    :class:`GapRow`."""
     low: float
     high: float
     records: tuple[str, ...]
     """Names of the held-out records."""
     per_record: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Record -> (before, after): gaps in ``metric`` [``waterfall_unit``]."""
-
-    @property
-    def closed_text(self) -> str:
-        """Closed share as text, at most 100 %.
-
-        ``closed`` may exceed 1, because start states and nuisance parameters of held-out records
-        fit some of the noise as well.
-        """
-        return f"{min(self.closed, 1.0):.0%}"
 
 
 @dataclass(frozen=True, kw_only=True)

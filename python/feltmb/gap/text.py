@@ -218,10 +218,7 @@ def _remains(report: Findings) -> Iterator[Part]:
     yield table
     far = report.how_far
     if report.model.included:
-        yield (
-            f"What is named closes {far.closed_text} of the calibrated gap "
-            f"({far.low:.0%} to {far.high:.0%})."
-        )
+        yield f"What is named closes {far.closed_text} of the calibrated gap ({far.band_text})."
     cells = report.remaining_cells
     if not cells:
         rest = max((g.after / g.noise for g in report.how_far.rows), default=0.0)

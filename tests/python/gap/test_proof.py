@@ -18,7 +18,7 @@ from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Candidate, Effect, State, proof
 from feltmb.gap.acceptance import _Attempt, least_gain
-from feltmb.gap.assemble import how_far_rows
+from feltmb.gap.assemble import _gap_row, how_far_rows
 from feltmb.gap.criteria import ALPHA, SURE, contradicted, least_odds
 from feltmb.gap.proof import (
     HELD_OUT_LEVEL,
@@ -518,8 +518,31 @@ def test_the_closed_share_is_that_of_the_gaps_if_the_noise_of_a_channel_differs(
     before, after = (evaluate(held, f, FitSettings()) for f in (bare, square))
     accepted = SimpleNamespace(before=before, after=after)
     found = how_far_rows(accepted, before, segmented, {}, "open_loop", 0)
-    assert found.closed == pytest.approx((found.before - found.after) / (found.before - 1.0))
-    assert found.low < found.closed < found.high
+    left = max(found.after, 1.0)
+    assert found.closed == pytest.approx((found.before - left) / (found.before - 1.0))
+    assert found.low <= found.closed <= found.high
+
+
+@pytest.mark.parametrize("part", ["small", "large", "below noise"])
+def test_the_closed_share_of_the_gap_is_at_most_all_of_it(part):
+    """A fit that follows some of the noise was told to close 103 % (95 % to 1970 %)."""
+    noise, (old, new) = 0.1, {"small": (0.102, 0.07), "large": (1.0, 0.08)}.get(part, (0.08, 0.07))
+    rows = np.random.default_rng(0).standard_normal((2, 400))
+    before, after = [old * rows[0]], [new * rows[1]]
+    row = _gap_row("open loop", "y", "1", before, before, after, noise, 0)
+    assert 0.0 <= row.low <= row.closed <= row.high <= 1.0
+    if part == "large":
+        assert row.low == row.closed == row.high == 1.0
+        assert row.closed_text == "100%"
+        assert row.band_text == "95% from 100% to 100%"
+    elif part == "small":  # some of the drawn blocks have no gap above the noise
+        assert (row.low, row.high) == (0.0, 1.0)
+        assert row.closed_text == "an undetermined share"
+    else:
+        assert row.closed == 0.0
+    grown = _gap_row("open loop", "y", "1", after, after, [3.0 * before[0]], 0.01, 0)
+    assert grown.high < 0.0
+    assert not grown.undetermined
 
 
 def test_gains_of_a_true_effect_are_as_expected():

@@ -23,6 +23,7 @@ from feltmb.gap.acceptance import Posterior, _Attempt, _certainty, sure_part
 from feltmb.gap.decide import _probable, decide
 from feltmb.gap.digits import digits
 from feltmb.gap.investigate import Task, _explained
+from feltmb.gap.page import page
 from feltmb.gap.refine import refit
 from feltmb.gap.report import write_report
 from feltmb.gap.search import search
@@ -90,6 +91,15 @@ def test_the_statement_tells_what_held_out_records_say(decided):
     maybe = decide(replace(facts, how_far=replace(far, closed=-0.1, low=-0.4, high=0.2)))
     assert maybe.named == ("power 3",)
     assert "closes -10% of the held-out gap, 95% from -40% to 20%" in maybe.statement
+    unclear = replace(far, closed=0.9, low=-0.4, high=1.0)
+    band = "95% from -40% to 100%"
+    shown = decide(replace(facts, how_far=unclear))
+    assert f"closes an undetermined share of the held-out gap, {band}" in shown.statement
+    said = replace(report, how_far=unclear)
+    closes = f"closes an undetermined share of the calibrated gap ({band})"
+    assert closes in " ".join(str(said).split())
+    assert closes in page(said)
+    assert "closes an undetermined share of the held-out gap" in repr(said)
     grown = replace(far, closed=-0.3, low=-0.5, high=-0.1)
     trifle = replace(grown, before=1.3, after=1.31)
     assert decide(replace(facts, how_far=trifle)).named == ("power 3",)
