@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+import numpy as np
 
 from feltmb.cli.common import (
     FileName,
@@ -24,7 +25,7 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions
 
 if TYPE_CHECKING:
-    from feltmb.felt import FeltEnvelope
+    from feltmb.felt import FeltEnvelope, LoopUncertainty
 
 __all__ = ["contact_command", "known_contact", "print_envelope"]
 
@@ -49,18 +50,21 @@ def known_contact(action: str, contact: str | None) -> None:
         )
 
 
-def print_envelope(made: FeltEnvelope) -> None:
-    """Print some rows of an envelope."""
-    table = new_table(
-        "Envelope", "compression [mm]", "loading [N]", "unloading [N]", right=(0, 1, 2)
-    )
+def print_envelope(made: FeltEnvelope, sure: LoopUncertainty | None = None) -> None:
+    """Print some rows of an envelope, with their standard uncertainties if they are known."""
+    columns = ["compression [mm]", "loading [N]", "unloading [N]"]
+    if sure is not None:
+        columns = [columns[0], columns[1], "± [N]", columns[2], "± [N]"]
+    table = new_table("Envelope", *columns, right=tuple(range(len(columns))))
     for share in (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1.0):
         x = share * made.closing
-        table.add_row(
-            f"{x * 1e3:.4g}",
-            f"{float(made.core.loading(x)):.5g}",
-            f"{float(made.core.unloading(x, made.closing)):.5g}",
-        )
+        forces = float(made.core.loading(x)), float(made.core.unloading(x, made.closing))
+        row = [f"{force:.5g}" for force in forces]
+        if sure is not None:
+            sides = (np.interp(x, made.compression, sd) for sd in (sure.loading, sure.unloading))
+            row = [text for pair in zip(row, (f"{sd:.2g}" for sd in sides), strict=True)
+                   for text in pair]  # fmt: skip
+        table.add_row(f"{x * 1e3:.4g}", *row)
     console().print(table)
 
 
@@ -118,7 +122,7 @@ def contact_command(
     check_targets(output, pictures=(picture,), force=force)
     known_contact(action, contact)
     found = read_measured_loop(test, zero=zero, points=points)
-    made = found.envelope
+    made, sure = found.envelope, found.uncertainty
     at = -found.zero if found.by_thickness else found.zero
     if as_json:
         print_json(
@@ -128,6 +132,14 @@ def contact_command(
                 "largest_force": float(made.loading[-1]),
                 "loss": made.loss,
                 "loss_of_samples": found.loss,
+                "uncertainty": {
+                    "cycles": sure.cycles,
+                    "zero": sure.zero,
+                    "loss": sure.loss,
+                    "loading": sure.loading.tolist(),
+                    "unloading": sure.unloading.tolist(),
+                    "source": sure.source,
+                },
                 "memory": dict(found.memory),
                 "rms_of_law": found.rms,
                 "notes": list(found.notes),
@@ -135,13 +147,14 @@ def contact_command(
             }
         )
     else:
-        print_envelope(made)
+        print_envelope(made, sure)
+        say(f"±: standard uncertainty (68 %), {sure.source}")
         what = "thickness" if found.by_thickness else "displacement"
-        given = "given" if zero is not None else "--zero"
+        given = "given" if zero is not None else f"± {1e3 * sure.zero:.2g} mm; --zero"
         say(f"{what} at the first contact: {at * 1e3:.4g} mm ({given})")
         say(
-            f"loss of the loop: {100 * made.loss:.2f} % of the loading work; of the samples: "
-            f"{100 * found.loss:.2f} %"
+            f"loss of the loop: {100 * made.loss:.2f} ± {100 * sure.loss:.2g} % of the loading "
+            f"work; of the samples: {100 * found.loss:.2f} %"
         )
         if found.memory:
             say("memory: " + ", ".join(f"{k} = {v:g}" for k, v in found.memory.items()))

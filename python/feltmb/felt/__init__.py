@@ -17,6 +17,7 @@ from feltmb.felt.envelopes import (
 )
 from feltmb.felt.fitting import ContactFit, contact_loop, fit_contact
 from feltmb.felt.identification import BranchFit, Identification, identify
+from feltmb.felt.loop_uncertainty import LoopUncertainty
 from feltmb.felt.measured import MeasuredLoop, measured_loop, read_measured_loop
 from feltmb.fiber.material import (
     Branch,
@@ -42,6 +43,7 @@ __all__ = [
     "Fiber",
     "Finding",
     "Identification",
+    "LoopUncertainty",
     "MeasuredLoop",
     "SphereOnLayer",
     "audit",

@@ -20,6 +20,12 @@ from feltmb.arguments import checked
 from feltmb.contact import Law
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt.envelopes import FeltEnvelope
+from feltmb.felt.loop_uncertainty import (
+    LoopUncertainty,
+    complete_cycles,
+    loop_uncertainty,
+)
+from feltmb.felt.monotone import EXPONENTS, LOWEST, monotone_curve
 from feltmb.fiber.approach import LEAST, TOUCH, free_approach, scatter_of
 from feltmb.fiber.columns import read_test
 from feltmb.fiber.cycles import Branches, find_branches
@@ -28,16 +34,10 @@ __all__ = ["MeasuredLoop", "measured_loop", "read_measured_loop"]
 
 Array = NDArray[np.float64]
 
-#: Most knots of the curve of a branch.
-KNOTS = 40
-#: Lowest sample of a branch, as a share of the compression, that needs no extrapolation.
-LOWEST = 0.02
 #: First force that counts as a preload: multiples of the scatter of the force.
 PRELOAD = 5.0
 #: The compression that a preloaded test lacks is estimated up to this multiple of its first force.
 BEGINNING = 3.0
-#: Range of the exponent of an extrapolated branch.
-EXPONENTS = (1.0, 10.0)
 #: Range of the transition length of the law, and its wiping out of inner loops (docs: model.md).
 KAPPA, WIPING_OUT = (0.002, 1.0), 0.2
 #: Exponent of the share of the compression with which unloading is raised to meet loading.
@@ -59,6 +59,8 @@ class MeasuredLoop:
     """Samples of loading, unloading and holds."""
     envelope: FeltEnvelope
     """Both branches as a table, for a mechanism file."""
+    uncertainty: LoopUncertainty
+    """Standard uncertainties of the envelope, the loss and the zero."""
     notes: tuple[str, ...]
     """Sentences about samples that are left out, and about the zero."""
     by_thickness: bool = False
@@ -75,8 +77,7 @@ class MeasuredLoop:
     @cached_property
     def by_law(self) -> Array:
         """Force of the law with memory over the compression of the test [N]."""
-        time = 1e-3 * np.arange(self.compression.size)  # the law does not depend on the rate
-        return self.law().path(np.maximum(self.compression, 0.0), time)
+        return _by_law(self.envelope, self.compression)
 
     def law(self, **options: float) -> Law:
         """Law with memory whose envelope is this loop.
@@ -92,9 +93,7 @@ class MeasuredLoop:
     @property
     def rms(self) -> float:
         """Root mean square of the difference of law and test, without holds [N]."""
-        kept = np.ones(self.force.size, dtype=bool)
-        kept[self.branches.held] = False
-        return float(np.sqrt(np.mean((self.by_law - self.force)[kept] ** 2)))
+        return _rms(self.envelope, self.compression, self.force, self.branches)
 
     @property
     def loss(self) -> float:
@@ -187,6 +186,9 @@ def measured_loop(
     one that never decreases, as the law with memory requires. The transition of the law (``kappa``,
     and ``wiping_out`` = 0 or 0.2) is fitted to the whole test.
 
+    Of several cycles, the envelope has what each loads beyond all earlier reversals, and the
+    unloading from the largest compression. The scatter of the complete ones is its uncertainty.
+
     Parameters
     ----------
     displacement
@@ -221,8 +223,6 @@ def _measured_loop(
     by_thickness: bool,
 ) -> MeasuredLoop:
     """As :func:`measured_loop`; by thickness, the displacement is minus the thickness."""
-    from scipy.optimize import isotonic_regression
-
     x, f = np.asarray(displacement, dtype=float), np.asarray(force, dtype=float)
     faults = []
     if x.ndim != 1 or x.shape != f.shape or x.size < 2 * LEAST:
@@ -266,10 +266,37 @@ def _measured_loop(
         raise InvalidParameter("measured_loop: " + "; ".join(faults))
     end = float(np.max(e))
     grid = end * np.linspace(0.0, 1.0, points) ** 2
-    (load, low_load), (back, low_back) = (
-        _curve(e[at], f[at], end, grid) for at in (loading, unloading)
+    curves = (
+        monotone_curve(e[loading], f[loading], end),
+        monotone_curve(e[unloading], f[unloading], end),
     )
-    back = np.minimum(back + (load[-1] - back[-1]) * (grid / end) ** MEETING, load)
+    meeting = (grid / end) ** MEETING
+
+    load, back = (curve.at(grid) for curve in curves)
+    made = _envelope(grid, load, back, meeting, name)
+    made = replace(made, memory=_memory(made, e, f, branches))
+    cycles = complete_cycles(e, f, branches, grid, load)
+    sure = loop_uncertainty(
+        grid, made.loading, made.unloading, curves, meeting, cycles, given=given
+    )
+    found = MeasuredLoop(e, f, zero, branches, made, sure, (), by_thickness)
+    notes = _notes(found, given=given)
+    for side, curve in zip(("loading", "unloading"), curves, strict=True):
+        if curve.low:
+            notes.append(
+                f"{side} has no samples below {1e3 * curve.low:.4g} mm of compression: it "
+                "continues there as a power of the compression"
+            )
+    if offset:
+        notes.append(f"the force of the free approach, {offset:.4g} N, is subtracted")
+    return replace(found, notes=tuple(notes))
+
+
+def _envelope(grid: Array, load: Array, back: Array, meeting: Array, name: str) -> FeltEnvelope:
+    """Envelope of two branches: unloading meets loading, and its share of it never decreases."""
+    from scipy.optimize import isotonic_regression
+
+    back = np.minimum(back + (load[-1] - back[-1]) * meeting, load)
     share = np.divide(back, load, out=np.zeros_like(back), where=load > 0.0)
     back = isotonic_regression(share, weights=load**2 + 1e-12 * load[-1] ** 2).x * load
     made = FeltEnvelope(grid, load, back, name, f"measured loop {name}")
@@ -277,25 +304,23 @@ def _measured_loop(
         _ = made.core
     except InvalidParameter as error:
         raise InvalidParameter(f"measured_loop: {error}") from None
-    found = MeasuredLoop(e, f, zero, branches, made, (), by_thickness)
-    found = _with_memory(found, _memory(found))
-    notes = _notes(found, given=given)
-    for side, low in (("loading", low_load), ("unloading", low_back)):
-        if low:
-            notes.append(
-                f"{side} has no samples below {1e3 * low:.4g} mm of compression: it continues "
-                "there as a power of the compression"
-            )
-    if offset:
-        notes.append(f"the force of the free approach, {offset:.4g} N, is subtracted")
-    return replace(found, notes=tuple(notes))
+    return made
 
 
-def _with_memory(found: MeasuredLoop, numbers: Mapping[str, float]) -> MeasuredLoop:
-    return replace(found, envelope=replace(found.envelope, memory=numbers))
+def _by_law(made: FeltEnvelope, e: Array) -> Array:
+    """Force of the law with memory along a test [N]."""
+    time = 1e-3 * np.arange(e.size)  # the law does not depend on the rate
+    return Law(made.law(), "felt_memory").path(np.maximum(e, 0.0), time)
 
 
-def _memory(found: MeasuredLoop) -> dict[str, float]:
+def _rms(made: FeltEnvelope, e: Array, force: Array, branches: Branches) -> float:
+    """Root mean square of the difference of law and test, without holds [N]."""
+    kept = np.ones(force.size, dtype=bool)
+    kept[branches.held] = False
+    return float(np.sqrt(np.mean((_by_law(made, e) - force)[kept] ** 2)))
+
+
+def _memory(made: FeltEnvelope, e: Array, force: Array, branches: Branches) -> dict[str, float]:
     """Numbers of the memory with the least difference of law and test, if they are worth it.
 
     Each number must improve the fit by more than its cost in the Bayesian information criterion.
@@ -303,10 +328,10 @@ def _memory(found: MeasuredLoop) -> dict[str, float]:
     """
     from scipy.optimize import minimize_scalar
 
-    samples = found.force.size - found.branches.held.size
+    samples = force.size - branches.held.size
 
     def criterion(numbers: Mapping[str, float]) -> float:
-        squares = _with_memory(found, numbers).rms ** 2
+        squares = _rms(replace(made, memory=numbers), e, force, branches) ** 2
         return samples * math.log(max(squares, 1e-300)) + len(numbers) * math.log(samples)
 
     options: list[dict[str, float]] = [{}]
@@ -319,35 +344,6 @@ def _memory(found: MeasuredLoop) -> dict[str, float]:
         )
         options.append({"kappa": float(f"{math.exp(at.x):.3g}"), **wiping})
     return min(options, key=criterion)
-
-
-def _curve(e: Array, force: Array, end: float, grid: Array) -> tuple[Array, float]:
-    """Monotone curve with the least squares through zero, at the compressions of a grid [N].
-
-    The second result is the compression [m] below which it is extrapolated, or 0.
-    """
-    from scipy.interpolate import PchipInterpolator
-    from scipy.optimize import nnls
-
-    force, e = force[e >= 0.0], e[e >= 0.0]  # before the contact, samples say nothing about it
-    low = float(np.min(e))
-    low = low if low > LOWEST * end else 0.0
-    count = int(np.clip(e.size // 4, 4, KNOTS))
-    knots = low + (end - low) * np.linspace(0.0, 1.0, count + 1) ** 1.5
-    if low:
-        knots = np.concatenate([[0.0], knots])
-    rise = np.clip((e[:, None] - knots[:-1]) / np.diff(knots), 0.0, 1.0)
-    # A triangular factor has the same least squares in as many rows as there are knots.
-    factor = np.asarray(np.linalg.qr(np.column_stack([rise, force]), mode="r"))
-    steps, _ = nnls(factor[:, :-1], factor[:, -1])
-    fitted = PchipInterpolator(knots, np.concatenate([[0.0], np.cumsum(steps)]))
-    curve = np.asarray(fitted(grid))
-    near = min(2.0 * low, end)
-    if low and fitted(low) > 0.0 and near > low:
-        power = np.log(fitted(near) / fitted(low)) / np.log(near / low)
-        below = grid < low
-        curve[below] = fitted(low) * (grid[below] / low) ** np.clip(power, *EXPONENTS)
-    return curve, low
 
 
 def _notes(found: MeasuredLoop, *, given: bool) -> list[str]:
@@ -372,8 +368,9 @@ def _notes(found: MeasuredLoop, *, given: bool) -> list[str]:
     if left_out:
         notes.append(
             f"{branches.cycles} loadings: what each loads beyond all earlier reversals and the "
-            f"unloading from the largest compression are fitted; {left_out} samples of inner loops "
-            "are compared with the law only"
+            f"unloading from the largest compression are fitted; {left_out} samples of the other "
+            "cycles are compared with the law"
+            + (", and give the uncertainty" if found.uncertainty.cycles > 1 else " only")
         )
     if branches.holds:
         first, last = max(branches.holds, key=lambda hold: force[hold[0]])

@@ -132,12 +132,28 @@ def plot_envelope(made: FeltEnvelope) -> Any:
 
 
 def plot_measured_loop(found: MeasuredLoop) -> Any:
-    """Plot a measured loop, and the force of the law with memory over the same compression."""
+    """Plot a measured loop, and the force of the law with memory over the same compression.
+
+    Of several loadings, the later ones are darker. The bands are one standard uncertainty wide on
+    both sides of the branches.
+    """
     figure = new_figure(6.4, 4.2)
     axes = figure.subplots()
-    e = found.compression * 1e3
-    axes.plot(e, found.force, ".", color=GRAYS[1], ms=2.5, label="measured")
-    axes.plot(e, found.by_law, color=LOADING, lw=1.2, label="law with memory")
+    e, made, sure = found.compression * 1e3, found.envelope, found.uncertainty
+    parts = found.branches.by_loading
+    for i, part in enumerate(parts):
+        name = f"measured, loading {i + 1}" if len(parts) > 1 else "measured"
+        color = GRAYS[i * (len(GRAYS) - 1) // (len(parts) - 1)] if len(parts) > 1 else GRAYS[1]
+        shown = i in (0, len(parts) - 1)
+        axes.plot(e[part], found.force[part], ".", color=color, ms=2.5, label=name if shown else "")
+    axes.plot(e, found.by_law, color=LOADING, lw=0.9, label="law with memory")
+    for i, (force, sd) in enumerate(
+        ((made.loading, sure.loading), (made.unloading, sure.unloading))
+    ):
+        axes.fill_between(
+            made.compression * 1e3, force - sd, force + sd, color=FRICTION, alpha=0.5, lw=0.0,
+            label="" if i else "± standard uncertainty",
+        )  # fmt: skip
     axes.axhline(0.0, color="#888888", lw=0.8)
     axes.legend(frameon=False)
     _style(axes, "compression [mm]", "force [N]", found.envelope.name)

@@ -32,10 +32,23 @@ class Branches:
     """Indices of the samples."""
     loading: NDArray[np.bool_]
     """Whether each of them is on the loading branch."""
-    cycles: int
-    """Number of loadings."""
+    starts: list[int]
+    """First sample of each loading."""
     holds: list[tuple[int, int]]
     """First and last sample of each hold. All of its samples but the first are left out."""
+    turns: list[int]
+    """First sample, reversals, and last sample."""
+
+    @property
+    def cycles(self) -> int:
+        """Number of loadings."""
+        return len(self.starts)
+
+    @property
+    def by_loading(self) -> list[slice]:
+        """Samples of each loading with the unloading after it."""
+        limits = [0, *self.starts[1:], self.turns[-1] + 1]
+        return [slice(a, b) for a, b in itertools.pairwise(limits)]
 
     @property
     def held(self) -> NDArray[np.intp]:
@@ -60,11 +73,11 @@ def find_branches(v_f: Array) -> Branches:
     """
     turns = _reversals(v_f)
     loading, unloading = [], [np.zeros(0, dtype=np.intp)]
-    highest, cycles = -np.inf, 0
+    highest, starts = -np.inf, []
     for a, b in itertools.pairwise(turns):
         part = np.arange(a if a == 0 else a + 1, b + 1)
         if v_f[b] >= v_f[a]:
-            cycles += 1
+            starts.append(int(part[0]))
             loading.append(part[v_f[part] > highest])
             highest = max(highest, v_f[b])
         elif v_f[a] == np.max(v_f):
@@ -73,7 +86,7 @@ def find_branches(v_f: Array) -> Branches:
     kept = np.concatenate([*loading, unloading[-1]])
     rising = np.arange(kept.size) < sum(p.size for p in loading)
     order = np.argsort(kept, kind="stable")
-    branches = Branches(kept[order], rising[order], cycles, _find_holds(v_f, turns))
+    branches = Branches(kept[order], rising[order], starts, _find_holds(v_f, turns), turns)
     free = ~np.isin(branches.kept, branches.held)
     return replace(branches, kept=branches.kept[free], loading=branches.loading[free])
 

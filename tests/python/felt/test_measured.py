@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.signal import lfilter
 
 import feltmb
 from feltmb.cli.felt import command
@@ -195,6 +196,59 @@ def test_holds_are_left_out_and_told():
     assert found.rms == pytest.approx(0.01, rel=0.3)
 
 
+def cycles_of(count, gain, noise, seed):
+    """Complete cycles, whose forces differ by a gain each; successive noise correlates by 0.5."""
+    random = np.random.default_rng(seed)
+    cycle = np.concatenate([UP, UP[::-1]])
+    force = law("felt_memory", **TRUE).path(cycle, 1e-3 * np.arange(cycle.size))
+    gains = 1.0 + gain * random.standard_normal(count)
+    white = np.sqrt(0.75) * random.standard_normal(count * cycle.size)
+    drift = noise * lfilter([1.0], [1.0, -0.5], white)
+    return np.tile(cycle, count), np.concatenate([g * force for g in gains]) + drift
+
+
+@pytest.mark.parametrize(("count", "gain", "noise"), [(1, 0.0, 0.05), (3, 0.03, 0.005)])
+def test_two_thirds_of_the_intervals_contain_the_true_forces(count, gain, noise):
+    """From the scatter of correlated samples, and from that between cycles."""
+    cycle = np.concatenate([UP, UP[::-1]])
+    true = law("felt_memory", **TRUE).path(cycle, 1e-3 * np.arange(cycle.size))
+    sides = true[: UP.size], true[UP.size :][::-1]
+    places = np.linspace(2e-4, 7e-4, 6)
+    inside = []
+    for seed in range(30):
+        found = measured_loop(*cycles_of(count, gain, noise, seed), zero=0.0)
+        made, sure = found.envelope, found.uncertainty
+        assert sure.cycles == count
+        pairs = ((made.loading, sure.loading), (made.unloading, sure.unloading))
+        for (force, sd), side in zip(pairs, sides, strict=True):
+            error = np.interp(places, made.compression, force) - np.interp(places, UP, side)
+            inside.append(np.abs(error) < np.interp(places, made.compression, sd))
+    assert np.mean(inside) == pytest.approx(0.68, abs=0.12)
+
+
+def test_uncertainties_follow_the_noise_and_the_cycles():
+    one = [measured_loop(*cycles_of(1, 0.0, n, 1), zero=0.0).uncertainty for n in (0.01, 0.1)]
+    half = UP.size // 3
+    assert one[1].loading[half] == pytest.approx(10.0 * one[0].loading[half], rel=0.3)
+    assert one[1].loss == pytest.approx(10.0 * one[0].loss, rel=0.4)
+    assert one[0].zero == 0.0  # given
+    assert "do not contain the variation from cycle to cycle" in one[0].source
+    found = measured_loop(*cycles_of(4, 0.1, 0.01, 2))
+    sure = found.uncertainty
+    assert sure.cycles == 4
+    assert sure.loading[-1] > 30.0 * one[0].loading[-1]
+    assert 0.0 < sure.zero < 2e-5
+    assert any("give the uncertainty" in note for note in found.notes)
+    # An inner loop is no repetition of the whole one.
+    inner = measured_loop(*made_loop(0.02))
+    assert inner.uncertainty.cycles == 1
+    assert len(inner.branches.by_loading) == 2
+    # The numbers do not require memory for all pairs of rows.
+    fine = measured_loop(*cycles_of(1, 0.0, 0.01, 1), zero=0.0, points=20_000).uncertainty
+    assert fine.loading[-1] == pytest.approx(one[0].loading[-1], rel=1e-6)
+    assert fine.loss == pytest.approx(one[0].loss, rel=0.02)
+
+
 def write(path, unit=1e3, text=None):
     x, force = made_loop(0.02, approach=20)
     rows = "\n".join(f"{unit * a:.6f},{b:.4f}" for a, b in zip(x, force, strict=True))
@@ -224,6 +278,11 @@ def test_from_a_file_to_a_mechanism(tmp_path):
     told = json.loads(run("contact", path, "--json", "--zero", "0mm"))
     assert told["zero"] == 0.0
     assert told["rms_of_law"] == pytest.approx(0.02, rel=0.1)
+    sure = told["uncertainty"]
+    assert len(sure["loading"]) == len(told["envelope"]["loading"])
+    assert f"± {100 * sure['loss']:.2g} % of the loading work" in out
+    assert "±: standard uncertainty (68 %), from the scatter of the samples" in out
+    assert "mm (± " in out
 
 
 def test_a_test_by_thickness(tmp_path):

@@ -707,7 +707,20 @@ CALLS = {
     },
     "feltmb.felt.MeasuredLoop": lambda: {
         f: getattr(measured(), f)
-        for f in ("compression", "force", "zero", "branches", "envelope", "notes", "by_thickness")
+        for f in (
+            "compression",
+            "force",
+            "zero",
+            "branches",
+            "envelope",
+            "uncertainty",
+            "notes",
+            "by_thickness",
+        )
+    },
+    "feltmb.felt.LoopUncertainty": lambda: {
+        f: getattr(measured().uncertainty, f)
+        for f in ("loading", "unloading", "loss", "zero", "cycles")
     },
     "feltmb.felt.MeasuredLoop.law": lambda: (measured(), {"options": {"kappa": 0.5}}),
     "feltmb.felt.measured_loop": lambda: {
