@@ -25,6 +25,7 @@ from feltmb.adapters.landmarks import first_turn, landmarks
 from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
 from feltmb.adapters.simulator import Simulator, key_of
+from feltmb.adapters.unreached import unreached
 from feltmb.adapters.variability import RunVariability, variability_of
 from feltmb.adapters.writing import write_mechanism
 from feltmb.data import Array, Record
@@ -206,6 +207,8 @@ class MechanismModel(Model):
                 record = record.cut(0, kept)
             cut.append(with_error(record, turn))
         ready = tuple(with_integration_error(self.simulator, cut, notes))
+        if far := unreached(self.simulator, ready):
+            notes.append(far)
         if model.carried == self.carried:
             model = self
         known = [(r, model.variabilities.get(r.name)) for r in ready]
