@@ -111,9 +111,11 @@ def contact_command(
 ) -> None:
     """Contact law from the measured loop in TEST, a CSV with units in its header.
 
-    Columns: "displacement [mm]" (compression positive) or "thickness [mm]", and "force [N]". No
-    data of the fibers are needed. The table is the value of contacts.NN.memory.envelope in a
-    mechanism file. With --contact the output file is a complete mechanism.
+    Columns: "displacement [mm]" (or compression; positive in compression) or "thickness [mm]", and
+    "force [N]"; other units, such as in, gf and kgf, are converted. No data of the fibers are
+    needed. The file may contain several cycles: the scatter of the complete ones gives the
+    uncertainty. The table is the value of contacts.NN.memory.envelope in a mechanism file. With
+    --contact the output file is a complete mechanism.
     """
     from feltmb.felt import read_measured_loop
     from feltmb.felt.plot import plot_measured_loop

@@ -269,10 +269,11 @@ def audit_targets(
         if is_file and "memory" in raw:
             return [(path.stem, load_envelope(path))]
     if not is_file and action_name not in packaged_actions():
+        hint = "; hint: feltmb felt contact and identify read a measured loop"
         raise InvalidParameter(
             f"{text!r} is no mechanism ({', '.join(packaged_actions())}), no felt "
             f"({', '.join(packaged_materials())}) and no file ending in .toml; expected "
-            "ACTION:CONTACT, a felt or an envelope"
+            f"ACTION:CONTACT, a felt or an envelope{hint if path.is_file() else ''}"
         )
     action = with_values_told(load_action(action_name), settings, tell)
     contacts = action.config.contacts

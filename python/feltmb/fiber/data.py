@@ -126,7 +126,7 @@ def _by_reversals(test: CompressionData) -> CompressionData:
         notes.append(
             f"{found.cycles} loadings: what each loads beyond all earlier reversals and the "
             f"unloading from the largest volume fraction are used; {left_out} samples of inner "
-            f"loops are left out {all_used}"
+            f"loops and further cycles are left out {all_used}"
         )
     if found.holds:
         # Of several holds, the one under the largest load: a felt at rest does not relax.
@@ -327,5 +327,12 @@ def read_compression(
     )
     slack = slack_fault(made, thickness0) if known else ""
     if slack:
-        raise DataError(f"{file}: {slack}")
+        hint = ""
+        if table.compression == "displacement" and thickness0 is not None:
+            first = (zero or 0.0) + thickness0 - made.thickest_loaded
+            hint = (
+                f"; hint: the displacement at the first contact is {1e3 * first:.4g} mm or less, "
+                f"give zero (--zero={1e3 * first:.4g}mm)"
+            )
+        raise DataError(f"{file}: {slack}{hint}")
     return made

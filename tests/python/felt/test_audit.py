@@ -132,6 +132,10 @@ def test_targets(tmp_path):
             audit_targets(text)
     with pytest.raises(InvalidParameter, match=r"--all"):
         audit_targets("steinway45")
+    measured = tmp_path / "test.csv"
+    measured.write_text("displacement [mm],force [N]\n")
+    with pytest.raises(InvalidParameter, match="felt contact and identify read a measured loop"):
+        audit_targets(str(measured))
 
 
 def test_faults_and_plain_data():

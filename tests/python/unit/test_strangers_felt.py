@@ -142,6 +142,21 @@ def test_an_area_in_any_unit(tmp_path, area):
     assert got.exit_code == 0, got.output
 
 
+def test_a_load_before_the_zero_of_a_displacement_tells_the_zero(tmp_path):
+    up = np.linspace(-0.05, 1.0, 60)
+    force = 20.0 * np.maximum(up + 0.03, 0.0)  # the contact begins at -0.03 mm
+    x, f = np.append(up, up[::-1]), np.append(force, force[::-1])
+    path = tmp_path / "test.csv"
+    rows = "\n".join(f"{a:.5f},{b:.5f}" for a, b in zip(x, f, strict=True))
+    path.write_text(f"displacement [mm],force [N]\n{rows}\n")
+    known = {"v_f0": FELT.v_f0, "thickness0": 6e-3, "area": AREA}
+    with pytest.raises(DataError, match="hint: the displacement at the first contact") as told:
+        read_compression(path, **known)
+    zero = float(str(told.value).split("--zero=")[1].split("mm")[0])
+    assert -0.035 < zero < -0.01
+    assert read_compression(path, zero=1e-3 * zero, **known).reference_known
+
+
 def test_a_thickness_that_the_file_refutes_is_refused(tmp_path):
     path = written(tmp_path)
     with pytest.raises(DataError, match=r"6 mm without load, but the test carries .* Pa at 6\.0"):
