@@ -45,6 +45,7 @@ NEUTRAL: dict[str, tuple[float, ...]] = {
     "ALLOWED_REST": (0.0,),
     "COLOR_GAIN": (math.inf,),
     "EXPLAINS_MOST": (0.0,),
+    "FORM_ERROR": (0.0,),
     "NO_GAP_RATIO": (1.0,),
     "SLOW_COLOR": (math.inf,),
     "STILL_SHRINKS": (math.inf,),

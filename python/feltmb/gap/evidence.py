@@ -126,7 +126,7 @@ def with_form(
     point: Point,
     linears: list[Linear],
     inexact: NDArray[np.intp],
-    share: float = FORM_ERROR,
+    share: float,
 ) -> list[Linear]:
     """Derivatives with the deviations of the magnitudes of inexact effects between segments.
 

@@ -35,6 +35,7 @@ from feltmb.fit.solve import (
 )
 from feltmb.fit.starts import from_other_starts
 from feltmb.fit.watch import current
+from feltmb.gap.criteria import FORM_ERROR
 from feltmb.gap.evidence import forms_of, with_form
 
 __all__ = [
@@ -341,7 +342,8 @@ def _likeliest(
         return np.asarray(inverse @ np.concatenate([by_theta[loose.free], by_magnitude, *own]))
 
     while True:
-        linears, moved = with_form(loose, point, loose.linear(point), inexact), distance(point)
+        linears = with_form(loose, point, loose.linear(point), inexact, FORM_ERROR)
+        moved = distance(point)
         total = base.cost_at(point, fit.defect_sd, linears)[0] + moved[:count] @ moved[:count]
         here = _Likeliest(point, linears, units, moved, float(total))
         if not np.isfinite(total):
