@@ -56,12 +56,15 @@ class Posterior:
     sets: tuple[float, ...]
     """Probability of each set, in the order of ``Search.sets``."""
     inflation: float
+    like: str = ""
+    """Effect that the likeliest unknown cause acts like, with another law; empty: it does not."""
 
     def updated(self, other: float, sets: Sequence[float]) -> Posterior:
         """After further records, by their log likelihood ratios to the model alone."""
         with np.errstate(divide="ignore"):
             before = np.log([self.none, self.other, *self.sets])
-        return _posterior(before + np.array([0.0, other, *sets]) / self.inflation, self.inflation)
+        after = before + np.array([0.0, other, *sets]) / self.inflation
+        return _posterior(after, self.inflation, self.like)
 
 
 def posterior(search: Search, settings: FitSettings) -> Posterior:
@@ -115,6 +118,7 @@ def posterior(search: Search, settings: FitSettings) -> Posterior:
     # unknown cause.
     index = {c.key: k for k, c in enumerate(search.sets)}
     values = [alone, beyond, *sets]
+    found: list[tuple[float, int, str]] = []
     for k, c in enumerate(search.sets):
         if sets[k] < best - NEAR_BEST:
             break
@@ -123,14 +127,18 @@ def posterior(search: Search, settings: FitSettings) -> Posterior:
             at = 1 if rest is None else 2 + rest
             like = (c.evidence + odds) / inflation + math.log(share)
             values[at] = np.logaddexp(values[at], like)
-    return _posterior(values, inflation)
+            if odds > 0.0:  # it explains the records better than the effect
+                found.append((like, at, name))
+    largest, at, name = max(found, default=(-math.inf, 1, ""))
+    told = name if largest > values[at] - math.log(2.0) else ""
+    return _posterior(values, inflation, told)
 
 
-def _posterior(values: Sequence[float] | Array, inflation: float) -> Posterior:
+def _posterior(values: Sequence[float] | Array, inflation: float, like: str = "") -> Posterior:
     """Posterior from log weights: of the model alone, of an unknown cause, and of every set."""
     weights = np.exp(np.asarray(values) - np.max(values))
     none, other, *sets = (float(w) for w in weights / weights.sum())
-    return Posterior(none, other, tuple(sets), inflation)
+    return Posterior(none, other, tuple(sets), inflation, like)
 
 
 @dataclass(frozen=True, eq=False)

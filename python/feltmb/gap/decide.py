@@ -584,10 +584,15 @@ def _refusals(accepted: Accepted) -> str:
 
 
 def _place(facts: Facts) -> str:
-    """Sentences about the place of an unknown cause."""
+    """Sentences about the place of an unknown cause, and about what it resembles."""
     text = ""
     where = facts.where
     strong = [c for c in where.components if c.significant]
     if strong:
         text = f" {strong[0].text}."
+    if name := facts.belief.like:
+        text += (
+            f" A cause that acts like {name}, but with another law, explains the fitted records "
+            f"better than {name}: its magnitude would differ between parts of the records."
+        )
     return " ".join([text, *where.hints]) if where.hints else text

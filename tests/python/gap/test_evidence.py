@@ -12,6 +12,7 @@ from feltmb.fit.model import Candidate
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, finish, fit_problem, polish
+from feltmb.gap import Options, Verdict, diagnose
 from feltmb.gap.criteria import FORM_ERROR, OTHER_LAW
 from feltmb.gap.evidence import forms_of, other_laws
 from feltmb.gap.proof import HELD_OUT_LEVEL, HeldOut, evaluate
@@ -127,3 +128,12 @@ def test_held_out_records_are_predicted_with_the_errors_of_form():
     assert found.total == pytest.approx(logsumexp(whole) - logsumexp(old) + constant, abs=0.2)
     assert found.total > whole[0] - old[0] + constant + 1.0
     assert found.explains
+
+
+@pytest.mark.parametrize(("spread", "told"), [(0.5, True), (0.2, False)])
+def test_a_cause_that_acts_like_an_effect_is_told(spread, told):
+    records = [ramps(seed, 0.3, spread) for seed in range(6)]
+    report = diagnose(DRIFT, [RAMP], records, options=Options(bootstrap=0, advice=False))
+    text = "A cause that acts like ramp, but with another law"
+    assert (report.verdict is Verdict.UNKNOWN) is told
+    assert (text in report.statement) is told

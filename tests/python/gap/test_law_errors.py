@@ -184,6 +184,7 @@ def test_a_law_that_is_not_exact_is_told():
     text = "If rate (±0.05 1/s) varied within the records"
     assert text in report.statement
     assert text in str(report)
+    assert "acts like" not in report.statement
     assert report.which.other > 0.4  # a ramp whose law is not exact is as probable
 
 
