@@ -86,8 +86,10 @@ TEMPERATURE_SCALES = {
 }
 
 _FACTOR = re.compile(r"^(1(?=\^|$)|[A-Za-zµ%]+)(?:\^?([-+]?\d*\.?\d+))?$")
-#: Signs, and how they are written here. The letter mu is not the micro sign.
-_SIGNS = str.maketrans({"²": "^2", "³": "^3", "μ": "µ", "°": "deg", "℃": "degC", "Ω": "ohm"})
+#: Signs, and how they are written here. Letters mu and omega are not the signs of micro and ohm.
+_SIGNS = str.maketrans(
+    {"²": "^2", "³": "^3", "μ": "µ", "°": "deg", "℃": "degC", "Ω": "ohm", "\N{OHM SIGN}": "ohm"}
+)
 
 
 def _plain(unit: str) -> str:

@@ -76,6 +76,7 @@ def test_every_unit_converts_to_itself(unit):
         ("W/(m² °C)", 1.0, "kg/s^3 K"),
         ("mV/A", 1e-3, "ohm"),
         ("kΩ", 1e3, "ohm"),
+        ("k\N{OHM SIGN}", 1e3, "ohm"),
         ("counts", 1.0, "counts"),
     ],
 )
