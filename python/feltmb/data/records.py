@@ -434,7 +434,7 @@ class Record:
         sensor, read = self.sensors[output], self.outputs[output]
         sigma = math.hypot(sensor.sigma or 0.0, sensor.colored_sigma)
         if sensor.quantum > 0.0:
-            sigma = sigma or noise_of_record(read)
+            sigma = sigma or noise_of_record(read[np.isfinite(read)])
             sigma = math.hypot(sigma, sensor.quantum / math.sqrt(12.0))
         notes = list(self.notes)
         unused = [key for key in NOT_OF_INPUTS if getattr(sensor, key)]

@@ -132,6 +132,9 @@ def test_an_output_becomes_an_input():
     assert "f is missing in them" in late.notes[-1]
     with pytest.raises(DataError, match="input force has no number"):
         holes.with_output_as_input("f", "force")
+    steps = replace(holes, sensors={"f": Sensor(name="f", quantum=0.12)})
+    with pytest.raises(DataError, match="input force has no number"):  # its noise is estimated
+        steps.with_output_as_input("f", "force")
     with pytest.raises(InvalidParameter, match="no channel 'g'"):
         whole.with_output_as_input("g", "force")
     with pytest.raises(InvalidParameter, match="input y exists already"):
