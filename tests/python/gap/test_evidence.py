@@ -12,16 +12,18 @@ from feltmb.fit.model import Candidate
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, finish, fit_problem, polish
-from feltmb.gap import Options, Verdict, diagnose
+from feltmb.gap import Options, Verdict, acceptance, diagnose
 from feltmb.gap.criteria import FORM_ERROR, OTHER_LAW
 from feltmb.gap.evidence import forms_of, other_laws
 from feltmb.gap.proof import HELD_OUT_LEVEL, HeldOut, evaluate
 from feltmb.gap.refine import refit
+from feltmb.gap.search import search
 
 sys.path.insert(0, str(Path(__file__).parent))
 from test_law_errors import (
     COUNT,
     DRIFT,
+    EARLY,
     EDGES,
     RAMP,
     SEGMENTS,
@@ -100,6 +102,13 @@ def test_an_effect_of_no_size_has_no_error_of_form():
     assert forms_of(fitted(records)).gain == 0.0
 
 
+def test_a_fit_that_failed_has_exact_laws():
+    fit = ramp_fit([drift(seed, 0.0) for seed in range(2)])
+    failed = replace(fit, log_evidence=-np.inf)
+    assert len(forms_of(failed).gains) == 1
+    assert other_laws(failed) == [-np.inf]
+
+
 def test_one_segment_shows_no_error_of_form():
     record = ramps(0, 0.3, 0.3)
     whole = segment_record(DRIFT, record, {"x": Noise(SIGMA)}, None, np.array([[0, COUNT - 1]]))
@@ -110,24 +119,36 @@ def test_one_segment_shows_no_error_of_form():
     assert other_laws(fit) == [-np.inf]
 
 
-def test_held_out_records_are_predicted_with_the_errors_of_form():
-    """An effect with an inexact law is not refuted by records where it has another magnitude."""
-    records = [ramps(seed, 0.3, 0.04) for seed in range(4)]
-    others = [ramps(seed, 0.3, 0.04) for seed in (20, 21)]
-    tight = ramp_fit(records)
+def held_out(size, spread, of_others):
+    """A fit with its result on held-out records, and their exact densities by the two laws."""
+    records = [ramps(seed, size, spread) for seed in range(4)]
+    others = [ramps(seed, size, of_others) for seed in (20, 21)]
+    tight = ramp_fit(records, size)
     fit = polish(tight.problem, tight.point, HELD_OUT_LEVEL, FitSettings())
     seen = tuple(segment_record(DRIFT, r, {"x": Noise(SIGMA)}, None, SEGMENT) for r in others)
     found = evaluate(HeldOut(seen, fit.defect_sd / fit.level, seen), fit, FitSettings())
-    both = [*records, *others]
     whole, old = (
         np.array([density(several, fit, q) for q in (0.0, FORM_ERROR)])
-        for several in (both, records)
+        for several in ([*records, *others], records)
     )
-    samples = sum(s.samples.sum() for s in seen)
-    constant = samples * np.log(np.sqrt(2.0 * np.pi) * SIGMA)
-    assert found.total == pytest.approx(logsumexp(whole) - logsumexp(old) + constant, abs=0.2)
-    assert found.total > whole[0] - old[0] + constant + 1.0
+    constant = sum(s.samples.sum() for s in seen) * np.log(np.sqrt(2.0 * np.pi) * SIGMA)
+    return found, whole - old + constant, old - logsumexp(old)
+
+
+def test_held_out_records_are_predicted_with_the_errors_of_form():
+    """An effect with an inexact law is not refuted by records where it has another magnitude."""
+    found, laws, weights = held_out(0.3, 0.04, 0.04)
+    assert found.total == pytest.approx(logsumexp(laws + weights), abs=0.2)
+    assert found.total > laws[0] + 1.0
     assert found.explains
+
+
+def test_the_fitted_records_give_the_weights_of_exact_and_inexact_laws():
+    found, laws, weights = held_out(0.05, 0.0, 0.3)
+    assert -6.0 < weights[1] < -5.0
+    # Deviations are relative to the magnitude that is likeliest with the held-out records.
+    assert found.total == pytest.approx(logsumexp(laws + weights), abs=2.0)
+    assert laws[0] + 10.0 < found.total < laws[1] - 4.0
 
 
 @pytest.mark.parametrize(("spread", "told"), [(0.5, True), (0.2, False)])
@@ -137,3 +158,45 @@ def test_a_cause_that_acts_like_an_effect_is_told(spread, told):
     text = "A cause that acts like ramp, but with another law"
     assert (report.verdict is Verdict.UNKNOWN) is told
     assert (text in report.statement) is told
+
+
+def two_effects(seed=1):
+    records = [
+        replace(r, outputs={"x": r.outputs["x"] + 0.05 * np.minimum(r.time, 0.4)})
+        for r in (ramps(10 * seed + k, 0.3, 0.0) for k in range(2))
+    ]
+    return search(fitted(records), [RAMP, EARLY], FitSettings(restarts=0), most=2)
+
+
+@pytest.mark.parametrize(
+    ("where", "odds", "like"),
+    [
+        (("early", "ramp"), 90.0, "early"),  # the set without the effect, and an unknown cause
+        (("early",), 500.0, "early"),  # an unknown cause alone
+        (("ramp",), -0.5, ""),  # less probable than the effect
+    ],
+)
+def test_another_law_belongs_to_the_set_without_its_effect(monkeypatch, where, odds, like):
+    found = two_effects()
+    asked = []
+
+    def laws(fit):
+        names = [t.name for t in fit.included]
+        asked.append(tuple(sorted(names)))
+        wanted = asked[-1] == where
+        return np.array([odds if wanted and n == (like or "ramp") else -np.inf for n in names])
+
+    monkeypatch.setattr(acceptance, "other_laws", laws)
+    monkeypatch.setattr(acceptance, "NEAR_BEST", np.inf)
+    belief = acceptance.posterior(found, FitSettings())
+    sets = dict(zip([c.key for c in found.sets], belief.sets, strict=True))
+    assert set(asked) == set(sets) == {("early",), ("ramp",), ("early", "ramp")}
+    assert belief.like == like
+    if where == ("early", "ramp"):
+        assert sets["ramp",] > 0.99
+    elif odds > 0.0:
+        assert belief.other > 0.99
+    asked.clear()
+    monkeypatch.setattr(acceptance, "NEAR_BEST", 1e-9)
+    acceptance.posterior(found, FitSettings())
+    assert asked == [found.sets[0].key]  # the others are no alternative

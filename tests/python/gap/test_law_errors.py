@@ -171,6 +171,7 @@ def test_the_posterior_contains_the_errors_of_form(seed):
     prior = np.array([NO_EFFECT, unknown, listed, listed * unknown / NO_EFFECT, unknown])
     weights = np.exp((np.array(values) - np.max(values)) / belief.inflation) * prior
     none, other, named, both, like = weights / np.sum(weights)
+    assert belief.other / belief.none == pytest.approx((other + like) / none, rel=0.05)
     # The average over the laws beside the effect is computed with an exact law of the effect.
     assert (belief.none, belief.other) == pytest.approx((none, other + like), abs=0.03)
     assert sum(belief.sets) == pytest.approx(named + both, abs=0.03)
