@@ -77,7 +77,7 @@ def posterior(search: Search, settings: FitSettings) -> Posterior:
     an unknown cause that gains no more than the :func:`~feltmb.gap.misfit.allowance`. It may also
     act beside effects: a true effect explains most, and the unknown cause the rest. It may also act
     like an effect, with another law (:func:`~feltmb.gap.evidence.other_laws`). Laws, defects and
-    this have a third of the prior probability of an unknown cause each.
+    this have a third of the prior probability of an unknown cause each, if laws can be tested.
 
     All log evidences are divided by the inflation: the smallest residual sum of squares of all fits
     over its degrees of freedom, at least 1. If even the best fit leaves more than noise, no set may

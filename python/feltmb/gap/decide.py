@@ -593,6 +593,6 @@ def _place(facts: Facts) -> str:
     if name := facts.belief.like:
         text += (
             f" A cause that acts like {name}, but with another law, explains the fitted records "
-            f"better than {name}: its magnitude would differ between parts of the records."
+            f"better than {name}: its magnitude would differ between records, or parts of them."
         )
     return " ".join([text, *where.hints]) if where.hints else text
