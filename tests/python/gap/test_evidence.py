@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
 
-from feltmb.fit.model import Candidate
+from feltmb.data import Record, Sensor
+from feltmb.fit.linear import LinearModel
+from feltmb.fit.model import Candidate, Effect, Parameter
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, finish, fit_problem, polish
@@ -200,3 +203,66 @@ def test_another_law_belongs_to_the_set_without_its_effect(monkeypatch, where, o
     monkeypatch.setattr(acceptance, "NEAR_BEST", 1e-9)
     acceptance.posterior(found, FitSettings())
     assert asked == [found.sets[0].key]  # the others are no alternative
+
+
+LINE = LinearModel(
+    output="y",
+    columns={"slope": lambda record: record.inputs["u"]},
+    parameters=[Parameter(name="slope", value=1.0, sd=0.1)],
+    name="line",
+)
+CUBE = Effect(
+    name="cube",
+    component="spring",
+    unit="1",
+    scale=0.1,
+    regressor=lambda record, shape: record.inputs["u"] ** 3,
+)
+
+
+def cubes(seed, size, count=60):
+    u = np.sin(np.linspace(0.0, 9.0, count) + seed)
+    noise = SIGMA * np.random.default_rng(seed).standard_normal(count)
+    return Record(
+        name=f"r{seed}",
+        time=np.arange(count) * 1e-3,
+        inputs={"u": u},
+        outputs={"y": 1.02 * u + size * u**3 + noise},
+        sensors={"y": Sensor(name="y", unit="1", sigma=SIGMA)},
+    )
+
+
+def density_of_cubes(records, size, share):
+    """As :func:`density`, of the model without states."""
+    u = np.concatenate([r.inputs["u"] for r in records])
+    width = max(CUBE.scale, abs(size))
+    cover = SIGMA**2 * np.eye(u.size) + 0.1**2 * np.outer(u, u) + width**2 * np.outer(u**3, u**3)
+    which = np.repeat(np.arange(len(records)), [r.samples for r in records])
+    cover += (share * size) ** 2 * np.outer(u**3, u**3) * (which[:, None] == which)
+    seen = np.concatenate([r.outputs["y"] for r in records])
+    return multivariate_normal(u + size * u**3, cover).logpdf(seen)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.02])
+def test_without_states_the_magnitude_deviates_between_records(spread):
+    sizes = 0.3 * (1.0 + spread * np.array([1.0, -1.5, 0.5, -0.2, 1.2, -1.0]))
+    records = [cubes(seed, size) for seed, size in enumerate(sizes)]
+    whole = np.array([[0, records[0].samples - 1]])
+
+    def segmented(several):
+        return tuple(segment_record(LINE, r, {"y": Noise(SIGMA)}, None, whole) for r in several)
+
+    fitted_ones, others = records[:4], records[4:]
+    fit = fit_problem(Problem(LINE, segmented(fitted_ones)))
+    fit = refit(fit, (Candidate(CUBE),), np.array([0.3]), FitSettings())
+    size = float(fit.point.magnitudes[0])
+    old, both = (
+        np.array([density_of_cubes(several, size, q) for q in (0.0, FORM_ERROR)])
+        for several in (fitted_ones, records)
+    )
+    assert forms_of(fit).gains == pytest.approx(old - old[0], abs=0.02)
+    assert (forms_of(fit).gain > 1.0) is (spread > 0.0)
+    held = HeldOut(segmented(others), np.zeros(0), segmented(others))
+    found = evaluate(held, fit, FitSettings())
+    constant = 120 * np.log(np.sqrt(2.0 * np.pi) * SIGMA)
+    assert found.total == pytest.approx(logsumexp(both) - logsumexp(old) + constant, abs=0.2)
