@@ -266,3 +266,4 @@ def test_without_states_the_magnitude_deviates_between_records(spread):
     found = evaluate(held, fit, FitSettings())
     constant = 120 * np.log(np.sqrt(2.0 * np.pi) * SIGMA)
     assert found.total == pytest.approx(logsumexp(both) - logsumexp(old) + constant, abs=0.2)
+    assert found.explains
