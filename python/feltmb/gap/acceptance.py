@@ -77,7 +77,7 @@ def posterior(search: Search, settings: FitSettings) -> Posterior:
     an unknown cause that gains no more than the :func:`~feltmb.gap.misfit.allowance`. It may also
     act beside effects: a true effect explains most, and the unknown cause the rest. It may also act
     like an effect, with another law (:func:`~feltmb.gap.evidence.other_laws`). Laws, defects and
-    this have a third of the prior probability of an unknown cause each, if laws can be tested.
+    this share the prior probability of an unknown cause, as far as the records can show them.
 
     All log evidences are divided by the inflation: the smallest residual sum of squares of all fits
     over its degrees of freedom, at least 1. If even the best fit leaves more than noise, no set may
@@ -86,7 +86,9 @@ def posterior(search: Search, settings: FitSettings) -> Posterior:
     fits = [search.model_fit, *(c.fit for c in search.sets)]
     tight = search.tightest
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
-    share = NOT_LISTED / 3.0 if law_errors(tight, settings).tested else NOT_LISTED
+    segments = sum(s.count for s in tight.problem.segmented_records)
+    alternatives = 1 + law_errors(tight, settings).tested + (segments > 1)
+    share = NOT_LISTED / alternatives
     least = allowance(tight) / inflation
 
     def gain(fit: Fit) -> float:
