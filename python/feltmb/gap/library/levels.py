@@ -103,9 +103,9 @@ def exchange(
 ) -> Effect:
     """An exchange with the surroundings that the model does not have, or has with another law.
 
-    With the difference d = state - ambient, the state loses magnitude d |d|^(power - 1) per second:
-    heat that a warm body loses to the air of a room, or a substance that passes a membrane. The
-    state gains if it is below the ambient value.
+    With the difference d = state - ambient, the state loses ``magnitude d |d|^(power - 1)`` per
+    second: heat that a warm body loses to the air of a room, or a substance that passes a membrane.
+    The state gains if it is below the ambient value.
 
     Parameters
     ----------
