@@ -327,6 +327,8 @@ class _Attempt:
             and gain <= self.odds
         )
         if another or self._refused(gain, without, after):
+            if gain > self.odds:
+                return f"{told}, but its prediction of these records is no closer"
             if _follows(after):
                 return f"{told}; it follows these records only with larger continuity defects"
             return f"{told}, {self.expected(without, after)[0]:.1f} would be expected of it"
@@ -335,7 +337,11 @@ class _Attempt:
     def _refused(self, gain: float, before: Outcome, after: Outcome) -> bool:
         """Whether the held-out records contradict ``after``, or do not show what they must show."""
         if gain > self.odds:
-            return False
+            # Where a set does not explain the records, their density is that of parameters far
+            # from the fitted ones. The prediction must be closer, too.
+            return not after.explains and all(
+                new >= old for old, new in zip(self._gaps(before), self._gaps(after), strict=True)
+            )
         if _follows(after):
             return True
         alpha, odds = self.options.alpha, self.odds

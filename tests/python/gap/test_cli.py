@@ -154,7 +154,7 @@ def test_columns_are_inputs_of_a_model_that_names_none(tmp_path, capsys):
     assert '[inputs."x"]' in files[0].with_suffix(".toml").read_text()
     capsys.readouterr()
     assert run("gap", "diagnose", tmp_path / "spring.py", *files, "--hold-out", files[2]) == 0
-    shown = capsys.readouterr().out
+    shown = " ".join(capsys.readouterr().out.split())
     assert "Parameter k is 3.99" in shown
     assert "column state is left out: its unit foo is not known" in shown
     assert "column sparse is left out: 266 of 300 values are missing" in shown

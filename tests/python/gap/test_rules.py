@@ -500,17 +500,37 @@ def test_two_effects_that_held_out_records_do_not_excite_are_both_named(decided)
 def test_what_held_out_records_refuse(gain, expected, level, refused):
     cost = 1.0 if np.isfinite(level) else np.inf
     own = SimpleNamespace(level=level, cost=cost, defect_sd=np.ones(2))
-    after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
+    after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01), explains=True)
     attempt = object.__new__(_Attempt)
     attempt.inflation, attempt.options = 1.0, Options()
     attempt.expected = lambda old, new: (expected, float(np.sqrt(2.0 * expected)))
     assert attempt._refused(gain, None, after) is refused
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "explains", "refused"),
+    [
+        ((3.0, 2.0), (3.1, 2.1), False, True),
+        ((3.0, 2.0), (3.0, 2.0), False, True),
+        ((3.0, 2.0), (3.1, 2.1), True, False),
+        ((3.0, 2.0), (3.1, 1.9), False, False),
+        ((np.inf, np.inf), (3.1, 2.1), False, False),  # the model alone could not be simulated
+    ],
+)
+def test_a_set_that_does_not_explain_held_out_records_is_closer_to_them(
+    before, after, explains, refused
+):
+    attempt = object.__new__(_Attempt)
+    attempt.options = Options()
+    attempt._gaps = lambda outcome: outcome.gaps
+    outcomes = [SimpleNamespace(gaps=g, explains=explains) for g in (before, after)]
+    assert attempt._refused(99.0, *outcomes) is refused
+
+
 def _fault_of(monkeypatch, gain, *, expected, level=0.01, parameter=""):
     """Reason against the only effect of a set, whose held-out gain is given."""
     own = SimpleNamespace(level=level, cost=1.0, defect_sd=np.ones(2))
-    after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01))
+    after = SimpleNamespace(fit=own, model=SimpleNamespace(level=0.01), explains=True)
     attempt = object.__new__(_Attempt)
     attempt.alone, attempt.inflation, attempt.options = {"a": 99.0}, 1.0, Options()
     for name, value in {

@@ -209,7 +209,7 @@ def test_a_fit_ends_when_two_paths_reach_the_same_minimum(problem, monkeypatch):
     """The first path ends at a ball that never reaches the wall, where no derivative shows it."""
     along, lengths, lost = solve._led, [], [1]
 
-    def led(part, point, settings):
+    def led(part, point, settings, **_):
         lengths.append(len(part.segmented_records))
         if len(lengths) in lost:
             return problem.start(theta=np.array([0.06, 9.0, 0.8, 0.0]))
@@ -235,7 +235,7 @@ def test_a_fit_ends_when_two_paths_reach_the_same_minimum(problem, monkeypatch):
 def test_a_single_record_has_a_second_path(problem, monkeypatch):
     along, limits = solve._led, []
 
-    def led(part, point, settings, limit=solve.FOLLOWED):
+    def led(part, point, settings, limit=solve.FOLLOWED, *_, **__):
         limits.append(limit)
         if len(limits) == 1:
             return part.start(theta=np.array([0.06, 9.0, 0.8, 0.0]))
@@ -249,13 +249,13 @@ def test_a_single_record_has_a_second_path(problem, monkeypatch):
 
 def test_paths_are_not_more_than_restarts(problem, monkeypatch):
     left_out = []
-    monkeypatch.setattr(solve, "_led", lambda part, *_: part.start())
-    monkeypatch.setattr(solve, "_led_without", lambda *a: left_out.append(a[-1]) or problem.start())
+    monkeypatch.setattr(solve, "_led", lambda part, *_, **__: part.start())
+    monkeypatch.setattr(solve, "_led_without", lambda *a: left_out.append(a[3]) or problem.start())
     four = replace(problem, segmented_records=problem.segmented_records * 2)
     monkeypatch.setattr(solve, "polish", lambda p, *_: lost)
     lost = SimpleNamespace(cost=1e9, explains=False, point=four.start(), problem=four)
     monkeypatch.setattr(solve, "_across_jumps", lambda fit, _: fit)
-    solve._fit_whole(four, four.start(), FitSettings(restarts=3))
+    solve._fit_whole(four, four.start(), FitSettings(restarts=3), None)
     assert len(left_out) == 3
 
 
@@ -263,9 +263,9 @@ def test_the_record_that_is_explained_worst_joins_last(problem, monkeypatch):
     left_out = []
     without = solve._led_without
 
-    def led(part, point, settings, which):
+    def led(part, point, settings, which, tell=None):
         left_out.append(which)
-        return without(part, point, settings, which)
+        return without(part, point, settings, which, tell)
 
     monkeypatch.setattr(solve, "_led_without", led)
     for worst in (0, 1):
@@ -287,7 +287,7 @@ def test_a_start_that_two_paths_give_is_fitted_once(problem, monkeypatch):
         ends.append(len(part.segmented_records))
         return minimize(part, *rest)
 
-    monkeypatch.setattr(solve, "_led", lambda part, *_: part.start(theta=truth))
+    monkeypatch.setattr(solve, "_led", lambda part, *_, **__: part.start(theta=truth))
     monkeypatch.setattr(solve, "polish", polish)
     assert fit_problem(problem, FitSettings(jumps=False)).plausible
     assert ends.count(2) == 1  # all records

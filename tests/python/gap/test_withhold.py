@@ -65,9 +65,10 @@ def test_each_effect_in_turn_is_named(tmp_path):
         progress=lambda *given: told.append(given[:2]),
     )  # fmt: skip
     assert [c.effect for c in found.cases] == ["", "dry", "spring", ""]
-    # A residual is told beside the friction, though nothing else was withheld.
-    assert [c.outcome for c in found.cases] == ["right", "residual", "right", "right"]
-    assert found.cases[1].verdict == Verdict.NAMED_RESIDUAL
+    # By chance, the weak friction seems to differ between the three fitted records.
+    assert [c.outcome for c in found.cases] == ["right", "unknown", "right", "right"]
+    assert found.cases[1].verdict == Verdict.UNKNOWN
+    assert found.cases[1].first == "dry"
     assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
     assert found.share("right")[3] == 2
     assert found.false_alarms[0] == 0.0
@@ -162,7 +163,7 @@ def test_cases_of_other_equations_or_edited_ones_are_not_believed(tmp_path):
     given = {"cases": 2, "seed": 3, "options": OPTIONS, "folder": str(tmp_path)}
     first = withhold(model(), effects(), records(), **given)
     path = tmp_path / "case_1.json"
-    path.write_text(path.read_text().replace('"residual"', '"wrong"'))
+    path.write_text(path.read_text().replace('"unknown"', '"wrong"'))
     with pytest.warns(RuntimeWarning, match="its checksum differs"):
         again = withhold(model(), effects(), records(), **given)
     assert again.cases[1].outcome == first.cases[1].outcome
