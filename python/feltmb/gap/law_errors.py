@@ -80,7 +80,7 @@ def law_errors(fit: Fit, settings: FitSettings) -> LawErrors:
     Returns
     -------
     LawErrors
-        The gain, and the laws with an error.
+        The gain, and the laws with an error; after a stop, those that were found before it.
     """
     laws = [p for p in _free(fit) if p.of_the_machine and _unit(p) > 0.0]
     segments = max((s.count for s in fit.problem.segmented_records), default=0)
@@ -90,28 +90,29 @@ def law_errors(fit: Fit, settings: FitSettings) -> LawErrors:
         return LawErrors(-math.inf)
     way = replace(settings, worth=math.inf)
     now, gain, found = fit, 0.0, list[VaryingLaw]()
-    while len(found) < MOST and not current().must_end():
-        names = {law.parameter for law in found}
-        tried = _screened(now, [p for p in laws if p.name not in names])
-        if not tried:
-            break
-        best, linear = max(tried, key=lambda t: t[1])
-        step = float(logsumexp([value for _, value in tried])) - math.log(len(tried))
-        if step > 0.0:
-            problem = replace(
-                now.problem,
-                model=_varied(now.problem.model, {best.parameter: best.sd}),
-                state_scale=fit.defect_sd / fit.level,
-            )
-            fitted = polish(problem, replace(now.point, memo={}), now.level, way)
-            step += full_evidence(fitted, 1.0) - full_evidence(now, 1.0) - linear
-            if not (0.0 <= fitted.cost < math.inf and math.isfinite(step)):
-                step = 0.0  # the refit diverged
-        if not step > 0.0:
-            gain = gain if found or math.isnan(step) else step
-            break
-        now, gain = fitted, gain + step
-        found.append(best)
+    with current().keeping():
+        while len(found) < MOST and not current().must_end():
+            names = {law.parameter for law in found}
+            tried = _screened(now, [p for p in laws if p.name not in names])
+            if not tried:
+                break
+            best, linear = max(tried, key=lambda t: t[1])
+            step = float(logsumexp([value for _, value in tried])) - math.log(len(tried))
+            if step > 0.0:
+                problem = replace(
+                    now.problem,
+                    model=_varied(now.problem.model, {best.parameter: best.sd}),
+                    state_scale=fit.defect_sd / fit.level,
+                )
+                fitted = polish(problem, replace(now.point, memo={}), now.level, way)
+                step += full_evidence(fitted, 1.0) - full_evidence(now, 1.0) - linear
+                if not (0.0 <= fitted.cost < math.inf and math.isfinite(step)):
+                    step = 0.0  # the refit diverged
+            if not step > 0.0:
+                gain = gain if found or math.isnan(step) else step
+                break
+            now, gain = fitted, gain + step
+            found.append(best)
     return LawErrors(gain, tuple(found), now if found else None)
 
 

@@ -5,6 +5,7 @@ import re
 import signal
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,11 +24,15 @@ from feltmb.gap import (
     SimulatorModel,
     diagnose,
     fit_model,
+    law_errors,
 )
 from feltmb.gap.findings import NotTested
 from feltmb.gap.page import page
 from feltmb.gap.report import report_json
 from feltmb.gap.resumed import discard
+
+sys.path.insert(0, str(Path(__file__).parent))
+import models
 
 TIME = np.arange(240) * 1e-2
 STAGES = [
@@ -206,6 +211,37 @@ def test_an_interrupt_ends_each_stage_within_few_steps(monkeypatch, stage):
     if stage in STAGES[2:4]:
         assert "the proof on held-out records is not complete" in report.statement
         assert report.verdict == "NOT COMPLETE"
+
+
+def test_an_interrupt_ends_the_comparison_with_an_unknown_cause(monkeypatch):
+    begun, inside, beats, beat, screened = [], [], [], Watch.beat, law_errors._screened
+
+    def counted(self):
+        beat(self)
+        beats.extend(inside)
+
+    def once(*given):
+        begun.append(True)
+        inside.append(True)
+        try:
+            return screened(*given)
+        finally:
+            inside.clear()
+
+    monkeypatch.setattr(watch, "GRACE", 0.0)
+    monkeypatch.setattr(Watch, "beat", counted)
+    monkeypatch.setattr(law_errors, "_screened", once)
+    seen = [
+        models.record("a", 1.0, 1, dry=0.05),
+        models.record("b", 1.5, 2, dry=0.05, role="held_out"),
+    ]
+    report = diagnose(models.NOMINAL, [models.DRY], seen, stop=lambda: bool(begun))
+    assert len(begun) == 1
+    assert not beats  # the derivatives with errors of form were not computed
+    assert report.stopped == "proof on held-out records (interrupted)"
+    assert report.verdict == "NOT COMPLETE"
+    assert "the proof on held-out records is not complete" in report.statement
+    assert report.named == report.one_of == ()
 
 
 def test_without_a_name_a_search_that_was_stopped_is_not_complete():
