@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from feltmb.data import Array
+from feltmb.fit.latest import cached_for_first
 from feltmb.fit.linearize import Linear
 from feltmb.fit.model import Candidate
 from feltmb.fit.problem import Normal, Point, Problem
@@ -75,6 +76,7 @@ class Forms:
         return np.asarray(self.gains - logsumexp(self.gains))
 
 
+@cached_for_first
 def forms_of(fit: Fit) -> Forms:
     """Compare errors of form of the effects in a fit with exact laws.
 

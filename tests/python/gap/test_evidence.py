@@ -15,9 +15,9 @@ from feltmb.fit.model import Candidate, Effect, Parameter
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, finish, fit_problem, polish
-from feltmb.gap import Options, Verdict, acceptance, diagnose
+from feltmb.gap import Options, Verdict, acceptance, diagnose, evidence
 from feltmb.gap.criteria import FORM_ERROR, OTHER_LAW
-from feltmb.gap.evidence import forms_of, other_laws
+from feltmb.gap.evidence import forms_of, full_evidence, other_laws
 from feltmb.gap.proof import HELD_OUT_LEVEL, HeldOut, evaluate
 from feltmb.gap.refine import refit
 from feltmb.gap.search import search
@@ -90,6 +90,22 @@ def test_another_law_in_the_place_of_an_effect_deviates_more():
         assert odds[-1] == pytest.approx(like - own, abs=0.05)
     assert odds[0] < -2.0
     assert odds[1] > odds[0] + 1.0
+
+
+def test_errors_of_form_are_compared_once_for_a_fit(monkeypatch):
+    fit, asked, known = ramp_fit([ramps(0, 0.3, 0.0)]), [], evidence.linear_evidence
+
+    def counted(*given):
+        asked.append(given)
+        return known(*given)
+
+    monkeypatch.setattr(evidence, "linear_evidence", counted)
+    forms = [forms_of(fit) for _ in range(3)]
+    full_evidence(fit, 1.0)
+    assert len(asked) == len(forms[0].gains) == 2
+    assert all(f is forms[0] for f in forms)
+    forms_of(replace(fit, level=fit.level))
+    assert len(asked) == 4
 
 
 def test_an_effect_of_no_size_has_no_error_of_form():
