@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,13 @@ def record(name="r", *, at=(), value=0.0, seed=1, role="fit", **inputs):
     )
 
 
+def changed(own, values):
+    """The record with other values of its output, by sample."""
+    y = own.outputs["y"].copy()
+    y[list(values)] = list(values.values())
+    return replace(own, outputs={"y": y})
+
+
 @pytest.mark.parametrize("code", [-9999.0, -99999.0, 9999.0, 999.9, 1e30, -1e38, -9.999])
 def test_a_certain_code_is_a_fault(code):
     """-9999 mm are -9.999 m."""
@@ -58,8 +66,7 @@ def test_another_code_is_a_question(code):
 
 def test_several_codes_and_records_are_told_together():
     first = record("first", at=[3, 4], value=-9999.0)
-    first.outputs["y"].flags.writeable = True
-    first.outputs["y"][100:103] = 1e30
+    first = changed(first, dict.fromkeys(range(100, 103), 1e30))
     second = record("second", at=[9], value=-9999.0, seed=2)
     problems = check_records([first, second]).problems
     assert len(problems) == 2
@@ -90,9 +97,7 @@ def test_a_channel_that_the_model_does_not_have_is_no_fault():
 
 
 def test_single_spikes_are_told():
-    own = record(at=[100], value=60.0)
-    own.outputs["y"].flags.writeable = True
-    own.outputs["y"][200] = -40.0
+    own = changed(record(), {100: 60.0, 200: -40.0})
     checks = check_records([own])
     (told,) = [w for w in checks.warnings if "far" in w]
     assert "r.y: 2 values, one of them -40 mm" in told
@@ -104,17 +109,18 @@ def test_single_spikes_are_told():
 def test_spikes_inside_the_range_are_told_by_a_diagnosis_and_empty_cells_help():
     """The range of y is 2 mm, its noise 0.01 mm."""
     records = [record("a"), record("b", seed=2), record("c", seed=3, role="held_out")]
-    for own in records:
-        own.outputs["y"].flags.writeable = True
-        own.outputs["y"][[90, 250]] += (0.8, -0.8)
-    report = diagnose(LINE, [], records)
+    y = [own.outputs["y"] for own in records]
+    spiky = [
+        changed(own, {90: v[90] + 0.8, 250: v[250] - 0.8})
+        for own, v in zip(records, y, strict=True)
+    ]
+    report = diagnose(LINE, [], spiky)
     (told,) = [w for w in report.checks.warnings if "samples before and after" in w]
     assert "y: 6 values, one of them" in told
     assert f"in 3 records, at {TIME[90]:.6g} s of a first" in told
     assert "Leave out the samples of y" in report.next[0].text
-    for own in records:
-        own.outputs["y"][[90, 250]] = np.nan
-    report = diagnose(LINE, [], records)
+    emptied = [changed(own, {90: np.nan, 250: np.nan}) for own in records]
+    report = diagnose(LINE, [], emptied)
     assert report.verdict == "NO GAP"
     assert not [w for w in report.checks.warnings if "before and after" in w]
     assert not [a for a in report.next if "Leave out" in a.text]
