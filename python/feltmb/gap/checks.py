@@ -108,6 +108,8 @@ class DataChecks:
     """(label, channel, standard deviation between repeats [unit])."""
     estimated: bool
     """Whether sigma of a channel was estimated from the data."""
+    spiky: tuple[str, ...] = ()
+    """Outputs with single samples far from the samples before and after."""
 
     @property
     def told(self) -> list[str]:
@@ -145,11 +147,8 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
             f"records: the name {', '.join(doubled)} is used twice (a file given twice, or "
             "two files of one name)"
         )
-    problems: list[str] = []
-    warnings: list[str] = []
-    warnings += without_copies(records)[1]
-    for own, found in zip((problems, warnings), outliers.told(records, outputs), strict=True):
-        own += found
+    problems, strange, spiky = outliers.told(records, outputs)
+    warnings = [*without_copies(records)[1], *strange]
     repeats = _repeatability(records, warnings)
     channels = []
     for record in records:
@@ -195,6 +194,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
         warnings=tuple(warnings),
         repeatability=flat,
         estimated=any(c.method != "sensor" for c in channels),
+        spiky=tuple(spiky),
     )
 
 

@@ -48,7 +48,6 @@ from feltmb.gap.measured import known_by_test
 from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.one_record import error_of_one_record
 from feltmb.gap.options import Options
-from feltmb.gap.outliers import channels_with_spikes
 from feltmb.gap.overlay import (
     exchanged_channels,
     expected_outputs,
@@ -616,11 +615,11 @@ class _Diagnosis:
                 watch.say("next experiment")
             advice += advise(facts.search, accepted)
         self._lap("next")
-        if not answered and (spiky := channels_with_spikes(self.records, self.model.outputs)):
+        if not answered and facts.checks.spiky:
             text = (
-                f"Leave out the samples of {', '.join(spiky)} that are far from the samples before "
-                "and after (see the warning), then repeat the diagnosis: one of them outweighs "
-                "many others."
+                f"Leave out the samples of {', '.join(facts.checks.spiky)} that are far from the "
+                "samples before and after (see the warning), then repeat the diagnosis: one of "
+                "them outweighs many others."
             )
             advice = (Advice(text=text), *advice)
         if not watch.why:
@@ -770,7 +769,7 @@ def _noise_of(
     return {
         name: sigma[name]
         for part, sigma in zip(parts, noise, strict=True)
-        if part.name == whole.name or part.name.startswith(f"{whole.name}[")
+        if part.part_of(whole.name)
         for name in part.outputs
         if name in sigma
     }

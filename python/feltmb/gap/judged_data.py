@@ -112,10 +112,11 @@ def judged_data(
     if named is not None:
         hold_out = with_parts(named, records)
     fitted, held = split_records(records, hold_out, masked=model.from_rest, left_out=copies)
-    checks = check_records([*fitted, *held], model.outputs)
+    blocks = (*fitted, *held)
+    checks = check_records(blocks, model.outputs)
     if checks.problems:
         raise DataError("records: " + "; ".join(checks.problems))
-    checks = _inherit(checks, whole, records)
+    checks = _inherit(checks, whole, blocks)
     checks = _floored(checks, good_enough, model)
     data = JudgedData(
         checks, prepare(model, fitted, checks, segment), prepare(model, held, checks, segment)
@@ -194,15 +195,16 @@ def prepare(
     return tuple(segment_record(model, r, checks.noise(r.name), segment) for r in records)
 
 
-def _inherit(checks: DataChecks, whole: DataChecks, records: Sequence[Record]) -> DataChecks:
+def _inherit(checks: DataChecks, whole: DataChecks, blocks: Sequence[Record]) -> DataChecks:
     """Blocks of a record inherit the noise that was found for the whole record."""
     by_name = {(c.record, c.channel): c for c in whole.channels}
+    # A record may have the name of a part of another one.
+    base = {
+        block.name: max((n for n in whole.records if block.part_of(n)), key=len) for block in blocks
+    }
     channels = []
     for c in checks.channels:
-        parent = by_name.get((c.record, c.channel))
-        if parent is None:
-            base = next(r.name for r in records if c.record.startswith(r.name + "["))
-            parent = by_name[base, c.channel]
+        parent = by_name[base[c.record], c.channel]
         channels.append(
             replace(
                 c,
@@ -215,14 +217,7 @@ def _inherit(checks: DataChecks, whole: DataChecks, records: Sequence[Record]) -
                 relative=parent.relative,
             )
         )
-    return replace(
-        checks,
-        channels=tuple(channels),
-        warnings=whole.warnings,
-        problems=whole.problems,
-        repeatability=whole.repeatability,
-        estimated=whole.estimated,
-    )
+    return replace(whole, channels=tuple(channels))
 
 
 def _floored(checks: DataChecks, floors: Mapping[str, float], model: Model) -> DataChecks:

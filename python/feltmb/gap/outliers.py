@@ -13,7 +13,7 @@ from feltmb.data import Array, Integers, Record
 from feltmb.gap.criteria import AGREE, FAR_CERTAIN, FAR_CODE, SPIKE, SPIKE_RANGE
 from feltmb.units import unit_suffix
 
-__all__ = ["Outlier", "channels_with_spikes", "outliers", "told"]
+__all__ = ["Outlier", "outliers", "told"]
 
 #: Digits of codes of loggers for "no value", apart from the decimal point: the unit of the record
 #: may be a power of ten of that of the file. Numbers of this size are codes, too.
@@ -58,10 +58,11 @@ class Outlier:
 
 def told(
     records: Sequence[Record], outputs: Sequence[str] | None = None
-) -> tuple[list[str], list[str]]:
-    """Faults and warnings about the outliers of records, one for each channel and code.
+) -> tuple[list[str], list[str], list[str]]:
+    """Faults and warnings about the outliers of records, and the channels with spikes.
 
-    ``outputs``: those that are used; None: all.
+    A sentence is about one code, or all spikes, of a channel. ``outputs``: those that are used;
+    None: all.
     """
     groups: dict[tuple[object, ...], list[tuple[str, Outlier]]] = {}
     for record in records:
@@ -75,7 +76,8 @@ def told(
     warnings: list[str] = []
     for (*_, certain), found in groups.items():
         (faults if certain else warnings).append(_sentence(found))
-    return faults, warnings
+    spiky = [own.channel for ((_, own), *_) in groups.values() if not own.code]
+    return faults, warnings, spiky
 
 
 def _sentence(found: Sequence[tuple[str, Outlier]]) -> str:
@@ -129,12 +131,6 @@ def outliers(record: Record) -> list[Outlier]:
         if name in record.outputs and (far := _spikes(values[left])).any():
             found.append(_of(record, name, unit, left[far], left[~far], code=False))
     return found
-
-
-def channels_with_spikes(records: Sequence[Record], outputs: Sequence[str]) -> list[str]:
-    """Those of the outputs that have single samples far from their neighbors, in any record."""
-    found = {own.channel for r in records for own in outliers(r) if not own.code}
-    return [name for name in outputs if name in found]
 
 
 def _of(

@@ -24,6 +24,7 @@ from feltmb.data import (
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import SimulatorModel, check_records, library
 from feltmb.gap.checks import faults_against, without_constant, without_copies
+from feltmb.gap.judged_data import judged_data
 from feltmb.gap.missing_rows import divided, with_parts
 from feltmb.gap.split import split_records
 
@@ -93,6 +94,11 @@ def test_a_record_knows_its_whole_and_what_was_before():
         ("run[held-out]", "run"),
     ):
         assert replace(one, name=name).whole == whole
+        assert replace(one, name=name).part_of(whole)
+        assert replace(one, name=name).part_of(name)
+    assert replace(one, name="run[1/2][3/4]").part_of("run[1/2]")
+    for name in ("run [1]", "run1", "run[a]", "run[a][1/2]", "other[1/2]"):
+        assert not replace(one, name=name).part_of("run")
     late = one.cut(5, 15)
     assert late.excitation != replace(late, before=None).excitation
     assert late.excitation != replace(late, input_mode="motion").excitation
@@ -661,6 +667,14 @@ def test_a_channel_that_never_changes_in_a_record_has_the_noise_of_its_other_rec
     assert checks.estimated is (sigma is None)
     for c in checks.channels:
         assert c.sigma == pytest.approx(1e-2, rel=0.3), c
+
+
+def test_blocks_have_the_noise_of_their_record_and_not_of_one_with_a_similar_name():
+    runs = [models.record("run", 1.0, 1), models.record("run[b]", 1.0, 2, noise=5e-4)]
+    _, data, _ = judged_data(models.NOMINAL, runs, None, good_enough={}, segment=None)
+    assert len(data.checks.channels) == 10
+    for c in data.checks.channels:
+        assert c.sigma == pytest.approx(5e-4 if c.record.startswith("run[b]") else 1e-4)
 
 
 def test_a_record_that_only_has_a_channel_that_never_changes_is_named():

@@ -104,6 +104,8 @@ def test_single_spikes_are_told():
     assert f"at {TIME[100]:.6g} s first, far from the samples before and after" in told
     assert "leave these cells empty" in told
     assert not checks.problems
+    assert checks.spiky == ("y",)
+    assert check_records([record(at=[7], value=-999.0)]).spiky == ()
 
 
 def test_spikes_inside_the_range_are_told_by_a_diagnosis_and_empty_cells_help():

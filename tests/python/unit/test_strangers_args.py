@@ -1058,6 +1058,7 @@ CALLS = {
     ),
     "feltmb.gap.Record.stretched": lambda: (record(), {"factor": 60.0}),
     "feltmb.gap.Record.output_array": lambda: (record(), {"names": ["q"]}),
+    "feltmb.gap.Record.part_of": lambda: (record(), {"name": "one"}),
     "feltmb.gap.Record.with_changed_inputs": lambda: (
         record(),
         {"change": lambda whole: {"f": 2.0 * whole.inputs["f"]}},
