@@ -66,6 +66,7 @@ def command(
     from feltmb.fit.solve import NOT_CONVERGED, FitSettings
     from feltmb.gap import fit_model
     from feltmb.gap.report import plain
+    from feltmb.gap.resumed import remaining
 
     if output is not None:
         check_writable(make_folder(output) / "fit.json", force=force)
@@ -101,6 +102,8 @@ def command(
             say_written(write_text(output / "fit.json", text, force=force))
             if not any(n.startswith("stopped") for n in fit.notes):
                 shutil.rmtree(output / ".resume", ignore_errors=True)
+            if kept := remaining(output / ".resume"):
+                say(kept, err=True)
     if as_json:
         print_json(result)
         return

@@ -171,7 +171,7 @@ def run(
     from feltmb.fit.watch import REPORT
     from feltmb.gap import Options, diagnose
     from feltmb.gap.report import report_json, write_report
-    from feltmb.gap.resumed import discard
+    from feltmb.gap.resumed import discard, remaining
     from feltmb.gap.text import parts
 
     if output is not None:
@@ -235,6 +235,8 @@ def run(
                 say_written(path)
             if report.fits is not None and not report.stopped:
                 discard(report.fits)
+            if kept := remaining(output / ".resume"):
+                say(kept, err=True)
 
 
 def floors(texts: tuple[str, ...], units: Mapping[str, str]) -> dict[str, float]:

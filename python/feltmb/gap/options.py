@@ -47,7 +47,8 @@ class Options:
     """Seed of the other starts and of the simulated records."""
     resume: Path | None = None
     """Folder for finished fits; an interrupted diagnosis continues from them. Diagnoses with other
-    records, models or options use subfolders of their own."""
+    records, models or options use subfolders of their own. The folder remains, with about 1 MB
+    for each diagnosis; ``shutil.rmtree(report.fits)`` removes the fits of one."""
     good_enough: Mapping[str, float] = field(default_factory=dict)
     """Practical accuracy by output or by unit (``{"m": 2e-4}``) [SI]. It is added to the noise of
     these channels; a fit whose residual is below both together leaves no gap."""

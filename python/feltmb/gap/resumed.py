@@ -23,7 +23,7 @@ from feltmb.gap.findings import listed
 from feltmb.gap.options import Options
 from feltmb.gap.proof import Outcome
 
-__all__ = ["discard", "resumed"]
+__all__ = ["discard", "remaining", "resumed"]
 
 #: Options of which the stored fits depend.
 OF_FITS = ("segment", "good_enough")
@@ -84,6 +84,18 @@ def discard(fits: Path) -> None:
     shutil.rmtree(fits)
     with suppress(OSError):  # not empty
         fits.parent.rmdir()
+
+
+def remaining(folder: Path) -> str:
+    """What is told of the fits that are still in a folder; empty: there are none."""
+    files = [p for p in folder.rglob("*") if p.name != HEAD and p.is_file()]
+    if not files:
+        return ""
+    size = max(sum(p.stat().st_size for p in files) / 1e6, 0.1)
+    return (
+        f"{folder} keeps finished fits of interrupted runs (about {size:.1f} MB), from which the "
+        "same command continues. Delete this folder if you do not need them"
+    )
 
 
 def _why(folder: Path, own: Mapping[str, str]) -> str:

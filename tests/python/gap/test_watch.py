@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import sys
 from dataclasses import replace
@@ -525,8 +526,19 @@ def test_budget_of_the_command_line(tmp_path, capsys, monkeypatch):
     assert stopped in said.out.replace("\n", " ")
     assert "feltmb: checks of the data" in said.err
     assert "feltmb: proof on held-out records" in said.err
-    said = run("fit", "m.py", "r.csv", "--budget", "1us")
+    assert "finished fits" not in said.err  # none was finished
+    other = Path("out/.resume/other")
+    other.mkdir()
+    (other / "fit.npz").write_bytes(bytes(2_300_000))
+    said = run("gap", "diagnose", "m.py", "r.csv", "-o", "out", "--force")
+    assert f"{other.parent} keeps finished fits of interrupted runs (about 2.3 MB)" in said.err
+    assert other.is_dir()
+    said = run("fit", "m.py", "r.csv", "--budget", "1us", "-o", "out", "--force")
     assert "note: stopped" in said.out
+    assert "(about 2.3 MB)" in said.err
+    shutil.rmtree(other.parent)
+    said = run("gap", "diagnose", "m.py", "r.csv", "-o", "out", "--force")
+    assert "finished fits" not in said.err
     assert "m" not in sys.modules  # the module of the user's file
 
 
