@@ -23,6 +23,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import itertools
 import os
 import re
 import shlex
@@ -171,22 +172,49 @@ def _files(pattern: str) -> list[str]:
     return found or [pattern]
 
 
-def elided(expected: list[str], got: list[str]) -> list[str]:
-    """Text to be written: the actual output, shortened where the page is shortened."""
+def elided(expected: list[str], got: list[str], place: str) -> list[str]:
+    """Text to be written: the actual output, shortened where the page is shortened.
+
+    Raises
+    ------
+    Mismatch
+        A part of the page between two lines "..." does not come any more.
+    """
     have = [line.rstrip() for line in got]
     while have and not have[-1]:
         have.pop()
     marks = [i for i, line in enumerate(expected) if line.strip() == "..."]
     if not marks:
         return have
-    head, tail = marks[0], expected[marks[-1] + 1 :]
-    if not tail:
-        return [*have[:head], expected[marks[0]]]
-    # The tail begins with the same word as before, however many lines it has now.
-    first = tail[0].split()[:1]
-    starts = [i for i in range(head, len(have)) if have[i].split()[:1] == first]
-    start = starts[0] if starts else len(have) - len(tail)
-    return [*have[:head], expected[marks[0]], *have[start:]]
+    at = marks[0]
+    written = have[:at]
+    for mark, end in itertools.pairwise([*marks, len(expected)]):
+        written.append(expected[mark])
+        part, last = expected[mark + 1 : end], end == len(expected)
+        if not part:
+            continue
+        start = _start(part[0], have, at)
+        if start is None and not last:
+            raise Mismatch(
+                f'{place}: no line like "{part[0].strip()}", which stands between two "...", comes '
+                "any more: write this block by hand"
+            )
+        if start is None:
+            start = max(at, len(have) - len(part))
+        # The last part goes to the end of the output, however many lines it has now.
+        at = len(have) if last else start + len(part)
+        written += have[start:at]
+    return written
+
+
+def _start(line: str, have: list[str], at: int) -> int | None:
+    """The first line from ``at`` with the same text except for numbers, or the same first word."""
+    texts = [NUMBER.sub("", t).split() for t in (line, *have[at:])]
+    for words in (None, 1):
+        for i, text in enumerate(texts[1:], at):
+            if text[:words] == texts[0][:words]:
+                return i
+    return None
 
 
 def run_page(page: Path, folder: Path, *, slow: bool = True, write: bool = False) -> int:
@@ -234,7 +262,8 @@ def run_page(page: Path, folder: Path, *, slow: bool = True, write: bool = False
                             following = [n for _, _, n in commands(block) if n > line]
                             end = min([*following, last])
                             first = end - len(shown)
-                            changes.append((first, end, elided(shown, got)))
+                            place = f"{page.name}:{line + 1}: $ {command}"
+                            changes.append((first, end, elided(shown, got, place)))
                         elif fault := compare(shown, got, tolerance):
                             raise Mismatch(f"{page.name}:{line + 1}: $ {command}\n{fault}")
                 elif block.kind == "python":
@@ -250,7 +279,7 @@ def run_page(page: Path, folder: Path, *, slow: bool = True, write: bool = False
                 elif "printed" in block.notes:
                     if write:
                         end = block.line + len(block.text)
-                        changes.append((block.line, end, elided(block.text, printed)))
+                        changes.append((block.line, end, elided(block.text, printed, where)))
                     elif fault := compare(block.text, printed, tolerance):
                         raise Mismatch(f"{where}: {fault}")
     finally:

@@ -138,6 +138,35 @@ def test_what_comes_is_written_into_the_page(tmp_path):
     assert tool.run_page(page, folder) == 3
 
 
+NUMBERED = "".join(f"printf '%s {k}\\n' {word}\n" for k, word in enumerate("abcdefg", 1))
+
+
+@pytest.mark.parametrize(
+    ("shown", "written"),
+    [
+        ("x\n...\nc 0\n...\ne 0\nf 0\n...\n", "a 1\n...\nc 3\n...\ne 5\nf 6\n...\n"),
+        ("...\nb 0\n...\ng 0\n", "...\nb 2\n...\ng 7\n"),
+        ("...\nb 0\n...\nf x\n", "...\nb 2\n...\nf 6\ng 7\n"),
+        ("a\n...\nz 1\n", "a 1\n...\ng 7\n"),
+    ],
+)
+def test_all_parts_between_left_out_lines_are_written(tmp_path, shown, written):
+    page, folder = write(tmp_path, f"```console\n$ sh letters.sh\n{shown}```\n")
+    (folder / "letters.sh").write_text(NUMBERED)
+    tool.run_page(page, folder, write=True)
+    assert page.read_text() == f"```console\n$ sh letters.sh\n{written}```\n"
+    tool.run_page(page, folder)
+
+
+def test_a_part_between_left_out_lines_that_does_not_come_any_more_is_not_lost(tmp_path):
+    text = "```console\n$ sh letters.sh\na 0\n...\nz 0\n...\ng 0\n```\n"
+    page, folder = write(tmp_path, text)
+    (folder / "letters.sh").write_text(NUMBERED)
+    with pytest.raises(tool.Mismatch, match=r'page\.md:2: \$ sh letters\.sh: no line like "z 0"'):
+        tool.run_page(page, folder, write=True)
+    assert page.read_text() == text
+
+
 def test_not_run_and_slow_parts_are_left_out(tmp_path):
     text = (
         "<!-- not run: why -->\n```console\n$ false x\n```\n"
