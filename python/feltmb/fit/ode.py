@@ -27,6 +27,7 @@ from feltmb.fit.model import (
 )
 from feltmb.fit.resolution import BETWEEN, Stepped, refined, resolved
 from feltmb.fit.watch import simulated
+from feltmb.units import to_si
 
 __all__ = ["OdeModel"]
 
@@ -152,6 +153,16 @@ class OdeModel(Stepped):
             for c in self.coordinates
             for part in c.parts
             if isinstance(part.inertia, str) and part.inertia not in own
+        ]
+        units = {s.name: s.unit for s in self._states}
+        faults += [
+            f"coordinate {part.name}: its position {part.position} has the unit {unit}, but a "
+            f"force in {part.unit} moves it in {part.travel_unit}: expected the unit of the force "
+            f"(unit='N m' for a torque), or position_unit={unit!r}"
+            for c in self.coordinates
+            for part in c.parts
+            if (unit := units.get(part.position, "1")) != "1"
+            and not _same_kind(unit, part.travel_unit)
         ]
         for port, state in self._port_states.items():
             if state not in names:
@@ -453,6 +464,14 @@ def _bends(record: Record, signals: Sequence[Array]) -> list[Array]:
     from scipy.interpolate import CubicSpline
 
     return [np.asarray(CubicSpline(record.time, s)(record.time, 2)) for s in signals]
+
+
+def _same_kind(one: str, other: str) -> bool:
+    """Whether values in two units can be converted into each other; unknown units can."""
+    try:
+        return to_si(one)[1] == to_si(other)[1]
+    except InvalidParameter:
+        return True
 
 
 def _per_second(unit: str) -> str:

@@ -17,8 +17,10 @@ from feltmb.fit.linearize import RUNAWAY
 from feltmb.fit.model import Model
 from feltmb.fit.noise import rms_of_measured
 from feltmb.fit.observe import observe_whole
+from feltmb.fit.problem import Problem
 from feltmb.fit.runner import untold_trials
-from feltmb.fit.segmented_records import segment_record
+from feltmb.fit.segmented_records import Noise, segment_record
+from feltmb.fit.solve import estimate_states
 from feltmb.gap.by_record import grouped
 from feltmb.gap.checks import DataChecks, check_against, not_compared, with_sigma
 from feltmb.gap.common_delay import common_delay
@@ -33,8 +35,15 @@ from feltmb.gap.criteria import (
 )
 from feltmb.gap.missing_rows import divided
 from feltmb.gap.smoke_test import divergence
+from feltmb.gap.tabulated import starts_known
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
-from feltmb.units import TEMPERATURE_SCALES, readable_unit, spelled_unit, zero_and_factor
+from feltmb.units import (
+    TEMPERATURE_SCALES,
+    readable_unit,
+    spelled_unit,
+    unit_suffix,
+    zero_and_factor,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,6 +60,8 @@ __all__ = [
 
 #: Longest time shift that is tried, as a share of the record.
 LONGEST_SHIFT = 0.25
+#: Level of continuity defects above which states are estimated, for the start of a record.
+LOOSE = 0.1
 #: Number of channels in one figure.
 MOST_PANELS = 24
 
@@ -121,8 +132,9 @@ class GapBefore:
 def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     """Simulate the inputs of records with the tabulated parameters and compare the outputs.
 
-    Nothing is fitted: each record is simulated once, and for a mechanism with the derivatives at
-    the beginning of the motion.
+    No parameter is fitted. Each record is simulated once, and for a mechanism with the derivatives
+    at the beginning of the motion. A start state that is not known is taken from the beginning of
+    the record, and a note tells it.
 
     Raises
     ------
@@ -152,6 +164,9 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         }
         notes += said
         values = expected_outputs(model, record)
+        if not clock:
+            values, start = _from_start_of_record(model, record, noise, values)
+            notes += start
         text = divergence(record, model.outputs, values)
         if text:
             notes += [text] * (not clock)
@@ -240,6 +255,30 @@ def expected_outputs(model: Model, record: Record) -> Array:
             f"expected {record.samples}"
         )
     return values[: record.samples]
+
+
+def _from_start_of_record(
+    model: Model, record: Record, noise: Mapping[str, Noise], expected: Array
+) -> tuple[Array, list[str]]:
+    """Outputs from the start state that the beginning of the record shows, with a note.
+
+    If the start is known, or the model diverges, the outputs are those from the expected one.
+    """
+    problem = Problem(model, (segment_record(model, record, noise, None),), frozen=True)
+    if not model.states() or starts_known(problem):
+        return expected, []
+    theta = np.array([p.value for p in model.parameters])
+    # With loose continuity defects, the start is that of the record, also if the model is poor.
+    point = estimate_states(problem, problem.start(theta=theta), LOOSE)
+    start = point.places[0].starts[0]
+    values = observe_whole(model, record, theta, start)[: record.samples]
+    if not np.all(np.isfinite(values)):
+        return expected, []
+    states = ", ".join(
+        f"{s.name} = {value:.4g}{unit_suffix(s.unit)}"
+        for s, value in zip(model.states(), start, strict=True)
+    )
+    return values, [f"{record.name}: the start is not known; it is taken from the record: {states}"]
 
 
 def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:

@@ -40,6 +40,7 @@ __all__ = [
     "moved_together",
     "of_the_machine",
     "outcome_at",
+    "starts_known",
     "tabulated_outcome",
 ]
 
@@ -77,14 +78,18 @@ def outcome_at(
     tightest = settings.levels[-1]
     quick = settings.coarser(0.3, iterations=8)
     if model.states():
-        priors = [problem.start_prior(s)[1] for s in problem.segmented_records]
-        most = KNOWN_START * np.array([s.scale for s in model.states()])
-        if all(np.all(sd <= most) for sd in priors):
+        if starts_known(problem):
             point = chained(problem, point)  # one simulation gives the gap
         else:
             point = estimate_states(problem, point, tightest)
     fit = polish(problem, point, tightest, replace(quick, chain=True))
     return Outcome(fit, settings.coarser(0.3), fit)
+
+
+def starts_known(problem: Problem) -> bool:
+    """Whether the start states of all records are known well enough to simulate from them."""
+    most = KNOWN_START * np.array([s.scale for s in problem.model.states()])
+    return all(np.all(problem.start_prior(s)[1] <= most) for s in problem.segmented_records)
 
 
 def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:

@@ -314,6 +314,26 @@ def test_an_accelerometer_feels_effects_and_unknown_forces():
         )
 
 
+def test_the_unit_of_a_coordinate_agrees_with_that_of_its_state():
+    """A pendulum whose coordinate has the default unit N got magnitudes in N s/m."""
+
+    def turning(angle="rad", **of_coordinate):
+        return OdeModel(
+            states=[State(name="q", unit=angle), State(name="v", unit=f"{angle}/s")],
+            rates=lambda t, x, u, p: (x.v, -x.q),
+            outputs={"q": "q"},
+            coordinates=[Coordinate(name="pivot", position="q", speed="v", **of_coordinate)],
+        )
+
+    with pytest.raises(InvalidParameter, match=r"position q has the unit rad, but a force in N mo"):
+        turning()
+    for good in ({"unit": "N m"}, {"unit": "rad/s^2"}, {"position_unit": "rad"}):
+        turning(**good)
+    turning("deg", unit="N m")
+    turning("steps")
+    turning("1")
+
+
 @pytest.mark.parametrize(
     "noise", [Noise(0.3), Noise(0.3, correlation_time=4e-3), Noise(0.3, averaged=4)]
 )

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import sys
 from dataclasses import replace
 from functools import cache
@@ -169,6 +170,50 @@ def test_any_model_is_compared(tmp_path, capsys):
     assert "- oscillator, nothing fitted" in shown
     path.with_suffix(".toml").unlink()
     assert command("gap", "check", str(file), str(path)) == 0
+
+
+def swinging(start_sd, *, rate=lambda q, v: -9.0 * q):
+    """A free oscillator, and two records of it that start at a turn and at full speed."""
+    model = gap.OdeModel(
+        name="pendulum",
+        states=[
+            gap.State(name="q", unit="rad", scale=0.5, start_sd=start_sd),
+            gap.State(name="v", unit="rad/s", scale=1.5, start_sd=start_sd),
+        ],
+        rates=lambda t, x, u, p: (x.v, rate(x.q, x.v)),
+        outputs={"angle": "q"},
+    )
+    time = np.arange(400) * 0.01
+    generator = np.random.default_rng(3)
+    sensor = Sensor(name="angle", unit="rad", sigma=2e-3)
+    records = [
+        Record(
+            name=name,
+            time=time,
+            inputs={},
+            outputs={"angle": angle + 2e-3 * generator.standard_normal(time.size)},
+            sensors={"angle": sensor},
+        )
+        for name, angle in (("turn", 0.7 * np.cos(3.0 * time)), ("fast", 0.4 * np.sin(3.0 * time)))
+    ]
+    return model, records
+
+
+def test_a_start_that_is_not_known_is_taken_from_the_record():
+    """A free motion was compared with a model that never moved."""
+    found = gap.check(*swinging(2.0))
+    for row, start in zip(found.rows, ((0.7, 0.0), (0.0, 1.2)), strict=True):
+        assert row.in_noise == pytest.approx(1.0, abs=0.3)
+        (note,) = [n for n in found.notes if n.startswith(f"{row.record}: the start is not known")]
+        q, v = map(float, re.findall(r"= ([-\d.e]+) rad", note))
+        assert (q, v) == pytest.approx(start, abs=0.03)
+    assert not [n for n in gap.check(*swinging(0.0)).notes if "start" in n]
+
+
+def test_a_model_that_diverges_from_the_start_of_the_record_starts_as_expected():
+    found = gap.check(*swinging(2.0, rate=lambda q, v: 1e4 * q**3))
+    assert not [n for n in found.notes if "the start is not known" in n]
+    np.testing.assert_array_equal(found.simulated["turn"]["angle"], 0.0)
 
 
 def test_what_cannot_be_compared_is_refused(tmp_path, capsys):
