@@ -207,14 +207,14 @@ class MechanismModel(Model):
                 record = record.cut(0, kept)
             cut.append(with_error(record, turn))
         ready = tuple(with_integration_error(self.simulator, cut, notes))
-        if far := unreached(self.simulator, ready):
-            notes.append(far)
+        far = unreached(self.simulator, ready)
+        notes += [far] * bool(far)
         if model.carried == self.carried:
             model = self
         known = [(r, model.variabilities.get(r.name)) for r in ready]
         if not all(v is not None and v.covers(r) for r, v in known):
             model = model.with_variability(ready)
-        return Ready(model, ready, tuple(notes))
+        return Ready(model, ready, tuple(notes), far)
 
     def driven(self, records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:
         """Where motion and force are measured, the force is the input, and the motion an output."""

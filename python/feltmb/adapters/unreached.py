@@ -1,4 +1,4 @@
-"""Let-off and strike that no record of a diagnosis reaches."""
+"""Let-off, strike and check that no record of a diagnosis reaches."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ CLEAR = 0.5e-3
 
 
 def unreached(simulator: Simulator, records: Sequence[Record]) -> str:
-    """Sentence about the let-off and the strike if the tabulated mechanism never reaches them.
+    """Sentence about the let-off, the strike and the check if no record reaches them.
 
-    Empty if a record reaches them or comes near, and if a record cannot be simulated.
+    The tabulated mechanism is simulated. Empty if records reach all of them or come near, and if a
+    record cannot be simulated.
 
     Parameters
     ----------
@@ -30,34 +31,36 @@ def unreached(simulator: Simulator, records: Sequence[Record]) -> str:
     config = simulator.action.config
     roles = config.reading
     toe = config.events.get(roles.touch.toe or "")
-    contacts = {
-        "let-off": toe.contact if toe is not None else None,
-        "strike": roles.strike_contact,
+    let_off = toe.contact if toe is not None else None
+    contacts: dict[str, list[int]] = {
+        "let-off": [let_off] if isinstance(let_off, int) else let_off or [],
+        "strike": [roles.strike_contact] if roles.strike_contact is not None else [],
+        "check": roles.check_contacts,
     }
-    numbers = {name: f"{n:02d}" for name, n in contacts.items() if isinstance(n, int)}
-    nearest = dict.fromkeys(numbers, -np.inf)
+    nearest = {name: (-np.inf, "") for name, numbers in contacts.items() if numbers}
     for record in records:
-        result = simulator.run(record, simulator.base) if numbers else None
+        result = simulator.run(record, simulator.base) if nearest else None
         if result is None:
             return ""
-        data = np.asarray(result.data)
-        for name, number in numbers.items():
-            if f"contact{number}.compression" in result.names:
-                own = data[:, list(result.names).index(f"contact{number}.compression")]
-                nearest[name] = max(nearest[name], float(np.max(own)))
-            else:
-                nearest[name] = np.inf
-        if min(nearest.values()) >= -CLEAR:
+        data, names = np.asarray(result.data), list(result.names)
+        for name in nearest:
+            for number in (f"{n:02d}" for n in contacts[name]):
+                column = f"contact{number}.compression"
+                # A contact without a compression is not told.
+                own = float(np.max(data[:, names.index(column)])) if column in names else np.inf
+                nearest[name] = max(nearest[name], (own, number))
+        if all(e >= -CLEAR for e, _ in nearest.values()):
             return ""
-    missing = {name: -e for name, e in nearest.items() if e < -CLEAR}
-    if not missing:
+    apart = [
+        f"the {name} (contact {number} stays {1e3 * -e:.2g} mm open)"
+        for name, (e, number) in nearest.items()
+        if e < -CLEAR
+    ]
+    if not apart:
         return ""
-    apart = " and the ".join(
-        f"{name} (contact {numbers[name]} stays {1e3 * gap:.2g} mm open)"
-        for name, gap in missing.items()
-    )
+    held = " and is held there" if apart[-1].startswith("the check") else ""
     return (
-        f"no record reaches the {apart}, by the tabulated numbers: what acts from there on only, "
-        "such as a part that is out of regulation, cannot be found in these records; add a stroke "
-        "that goes further"
+        f"no record reaches {' and '.join(apart)}, by the tabulated numbers: what acts from there "
+        "on only, such as a part that is out of regulation, cannot be found in these records; add "
+        f"a stroke that goes further{held}"
     )

@@ -47,6 +47,7 @@ __all__ = [
     "load_with_settings",
     "model_set_option",
     "modulus_option",
+    "names_of_files",
     "new_table",
     "parse_damper",
     "positive",
@@ -715,3 +716,9 @@ def parse_damper(text: str) -> tuple[str, float | None]:
 def is_terminal() -> bool:
     """Whether a progress line can be drawn."""
     return sys.stderr.isatty()
+
+
+def names_of_files(paths: Sequence[Path]) -> list[str]:
+    """Names of files for people: without folder and ending, unless two files have the same."""
+    stems = [path.stem for path in paths]
+    return [p.stem if stems.count(p.stem) == 1 else str(p) for p in paths]

@@ -6,7 +6,14 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import FolderName, force_option, list_option, say_written, tables_as_json
+from feltmb.cli.common import (
+    FolderName,
+    force_option,
+    list_option,
+    names_of_files,
+    say_written,
+    tables_as_json,
+)
 from feltmb.cli.completing import outputs
 
 
@@ -38,9 +45,7 @@ def command(
 
     loaded = [load_run(path) for path in runs]
     if compare:
-        stems = [path.stem for path in runs]
-        labels = [p.stem if stems.count(p.stem) == 1 else str(p) for p in runs]
-        figure = overlay(loaded, list(compare), labels)
+        figure = overlay(loaded, list(compare), names_of_files(runs))
         if out is not None:
             make_folder(out)
         target = (out or runs[0].parent) / "compare.png"

@@ -12,6 +12,7 @@ from feltmb.cli.common import (
     Quantity,
     complain,
     force_option,
+    names_of_files,
     say_written,
     tables_as_json,
 )
@@ -69,24 +70,37 @@ def command(
 ) -> None:
     """Show saved RUNS in a browser: motion, forces, curves, string.
 
-    Writes one HTML file that needs no network. Up to six runs are compared: the first one is
-    filled, and the others are outlines. A run may also be a file of measured curves (CSV, text,
-    MAT) with a header such as "time [s],hammer_tip.vx [m/s]". Its TOML file and the options of
-    reading are those of `gap check`.
+    Writes one HTML file that needs no network. Up to six runs are compared, with the names of
+    their files: the first one is filled, and the others are outlines. A run may also be a file of
+    measured curves (CSV, text, MAT) with a header such as "time [s],hammer_tip.vx [m/s]". Its TOML
+    file and the options of reading are those of `gap check`.
     """
     from feltmb.graphics.viewer import read_each_run, view
     from feltmb.run.results import load_run
 
     loaded: list[Run | Curves] = []
-    for path in runs:
+    names: list[str] = []
+    for path, name in zip(runs, names_of_files(runs), strict=True):
         if path.suffix.lower() in (".nc", ".h5"):
             loaded.append(load_run(path))
+            names.append(name)
             continue
-        for curves in read_each_run(path, reading):
+        several = read_each_run(path, reading)
+        for curves in several:
             loaded.append(curves)
+            names.append(name if len(several) == 1 else curves.name)
             for note in curves.notes:
                 complain(f"{path}: {note}")
     target = out or runs[0].with_suffix(".html")
     say_written(
-        view(loaded, target, slowness=slowness, window=window, align=align, at=at, force=force)
+        view(
+            loaded,
+            target,
+            names=names if len(loaded) > 1 else None,
+            slowness=slowness,
+            window=window,
+            align=align,
+            at=at,
+            force=force,
+        )
     )

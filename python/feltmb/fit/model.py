@@ -496,6 +496,8 @@ class Ready:
     notes: tuple[str, ...] = ()
     """Sentences for the report: parts of the records that are not used, and larger noise of
     sensors."""
+    unreached: str = ""
+    """Sentence about what no record reaches, which is also in ``notes``; empty: nothing."""
 
 
 @checked

@@ -193,8 +193,7 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         notes.append(f"the unit of {clock}")
     else:
         notes += _hints(rows)
-        if delay := _delay_of_beginnings(model, records, checks):
-            notes.append(delay)
+        notes += _of_prepared(model, records, checks)
     return GapBefore(
         model=model.name,
         rows=tuple(rows),
@@ -205,15 +204,16 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     )
 
 
-def _delay_of_beginnings(model: Model, records: Sequence[Record], checks: DataChecks) -> str:
-    """See :func:`~feltmb.gap.common_delay.common_delay`."""
+def _of_prepared(model: Model, records: Sequence[Record], checks: DataChecks) -> list[str]:
+    """What no record reaches, and a delay; see :func:`~feltmb.gap.common_delay.common_delay`."""
     if not math.isfinite(model.longest_run):
-        return ""
+        return []
     found = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
-    return common_delay(
+    delay = common_delay(
         found.model,
         [segment_record(found.model, r, checks.noise(r.name), None) for r in found.records],
     )
+    return [text for text in (delay, found.unreached) if text]
 
 
 def _undefined(model: Model, record: Record, outputs: Mapping[str, Array], why: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""Let-off and strike that no record reaches are told, and only then."""
+"""Let-off, strike and check that no record reaches are told, and only then."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +9,7 @@ import pytest
 import feltmb
 from feltmb.adapters import mechanism_model
 from feltmb.data import read_records
+from feltmb.gap import check
 
 CASES = Path(__file__).parents[3] / "examples" / "gap_action"
 
@@ -51,5 +52,20 @@ def test_soft_strokes_are_told_what_they_do_not_reach(model, strokes):
     (note,) = told(model, soft)
     assert "no record reaches the let-off (contact 05 stays " in note
     assert " mm open) and the strike (contact 06 stays " in note
+    assert " mm open) and the check (contact 08 stays " in note
     # One complete stroke is sufficient.
     assert told(model, [soft[0], strokes[1]]) == []
+
+
+def test_a_stroke_that_is_not_held_does_not_reach_the_check(model, strokes):
+    (staccato,) = (r for r in strokes if r.name == "staccato")
+    (note,) = told(model, [staccato])
+    assert note.startswith("no record reaches the check (contact 08 stays 0.95 mm open), by")
+    assert note.endswith("add a stroke that goes further and is held there")
+
+
+def test_gap_check_tells_it_too(model, strokes):
+    (staccato,) = (r for r in strokes if r.name == "staccato")
+    found = check(model, [staccato])
+    assert sum("no record reaches the check" in n for n in found.told) == 1
+    assert not any("no record reaches" in n for n in check(model, strokes[:1]).told)

@@ -457,7 +457,16 @@ def test_the_command_writes_the_page_and_keeps_what_is_there(root, tmp_path):
     assert call(*files, "--align", "head_away") == 0
     path = tmp_path / "forte.html"
     data = data_of(path.read_text(encoding="utf-8"))
-    assert [r["name"] for r in data["runs"]] == ["pendulum · forte", "pendulum · piano"]
+    assert [r["name"] for r in data["runs"]] == ["forte", "piano"]  # the files
+    # Files with one name in two folders have their folders.
+    (tmp_path / "before").mkdir()
+    before = feltmb.load_run(files[0]).save(tmp_path / "before" / "forte.nc")
+    assert call(files[0], before, "-o", tmp_path / "two.html") == 0
+    two = data_of((tmp_path / "two.html").read_text(encoding="utf-8"))
+    assert [r["name"] for r in two["runs"]] == [str(files[0]), str(before)]
+    assert call(files[0], "-o", tmp_path / "one.html") == 0
+    one = data_of((tmp_path / "one.html").read_text(encoding="utf-8"))
+    assert [r["name"] for r in one["runs"]] == ["pendulum · forte"]
     assert data["align"] == "head away"
     path.write_text("mine")
     with pytest.raises(FileExists):
