@@ -416,19 +416,19 @@ TOLERATED = _number(
 
 NO_EFFECT = _number(
     "NO_EFFECT", 0.5, "probability",
-    "prior probability that nothing is missing", _JUDGED, "gap/test_rules.py",
+    "prior probability that nothing is missing", _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 NOT_LISTED = _number(
     "NOT_LISTED", 0.1, "probability",
     "prior probability that something is missing that is not in the library, and share of the "
     "belief that a plan leaves to effects that a diagnosis considers impossible",
-    _JUDGED, "gap/test_rules.py",
+    _JUDGED, "gap/test_thresholds.py",
 )  # fmt: skip
 RIVAL = _number(
     "RIVAL", math.log(20.0), "log evidence",
     "difference up to which another set, another start of a fit, or a promised gain counts: odds "
     "of twenty",
-    _STATISTICS, "gap/test_rules.py",
+    _STATISTICS, "gap/test_thresholds.py",
 )  # fmt: skip
 SURE = _number(
     "SURE", 0.9, "probability",
@@ -494,7 +494,7 @@ WORTH_TELLING = _number(
     "WORTH_TELLING", 0.02, "probability",
     "decrease of the probability of confusion above which an experiment is reported, and "
     "expected gain below which a session ends",
-    _JUDGED, "gap/test_design.py",
+    _JUDGED, "gap/test_advise.py",
 )  # fmt: skip
 BEST_PART = _number(
     "BEST_PART", 0.1, "share of the tolerance",

@@ -101,6 +101,16 @@ def test_what_noise_does_not_hide_is_not_promised_to_an_experiment():
     assert advice.confusion_then == advice.confusion_now
 
 
+@pytest.mark.parametrize(("strength", "told"), [(1.57, True), (1.6, False)])
+def test_a_confusion_of_two_percent_is_worth_an_experiment(strength, told):
+    """Probability of confusion: 2.5 and 1.6 %."""
+    pairs = [(Candidate(CUBE), Candidate(SINE))]
+    (advice,) = _advice(fitted(record(strength)), pairs, {"cube": 0.1})
+    assert (advice.confusion_now > 0.02) is told
+    assert ("the probability of confusing cube with sine falls from 3%" in advice.text) is told
+    assert ("would not confuse" in advice.text) is not told
+
+
 def test_a_further_output_is_offered():
     """Only z separates the two: y shows both alike. A third of the noise of y would not."""
     model = FunctionModel(

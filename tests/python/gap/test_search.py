@@ -16,7 +16,6 @@ from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, finish, fit_problem, polish
 from feltmb.gap import refine
 from feltmb.gap.checks import check_records
-from feltmb.gap.criteria import FAINT_SCORE
 from feltmb.gap.judged_data import prepare
 from feltmb.gap.refine import CandidateSet
 from feltmb.gap.score import all_candidates, score_fit
@@ -62,8 +61,8 @@ def test_a_set_is_fitted_again_from_a_larger_one_that_got_further(tmp_path):
     assert_size(found.sets[0], "key_flexibility", 6.877e-5)
 
 
-def line_with(*effects):
-    """A straight line fitted to a cubic, and the search among some effects."""
+def line_and(*effects):
+    """A straight line fitted to a cubic, and some effects."""
     line = models.line(0.2)
     x = np.linspace(-1.0, 1.0, 101)
     y = x + 0.1 * x**3 + 0.01 * np.random.default_rng(1).standard_normal(x.size)
@@ -80,16 +79,24 @@ def line_with(*effects):
         for n in effects
     ]
     segmented = segment_record(line, record, {"y": Noise(0.01)}, None)
-    return search(fit_problem(Problem(line, (segmented,))), chosen, FitSettings())
+    return fit_problem(Problem(line, (segmented,))), chosen
+
+
+def line_with(*effects):
+    """The search among some effects."""
+    return search(*line_and(*effects), FitSettings())
 
 
 def test_an_effect_with_a_faint_score_is_not_refitted_alone():
-    found = line_with("cubic", "even", "quintic")
-    names = [t.name for t in found.scores.candidates]
-    score = dict(zip(names, found.scores.singles(), strict=True))
-    assert score["even"] < FAINT_SCORE < score["quintic"]
-    alone = {c.key for c in found.sets if len(c.key) == 1}
-    assert alone == {("cubic",), ("quintic",)}
+    fit, effects = line_and("cubic", "even", "quintic")
+    hunt = _Hunt(fit, None, effects, FitSettings(), 3, 4, None)
+    at = score_fit(fit, hunt.candidates)
+    score = dict(zip([t.name for t in at.candidates], at.singles(), strict=True))
+    assert score["even"] < 4.0 < score["quintic"]
+    hunt._singles(fit, at)
+    assert hunt.done.keys() == {("cubic",), ("quintic",)}
+    alone = {c.key for c in line_with("cubic", "even", "quintic").sets if len(c.key) == 1}
+    assert alone == hunt.done.keys()
 
 
 def stuck(problem, *_args):

@@ -1,6 +1,7 @@
 """Rules decide differently on the two sides of their thresholds."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,18 +13,23 @@ from feltmb.fit import Candidate, Effect
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
-from feltmb.fit.solve import finish
+from feltmb.fit.solve import FitSettings, finish, fit_problem
 from feltmb.gap import diagnose
+from feltmb.gap.acceptance import _Attempt, posterior
 from feltmb.gap.checks import _estimate, _fine, _grid, check_records
 from feltmb.gap.components import _likeness
 from feltmb.gap.confusion import confused_groups
 from feltmb.gap.decide import _moved
 from feltmb.gap.discrepancy import Discrepancy, _memory, converged
+from feltmb.gap.evidence import full_evidence
 from feltmb.gap.further_sensors import FurtherSensor, offered
 from feltmb.gap.misfit import form_of
 from feltmb.gap.outliers import outliers
 from feltmb.gap.overlay import _hints
+from feltmb.gap.refine import CandidateSet, refit
 from feltmb.gap.score import prior_of
+from feltmb.gap.search import search
+from feltmb.gap.smooth import smooth_discrepancy
 from feltmb.gap.tare import forces_before_motion
 from feltmb.gap.where import first_act
 from feltmb.gap.withholding import Withheld, WithheldCase
@@ -193,6 +199,50 @@ def test_a_fitted_shape_costs_three_units():
     )
     listed, fitted = (prior_of([Candidate(effect, s)], 1.0) for s in (2.0, 1.3))
     assert fitted - listed == pytest.approx(-3.0)
+
+
+def test_the_prior_probabilities_are_a_half_a_tenth_and_four_tenths():
+    """Records of noise: neither an unknown signal nor the effect is probable, but both possible."""
+    x = np.linspace(-1.0, 1.0, 101)
+    record = Record(
+        name="run",
+        time=0.01 * np.arange(101),
+        inputs={"x": x},
+        outputs={"y": x + 0.01 * np.random.default_rng(1).standard_normal(101)},
+        sensors={"y": Sensor(name="y", sigma=0.01)},
+    )
+    line = models.line(0.2)
+    segmented = segment_record(line, record, {"y": Noise(0.01)}, None, np.array([[0, 100]]))
+    found = search(fit_problem(Problem(line, (segmented,))), [], FitSettings())
+    even = Effect(name="even", component="c", scale=0.5, regressor=lambda r, s: x**2)
+    fit = refit(found.model_fit, (Candidate(even),), np.array([0.1]), FitSettings())
+    one = CandidateSet(fit, full_evidence(fit, 1.0))
+    belief = posterior(replace(found, sets=(one,)), FitSettings())
+    signal, beside = (np.exp(smooth_discrepancy(f).mean) for f in (found.model_fit, fit))
+    assert max(signal, beside) < 1.0
+    assert belief.inflation == 1.0
+    assert belief.other / belief.none == pytest.approx(0.1 / 0.5 * signal)
+    ratio = np.exp(one.evidence - found.tight_evidence)
+    # An unknown signal may also be beside the effect.
+    own = 0.4 / 0.5 * ratio * (1.0 + 0.1 / 0.5 * beside)
+    assert belief.sets[0] / belief.none == pytest.approx(own)
+
+
+@pytest.mark.parametrize(("behind", "rival"), [(2.9, True), (3.1, False)])
+@pytest.mark.parametrize("later", [False, True], ids=["fitted records", "held-out records"])
+def test_a_rival_is_behind_by_odds_of_twenty_at_most(behind, rival, later):
+    """``later``: only held-out records, which the best set explains, prefer it."""
+    best, other = (SimpleNamespace(key=n, names=(n,), fit=n, evidence=0.0) for n in "ab")
+    lost = 2.0 * behind  # an inflation of 2
+    other.evidence = 0.0 if later else -lost
+    attempt = SimpleNamespace(
+        search=SimpleNamespace(sets=[best, other]),
+        inflation=2.0,
+        outcome=lambda fit: SimpleNamespace(explains=later),
+        _contradicted=lambda outcome: False,
+        _total=lambda c: -behind if later and c is other else 0.0,
+    )
+    assert bool(_Attempt.rivals(attempt, best)) is rival
 
 
 @pytest.mark.parametrize(
