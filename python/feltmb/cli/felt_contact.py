@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,7 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions
 
 if TYPE_CHECKING:
-    from feltmb.felt import FeltEnvelope, LoopUncertainty
+    from feltmb.felt import FeltEnvelope, LoopUncertainty, MeasuredLoop
 
 __all__ = ["contact_command", "known_contact", "print_envelope"]
 
@@ -66,6 +67,24 @@ def print_envelope(made: FeltEnvelope, sure: LoopUncertainty | None = None) -> N
                    for text in pair]  # fmt: skip
         table.add_row(f"{x * 1e3:.4g}", *row)
     console().print(table)
+
+
+def _memory(found: MeasuredLoop) -> str:
+    """Numbers of the memory with their uncertainty, or why they have none."""
+    if "kappa" not in found.memory:
+        return (
+            "memory: kappa = 0.2 and wiping_out = 0, the defaults of the law: the test does not "
+            "tell better ones, and they have no uncertainty"
+        )
+    from feltmb.felt.measured import WIPING_OUT
+
+    kappa, sd = found.memory["kappa"], found.uncertainty.kappa
+    about = f"± {sd:.2g}" if math.isfinite(sd) else "the test does not determine its uncertainty"
+    return (
+        f"memory: kappa = {kappa:.4g} ({about}), wiping_out = "
+        f"{found.memory.get('wiping_out', 0.0):g} (of 0 and {WIPING_OUT}, the one that follows the "
+        "test better; no uncertainty)"
+    )
 
 
 @click.command(name="contact", short_help="Contact law from the measured loop in TEST.")
@@ -138,6 +157,7 @@ def contact_command(
                     "cycles": sure.cycles,
                     "zero": sure.zero,
                     "loss": sure.loss,
+                    "kappa": sure.kappa if math.isfinite(sure.kappa) else None,
                     "loading": sure.loading.tolist(),
                     "unloading": sure.unloading.tolist(),
                     "source": sure.source,
@@ -158,8 +178,7 @@ def contact_command(
             f"loss of the loop: {100 * made.loss:.2f} ± {100 * sure.loss:.2g} % of the loading "
             f"work; of the samples: {100 * found.loss:.2f} %"
         )
-        if found.memory:
-            say("memory: " + ", ".join(f"{k} = {v:g}" for k, v in found.memory.items()))
+        say(_memory(found))
         say(
             f"difference of law and test: {found.rms:.4g} N rms, "
             f"{100 * found.rms / made.loading[-1]:.2g} % of the largest force"

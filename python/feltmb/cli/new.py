@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from feltmb.cli.common import force_option, model_set_option, say_written, tables_as_json
+from feltmb.cli.common import complain, force_option, model_set_option, say_written, tables_as_json
 from feltmb.cli.completing import actions
 from feltmb.cli.gap_reading import reading_options
 
@@ -63,13 +63,15 @@ def command(
         text = template.read_text(encoding="utf-8")
     else:
         check_writable(path, force=force)
-        text = _sketch(record, model, reading, settings)
+        text, lacks = _sketch(record, model, reading, settings)
+        if lacks:
+            complain(lacks)
     say_written(write_text(path, text, force=force))
 
 
 def _sketch(
     record: Path, model: str | None, reading: ReadOptions, settings: tuple[str, ...]
-) -> str:
+) -> tuple[str, str]:
     from feltmb.data.sketch import sketch_sheet
     from feltmb.errors import DataError
     from feltmb.files import is_file, why_missing

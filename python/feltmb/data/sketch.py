@@ -24,8 +24,8 @@ __all__ = ["sketch_sheet"]
 
 def sketch_sheet(
     path: Path, signals: Signals | None = None, options: ReadOptions | None = None
-) -> str:
-    """Text of a draft of the TOML file that describes a measured file.
+) -> tuple[str, str]:
+    """Draft of the TOML file that describes a measured file, and what it lacks for the model.
 
     Parameters
     ----------
@@ -33,6 +33,13 @@ def sketch_sheet(
         Signals of the model; without it, every column is an output with the name of the column.
     options
         Specified properties, which are not guessed.
+
+    Returns
+    -------
+    str
+        Text of the file.
+    str
+        Why the file is no record of the model, and what helps, also in the text; "" if it is one.
     """
     columns = read_columns(path)
     options = options or ReadOptions()
@@ -48,6 +55,8 @@ def sketch_sheet(
     lines = [f"# How {path.name} is read. Written by feltmb new --record; check it."]
     if columns.source:
         lines.append(f"# It was exported by {columns.source}.")
+    if signals is not None:
+        note = f"{note}\n{_other_file(path, sheet, columns, signals)}".strip()
     lines += [f"# {text}" for text in (*columns.notes, *note.splitlines())]
     lines += _top(path, sheet, columns)
     for group, table in (("inputs", sheet.inputs), ("outputs", sheet.outputs)):
@@ -64,7 +73,34 @@ def sketch_sheet(
         known = [*signals.inputs, *(n for m in signals.modes.values() for n in m)]
         known += [o for o in signals.outputs]
         lines += ["", f"# Channels of the model: {', '.join(dict.fromkeys(known))}"]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines) + "\n", note
+
+
+def _other_file(path: Path, sheet: Sheet, columns: Columns, signals: Signals) -> str:
+    """Sentence about the file that is joined to one without inputs or without outputs of the model.
+
+    Parameters
+    ----------
+    path, sheet, columns
+        The measured file, how it is read, and its columns.
+    signals
+        Signals of the model.
+    """
+    specs = {**sheet.inputs, **sheet.outputs}
+    names = [n for n, spec in specs.items() if columns.find(spec.column or n)]
+    needs = signals.inputs or signals.modes
+    if not any(n in signals.outputs for n in names):
+        missing = "no output"
+    elif needs and not any(signals.is_input(n) for n in names):
+        missing = "no input"
+    else:
+        return ""
+    return (
+        f"{path.name} has {missing} of the model. If another file of the same experiment has it, "
+        f"with its own clock, join both: feltmb gap join {path.name} OTHER.csv "
+        "--same 0.532s=1.207s -o JOINED.csv (the time of one event on both clocks; the file with "
+        "the clock to keep is the first one); JOINED.toml then describes the record"
+    )
 
 
 def _top(path: Path, sheet: Sheet, columns: Columns) -> list[str]:

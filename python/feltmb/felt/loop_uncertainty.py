@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,12 +13,22 @@ from feltmb.felt.monotone import MonotoneCurve, monotone_curve
 from feltmb.fiber.approach import LEAST, TOUCH
 from feltmb.fiber.cycles import Branches
 
-__all__ = ["Cycles", "LoopUncertainty", "complete_cycles", "loop_uncertainty"]
+__all__ = [
+    "Cycles",
+    "LoopUncertainty",
+    "complete_cycles",
+    "envelope_errors",
+    "loop_uncertainty",
+    "offset_error",
+    "quantile",
+]
 
 Array = NDArray[np.float64]
 
 #: A complete cycle goes from the lowest part of the compression to the highest one and back.
 LOWEST, HIGHEST = 0.3, 0.95
+#: Standard error of a median over that of a mean.
+MEDIAN = 1.25
 #: Force that hides the first contact, in multiples of the one that counts as contact.
 HIDDEN = 3.0
 #: Probability of an interval of plus and minus one standard uncertainty.
@@ -47,6 +58,9 @@ class LoopUncertainty:
     Those of the forces are at the same displacement and do not contain it."""
     cycles: int
     """Number of complete cycles."""
+    kappa: float = math.nan
+    """The same of ``kappa`` of the law [1]; NaN if the test does not determine it. ``wiping_out``
+    is one of two numbers, and has none."""
 
     @property
     def source(self) -> str:
@@ -117,6 +131,7 @@ def loop_uncertainty(
     cycles: Cycles,
     *,
     given: bool,
+    offset: float,
 ) -> LoopUncertainty:
     """Standard uncertainties of an envelope.
 
@@ -133,25 +148,27 @@ def loop_uncertainty(
         Curves of the complete cycles.
     given
         Whether the displacement at the first contact was given.
+    offset
+        Standard error of the force of the approach that was subtracted [N].
     """
-    from scipy.stats import t
-
     width = np.gradient(grid)
     width[[0, -1]] *= 0.5  # weights of the trapezoidal rule at its ends
     work = float(width @ load), float(width @ back)
     n = len(cycles.loading)
-    up, down = (curve.errors(grid) for curve in curves)
-    # Unloading meets loading at the end, and has its error there.
-    errors = (
-        np.hstack([up, np.zeros_like(down)]),
-        np.hstack([np.outer(meeting, up[-1]), down - np.outer(meeting, down[-1])]),
-    )
+    errors = envelope_errors(grid, curves, meeting, offset)
     slope = width * work[1] / work[0] ** 2, -width / work[0]  # of the loss
-    lost = slope[0] @ errors[0] + slope[1] @ errors[1]
+    # The chords have the work of the samples. The law differs from them: its smooth curves are
+    # lower where the force is convex, they meet, and the share of unloading rises.
+    up, down = (w @ curve.errors(grid, chords=True) for w, curve in zip(slope, curves, strict=True))
+    moved = sum(
+        w @ (law - curve.chords(grid))
+        for w, law, curve in zip(slope, (load, back), curves, strict=True)
+    )
+    lost = np.array([*up, *down, (slope[0] + slope[1]) @ errors[0][:, -1], moved])
     sd = [np.linalg.norm(v, axis=-1) for v in (*errors, lost)]
     if n > 1:
         # The envelope has loading of one cycle, and unloading of the same or of another one.
-        factor = float(t.ppf(0.5 + 0.5 * COVERED, n - 1))
+        factor = quantile(n)
         works = cycles.loading @ slope[0], cycles.unloading @ slope[1]
         scatter = [np.std(v, axis=0, ddof=1) for v in (cycles.loading, cycles.unloading, *works)]
         of_loss = np.std(works[0] + works[1], ddof=1) if cycles.same else np.hypot(*scatter[2:])
@@ -163,3 +180,31 @@ def loop_uncertainty(
         small = max(TOUCH[0] * first, TOUCH[1] * float(load[-1]))
         zero = float(np.interp(HIDDEN * small, load, grid))
     return LoopUncertainty(sd[0], sd[1], float(sd[2]), float(zero), n)
+
+
+def envelope_errors(
+    grid: Array, curves: tuple[MonotoneCurve, MonotoneCurve], meeting: Array, offset: float
+) -> tuple[Array, Array]:
+    """Independent errors of loading and unloading (rows, errors) [N]; the last is the offset's."""
+    up, down = (curve.errors(grid) for curve in curves)
+    common = np.where(grid > 0.0, offset, 0.0)[:, None]
+    # Unloading meets loading at the end, and has its error there.
+    return (
+        np.hstack([up, np.zeros_like(down), common]),
+        np.hstack([np.outer(meeting, up[-1]), down - np.outer(meeting, down[-1]), common]),
+    )
+
+
+def quantile(cycles: int) -> float:
+    """Half width of an interval of Student's t, in standard deviations of the cycles."""
+    from scipy.stats import t
+
+    return float(t.ppf(0.5 + 0.5 * COVERED, cycles - 1))
+
+
+def offset_error(loading: MonotoneCurve) -> float:
+    """Standard error of the force of the approach [N]: a median of correlated samples."""
+    local, decay = loading.scatter
+    count = max(LEAST, loading.before // 2)
+    of_mean = np.sqrt((1.0 + decay) / (1.0 - decay) / count)
+    return float(MEDIAN * local[int(np.argmin(loading.e))] * of_mean)

@@ -21,11 +21,15 @@ from feltmb.contact import Law
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt.envelopes import FeltEnvelope
 from feltmb.felt.loop_uncertainty import (
+    Cycles,
     LoopUncertainty,
     complete_cycles,
+    envelope_errors,
     loop_uncertainty,
+    offset_error,
 )
-from feltmb.felt.monotone import EXPONENTS, LOWEST, monotone_curve
+from feltmb.felt.monotone import EXPONENTS, LOWEST, MonotoneCurve, monotone_curve
+from feltmb.felt.transition import transition_uncertainty
 from feltmb.fiber.approach import LEAST, TOUCH, free_approach, scatter_of
 from feltmb.fiber.columns import read_test
 from feltmb.fiber.cycles import Branches, find_branches
@@ -275,10 +279,16 @@ def _measured_loop(
     load, back = (curve.at(grid) for curve in curves)
     made = _envelope(grid, load, back, meeting, name)
     made = replace(made, memory=_memory(made, e, f, branches))
+    unsure = offset_error(curves[0]) if offset else 0.0
     cycles = complete_cycles(e, f, branches, grid, load)
     sure = loop_uncertainty(
-        grid, made.loading, made.unloading, curves, meeting, cycles, given=given
+        grid, made.loading, made.unloading, curves, meeting, cycles, given=given, offset=unsure
     )
+    if "kappa" in made.memory:
+        errors = envelope_errors(grid, curves, meeting, unsure)
+        sure = replace(
+            sure, kappa=_unsure_kappa(made, meeting, e, f, branches, cycles, errors, curves)
+        )
     found = MeasuredLoop(e, f, zero, branches, made, sure, (), by_thickness)
     notes = _notes(found, given=given)
     for side, curve in zip(("loading", "unloading"), curves, strict=True):
@@ -340,10 +350,56 @@ def _memory(made: FeltEnvelope, e: Array, force: Array, branches: Branches) -> d
             lambda x, wiping=wiping: criterion({"kappa": math.exp(x), **wiping}),
             bounds=np.log(KAPPA),
             method="bounded",
-            options={"xatol": 0.05},
+            options={"xatol": 0.002},
         )
-        options.append({"kappa": float(f"{math.exp(at.x):.3g}"), **wiping})
+        options.append({"kappa": float(f"{math.exp(at.x):.4g}"), **wiping})
     return min(options, key=criterion)
+
+
+def _unsure_kappa(
+    made: FeltEnvelope,
+    meeting: Array,
+    e: Array,
+    force: Array,
+    branches: Branches,
+    cycles: Cycles,
+    errors: tuple[Array, Array],
+    curves: tuple[MonotoneCurve, MonotoneCurve],
+) -> float:
+    """Standard uncertainty of ``kappa`` [1]; NaN if the test does not determine it."""
+    kappa = made.memory["kappa"]
+    if _at_limit(kappa):
+        return math.nan
+
+    def by_law(value: float, up: Array, down: Array) -> Array:
+        load = np.maximum.accumulate(np.maximum(made.loading + up, 0.0))
+        other = _envelope(made.compression, load, made.unloading + down, meeting, made.name)
+        return _by_law(replace(other, memory={**made.memory, "kappa": value}), e)
+
+    rest = force - _by_law(made, e)
+    # The chords have the work of the samples; see loop_uncertainty.
+    moved = [
+        branch - curve.chords(made.compression)
+        for branch, curve in zip((made.loading, made.unloading), curves, strict=True)
+    ]
+    up, down = (np.column_stack(pair) for pair in zip(errors, moved, strict=True))
+    correlation = float(np.mean([curve.scatter[1] for curve in curves]))
+    return kappa * transition_uncertainty(
+        by_law,
+        kappa,
+        made.compression,
+        (made.loading, made.unloading),
+        rest,
+        (up, down),
+        cycles,
+        branches,
+        correlation,
+    )
+
+
+def _at_limit(kappa: float) -> bool:
+    """Whether a transition length is at the limit of its range."""
+    return kappa < 1.1 * KAPPA[0] or kappa > KAPPA[1] / 1.1
 
 
 def _notes(found: MeasuredLoop, *, given: bool) -> list[str]:
@@ -359,7 +415,7 @@ def _notes(found: MeasuredLoop, *, given: bool) -> list[str]:
             "loss there: check the order of the samples and the clocks of both columns"
         )
     kappa = found.memory.get("kappa", math.nan)
-    if kappa < 1.1 * KAPPA[0] or kappa > KAPPA[1] / 1.1:
+    if _at_limit(kappa):
         notes.append(
             f"kappa = {kappa:.3g} is at the limit of its range, {KAPPA[0]} to {KAPPA[1]}: the "
             "samples do not show the transition from loading to unloading"

@@ -40,6 +40,8 @@ class MonotoneCurve:
     """Rise of the force from knot to knot [N], at least 0."""
     low: float
     """Compression below which the curve is a power of the compression [m], or 0."""
+    before: int = 0
+    """Number of samples before the contact, which are not used."""
 
     @cached_property
     def scatter(self) -> tuple[Array, float]:
@@ -59,7 +61,15 @@ class MonotoneCurve:
             curve[below] = fitted(low) * (grid[below] / low) ** np.clip(power, *EXPONENTS)
         return curve
 
-    def errors(self, grid: Array) -> Array:
+    def chords(self, grid: Array) -> Array:
+        """Force at some compressions, linear between the knots as in the least squares [N].
+
+        Unlike the smooth curve, it is not below the samples where the force is convex.
+        """
+        linear = np.interp(grid, self.knots, np.concatenate([[0.0], np.cumsum(self.steps)]))
+        return np.where(grid < self.low, self.at(grid), linear)
+
+    def errors(self, grid: Array, *, chords: bool = False) -> Array:
         """Independent errors of the curve, from the scatter of the samples (rows, errors) [N].
 
         Each column is one standard deviation of an error at all compressions of the grid. Steps at
@@ -78,9 +88,11 @@ class MonotoneCurve:
         inverse = np.linalg.pinv(basis.T @ basis, hermitian=True)
         spread = inverse @ (scaled.T @ (forward + backward - scaled)) @ inverse
         small = 1e-6 * float(np.sum(self.steps)) + 1e-300
+        form = MonotoneCurve.chords if chords else MonotoneCurve.at
+        own = form(self, grid)
         weights = np.column_stack(
             [
-                (replace(self, steps=self.steps + small * unit).at(grid) - self.at(grid)) / small
+                (form(replace(self, steps=self.steps + small * unit), grid) - own) / small
                 for unit in np.eye(self.steps.size)[free]
             ]
         )
@@ -102,6 +114,7 @@ def monotone_curve(e: Array, force: Array, end: float) -> MonotoneCurve:
     """
     from scipy.optimize import nnls
 
+    before = int(np.sum(e < 0.0))
     force, e = force[e >= 0.0], e[e >= 0.0]  # before the contact, samples say nothing about it
     low = float(np.min(e))
     low = low if low > LOWEST * end else 0.0
@@ -112,7 +125,7 @@ def monotone_curve(e: Array, force: Array, end: float) -> MonotoneCurve:
     # A triangular factor has the same least squares in as many rows as there are knots.
     factor = np.asarray(np.linalg.qr(np.column_stack([_rise(e, knots), force]), mode="r"))
     steps, _ = nnls(factor[:, :-1], factor[:, -1])
-    return MonotoneCurve(e, force, knots, steps, low)
+    return MonotoneCurve(e, force, knots, steps, low, before)
 
 
 def _rise(e: Array, knots: Array) -> Array:

@@ -214,16 +214,64 @@ def test_two_thirds_of_the_intervals_contain_the_true_forces(count, gain, noise)
     true = law("felt_memory", **TRUE).path(cycle, 1e-3 * np.arange(cycle.size))
     sides = true[: UP.size], true[UP.size :][::-1]
     places = np.linspace(2e-4, 7e-4, 6)
-    inside = []
+    inside, losses = [], []
+    work = [np.trapezoid(side, UP) for side in sides]
     for seed in range(30):
         found = measured_loop(*cycles_of(count, gain, noise, seed), zero=0.0)
         made, sure = found.envelope, found.uncertainty
         assert sure.cycles == count
+        losses.append((made.loss - 1.0 + work[1] / work[0]) / sure.loss)
         pairs = ((made.loading, sure.loading), (made.unloading, sure.unloading))
         for (force, sd), side in zip(pairs, sides, strict=True):
             error = np.interp(places, made.compression, force) - np.interp(places, UP, side)
             inside.append(np.abs(error) < np.interp(places, made.compression, sd))
     assert np.mean(inside) == pytest.approx(0.68, abs=0.12)
+    if count == 1:  # that between cycles is larger: the ends of both branches meet
+        assert np.mean(np.abs(losses) < 1.0) == pytest.approx(0.68, abs=0.2)
+        assert np.sqrt(np.mean(np.square(losses))) == pytest.approx(1.0, abs=0.35)
+
+
+def inner_loops(noise, seed, count=120, **memory):
+    """A complete cycle and two inner ones, with correlated noise."""
+    up = np.linspace(0.0, 8e-4, count)
+    inner = up[: 2 * count // 3], up[: 5 * count // 6]
+    x = np.concatenate([up, up[::-1], *(part for i in inner for part in (i, i[::-1]))])
+    force = law("felt_memory", **TRUE, **memory).path(x, 1e-3 * np.arange(x.size))
+    white = np.sqrt(0.75) * np.random.default_rng(seed).standard_normal(x.size)
+    return x, force + noise * lfilter([1.0], [1.0, -0.5], white)
+
+
+@pytest.mark.parametrize("memory", [{"kappa": 0.4}, {"kappa": 0.05, "wiping_out": 0.2}])
+def test_intervals_of_kappa_contain_it(memory):
+    """The transition of inner loops, from correlated samples."""
+    errors = []
+    for seed in range(20):
+        found = measured_loop(*inner_loops(0.04, seed, **memory), zero=0.0)
+        assert found.memory.get("wiping_out", 0.0) == memory.get("wiping_out", 0.0)
+        errors.append((found.memory["kappa"] - memory["kappa"]) / found.uncertainty.kappa)
+    assert np.mean(np.abs(errors) < 1.0) == pytest.approx(0.68, abs=0.25)
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.4)
+
+
+def test_a_kappa_that_the_test_does_not_show_has_no_uncertainty():
+    """A first cycle has no transition, and cycles with other forces hide it."""
+    assert np.isnan(measured_loop(*cycles_of(1, 0.0, 0.05, 1), zero=0.0).uncertainty.kappa)
+    hidden = measured_loop(*cycles_of(3, 0.03, 0.005, 1), zero=0.0)
+    assert "kappa" in hidden.memory
+    assert np.isnan(hidden.uncertainty.kappa)
+    small, large = (
+        measured_loop(*inner_loops(n, 1, kappa=0.4), zero=0.0).uncertainty.kappa for n in (0.1, 0.4)
+    )
+    assert large == pytest.approx(4.0 * small, rel=0.3)
+
+
+def test_the_force_of_the_approach_has_an_error():
+    """Subtracting the force of few samples moves all forces in common."""
+    x, force = made_loop(0.05, approach=40)
+    few, many = (measured_loop(x, force + offset).uncertainty for offset in (0.0, 0.5))
+    added = np.sqrt(many.loading[5] ** 2 - few.loading[5] ** 2)
+    assert added == pytest.approx(1.25 * 0.05 / np.sqrt(20.0), rel=0.5)
+    assert many.loss > 1.1 * few.loss
 
 
 def test_uncertainties_follow_the_noise_and_the_cycles():
@@ -280,9 +328,32 @@ def test_from_a_file_to_a_mechanism(tmp_path):
     assert told["rms_of_law"] == pytest.approx(0.02, rel=0.1)
     sure = told["uncertainty"]
     assert len(sure["loading"]) == len(told["envelope"]["loading"])
-    assert f"± {100 * sure['loss']:.2g} % of the loading work" in out
+    assert sure["loss"] > 0.0
+    assert "% of the loading work; of the samples" in " ".join(out.split())
     assert "±: standard uncertainty (68 %), from the scatter of the samples" in out
     assert "mm (± " in out
+    assert told["memory"] == {}
+    assert sure["kappa"] is None
+    assert "the test does not tell better ones, and they have no uncertainty" in out
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (inner_loops(0.04, 1, kappa=0.05, wiping_out=0.2), "(± "),
+        (cycles_of(3, 0.03, 0.005, 1), "(the test does not determine its uncertainty), wiping_out"),
+    ],
+)
+def test_the_command_prints_the_uncertainty_of_kappa(tmp_path, made, words):
+    x, force = made
+    rows = "\n".join(f"{1e3 * a:.6f},{b:.4f}" for a, b in zip(x, force, strict=True))
+    path = write(tmp_path / "pair.csv", text=f"displacement [mm],force [N]\n{rows}\n")
+    out = " ".join(run("contact", path, "--zero", "0mm").split())
+    told = json.loads(run("contact", path, "--zero", "0mm", "--json"))
+    assert f"memory: kappa = {told['memory']['kappa']:.4g} {words}" in out
+    assert (told["uncertainty"]["kappa"] is None) == ("±" not in words)
+    wiping = told["memory"].get("wiping_out", 0)
+    assert f"wiping_out = {wiping:g} (of 0 and 0.2, the one that follows the test better; no" in out
 
 
 def test_a_test_by_thickness(tmp_path):

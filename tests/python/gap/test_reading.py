@@ -489,7 +489,8 @@ def test_a_sheet_is_written_that_reads_the_same(tmp_path):
         frame_rate=500.0,
     )  # fmt: skip
     before = read_record(path, **MODEL, options=options)
-    text = sketch_sheet(path, Signals(**MODEL), options)
+    text, lacks = sketch_sheet(path, Signals(**MODEL), options)
+    assert lacks == ""
     assert "# Columns that are not used: Marker 3 Y" in text
     path.with_suffix(".toml").write_text(text)
     after = read_record(path)
@@ -497,6 +498,32 @@ def test_a_sheet_is_written_that_reads_the_same(tmp_path):
     np.testing.assert_array_equal(after.time, before.time)
     np.testing.assert_array_equal(after.outputs["tip.x"], before.outputs["tip.x"])
     np.testing.assert_array_equal(after.inputs["force"], before.inputs["force"])
+
+
+@pytest.mark.parametrize(
+    ("columns", "missing"),
+    [
+        ("tip.x (mm)", "no input"),
+        ("Kraft (N)", "no output"),
+        ("Lampe (V)", "no output"),
+    ],
+)
+def test_a_sheet_of_one_of_two_files_tells_how_to_join_them(tmp_path, columns, missing):
+    path = put(tmp_path, f"Zeit (s);{columns}\n0;1\n1;2\n2;3\n")
+    signals = Signals(inputs=("force",), outputs=("tip.x",), units={"force": "N", "tip.x": "m"})
+    text, lacks = sketch_sheet(path, signals)
+    told = f"{path.name} has {missing} of the model. If another file of the same experiment has it"
+    assert told in lacks
+    assert f"feltmb gap join {path.name} OTHER.csv --same" in lacks
+    assert f"# {told}" in text
+    path = put(tmp_path, "Zeit (s);tip.x (mm);Kraft (N)\n0;1;1\n1;2;2\n2;3;3\n")
+    assert sketch_sheet(path, signals)[1] == ""
+
+
+def test_new_prints_how_to_join_two_files(tmp_path, capsys):
+    path = put(tmp_path, "time [s],hammer_tip.x [mm]\n0,1\n1,2\n2,3\n")
+    assert command("new", "--record", str(path), "--model", "steinway45") == 0
+    assert "has no input of the model. If another file" in capsys.readouterr().err
 
 
 def test_new_writes_a_sheet_beside_a_file(tmp_path, capsys):

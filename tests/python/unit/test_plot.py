@@ -581,3 +581,24 @@ def test_the_scale_bar_of_a_mechanism_fits_the_drawing(name, tmp_path):
     told = next(t.get_text() for t in ax.texts if t.get_text().endswith(" mm"))
     assert told == f"{1e3 * (right - left):g} mm"
     assert ax.get_ylim()[0] < bar.get_ydata()[0]
+
+
+def test_a_run_with_several_notes_shows_each_strike():
+    """The named events are those of the first notes only, which were told alone."""
+    run = feltmb.simulate("steinway45", "repeated", output_rate=8e3)
+    figure = plot.overview(run)
+    words = [t.get_text() for ax in figure.axes for t in ax.texts]
+    count = len(run.strike_list)
+    assert count == 5
+    assert [w for w in words if w.startswith("strike ")] == [f"strike {i}" for i in range(1, 6)]
+    assert sum(w.endswith(" m/s") for w in words) == count
+    (below,) = (t.get_text() for t in figure.texts if t.get_text().startswith("strike 1 at"))
+    assert below.splitlines()[2].startswith("strike 3 at 236.4 ms   impact speed 1.26 m/s")
+    # The last note is in all panels.
+    last = 1e3 * run.strike_list[-1]["impact_time"]
+    assert all(ax.get_xlim()[1] > last for ax in figure.axes)
+    # A light touch of the free hammer after one note is no further note.
+    bounced = feltmb.simulate("steinway45", "staccato", output_rate=8e3)
+    assert len(bounced.strike_list) == 2
+    words = [t.get_text() for ax in plot.overview(bounced).axes for t in ax.texts]
+    assert "jack toe" in words

@@ -720,7 +720,7 @@ CALLS = {
     },
     "feltmb.felt.LoopUncertainty": lambda: {
         f: getattr(measured().uncertainty, f)
-        for f in ("loading", "unloading", "loss", "zero", "cycles")
+        for f in ("loading", "unloading", "loss", "zero", "cycles", "kappa")
     },
     "feltmb.felt.MeasuredLoop.law": lambda: (measured(), {"options": {"kappa": 0.5}}),
     "feltmb.felt.measured_loop": lambda: {

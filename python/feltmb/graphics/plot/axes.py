@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from feltmb.graphics.plot.readings import named_events, run_name
+from feltmb.graphics.plot.readings import marked_events, named_events, run_name
 from feltmb.style import GRAY, LARGE, SMALL, plain_text, spread_apart
 
 if TYPE_CHECKING:
@@ -39,13 +39,15 @@ def mark_events(
 ) -> None:
     """Draw thin lines at the named events, with names above the axes that do not overlap.
 
+    In a run with several notes, the lines are at the strikes.
+
     ``window`` in s; ``width`` of the axes in inches, which determines the distance of the names.
     """
     chosen = None if only is None else set(only)
     low, high = window
     events = [
         (t, name)
-        for t, name in named_events(run)
+        for t, name in (marked_events(run) if only is None else named_events(run))
         if low <= t <= high and (chosen is None or name in chosen)
     ]
     if not events:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from feltmb.graphics.plot.readings import (
     contact_label,
     loaded_contacts,
     need_samples,
+    repeated_strikes,
     run_name,
 )
 from feltmb.graphics.plot.series import (
@@ -127,6 +128,11 @@ def overview(run: Run) -> Figure:
 
 
 def _summary_line(run: Run) -> str:
+    strikes = repeated_strikes(run)
+    if strikes:
+        rows = [_strike_line(run, i, s) for i, s in enumerate(strikes[:MOST_STRIKES], start=1)]
+        more = len(strikes) - MOST_STRIKES
+        return "\n".join([*rows, f"{more} more strikes: run.strikes"] if more > 0 else rows)
     s, strike = run.summary, strike_words(run)
     contact = strike["string_contact_duration"].removesuffix(" lasts")
     parts = []
@@ -146,6 +152,27 @@ def _summary_line(run: Run) -> str:
     return "\n".join("   ".join(row) for row in (parts[:half], parts[half:]) if row)
 
 
+def _strike_line(run: Run, number: int, s: Mapping[str, float]) -> str:
+    """Numbers of one of several strikes."""
+    words = strike_words(run)
+    parts = [f"strike {number} at {1e3 * s['impact_time']:.1f} ms"]
+    for key, text, factor, unit in (
+        ("impact_speed", "impact speed", 1.0, "m/s"),
+        ("max_string_force", words["max_string_force"], 1.0, "N"),
+        ("sampled_string_force", words["max_string_force"], 1.0, "N"),
+        ("string_contact_duration", words["string_contact_duration"], 1e3, "ms"),
+        ("let_off_gap", "let-off gap", 1e3, "mm"),
+        ("check_gap", "check distance", 1e3, "mm"),
+    ):
+        if key in s:
+            parts.append(f"{plain_text(text).removesuffix(' lasts')} {factor * s[key]:.3g} {unit}")
+        elif key == "let_off_gap" and let_off_words(s):
+            parts.append(let_off_words(s))
+    return "   ".join(parts)
+
+
+#: Most strikes whose numbers are printed below an overview.
+MOST_STRIKES = 8
 #: Letters of a line of the legend of a comparison.
 LEGEND_LETTERS = 120
 

@@ -25,10 +25,12 @@ __all__ = [
     "contact_numbers",
     "finger_work",
     "loaded_contacts",
+    "marked_events",
     "named_events",
     "need_output",
     "need_samples",
     "need_striker",
+    "repeated_strikes",
     "run_action",
     "run_name",
     "string_window",
@@ -99,6 +101,8 @@ def loaded_contacts(run: Run, least: float = 1e-6) -> list[int]:
 
 
 _AUTOMATIC = re.compile(r"(contact\d+|finger)_(on|off)")
+#: Share of the largest travel of the key that it travels in a note.
+NOTE = 0.3
 
 
 def named_events(run: Run) -> list[tuple[float, str]]:
@@ -114,8 +118,32 @@ def named_events(run: Run) -> list[tuple[float, str]]:
     return sorted((time, name) for name, time in first.items())
 
 
+def repeated_strikes(run: Run) -> list[dict[str, float]]:
+    """All strikes of a run with several notes, as in ``run.strikes``; empty for one note.
+
+    In a note, the key goes down by a part of its largest travel. A hammer that bounces strikes
+    again, and is no other note.
+    """
+    travels = [s.get("key_travel", 0.0) for s in run.strike_list]
+    notes = sum(travel > NOTE * max(travels) for travel in travels)
+    return list(run.strike_list) if notes > 1 else []
+
+
+def marked_events(run: Run) -> list[tuple[float, str]]:
+    """Times [s] and names of the marks: the strikes of several notes, or the named events."""
+    strikes = repeated_strikes(run)
+    if not strikes:
+        return named_events(run)
+    return [(s["impact_time"], f"strike {i}") for i, s in enumerate(strikes, start=1)]
+
+
 def action_window(run: Run) -> tuple[float, float]:
-    """Times [s] around the named events; the whole run if there are none or they fill it."""
+    """Times [s] around the named events; the whole run if there are none or they fill it.
+
+    Of several notes: the time in which the mechanism moves.
+    """
+    if repeated_strikes(run):
+        return busy_window(run)
     times = [t for t, _ in named_events(run)]
     start, end = float(run.time[0]), float(run.time[-1])
     if len(times) < 2:

@@ -23,6 +23,7 @@ from feltmb.graphics.plot.readings import (
     need_output,
     need_samples,
     need_striker,
+    repeated_strikes,
     string_window,
 )
 from feltmb.run.reading import reading_of
@@ -221,6 +222,21 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
     if not marks:
         return
     top = float(np.max(speed))
+    strikes = repeated_strikes(run)
+    for number, strike in enumerate(strikes, start=1):
+        met = strike["impact_time"]
+        tip = float(np.interp(met, run.time, speed))
+        ax.plot([1e3 * met], [tip], "o", color=BLACK, markersize=4, zorder=4)
+        ax.annotate(
+            f"{number}: {tip:.2f} m/s",
+            (1e3 * met, tip),
+            xytext=(6, 2),
+            textcoords="offset points",
+            fontsize=SMALL + 0.5,
+            bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none"},
+        )
+    if strikes:
+        return
     # After the impact the hammer moves away from the string: there is space above zero.
     for event, word, color, height in (
         ("string_contact_on", "string met", BLACK, 0.97),
