@@ -59,15 +59,16 @@ def command(
     `effects`. An interrupted fit continues when it is started again with the same output folder.
     """
     import json
-    import shutil
 
     from feltmb.cli.gap_models import load_adapter
     from feltmb.files import check_writable, make_folder, write_text
     from feltmb.fit.solve import NOT_CONVERGED, FitSettings
     from feltmb.gap import fit_model
     from feltmb.gap.report import plain
-    from feltmb.gap.resumed import remaining
+    from feltmb.gap.resumed import discard, remaining
 
+    # Fits of interrupted diagnoses may stand beside these.
+    fits = None if output is None else output / ".resume" / "fit"
     if output is not None:
         check_writable(make_folder(output) / "fit.json", force=force)
 
@@ -81,7 +82,7 @@ def command(
             segment=segment,
             settings=FitSettings(restarts=restarts),
             progress=line,
-            resume=None if output is None else output / ".resume",
+            resume=fits,
             budget=budget,
             stop=stop,
         )
@@ -100,8 +101,9 @@ def command(
         if output is not None:
             text = json.dumps(result, indent=2) + "\n"
             say_written(write_text(output / "fit.json", text, force=force))
-            if not any(n.startswith("stopped") for n in fit.notes):
-                shutil.rmtree(output / ".resume", ignore_errors=True)
+            stopped = any(n.startswith("stopped") for n in fit.notes)
+            if fits is not None and fits.is_dir() and not stopped:
+                discard(fits)
             if kept := remaining(output / ".resume"):
                 say(kept, err=True)
     if as_json:

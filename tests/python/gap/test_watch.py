@@ -536,6 +536,8 @@ def test_budget_of_the_command_line(tmp_path, capsys, monkeypatch):
     said = run("fit", "m.py", "r.csv", "--budget", "1us", "-o", "out", "--force")
     assert "note: stopped" in said.out
     assert "(about 2.3 MB)" in said.err
+    said = run("fit", "m.py", "r.csv", "-o", "out", "--force")  # finished
+    assert sorted(p.name for p in other.parent.iterdir()) == ["other"]
     shutil.rmtree(other.parent)
     said = run("gap", "diagnose", "m.py", "r.csv", "-o", "out", "--force")
     assert "finished fits" not in said.err
