@@ -75,6 +75,7 @@ def closest_set(
         closed=closed,
         low=low,
         high=high,
+        gap=before,
         why=why,
     )
 

@@ -20,7 +20,16 @@ from feltmb.gap.criteria import (
     refuted,
     unknown_gain,
 )
-from feltmb.gap.findings import Calibrated, Closest, GivenValue, HowFar, Verdict, Where, listed
+from feltmb.gap.findings import (
+    Calibrated,
+    Closest,
+    GivenValue,
+    HowFar,
+    Verdict,
+    Where,
+    listed,
+    sentence,
+)
 from feltmb.gap.misfit import Misfit, form_of, misfit
 from feltmb.gap.options import Options
 from feltmb.gap.proof import explained_share
@@ -302,11 +311,10 @@ def _closest(closest: Closest | None) -> str:
         factor, shown = readable_unit(size, unit)
         rows.append(f"{name} of {factor * size:.3g}{unit_suffix(shown)}")
     sizes = ", ".join(rows)
-    text = (
-        f" The closest is {sizes}: it would close {closest.closed_text} of the held-out gap "
-        f"({closest.band_text})"
-    )
-    return f"{text}, but is not proven: {closest.why}." if closest.why else f"{text}."
+    text = f" The closest is {sizes}: {closest.closing('it', 'the held-out gap', 'would close')}"
+    if not closest.why:
+        return f"{text}."
+    return f"{text}{'; it' if closest.no_gap else ', but'} is not proven: {closest.why}."
 
 
 def _refuted(facts: Facts) -> bool:
@@ -509,6 +517,8 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
             return doubt
         doubt = f" {doubt}"
     shown = [n for n in names if n in gains and n not in weak]
+    if not shown and far.no_gap:
+        return f"{sentence(far.closing('it', 'the held-out gap'))}{doubt}"
     closes = f"closes {far.closed_text} of the held-out gap{_band(far)}."
     if not shown or (gap >= NO_GAP_RATIO and far.low > 0.0):
         return f"It {closes}{doubt}"

@@ -17,6 +17,7 @@ from feltmb.errors import InvalidParameter, no_such
 from feltmb.fit import Candidate, Model
 from feltmb.fit.model import LAWS
 from feltmb.fit.observe import observe_whole
+from feltmb.gap.criteria import NO_GAP_RATIO
 from feltmb.units import readable_unit, unit_suffix
 
 __all__ = [
@@ -41,6 +42,7 @@ __all__ = [
     "Where",
     "Which",
     "listed",
+    "sentence",
 ]
 
 
@@ -212,6 +214,22 @@ class ClosedShare:
     high: float
 
     @property
+    def gap_in_noise(self) -> float:
+        """Gap that is to be closed, over the noise [1]."""
+        raise NotImplementedError
+
+    @property
+    def no_gap(self) -> bool:
+        """Whether the gap is hardly above the noise: its closed share is then meaningless."""
+        return self.gap_in_noise < NO_GAP_RATIO
+
+    def closing(self, subject: str, gap: str, verb: str = "closes") -> str:
+        """Clause: what a set of effects closes of a gap, such as "the held-out gap"."""
+        if self.no_gap:
+            return f"{gap} is hardly above the noise, so that there is nothing to close"
+        return f"{subject} {verb} {self.closed_text} of {gap} ({self.band_text})"
+
+    @property
     def undetermined(self) -> bool:
         """Whether the 95 % interval of ``closed`` contains both 0 % and 100 %."""
         return round(self.low, 2) <= 0.0 and round(self.high, 2) >= 1.0
@@ -219,6 +237,8 @@ class ClosedShare:
     @property
     def closed_text(self) -> str:
         """Closed share as text; an interval that excludes nothing has no best value."""
+        if self.no_gap:
+            return "nothing (no gap above noise)"
         return "an undetermined share" if self.undetermined else f"{self.closed:.0%}"
 
     @property
@@ -241,8 +261,15 @@ class Closest(ClosedShare):
     low: float
     """Lower end of the 95 % interval of ``closed`` [1]."""
     high: float
+    gap: float
+    """This gap [noise standard deviations]."""
     why: str
     """Reason why it is not proven."""
+
+    @property
+    def gap_in_noise(self) -> float:
+        """Gap that is to be closed, over the noise [1]."""
+        return self.gap
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -315,6 +342,11 @@ class ComponentRow:
         if self.explained < 0.005:
             return f"{force} is significant"
         return f"{force} would explain {self.explained:.0%} of the gap of the model"
+
+
+def sentence(clause: str) -> str:
+    """A clause as a sentence."""
+    return f"{clause[:1].upper()}{clause[1:]}."
 
 
 def listed(names: Iterable[str]) -> str:
@@ -596,6 +628,11 @@ class GapRow(ClosedShare):
     tabulated: float = math.nan
     """Gap of the model with tabulated parameters [unit]; NaN: not computed."""
 
+    @property
+    def gap_in_noise(self) -> float:
+        """Gap that is to be closed, over the noise [1]."""
+        return self.before / self.noise
+
 
 @dataclass(frozen=True, kw_only=True)
 class HowFar(ClosedShare):
@@ -624,6 +661,11 @@ class HowFar(ClosedShare):
     """Names of the held-out records."""
     per_record: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Record -> (before, after): gaps in ``metric`` [``waterfall_unit``]."""
+
+    @property
+    def gap_in_noise(self) -> float:
+        """Gap that is to be closed, over the noise [1]."""
+        return self.before
 
 
 @dataclass(frozen=True, kw_only=True)

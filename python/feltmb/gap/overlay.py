@@ -192,6 +192,8 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         rows = [replace(r, factor=nan, delay=nan) for r in rows]
         notes.append(f"the unit of {clock}")
     else:
+        if by_shape := clock_by_shape(model, records):
+            notes.append(by_shape)
         notes += _hints(rows)
         notes += _of_prepared(model, records, checks)
     return GapBefore(
@@ -503,6 +505,9 @@ _CLOCKS = (
 )
 #: Longest clock of a model without states, which may need a time in proportion to it.
 LONGEST_OF_FUNCTION = 1e3
+#: Distance of a clock to the next ones that must not have the shape of the records, and largest
+#: share of what those leave.
+NEXT, BESIDE = 6.0, 0.5
 #: What else explains a clock: the unit of time of the model is shorter, or longer, than a second.
 _OF_MODEL = {1e3: "ms", 1.0 / 60.0: "minute", 1.0 / 3600.0: "hour"}
 
@@ -528,6 +533,61 @@ def wrong_clock(model: Model, records: Sequence[Record]) -> str:
             if factor <= LONGEST_OF_FUNCTION or model.states()
         ],
     )
+
+
+def clock_by_shape(model: Model, records: Sequence[Record]) -> str:
+    """Warning of a clock whose unit looks wrong beside a poor model; empty if nothing tells.
+
+    With another clock, the outputs of the model have the shape of all records, beside a gain and an
+    offset: they leave less than a fifth of the variance that they leave with the recorded clock.
+    Clocks between it and the recorded one, and still longer or shorter ones, do not have it. A
+    mechanism, whose time is in s and whose simulations may be long, is not tested.
+    """
+    records = [r for r in records if r.start is None or r.start.known]
+    if not records or math.isfinite(model.longest_run) or model.chaotic or not _is_tabulated(model):
+        return ""
+
+    def left(factor: float) -> Array:
+        """Share of the variance of each record that another shape leaves [1]."""
+        return np.array([_other_shape(model, r.stretched(factor)) for r in records])
+
+    own = left(1.0)
+    if np.all(own < WRONG_CLOCK) or np.any(own <= 0.0):
+        return ""
+    for factor, text in _CLOCKS:
+        if factor > LONGEST_OF_FUNCTION and not model.states():
+            continue
+        if not _other_shape(model, records[0].stretched(factor)) < OTHER_SCALE * own[0]:
+            continue
+        found = left(factor)
+        if not np.all(found < OTHER_SCALE * own):
+            continue
+        if all(np.all(found < BESIDE * left(factor * side)) for side in (NEXT, 1.0 / NEXT)):
+            return (
+                "the unit of time may be wrong: with a clock "
+                f"{factor:.4g} times as long, the outputs of the model have the shape of all "
+                f"records, though not their size ({text}, or are the time constants of the model "
+                "wrong by this factor?)"
+            )
+    return ""
+
+
+def _other_shape(model: Model, record: Record) -> float:
+    """Share of the variance of the outputs that the model leaves beside a gain and an offset."""
+    with untold_trials():
+        values = expected_outputs(model, record)
+    shares = []
+    for i, name in enumerate(model.outputs):
+        measured = record.outputs.get(name, np.zeros(0))
+        there = np.isfinite(measured)
+        if not there.any() or not np.var(measured[there]) > 0.0:
+            continue
+        pair = measured[there], values[there, i]
+        share = 1.0
+        if np.all(np.abs(pair[1]) < RUNAWAY) and np.var(pair[1]) > 0.0:
+            share -= max(float(np.corrcoef(*pair)[0, 1]), 0.0) ** 2
+        shares.append(share)
+    return float(np.mean(shares)) if shares else 0.0
 
 
 def wrong_input(model: Model, records: Sequence[Record]) -> str:

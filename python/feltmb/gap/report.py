@@ -33,9 +33,12 @@ class Report(Findings):
 
     def __repr__(self) -> str:
         names = ", ".join(self.named or self.one_of) or "nothing"
+        far = self.how_far
+        gap = (
+            "no gap above noise" if far.no_gap else f"closes {far.closed_text} of the held-out gap"
+        )
         return (
-            f"Report({self.verdict.value}: {names}; closes {self.how_far.closed_text} of "
-            f"the held-out gap, confidence {percent(self.confidence)})"
+            f"Report({self.verdict.value}: {names}; {gap}, confidence {percent(self.confidence)})"
         )
 
     def _repr_html_(self) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from feltmb.fit.solve import NOT_CONVERGED
 from feltmb.gap.criteria import NO_GAP_RATIO, NOISE_ERROR
 from feltmb.gap.digits import digits
-from feltmb.gap.findings import EXPLAINED, Findings, Verdict
+from feltmb.gap.findings import EXPLAINED, Findings, Verdict, sentence
 from feltmb.gap.spread import together
 from feltmb.tables import FittingTable, Screen, new_table
 from feltmb.units import pretty, unit_suffix
@@ -218,7 +218,7 @@ def _remains(report: Findings) -> Iterator[Part]:
     yield table
     far = report.how_far
     if report.model.included:
-        yield f"What is named closes {far.closed_text} of the calibrated gap ({far.band_text})."
+        yield sentence(far.closing("what is named", "the calibrated gap"))
     cells = report.remaining_cells
     if not cells:
         rest = max((g.after / g.noise for g in report.how_far.rows), default=0.0)

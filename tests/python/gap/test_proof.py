@@ -537,9 +537,15 @@ def test_the_closed_share_of_the_gap_is_at_most_all_of_it(part):
         assert row.band_text == "95% from 100% to 100%"
     elif part == "small":  # some of the drawn blocks have no gap above the noise
         assert (row.low, row.high) == (0.0, 1.0)
-        assert row.closed_text == "an undetermined share"
+        assert row.undetermined
     else:
         assert row.closed == 0.0
+    if part != "large":  # "closes 0% (95% from 0% to 0%)"
+        told = row.closing("it", "the held-out gap")
+        assert told.startswith("the held-out gap is hardly above the noise, so that there is")
+        assert row.closed_text == "nothing (no gap above noise)"
+    assert row.no_gap == (part != "large")
+    assert not _gap_row("open loop", "y", "1", before, before, before, 0.01, 0).no_gap
     grown = _gap_row("open loop", "y", "1", after, after, [3.0 * before[0]], 0.01, 0)
     assert grown.high < 0.0
     assert not grown.undetermined
