@@ -1069,6 +1069,27 @@ CALLS = {
         {"output": "w", "name": "w"},
     ),
     "feltmb.gap.Record.with_sensed_input": lambda: (record(), {"name": "f", "gain": 1.1}),
+    "feltmb.gap.HowFar.closing": lambda: (
+        report().how_far,
+        {"subject": "it", "gap": "the held-out gap", "verb": "would close"},
+    ),
+    "feltmb.gap.GapRow.closing": lambda: (
+        report().how_far.rows[0],
+        {"subject": "it", "gap": "the held-out gap", "verb": "would close"},
+    ),
+    "feltmb.gap.Closest.closing": lambda: (
+        gap.Closest(
+            effects=("cubic",),
+            magnitudes=(1.0,),
+            units=("N",),
+            closed=0.5,
+            low=0.4,
+            high=0.6,
+            gap=3.0,
+            why="",
+        ),
+        {"subject": "it", "gap": "the held-out gap", "verb": "would close"},
+    ),
     "feltmb.gap.Report.write": lambda: (report(), {"folder": "report", "force": True}),
     "feltmb.gap.Report.text": lambda: (report(), {"width": 90}),
     "feltmb.gap.Sensor": lambda: {
