@@ -8,11 +8,19 @@ from typing import Any
 
 from feltmb.arguments import checked
 from feltmb.data import Array
-
-#: First words of the units of rotations.
-TURNING = ("N m", "Nm", "mN m", "rad")
+from feltmb.errors import InvalidParameter
+from feltmb.units import spelled_unit, to_si
 
 __all__ = ["Coordinate", "Coupling", "Named", "Rate"]
+
+
+def _turns(unit: str) -> bool:
+    """Whether a force in this unit is a torque or an angular acceleration."""
+    try:
+        si = to_si(spelled_unit(unit) or unit)[1]
+    except InvalidParameter:
+        return False
+    return si == "N m" or si.startswith("rad")
 
 
 @checked
@@ -86,7 +94,7 @@ class Coordinate:
     @property
     def travel_unit(self) -> str:
         """Unit of the position."""
-        return self.position_unit or ("rad" if self.unit.startswith(TURNING) else "m")
+        return self.position_unit or ("rad" if _turns(self.unit) else "m")
 
     @property
     def parts(self) -> tuple[Coordinate, ...]:

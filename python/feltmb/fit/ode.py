@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -31,10 +30,6 @@ from feltmb.fit.watch import simulated
 from feltmb.units import to_si
 
 __all__ = ["OdeModel"]
-
-#: Least change of an input between two constant values that is a jump, as a share of its range. A
-#: smaller one may be the resolution of a sensor.
-JUMP = 0.05
 
 
 @checked
@@ -69,9 +64,8 @@ class OdeModel(Stepped):
         Input between samples: ``"linear"``; ``"zero"`` (constant at the value of the last sample,
         as for a digital-to-analog converter); ``"spline"`` (cubic, for a smooth signal that was
         sampled sparsely: linear interpolation attenuates signals with less than ten samples per
-        period; where the input jumps between two constant values, the earlier one is kept until the
-        next sample). ``"auto"``: linear; if a fit or a diagnosis could detect the difference to
-        ``"spline"``, it has a parameter ``between.INPUT``, 0: linear, 1: spline.
+        period). ``"auto"``: linear; if a fit or a diagnosis could detect the difference to a
+        spline, it has a parameter ``between.INPUT``, 0: linear, 1: spline.
     """
 
     def __init__(
@@ -261,8 +255,6 @@ class _Clock:
     signals: list[Array]
     bends: list[Array]
     """Second derivatives of the cubic splines through the inputs; empty: not needed."""
-    jumps: list[Array]
-    """Jumps of the inputs after each sample; empty: not needed."""
 
     @classmethod
     def of(cls, model: OdeModel, batches: Sequence[Batch], longest: int) -> _Clock:
@@ -270,7 +262,6 @@ class _Clock:
         times: list[Array] = []
         signals: list[list[Array]] = [[] for _ in model.inputs]
         bends: list[list[Array]] = [[] for _ in model.inputs]
-        jumps: list[list[Array]] = [[] for _ in model.inputs]
         for record, jobs in batches:
             at = np.minimum(jobs.segments[:, 0] + np.arange(longest)[:, None], record.samples - 1)
             times.append(record.time[at])
@@ -278,15 +269,12 @@ class _Clock:
             for k, value in enumerate(values):
                 signals[k].append(value[at])
             if model.hold in ("spline", "between"):
-                for k, value in enumerate(values):
-                    own = _jumps(value)
-                    jumps[k].append(own[at])
-                    bends[k].append(_bends(record.time, value, own)[at])
+                for k, bend in enumerate(_bends(record, values)):
+                    bends[k].append(bend[at])
         return cls(
             np.hstack(times),
             [np.hstack(parts) for parts in signals],
             [np.hstack(parts) for parts in bends if parts],
-            [np.hstack(parts) for parts in jumps if parts],
         )
 
     def inputs(self, model: OdeModel, j: int, shares: Array, p: Named) -> list[Named]:
@@ -303,8 +291,6 @@ class _Clock:
                 bent = square * (
                     (rest**3 - rest) * self.bends[i][j] + (share**3 - share) * self.bends[i][nxt]
                 )
-                jump = self.jumps[i][j]
-                bent = np.where(jump == 0.0, bent, -share * jump)
                 value = value + (p[BETWEEN + name] * bent if model.hold == "between" else bent)
             columns.append(value)
         if not columns:
@@ -473,23 +459,11 @@ def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
     return out
 
 
-def _bends(time: Array, values: Array, jumps: Array) -> Array:
-    """Second derivatives, at the samples, of cubic splines through an input between jumps."""
+def _bends(record: Record, signals: Sequence[Array]) -> list[Array]:
+    """Second derivatives, at the samples, of the cubic splines through the inputs."""
     from scipy.interpolate import CubicSpline
 
-    edges = [0, *(np.flatnonzero(jumps) + 1), time.size]
-    pieces = [slice(a, b) for a, b in pairwise(edges)]
-    return np.concatenate([CubicSpline(time[own], values[own])(time[own], 2) for own in pieces])
-
-
-def _jumps(values: Array) -> Array:
-    """Jumps between two constant values after each sample [unit of the input], (n,); else 0."""
-    change = np.diff(values)
-    still = change == 0.0
-    jumps = np.zeros(values.size)
-    inner = np.abs(change[1:-1]) > JUMP * np.ptp(values)
-    jumps[1:-2] = np.where(inner & still[:-2] & still[2:], change[1:-1], 0.0)
-    return jumps
+    return [np.asarray(CubicSpline(record.time, s)(record.time, 2)) for s in signals]
 
 
 def _same_kind(one: str, other: str) -> bool:

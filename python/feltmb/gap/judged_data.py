@@ -26,7 +26,7 @@ from feltmb.gap.checks import (
 from feltmb.gap.criteria import GIVEN_SIGMA
 from feltmb.gap.discrepancy import Discrepancy, with_color, with_factor, with_noise
 from feltmb.gap.missing_rows import divided, with_parts
-from feltmb.gap.overlay import clock_by_shape, wrong_clock
+from feltmb.gap.overlay import wrong_clock
 from feltmb.gap.split import split_records
 
 __all__ = ["JudgedData", "judged_data", "prepare", "ready", "with_other_noise"]
@@ -148,7 +148,6 @@ def ready(
             f"DATA PROBLEM: the unit of {wrong}. Specify the true unit: --unit time=UNIT, unit of "
             "the time in the TOML file; rates of a model are per second"
         )
-    by_shape = clock_by_shape(model, records)
     prepared = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
     # A model may increase the noise of a sensor to the error of its own outputs.
     sensors = {r.name: r.sensors for r in prepared.records}
@@ -158,7 +157,6 @@ def ready(
     ]
     noisy = _taken_as_exact(prepared.records) if prepared.model.states() else []
     warnings = (*copies, *inputs, *noisy, *absent, *constant, *checks.warnings, *prepared.notes)
-    warnings += (by_shape,) * bool(by_shape)
     checks = replace(checks, channels=tuple(channels), warnings=warnings)
     return prepared.model, prepared.records, checks, copies
 

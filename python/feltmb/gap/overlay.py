@@ -35,7 +35,7 @@ from feltmb.gap.criteria import (
 )
 from feltmb.gap.missing_rows import divided
 from feltmb.gap.smoke_test import divergence
-from feltmb.gap.tabulated import starts_known
+from feltmb.gap.tabulated import starts_known, unknown_starts
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
 from feltmb.units import (
     TEMPERATURE_SCALES,
@@ -132,9 +132,9 @@ class GapBefore:
 def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
     """Simulate the inputs of records with the tabulated parameters and compare the outputs.
 
-    No parameter is fitted. Each record is simulated once, and for a mechanism with the derivatives
-    at the beginning of the motion. A start state that is not known is taken from the beginning of
-    the record, and a note tells it.
+    No parameter is fitted. A start state that is not known is the one that fits the beginning of
+    the record best, and a note tells it. For a mechanism, the derivatives at the beginning of the
+    motion are computed as well.
 
     Raises
     ------
@@ -192,8 +192,6 @@ def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
         rows = [replace(r, factor=nan, delay=nan) for r in rows]
         notes.append(f"the unit of {clock}")
     else:
-        if by_shape := clock_by_shape(model, records):
-            notes.append(by_shape)
         notes += _hints(rows)
         notes += _of_prepared(model, records, checks)
     return GapBefore(
@@ -262,7 +260,7 @@ def expected_outputs(model: Model, record: Record) -> Array:
 def _from_start_of_record(
     model: Model, record: Record, noise: Mapping[str, Noise], expected: Array
 ) -> tuple[Array, list[str]]:
-    """Outputs from the start state that the beginning of the record shows, with a note.
+    """Outputs from the start state that fits the first segment of the record best, with a note.
 
     If the start is known, or the model diverges, the outputs are those from the expected one.
     """
@@ -270,7 +268,7 @@ def _from_start_of_record(
     if not model.states() or starts_known(problem):
         return expected, []
     theta = np.array([p.value for p in model.parameters])
-    # With loose continuity defects, the start is that of the record, also if the model is poor.
+    # With loose continuity defects, later segments of a poor model hardly move the start.
     point = estimate_states(problem, problem.start(theta=theta), LOOSE)
     start = point.places[0].starts[0]
     values = observe_whole(model, record, theta, start)[: record.samples]
@@ -278,9 +276,12 @@ def _from_start_of_record(
         return expected, []
     states = ", ".join(
         f"{s.name} = {value:.4g}{unit_suffix(s.unit)}"
-        for s, value in zip(model.states(), start, strict=True)
+        for s, value, unknown in zip(model.states(), start, unknown_starts(problem), strict=True)
+        if unknown
     )
-    return values, [f"{record.name}: the start is not known; it is taken from the record: {states}"]
+    return values, [
+        f"{record.name}: the start is not known; the one that fits its beginning best is {states}"
+    ]
 
 
 def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:
@@ -505,9 +506,6 @@ _CLOCKS = (
 )
 #: Longest clock of a model without states, which may need a time in proportion to it.
 LONGEST_OF_FUNCTION = 1e3
-#: Distance of a clock to the next ones that must not have the shape of the records, and largest
-#: share of what those leave.
-NEXT, BESIDE = 6.0, 0.5
 #: What else explains a clock: the unit of time of the model is shorter, or longer, than a second.
 _OF_MODEL = {1e3: "ms", 1.0 / 60.0: "minute", 1.0 / 3600.0: "hour"}
 
@@ -533,61 +531,6 @@ def wrong_clock(model: Model, records: Sequence[Record]) -> str:
             if factor <= LONGEST_OF_FUNCTION or model.states()
         ],
     )
-
-
-def clock_by_shape(model: Model, records: Sequence[Record]) -> str:
-    """Warning of a clock whose unit looks wrong beside a poor model; empty if nothing tells.
-
-    With another clock, the outputs of the model have the shape of all records, beside a gain and an
-    offset: they leave less than a fifth of the variance that they leave with the recorded clock.
-    Clocks between it and the recorded one, and still longer or shorter ones, do not have it. A
-    mechanism, whose time is in s and whose simulations may be long, is not tested.
-    """
-    records = [r for r in records if r.start is None or r.start.known]
-    if not records or math.isfinite(model.longest_run) or model.chaotic or not _is_tabulated(model):
-        return ""
-
-    def left(factor: float) -> Array:
-        """Share of the variance of each record that another shape leaves [1]."""
-        return np.array([_other_shape(model, r.stretched(factor)) for r in records])
-
-    own = left(1.0)
-    if np.all(own < WRONG_CLOCK) or np.any(own <= 0.0):
-        return ""
-    for factor, text in _CLOCKS:
-        if factor > LONGEST_OF_FUNCTION and not model.states():
-            continue
-        if not _other_shape(model, records[0].stretched(factor)) < OTHER_SCALE * own[0]:
-            continue
-        found = left(factor)
-        if not np.all(found < OTHER_SCALE * own):
-            continue
-        if all(np.all(found < BESIDE * left(factor * side)) for side in (NEXT, 1.0 / NEXT)):
-            return (
-                "the unit of time may be wrong: with a clock "
-                f"{factor:.4g} times as long, the outputs of the model have the shape of all "
-                f"records, though not their size ({text}, or are the time constants of the model "
-                "wrong by this factor?)"
-            )
-    return ""
-
-
-def _other_shape(model: Model, record: Record) -> float:
-    """Share of the variance of the outputs that the model leaves beside a gain and an offset."""
-    with untold_trials():
-        values = expected_outputs(model, record)
-    shares = []
-    for i, name in enumerate(model.outputs):
-        measured = record.outputs.get(name, np.zeros(0))
-        there = np.isfinite(measured)
-        if not there.any() or not np.var(measured[there]) > 0.0:
-            continue
-        pair = measured[there], values[there, i]
-        share = 1.0
-        if np.all(np.abs(pair[1]) < RUNAWAY) and np.var(pair[1]) > 0.0:
-            share -= max(float(np.corrcoef(*pair)[0, 1]), 0.0) ** 2
-        shares.append(share)
-    return float(np.mean(shares)) if shares else 0.0
 
 
 def wrong_input(model: Model, records: Sequence[Record]) -> str:

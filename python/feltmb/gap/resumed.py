@@ -81,7 +81,7 @@ def resumed(
 
 def discard(fits: Path) -> None:
     """Delete the fits of a finished diagnosis; those of other diagnoses remain."""
-    shutil.rmtree(fits)
+    shutil.rmtree(fits, ignore_errors=True)
     with suppress(OSError):  # not empty
         fits.parent.rmdir()
 
@@ -93,8 +93,8 @@ def remaining(folder: Path) -> str:
         return ""
     size = max(sum(p.stat().st_size for p in files) / 1e6, 0.1)
     return (
-        f"{folder} keeps finished fits of interrupted runs (about {size:.1f} MB), from which the "
-        "same command continues. Delete this folder if you do not need them"
+        f"{folder} keeps finished fits of interrupted runs (about {size:.1f} MB), from which "
+        "they continue. Delete this folder if you do not need them"
     )
 
 

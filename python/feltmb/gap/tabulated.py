@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from feltmb.data import Array
@@ -42,6 +43,7 @@ __all__ = [
     "outcome_at",
     "starts_known",
     "tabulated_outcome",
+    "unknown_starts",
 ]
 
 #: If the prior standard deviation of a start state exceeds this share of its scale, the start is
@@ -88,8 +90,14 @@ def outcome_at(
 
 def starts_known(problem: Problem) -> bool:
     """Whether the start states of all records are known well enough to simulate from them."""
+    return not np.any(unknown_starts(problem))
+
+
+def unknown_starts(problem: Problem) -> NDArray[np.bool_]:
+    """States whose start is not known well enough in one of the records, (nx,)."""
     most = KNOWN_START * np.array([s.scale for s in problem.model.states()])
-    return all(np.all(problem.start_prior(s)[1] <= most) for s in problem.segmented_records)
+    sds = np.array([problem.start_prior(s)[1] for s in problem.segmented_records])
+    return np.asarray(np.any(sds > most, axis=0))
 
 
 def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:

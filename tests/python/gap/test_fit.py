@@ -327,7 +327,8 @@ def test_the_unit_of_a_coordinate_agrees_with_that_of_its_state():
 
     with pytest.raises(InvalidParameter, match=r"position q has the unit rad, but a force in N mo"):
         turning()
-    for good in ({"unit": "N m"}, {"unit": "rad/s^2"}, {"position_unit": "rad"}):
+    torques = ("N m", "Nm", "N*m", "kN m", "mN m", "rad/s^2")
+    for good in (*({"unit": u} for u in torques), {"position_unit": "rad"}):
         turning(**good)
     turning("deg", unit="N m")
     turning("steps")

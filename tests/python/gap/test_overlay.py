@@ -499,34 +499,6 @@ def test_a_clock_in_a_wrong_unit_is_found(factor, told):
         gap.diagnose(model, [], wrong)
 
 
-def beside_poor_model(factor, capacity=1.0, loss=1.0):
-    """What a check tells of a clock, beside a model whose numbers are wrong by factors."""
-    model, records = heated()
-    c, g = model.parameters
-    model.parameters = (
-        dataclasses.replace(c, value=capacity * c.value, sd=0.3 * capacity * c.value),
-        dataclasses.replace(g, value=loss * g.value, sd=0.3 * loss * g.value),
-    )
-    wrong = [dataclasses.replace(r, time=factor * r.time) for r in records]
-    return [n for n in gap.check(model, wrong).notes if "unit of time may be wrong" in n]
-
-
-@pytest.mark.parametrize(
-    ("factor", "told"),
-    [(1.0 / 60.0, r"\(minutes labeled as s, or are"), (60.0, r"\(s labeled as minutes, or are")],
-)
-def test_a_clock_in_a_wrong_unit_is_told_beside_a_poor_model(factor, told):
-    """Its gain is wrong by a factor of two, and its time constant by a quarter."""
-    (note,) = beside_poor_model(factor, 1.5, 2.0)
-    assert re.search(told, note)
-
-
-@pytest.mark.parametrize("loss", [0.5, 1.0, 2.0])
-@pytest.mark.parametrize("capacity", [0.1, 0.3, 1.0, 3.0, 10.0])
-def test_a_true_clock_beside_a_poor_model_is_not_told(capacity, loss):
-    assert beside_poor_model(1.0, capacity, loss) == []
-
-
 def in_another_time(second, rate=1.5e-3, **known):
     """A first-order lag whose rates are per ``second``, and its records over two hours."""
     model = gap.OdeModel(

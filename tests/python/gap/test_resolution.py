@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from feltmb.fit.ode import _bends, _jumps
 from feltmb.gap import (
     Coordinate,
     Coupling,
@@ -103,57 +102,6 @@ def test_the_run_of_an_input_between_samples_is_estimated_and_is_no_cause(
     )
     assert report.verdict is Verdict.CALIBRATED, report.statement
     assert abs(report.model.parameters["between.f"] - share) < 0.05
-
-
-@pytest.mark.parametrize(("moved", "share"), [(0.0, 1.0), (0.5, 0.5), (1.0, 0.0)])
-def test_the_time_of_a_jump_between_samples_is_estimated_and_is_no_cause(
-    moved: float, share: float
-) -> None:
-    """A step of an amplifier was simulated as a ramp of one sample: a force of another shape."""
-    time, rng = 0.02 * np.arange(240), np.random.default_rng(2)
-    levels = np.repeat([0.0, 4.0, -3.0, 1.0, 0.0], 48)
-    records = []
-    for i in range(3):
-        own = np.roll(levels, 7 * i)
-        # The jump ends at a sample, or that much of the interval is a ramp before it.
-        fine = np.linspace(0.0, time[-1], 239 * 20 + 1)
-        at = np.floor(fine / 0.02 + 1e-9).astype(int)
-        rest = fine / 0.02 - at
-        nxt = np.minimum(at + 1, 239)
-        f = own[at] + (own[nxt] - own[at]) * np.clip(rest * moved, 0.0, 1.0)
-
-        def rates(t: float, x: np.ndarray, f: np.ndarray = f, fine: np.ndarray = fine) -> list:
-            push = f[min(int(t / (fine[1] - fine[0]) + 1e-9), f.size - 1)]
-            return [x[1], push - 40.0 * x[0] - 2.0 * x[1]]
-
-        y = solve_ivp(rates, (0.0, time[-1]), (0.0, 0.0), "RK45", time, rtol=1e-7, atol=1e-10,
-                      max_step=2e-3).y[0]  # fmt: skip
-        records.append(
-            Record(
-                name=f"run {i}",
-                time=time,
-                inputs={"f": own},
-                outputs={"q": y + NOISE * rng.standard_normal(time.size)},
-                sensors={"q": Sensor(name="q", unit="m", sigma=NOISE)},
-            )
-        )
-    report = diagnose(make_model(k=40.0), standard(), records, options=Options(bootstrap=0))
-    assert report.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED), report.statement
-    assert abs(report.model.parameters["between.f"] - share) < 0.1
-
-
-def test_a_resolution_and_ramps_are_no_jumps() -> None:
-    np.testing.assert_array_equal(
-        _jumps(np.array([0.0, 0.0, 2.0, 2.0, -1.0, -1.0, -1.0])),
-        [0.0, 2.0, 0.0, -3.0, 0.0, 0.0, 0.0],
-    )
-    assert not np.any(_jumps(np.interp(np.arange(60), [0, 20, 25, 60], [0, 0, 1, 1])))
-    assert not np.any(_jumps(np.round(np.sin(0.02 * np.arange(60)), 2)))
-    # Splines on both sides do not see each other.
-    time = np.arange(12.0)
-    values = np.where(time < 6, 0.0, 5.0) + np.where(time > 8, (time - 8.0) ** 2, 0.0)
-    bends = _bends(time, values, _jumps(values))
-    np.testing.assert_array_equal(bends[:6], 0.0)
 
 
 def test_straight_lines_said_by_the_user_where_the_signal_was_smooth_are_found() -> None:

@@ -979,18 +979,19 @@ class Live {
       return;
     }
     const cells = r => [r.record, r.channel, `${round(r.rms, 4)} ${r.unit}`, r.noise ? `${round(r.noise, 3)} times the noise` : ""];
-    const key = JSON.stringify([m.rows.map(r => [r.record, r.channel]), m.notes, PAINT === NIGHT,
+    const key = JSON.stringify([m.rows.map(r => [r.record, r.channel]), PAINT === NIGHT,
       m.records.map(r => [r.name, r.channels.map(c => [c.name, c.unit])])]);
     if (this.overlay?.key !== key || !this.overlay.table.isConnected) {
-      const table = element("table", {class: "plain residuals"}), wheres = [];
+      const table = element("table", {class: "plain residuals"}), notes = element("div"), wheres = [];
       for (const r of m.rows) table.insertRow().append(...["", "", "n", "hint"].map(name => element("td", {class: name})));
       const boxes = m.records.map(record => element("div", {}, element("b", {}, record.name), this.legend(
         [{name: "measured", color: PAINT.ink}, {name: "model, turned", color: COLOR.a}]),
         ...record.channels.flatMap(channel => [element("div", {}, `${channel.name}, ${channel.unit}`),
           wheres[wheres.push(element("div")) - 1]])));
-      this.overlayBox.replaceChildren(table, ...m.notes.map(n => element("p", {class: "hint"}, n)), element("div", {class: "cards"}, ...boxes));
-      this.overlay = {key, table, wheres};
+      this.overlayBox.replaceChildren(table, notes, element("div", {class: "cards"}, ...boxes));
+      this.overlay = {key, table, notes, wheres};
     }
+    this.overlay.notes.replaceChildren(...m.notes.map(n => element("p", {class: "hint"}, n)));
     m.rows.forEach((r, i) => cells(r).forEach((text, k) => put(this.overlay.table.rows[i].cells[k], text)));
     let at = 0;
     for (const record of m.records) {
