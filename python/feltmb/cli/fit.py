@@ -102,7 +102,7 @@ def command(
             text = json.dumps(result, indent=2) + "\n"
             say_written(write_text(output / "fit.json", text, force=force))
             stopped = any(n.startswith("stopped") for n in fit.notes)
-            if fits is not None and fits.is_dir() and not stopped:
+            if fits is not None and not stopped:
                 discard(fits)
             if kept := remaining(output / ".resume"):
                 say(kept, err=True)

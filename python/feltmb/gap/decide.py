@@ -178,7 +178,7 @@ def _in_fitted_records_only(facts: Facts) -> bool:
     Parameters outside their priors are evidence of their own.
     """
     within = not facts.misfit.left and facts.search.model_fit.within_priors
-    small = within and facts.how_far.before < NO_GAP_RATIO
+    small = within and facts.how_far.no_gap
     most = max(facts.accepted.proof.values(), default=0.0)
     return small and most < least_odds(facts.options.credibility)
 
@@ -497,8 +497,7 @@ def _band(far: HowFar) -> str:
 def _closing(facts: Facts, names: tuple[str, ...]) -> str:
     """Sentence: the change of the held-out gap by these effects."""
     far = facts.how_far
-    gap = far.before
-    if not math.isfinite(gap):
+    if not math.isfinite(far.before):
         return "The model cannot simulate the held-out records to their end."
     gains = {n: g for n, g in facts.accepted.proof.items() if n in names}
     odds = least_odds(facts.options.credibility)
@@ -520,11 +519,11 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
     if not shown and far.no_gap:
         return f"{sentence(far.closing('it', 'the held-out gap'))}{doubt}"
     closes = f"closes {far.closed_text} of the held-out gap{_band(far)}."
-    if not shown or (gap >= NO_GAP_RATIO and far.low > 0.0):
+    if not shown or (not far.no_gap and far.low > 0.0):
         return f"It {closes}{doubt}"
     by = "or more by each" if len(shown) > 1 else f"by {shown[0] if weak else 'it'}"
     least = f"{min(gains[n] for n in shown):.2g} units of log evidence {by}"
-    if gap < NO_GAP_RATIO:
+    if far.no_gap:
         return f"Held-out records, whose gap is hardly above their noise, gain {least}.{doubt}"
     return f"Held-out records gain {least}; it {closes}{doubt}"
 

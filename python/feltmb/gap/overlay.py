@@ -35,7 +35,7 @@ from feltmb.gap.criteria import (
 )
 from feltmb.gap.missing_rows import divided
 from feltmb.gap.smoke_test import divergence
-from feltmb.gap.tabulated import starts_known, unknown_starts
+from feltmb.gap.tabulated import unknown_starts
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
 from feltmb.units import (
     TEMPERATURE_SCALES,
@@ -264,8 +264,11 @@ def _from_start_of_record(
 
     If the start is known, or the model diverges, the outputs are those from the expected one.
     """
+    if not model.states():
+        return expected, []
     problem = Problem(model, (segment_record(model, record, noise, None),), frozen=True)
-    if not model.states() or starts_known(problem):
+    unknown = unknown_starts(problem)
+    if not unknown.any():
         return expected, []
     theta = np.array([p.value for p in model.parameters])
     # With loose continuity defects, later segments of a poor model hardly move the start.
@@ -276,8 +279,8 @@ def _from_start_of_record(
         return expected, []
     states = ", ".join(
         f"{s.name} = {value:.4g}{unit_suffix(s.unit)}"
-        for s, value, unknown in zip(model.states(), start, unknown_starts(problem), strict=True)
-        if unknown
+        for s, value, at in zip(model.states(), start, unknown, strict=True)
+        if at
     )
     return values, [
         f"{record.name}: the start is not known; the one that fits its beginning best is {states}"

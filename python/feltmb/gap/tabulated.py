@@ -41,7 +41,6 @@ __all__ = [
     "moved_together",
     "of_the_machine",
     "outcome_at",
-    "starts_known",
     "tabulated_outcome",
     "unknown_starts",
 ]
@@ -80,7 +79,7 @@ def outcome_at(
     tightest = settings.levels[-1]
     quick = settings.coarser(0.3, iterations=8)
     if model.states():
-        if starts_known(problem):
+        if not np.any(unknown_starts(problem)):
             point = chained(problem, point)  # one simulation gives the gap
         else:
             point = estimate_states(problem, point, tightest)
@@ -88,13 +87,8 @@ def outcome_at(
     return Outcome(fit, settings.coarser(0.3), fit)
 
 
-def starts_known(problem: Problem) -> bool:
-    """Whether the start states of all records are known well enough to simulate from them."""
-    return not np.any(unknown_starts(problem))
-
-
 def unknown_starts(problem: Problem) -> NDArray[np.bool_]:
-    """States whose start is not known well enough in one of the records, (nx,)."""
+    """States whose start one of the records knows too badly to simulate from it, (nx,)."""
     most = KNOWN_START * np.array([s.scale for s in problem.model.states()])
     sds = np.array([problem.start_prior(s)[1] for s in problem.segmented_records])
     return np.asarray(np.any(sds > most, axis=0))

@@ -133,14 +133,48 @@ def _summary_line(run: Run) -> str:
         rows = [_strike_line(run, i, s) for i, s in enumerate(strikes[:MOST_STRIKES], start=1)]
         more = len(strikes) - MOST_STRIKES
         return "\n".join([*rows, f"{more} more strikes: run.strikes"] if more > 0 else rows)
-    s, strike = run.summary, strike_words(run)
-    contact = strike["string_contact_duration"].removesuffix(" lasts")
-    parts = []
-    for key, text, factor, unit in (
+    s = run.summary
+    force, contact = _strike_texts(run)
+    parts = _numbers(
+        s,
         ("impact_speed", "impact speed (of the contact)", 1.0, "m/s"),
         ("rebound_speed", "rebound speed", 1.0, "m/s"),
-        ("max_string_force", plain_text(strike["max_string_force"]), 1.0, "N"),
-        ("string_contact_duration", plain_text(contact), 1e3, "ms"),
+        ("max_string_force", force, 1.0, "N"),
+        ("string_contact_duration", contact, 1e3, "ms"),
+    )
+    half = -(-len(parts) // 2)
+    return "\n".join("   ".join(row) for row in (parts[:half], parts[half:]) if row)
+
+
+def _strike_line(run: Run, number: int, s: Mapping[str, float]) -> str:
+    """Numbers of one of several strikes."""
+    force, contact = _strike_texts(run)
+    parts = _numbers(
+        s,
+        ("impact_speed", "impact speed", 1.0, "m/s"),
+        ("max_string_force", force, 1.0, "N"),
+        ("sampled_string_force", force, 1.0, "N"),
+        ("string_contact_duration", contact, 1e3, "ms"),
+    )
+    return "   ".join([f"strike {number} at {1e3 * s['impact_time']:.1f} ms", *parts])
+
+
+def _strike_texts(run: Run) -> tuple[str, str]:
+    """Words for the largest force of a strike and for the duration of its contact."""
+    words = strike_words(run)
+    contact = words["string_contact_duration"].removesuffix(" lasts")
+    return plain_text(words["max_string_force"]), plain_text(contact)
+
+
+def _numbers(s: Mapping[str, float], *rows: tuple[str, str, float, str]) -> list[str]:
+    """Texts of the numbers of a strike that there are.
+
+    ``rows``: key, text, factor to the unit that is shown, this unit; those of let-off and check
+    follow.
+    """
+    parts = []
+    for key, text, factor, unit in (
+        *rows,
         ("let_off_gap", "let-off gap", 1e3, "mm"),
         ("check_gap", "check distance", 1e3, "mm"),
     ):
@@ -148,27 +182,7 @@ def _summary_line(run: Run) -> str:
             parts.append(f"{text} {factor * s[key]:.3g} {unit}")
         elif key == "let_off_gap" and let_off_words(s):
             parts.append(let_off_words(s))
-    half = -(-len(parts) // 2)
-    return "\n".join("   ".join(row) for row in (parts[:half], parts[half:]) if row)
-
-
-def _strike_line(run: Run, number: int, s: Mapping[str, float]) -> str:
-    """Numbers of one of several strikes."""
-    words = strike_words(run)
-    parts = [f"strike {number} at {1e3 * s['impact_time']:.1f} ms"]
-    for key, text, factor, unit in (
-        ("impact_speed", "impact speed", 1.0, "m/s"),
-        ("max_string_force", words["max_string_force"], 1.0, "N"),
-        ("sampled_string_force", words["max_string_force"], 1.0, "N"),
-        ("string_contact_duration", words["string_contact_duration"], 1e3, "ms"),
-        ("let_off_gap", "let-off gap", 1e3, "mm"),
-        ("check_gap", "check distance", 1e3, "mm"),
-    ):
-        if key in s:
-            parts.append(f"{plain_text(text).removesuffix(' lasts')} {factor * s[key]:.3g} {unit}")
-        elif key == "let_off_gap" and let_off_words(s):
-            parts.append(let_off_words(s))
-    return "   ".join(parts)
+    return parts
 
 
 #: Most strikes whose numbers are printed below an overview.
