@@ -64,7 +64,7 @@ def measured_file(folder: Path) -> Path:
 
     import feltmb
 
-    action = feltmb.load_action("steinway45").with_values({"surfaces.Kp2.point.y": 32.3})
+    action = feltmb.load_action("steinway45").with_values({"surfaces.Kp2.point.y": "32.3 mm"})
     run = feltmb.simulate(action, "piano", output_rate=2000.0)
     noise = np.random.default_rng(3).normal(scale=2e-5, size=(len(run.time), 2))
     rows = ["time [s],finger.force [N],key_front.y [mm],hammer_tip.x [mm]"]

@@ -136,7 +136,7 @@ STORIES: dict[str, Story] = {
     ),
     "let_off": Story(
         # The hammer is 1 mm farther from the string at let-off.
-        settings={"surfaces.Gp10.point.y": "76.88"},
+        settings={"surfaces.Gp10.point.y": "76.88 mm"},
         verdicts=(CALIBRATED, "NAMED"),
         words=("let-off button|let_off_button", "mm|let_off_button"),
         size=("let_off_button", -0.12e-3),
@@ -175,7 +175,7 @@ STORIES: dict[str, Story] = {
     ),
     # A phone beside the hammer, and a tracking program; its noise is not known.
     "one_camera": Story(
-        settings={"surfaces.Gp10.point.y": "77.5"},
+        settings={"surfaces.Gp10.point.y": "77.5 mm"},
         channels=("hammer_tip.x", "hammer_tip.y"),
         camera=5e-5,
         frames=3,

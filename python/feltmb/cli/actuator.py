@@ -72,7 +72,7 @@ _set = list_option(
     "settings",
     metavar="PATH=VALUE",
     help="Change a value of the actuator by its dotted path, such as "
-    "tip.mass=1.5g; a bare number has the unit of the file.",
+    "tip.mass=1.5g; a bare number is in SI units.",
 )
 
 

@@ -549,7 +549,7 @@ def set_option(function: F) -> F:
     return _settings(
         "PATH=VALUE",
         "Change a value of the mechanism by its dotted path, such as string.modes=80 or "
-        "contacts.*.law=printed; a bare number has the unit of the file. PATH+=AMOUNT, "
+        "contacts.*.law=printed; a bare number is in SI units. PATH+=AMOUNT, "
         "PATH-=AMOUNT and PATH*=FACTOR change a number: surfaces.Gp10.point.y+=0.5mm.",
     )(function)
 

@@ -497,7 +497,7 @@ def toml_of(bench: Bench, turned: Turned) -> str:
             f"  {bench.knobs[name].label}: {value:+.6g} {bench.knobs[name].unit}"
             for name, value in turned.knobs.items()
         ),
-        "As of the command line: " + " ".join(f"--set {p}={v!r}" for p, v in values.items()),
+        "As of the command line: " + " ".join(f"--set '{p}={v}'" for p, v in values.items()),
     ]
     return "".join(f"# {_one_line(line)}\n" for line in lines) + "\n" + action.to_toml()
 

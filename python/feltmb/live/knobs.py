@@ -19,6 +19,7 @@ from feltmb.adapters.changes import Change, apply_changes
 from feltmb.adapters.library import Entry
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.mechanism import Action
+from feltmb.mechanism.values import si_factor
 from feltmb.units import si_value
 from feltmb.units.quantity import shortened
 
@@ -231,8 +232,8 @@ class Bench:
         knobs: Mapping[str, float],
         numbers: Mapping[str, float],
         entries: Mapping[str, tuple[Entry, float]] | None = None,
-    ) -> dict[str, float]:
-        """Numbers by path in the units of the file, as for ``--set``.
+    ) -> dict[str, float | str]:
+        """Numbers by path with the units of the file, as for ``--set``.
 
         Parameters
         ----------
@@ -263,7 +264,12 @@ class Bench:
             raise InvalidParameter("\n".join(faults))
         _, moved = apply_changes(self.action.config, asked)
         out = {path: self._in_file(path, value) for path, value in moved.items()}
-        return out | {path: float(value) for path, value in numbers.items()}
+        out |= {path: float(value) for path, value in numbers.items()}
+        return {path: self._with_unit(path, value) for path, value in out.items()}
+
+    def _with_unit(self, path: str, value: float) -> float | str:
+        unit = self.numbers[path][1] if path in self.numbers else ""
+        return value if si_factor(None, unit) == 1.0 else f"{value!r} {unit}"
 
     def _in_file(self, path: str, value: float) -> float:
         """Convert a number from SI to the unit of the file, without digits of rounding errors."""

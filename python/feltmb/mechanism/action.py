@@ -20,6 +20,7 @@ from feltmb.contact.tables import CORE_LAWS, LAWS
 from feltmb.display import html_table, picture
 from feltmb.errors import InvalidParameter, shown
 from feltmb.mechanism.checking import validate
+from feltmb.mechanism.numbers import Value, number_at
 from feltmb.mechanism.reading import load_raw, resolve
 from feltmb.mechanism.to_core import describe
 from feltmb.mechanism.values import apply_numbers, apply_values, plain_data
@@ -153,14 +154,35 @@ class Action:
         text = json.dumps(_without_texts(tables), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
+    def value(self, path: str) -> Value:
+        """Number at a dotted path, in SI units.
+
+        Parameters
+        ----------
+        path
+            A path as for :meth:`with_values`, without ``*``: ``"bodies.key.mass"``.
+
+        Returns
+        -------
+        Value
+            ``value`` and ``unit``: ``number, unit = action.value("bodies.key.mass")``. The value of
+            a point or a direction is a pair.
+
+        Raises
+        ------
+        InvalidParameter
+            The path does not exist, or is no number.
+        """
+        return number_at(self.config, path)
+
     def with_values(self, values: Mapping[str, Any]) -> Action:
         """Copy with other values by dotted path.
 
         Parameters
         ----------
         values
-            ``{"string.modes": 80}``. A number without a unit has the unit of the entry in the file;
-            a text may have a unit, ``"10.5 mm"``. ``*`` means any key (``"contacts.*.law"``), the
+            ``{"string.modes": 80}``. A number without a unit is in SI units, whatever the unit in
+            the file; a text may have a unit, ``"10.5 mm"``. ``*`` means any key (``"contacts.*.law"``), the
             name of a body means ``bodies.NAME`` (``"shank.rigid"``), and ``.x .y`` or ``.0 .1`` is
             a component of a point. ``{"surfaces.Gp10.point.y +=": "0.5 mm"}`` changes a number by
             an amount, also with ``-=``; ``*=`` changes it by a factor.

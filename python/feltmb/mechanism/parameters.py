@@ -1,9 +1,8 @@
 """The numbers of a mechanism by dotted path, in SI, and mechanisms with changed values.
 
 A path is the same as for ``--set``: ``bodies.key.mass`` or ``key.mass``, ``contacts.06.loading.a``,
-``bodies.key.position.x``, ``contacts.*.alpha``. In contrast to ``Action.with_values``, values are
-in SI units. A changed mechanism is made in a fraction of a millisecond, because unchanged parts are
-shared.
+``bodies.key.position.x``, ``contacts.*.alpha``. A changed mechanism is made in a fraction of a
+millisecond, because unchanged parts are shared.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ import difflib
 import fnmatch
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Protocol, TypeVar
 
@@ -20,10 +18,11 @@ from pydantic import BaseModel, ValidationError
 
 from feltmb import _core
 from feltmb.errors import InvalidParameter
-from feltmb.mechanism import Action, Body, Contact, describe, expand_path, parse_setting
-from feltmb.mechanism.values import split_operator
+from feltmb.mechanism import Action, describe, expand_path, parse_setting
+from feltmb.mechanism.numbers import AXES, Parameter, numbers_below
+from feltmb.mechanism.values import si_factor, split_operator
 from feltmb.units import conversion_factor, split_quantity, unit_suffix
-from feltmb.units.quantity import is_quantity, shortened, unit_of
+from feltmb.units.quantity import is_quantity, shortened
 
 __all__ = [
     "Parameter",
@@ -33,6 +32,7 @@ __all__ = [
     "mechanism_with",
     "told_bare_numbers",
     "told_numbers",
+    "told_paths",
     "with_values_told",
 ]
 
@@ -41,111 +41,6 @@ TABLES = (
     *("gravity", "bodies", "surfaces", "contacts", "springs", "straps", "string", "finger"),
     "points",
 )
-#: Integers and choices, which have no derivative.
-_COUNTS = frozenset({"modes", "count", "axial_shapes", "lateral_shapes"})
-_AXES = ("x", "y")
-
-#: Size of a parameter with the value zero, by unit; changes are relative to it.
-_SIZE_AT_ZERO = {
-    "m": 1e-3,
-    "rad": 1e-2,
-    "kg": 1e-3,
-    "s": 1e-4,
-    "m/s^2": 1.0,
-    "N": 1.0,
-    "N m": 1e-3,
-    "N/m": 1e3,
-    "N m/rad": 1e-3,
-    "N s/m": 1e-2,
-    "N m s/rad": 1e-5,
-    "N s^2/m^2": 1e-2,
-    "N m s^2/rad^2": 1e-7,
-    "rad/s": 0.1,
-    "m/s": 1e-2,
-    "kg m^2": 1e-6,
-    "1": 0.1,
-}
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A real number of a mechanism.
-
-    Attributes
-    ----------
-    path
-        Full dotted path.
-    value
-        Value in SI units.
-    unit
-        SI unit of the value; ``1`` for a dimensionless number.
-    size
-        Reference of relative changes, SI units, > 0: the absolute value, or a small length, angle
-        and so on if the value is zero.
-    """
-
-    path: str
-    value: float
-    unit: str
-    size: float
-
-
-def _children(node: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(node, BaseModel):
-        for name in type(node).model_fields:
-            yield name, getattr(node, name)
-    elif isinstance(node, Mapping):
-        yield from node.items()
-    elif isinstance(node, tuple) and len(node) == 2:
-        yield from zip(_AXES, node, strict=True)
-
-
-def _unit(config: BaseModel, parents: list[Any], names: list[str]) -> str:
-    """SI unit of the field at the end of a chain of names."""
-    for depth in range(len(names) - 1, -1, -1):
-        owner = parents[depth]
-        if not isinstance(owner, BaseModel):
-            continue
-        field = names[depth]
-        unit = unit_of(type(owner), field, _joint(config, parents[: depth + 1]))
-        if unit is not None:
-            return unit
-        if field == "stiffness":  # exponent of a power law
-            exponent = getattr(owner, "exponent", 1.0)
-            return "N/m" if exponent == 1.0 else f"N/m^{exponent:g}"
-        if field == "strike_point":
-            return "m"
-        break
-    return "1"
-
-
-def _joint(config: BaseModel, owners: list[Any]) -> str:
-    """Kind of the joint of a table, from the table or its coordinate, or ``contact``."""
-    for owner in reversed(owners):
-        if isinstance(owner, Contact):
-            return "contact"
-        if isinstance(owner, Body):
-            return "prismatic" if owner.joint == "prismatic" else "revolute"
-        coordinate = getattr(owner, "coordinate", None)
-        for body in getattr(config, "bodies", {}).values():
-            if coordinate is not None and body.coordinate == coordinate:
-                return "prismatic" if body.joint == "prismatic" else "revolute"
-    return "revolute"
-
-
-def _walk(
-    config: BaseModel, node: Any, parents: list[Any], names: list[str], counts: bool = False
-) -> Iterator[Parameter]:
-    if isinstance(node, bool) or node is None or isinstance(node, str):
-        return
-    if isinstance(node, (int, float)):
-        if counts or (names[-1] not in _COUNTS and isinstance(node, float)):
-            unit = _unit(config, parents, names)
-            size = abs(node) or _SIZE_AT_ZERO.get(unit, 1.0)
-            yield Parameter(".".join(names), float(node), unit, size)
-        return
-    for name, child in _children(node):
-        yield from _walk(config, child, [*parents, node], [*names, name], counts)
 
 
 class _OfFile(Protocol):
@@ -205,9 +100,34 @@ def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> 
                 texts.append(f"{p.path} = {p.value:g} {p.unit}{before_it}")
         if texts:
             more = f"; and {len(texts) - TOLD} more" if len(texts) > TOLD else ""
-            rule = ". A number without a unit has the unit of the file, or else the SI unit"
             ruled = bare and any(p.unit != "1" for p, _ in at)
-            told.append(f"{'; '.join(texts[:TOLD])}{more}{rule if ruled else ''}")
+            rule = f". A number without a unit is in SI units{_other_units(at)}" if ruled else ""
+            told.append(f"{'; '.join(texts[:TOLD])}{more}{rule}")
+    return told
+
+
+def _other_units(at: Iterable[tuple[Parameter, str]]) -> str:
+    """The units of a file that are not SI, as the end of a sentence; "" if there are none."""
+    other = dict.fromkeys(u for p, u in at if si_factor(None, u) != 1.0)
+    return f"; the file has {', '.join(other)}" if other else ""
+
+
+def told_paths(model: _OfFile, values: Mapping[str, Iterable[Any]]) -> list[str]:
+    """Sentences about paths with numbers without a unit where the file has another unit than SI.
+
+    Parameters
+    ----------
+    values
+        Values by dotted path, as for ``sweep``.
+    """
+    numbers = _numbers_of(model.config)
+    told = []
+    for given_path, given in values.items():
+        path, operator = split_operator(given_path)
+        bare = operator != "*" and any(map(_is_bare, given))
+        at = list(_at(model, path, numbers)) if bare else []
+        if other := _other_units(at):
+            told.append(f"{path}: numbers without a unit are in SI units, {at[0][0].unit}{other}")
     return told
 
 
@@ -217,7 +137,7 @@ def _at(model: _OfFile, path: str, numbers: list[Parameter]) -> Iterator[tuple[P
     for parts in expand_path(raw, path):
         unit = _unit_in_file(raw, parts[:-1] if parts[-1] == "value" else parts)
         start = ".".join(parts).removesuffix(".value")
-        for k, axis in enumerate(_AXES):
+        for k, axis in enumerate(AXES):
             start = f"{start[:-2]}.{axis}" if start.endswith(f".{k}") else start
         for p in numbers:
             if p.path == start or p.path.startswith(f"{start}."):
@@ -231,7 +151,7 @@ def _unit_in_file(raw: Mapping[str, Any], parts: Sequence[str]) -> str | None:
     for part in parts:
         if is_quantity(node) or isinstance(node, list):  # a component
             values = node["value"] if is_quantity(node) else node
-            index = _AXES.index(part) if part in _AXES else -1
+            index = AXES.index(part) if part in AXES else -1
             node = values[index] if isinstance(values, list) and index < len(values) else None
         elif isinstance(node, Mapping):
             three = node.get("unit")  # of a curve with the coefficients a, b, c
@@ -261,7 +181,7 @@ def bare_numbers(model: _OfFile) -> list[tuple[Parameter, tuple[str, ...]]]:
     raw = model.raw
     bare: list[Parameter] = []
     units: dict[str, dict[str, None]] = {}
-    for p in _walk(model.config, model.config, [], []):
+    for p in numbers_below(model.config, model.config, [], []):
         unit = None if p.unit == "1" else _unit_in_file(raw, p.path.split("."))
         if unit == "" and p.value != 0.0:
             bare.append(p)
@@ -326,7 +246,7 @@ def _is_bare(value: Any) -> bool:
 
 
 def _numbers_of(config: BaseModel) -> list[Parameter]:
-    return list(_walk(config, config, [], [], counts=True))
+    return list(numbers_below(config, config, [], [], counts=True))
 
 
 def all_parameters(action: Action) -> list[Parameter]:
@@ -341,7 +261,7 @@ def all_parameters(action: Action) -> list[Parameter]:
 def _listed(action: Action) -> tuple[Parameter, ...]:
     out: list[Parameter] = []
     for table in TABLES:
-        out += _walk(action.config, getattr(action.config, table), [action.config], [table])
+        out += numbers_below(action.config, getattr(action.config, table), [action.config], [table])
     return tuple(out)
 
 
@@ -378,7 +298,7 @@ def _matches(action: Action, known: Mapping[str, Parameter], given: object) -> l
         parts = ["bodies", *parts]
     for i, digit in enumerate(parts):
         if digit in ("0", "1") and i == len(parts) - 1:
-            parts[i] = _AXES[int(digit)]
+            parts[i] = AXES[int(digit)]
     text = ".".join(parts)
     if text in known:
         return [text]
@@ -400,7 +320,7 @@ def _with(node: Any, names: list[str], value: float) -> Any:
     head, rest = names[0], names[1:]
     if isinstance(node, tuple):
         changed = list(node)
-        changed[_AXES.index(head)] = value
+        changed[AXES.index(head)] = value
         return tuple(changed)
     if isinstance(node, Mapping):
         return {**node, head: _with(node[head], rest, value)}

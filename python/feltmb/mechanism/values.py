@@ -8,6 +8,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 from feltmb.errors import InvalidParameter
@@ -85,10 +86,84 @@ _AXES = {"x": 0, "y": 1}
 def _change(raw: dict[str, Any], path: str, value: Any, where: str) -> None:
     """Set the value of a path, or change it by an amount or a factor."""
     path, operator = split_operator(path)
+    value = plain_data(value)
     for parts in expand_path(raw, path):
-        _set_one(
-            raw, parts, _changed(raw, parts, operator, value, where) if operator else value, where
+        if parts[-1] == "value" and len(parts) > 1 and is_quantity(_at(raw, parts[:-1])):
+            parts.pop()  # the number of a quantity is the quantity
+        owner = _owner(raw, parts, where, value)
+        old, unit = _entry(owner, parts, where)
+        new = (
+            _changed(old, unit, operator, value, owner, parts, where)
+            if operator
+            else in_unit_of_file(old, unit, value)
         )
+        note = f"set by {where}"
+        if not operator and new != value:
+            note += f", in SI: {value!r}"
+        _set_one(owner, parts, new, where, note)
+
+
+def _at(raw: Mapping[str, Any], parts: list[str]) -> Any:
+    node: Any = raw
+    for part in parts:
+        node = node.get(part) if isinstance(node, Mapping) else None
+    return node
+
+
+#: Entries of tables with a list of units: place of the unit in the list.
+_UNIT_OF = {"a": 0, "b": 1, "c": 2, "time": 0, "value": 1,
+            "compression": 0, "loading": 1, "unloading": 1}  # fmt: skip
+
+
+def _entry(owner: Any, parts: list[str], where: str) -> tuple[Any, str | None]:
+    """Value at the end of a path as the file has it, and its unit; None: the file has none."""
+    last = parts[-1]
+    if is_quantity(owner) and _is_component(last):
+        return owner["value"][_component(owner["value"], where, parts)], owner.get("unit")
+    if not isinstance(owner, dict):
+        return owner[_component(owner, where, parts)], None
+    if is_quantity(owner.get(last)):
+        return owner[last]["value"], owner[last].get("unit")
+    units, place = owner.get("unit"), _UNIT_OF.get(last, -1)
+    listed = isinstance(units, (list, tuple)) and 0 <= place < len(units)
+    return owner.get(last), units[place] if listed else None
+
+
+def in_unit_of_file(old: Any, unit: str | None, value: Any) -> Any:
+    """A number in SI units, or a list of them, as a number in the unit of the file.
+
+    Parameters
+    ----------
+    old
+        Entry of the file: a number, a text with a unit, or a list of them.
+    unit
+        Unit of the entry, if it is not a text; None: SI.
+    value
+        Other values, such as a text with a unit, are returned as they are.
+    """
+    if isinstance(value, list):
+        same = isinstance(old, list) and len(old) == len(value)
+        return [
+            in_unit_of_file(o, unit, v)
+            for o, v in zip(old if same else [None] * len(value), value, strict=True)
+        ]
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return value
+    factor = si_factor(old, unit)
+    if factor == 1.0 or not abs(value) < 1e300:
+        return value
+    short = tidy(value / factor)  # without digits of rounding errors, if that is the same number
+    return short if short * factor == value else value / factor
+
+
+def si_factor(old: Any, unit: str | None) -> float:
+    """Factor from the unit of an entry of a file to SI; 1 for a unit that is not known."""
+    found = split_quantity(old) if isinstance(old, str) else None
+    unit = found[1] if found is not None else unit
+    try:
+        return to_si(unit)[0] if unit else 1.0
+    except InvalidParameter:  # such as N/m^p
+        return 1.0
 
 
 def _owner(raw: dict[str, Any], parts: list[str], where: str, value: Any = None) -> Any:
@@ -143,21 +218,25 @@ def _is_component(key: str) -> bool:
     return key in _AXES or key.isdecimal()
 
 
-def _set_one(raw: dict[str, Any], parts: list[str], value: Any, where: str) -> None:
-    owner, last = _owner(raw, parts, where, value), parts[-1]
+def _set_one(owner: Any, parts: list[str], value: Any, where: str, note: str) -> None:
+    """Replace the last part of a path; ``value`` is in the unit of the file."""
+    last = parts[-1]
     # Source and note of an old value are removed; a number without a unit keeps the unit.
     if is_quantity(owner) and _is_component(last):
+        text = split_quantity(value) if isinstance(value, str) else None
+        if text is not None and text[1] and "unit" in owner:
+            with suppress(InvalidParameter):  # the check of the file reports the fault
+                value = tidy(text[0] * conversion_factor(text[1], owner["unit"]))
         _set_component(owner["value"], value, where, parts)
         for key in META_KEYS - {"value", "unit"}:
             owner.pop(key, None)
-        owner["note"] = f"{last} set by {where}"
+        owner["note"] = f"{last} {note}"
     elif not isinstance(owner, dict):
         _set_component(owner, value, where, parts)
     elif is_quantity(owner) and last not in META_KEYS:
         raise InvalidParameter(f"{where}: path {'.'.join(parts)!r} leads into a quantity")
     elif is_quantity(owner.get(last)) and not isinstance(value, (Mapping, str)):
-        unit = owner[last].get("unit", "1")
-        owner[last] = {"value": value, "unit": unit, "note": f"set by {where}"}
+        owner[last] = {"value": value, "unit": owner[last].get("unit", "1"), "note": note}
     else:
         owner[last] = _in_unit_of(owner.get(last), copy.deepcopy(value))
 
@@ -175,20 +254,17 @@ def _set_component(old: Any, value: Any, where: str, parts: list[str]) -> None:
     old[index] = _in_unit_of(old[index], value)
 
 
-def _changed(raw: dict[str, Any], parts: list[str], operator: str, value: Any, where: str) -> Any:
+def _changed(
+    old: Any,
+    unit: str | None,
+    operator: str,
+    value: Any,
+    owner: Mapping[str, Any],
+    parts: list[str],
+    where: str,
+) -> Any:
     """Value of a path after a change: in the unit of the entry, or a text with its unit."""
-    owner, last = _owner(raw, parts, where), parts[-1]
-    unit = None
-    if is_quantity(owner) and _is_component(last):
-        old, unit = owner["value"][_component(owner["value"], where, parts)], owner.get("unit")
-    elif not isinstance(owner, dict):
-        old = owner[_component(owner, where, parts)]
-    elif is_quantity(owner.get(last)):
-        old, unit = owner[last]["value"], owner[last].get("unit")
-    else:
-        old, unit = owner.get(last), owner.get("unit")
-        if isinstance(unit, list):  # of a curve with the coefficients a, b, c
-            unit = dict(zip("abc", unit, strict=False)).get(last)
+    last = parts[-1]
     what = f"{where}: {'.'.join(parts)} {operator}="
     if old is None:
         near = difflib.get_close_matches(last, owner, n=1)
@@ -232,7 +308,7 @@ def _combined(old: Any, unit: str | None, operator: str, value: Any) -> Any:
             + (f" such as {unit}" if unit else "")
         )
     if not given:
-        return tidy(old + sign * amount)
+        return tidy(old + sign * amount / si_factor(None, unit))
     if given == "%" != unit:
         raise ValueError(f"got {value!r}, expected an amount; for a share write *=, such as *=110%")
     if unit is not None:

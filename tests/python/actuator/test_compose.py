@@ -50,11 +50,11 @@ def test_a_light_stiff_actuator_is_a_force(rigid):
     """
     ghost = load_actuator("wood").with_values(
         {
-            "hub.radius": 2000.0,
+            "hub.radius": 2.0,
             "hub.inertia": 1e-7,
             "arm.density": 1.0,
-            "arm.young_modulus": 1e3,
-            "tip.mass": 1e-3,
+            "arm.young_modulus": 1e12,
+            "tip.mass": 1e-6,
             "mount.pads.pulp.hunt_crossley.stiffness": 5e6,
             "gravity": 0.0,
         }

@@ -36,7 +36,7 @@ def test_reference_of_problem_a(arm, root):
             "gravity": -9.81,
             "linear_gravity": True,
             "tip.eccentricity": 0.0,
-            "stop.gap": 10.5,
+            "stop.gap": 10.5e-3,
             "stop.law": "printed",
             "stop.alpha": 10.0,
             "stop.unloading": {"a": 7.8, "b": 360.0, "c": 210.0},
@@ -104,7 +104,7 @@ def test_on_the_stop_against_a_stiff_integrator(damper):
 
 def test_rigid_arm():
     """E times 1e4: one degree of freedom about the axis, solved on its own."""
-    actuator = free("wood", **{"arm.young_modulus": 1e5})
+    actuator = free("wood", **{"arm.young_modulus": 1e14})
     inertia, reach = actuator.rigid_inertia, actuator.reach
     weight = float(np.asarray(actuator._core.beam.weight)[0])
     force = force_of(actuator)

@@ -41,12 +41,14 @@ def values(action: feltmb.Action, number: int) -> tuple[str, dict[str, Any]]:
                 continue
             if path.endswith(".point"):
                 assert unit == "mm"
-                out[path] = [v + rng.uniform(-3.0, 3.0) for v in value]
+                moved = [v + rng.uniform(-3.0, 3.0) for v in value]
+                out[path] = {"value": moved, "unit": unit}
             elif path.endswith(".radius"):
                 change = value * rng.uniform(-0.5, 0.5)
-                out[path] = value + (change if kind == "radii" else max(-3.0, min(3.0, change)))
+                change = change if kind == "radii" else max(-3.0, min(3.0, change))
+                out[path] = {"value": value + change, "unit": unit}
         elif kind in ("materials", "both") and path.endswith(tuple(f".{m}" for m in MATERIALS)):
-            out[path] = value * rng.uniform(0.5, 1.5)
+            out[path] = {"value": value * rng.uniform(0.5, 1.5), "unit": unit}
     return kind, out
 
 

@@ -99,7 +99,7 @@ class Client:
 @pytest.fixture(scope="session")
 def capstan_records():
     """Name and text of measured strokes of an action whose capstan stands 0.6 mm too low."""
-    action = feltmb.load_action("steinway45").with_values({"surfaces.Kp2.point.y": 32.0})
+    action = feltmb.load_action("steinway45").with_values({"surfaces.Kp2.point.y": 0.032})
     channels = ["key_front.y", "whippen.y", "hammer_tip.x", "hammer_tip.y", "backcheck.x"]
     rng = np.random.default_rng(1)
     out = {}

@@ -35,8 +35,9 @@ def test_every_knob_turns_to_its_ends_and_back(bench):
 
 def test_values_are_those_of_set_in_the_units_of_the_file(bench):
     values = bench.values({"screw.let-off": 5e-4, "screw.check distance": 0.01}, {})
-    assert values["surfaces.Gp10.point.y"] == pytest.approx(77.5)
-    assert values["bodies.wire.angle"] == pytest.approx(75.5 + 0.572957795)
+    assert values["surfaces.Gp10.point.y"] == "77.5 mm"
+    number, unit = values["bodies.wire.angle"].split()
+    assert (float(number), unit) == (pytest.approx(75.5 + 0.572957795), "deg")
     changed = bench.action.with_values(values)
     point = bench.action.config.surfaces["Gp10"].point
     assert changed.config.surfaces["Gp10"].point[1] == pytest.approx(point[1] + 5e-4)
@@ -45,8 +46,9 @@ def test_values_are_those_of_set_in_the_units_of_the_file(bench):
 def test_a_direction_turns_both_coordinates(bench):
     values = bench.values({"screw.damper starts": 1e-3}, {})
     normal = bench.action.config.surfaces["Dp2"].normal
-    assert values["surfaces.Dp2.point.x"] == pytest.approx(6.4 + normal[0], abs=1e-3)
-    assert values["surfaces.Dp2.point.y"] == pytest.approx(-51.0 + normal[1], abs=1e-3)
+    for axis, before, part in zip("xy", (6.4, -51.0), normal, strict=True):
+        number, unit = values[f"surfaces.Dp2.point.{axis}"].split()
+        assert (float(number), unit) == (pytest.approx(before + part, abs=1e-3), "mm")
 
 
 def test_two_knobs_of_one_number_combine(bench):

@@ -524,7 +524,7 @@ def test_deflection_under_a_contact_force(kind, reach):
 # 3 Rigid limit
 # --------------------------------------------------------------------------------------
 
-MODULI = {"wire": 60.933, "shank": 12.618}  # GPa, Table A.2
+MODULI = {"wire": 60.933e9, "shank": 12.618e9}  # Pa, Table A.2
 
 
 def stiffened(factor, damping=0.0, **values):
@@ -629,7 +629,10 @@ def axial_option(condense, area=1.0):
     are unchanged.
     """
     values = {}
-    for name, (section, density) in {"wire": (6.38, 7830.0), "shank": (25.51, 701.18)}.items():
+    for name, (section, density) in {
+        "wire": (6.38e-6, 7830.0),
+        "shank": (25.51e-6, 701.18),
+    }.items():
         values[f"{name}.area"] = section * area
         values[f"{name}.density"] = density / area
         values[f"{name}.condense_axial"] = condense

@@ -129,7 +129,7 @@ def test_along_strokes_with_every_contact(rigid, law):
         {"string.kind": "rigid_stop"},
         {"string.modes": 40},
         {"contacts.16.enabled": True},
-        {"bodies.key.position": [0.5, -0.2]},
+        {"bodies.key.position": [0.5e-3, -0.2e-3]},
     ],
     ids=lambda v: next(iter(v)),
 )

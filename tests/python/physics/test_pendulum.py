@@ -145,7 +145,7 @@ def test_moved_and_turned_world(pendulum):
 def test_mirrored_world(pendulum):
     mirrored = pendulum.with_values(
         {
-            "surfaces.block.point": [-9.0, 350.0],
+            "surfaces.block.point": [-9e-3, 0.35],
             "surfaces.block.normal": [1.0, 0.0],
             "finger.direction": [1.0, 0.0],
             "events.head_away.direction": [1.0, 0.0],

@@ -54,9 +54,9 @@ def test_rigid_members_change_little(action):
 
 
 def test_a_millimeter_of_button_is_ten_of_let_off(action):
-    y = action.raw["surfaces"]["Gp10"]["point"]["value"][1]
+    y = action.value("surfaces.Gp10.point.y").value
     gaps = [
         simulated_press(action.with_values({"surfaces.Gp10.point.y": y + d})).closest
-        for d in (-0.05, 0.05)
+        for d in (-0.05e-3, 0.05e-3)
     ]
     assert (gaps[1] - gaps[0]) / 0.1e-3 == pytest.approx(-9.4, abs=0.5)

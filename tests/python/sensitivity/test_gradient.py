@@ -304,7 +304,7 @@ def test_full_state_of_the_core(action):
 
 def test_quick_ways_to_the_inhomogeneous_part(action):
     """A center of mass goes by its own formula, linear in the moments of mass; against runs."""
-    path, value = "bodies.jack.center_of_mass.y", 0.0256  # m; the file says mm
+    path, value = "bodies.jack.center_of_mass.y", 0.0256
     g = gradient(
         action, "forte", [path, "bodies.butt.mass"], ["hammer.angle"], duration=0.09, rtol=1e-9,
         tolerance=1e-4,
@@ -312,7 +312,7 @@ def test_quick_ways_to_the_inhomogeneous_part(action):
 
     def at(shift):
         run = feltmb.simulate(
-            action.with_values({path: 1e3 * (value + shift)}), "forte", duration=0.09, rtol=1e-10,
+            action.with_values({path: value + shift}), "forte", duration=0.09, rtol=1e-10,
             ledger=False, output_rate=1000.0,
         )  # fmt: skip
         return run["hammer.angle"]

@@ -15,7 +15,7 @@ SHORT = {"duration": 0.02, "output_rate": 500.0}
 def pairs(pendulum, count):
     stroke = feltmb.pulse_stroke(2.0, 0.001, 0.01)
     for i in range(count):
-        yield pendulum.with_values({"arm.mass": 20.0 + i}), stroke
+        yield pendulum.with_values({"arm.mass": 0.020 + 1e-3 * i}), stroke
 
 
 def test_outcomes_are_those_of_single_runs_for_any_number_of_threads(pendulum):

@@ -10,7 +10,7 @@ import pytest
 import feltmb
 from feltmb.action.actuator import load_actuator
 from feltmb.cli import main
-from feltmb.mechanism import parse_setting
+from feltmb.mechanism import Action, parse_setting
 from feltmb.mechanism.parameters import bare_numbers, told_numbers, with_values_told
 
 DATA = Path(__file__).resolve().parents[2] / "data"
@@ -62,11 +62,48 @@ def test_unknown_action_lists_the_packaged_ones():
 # --- with_values ------------------------------------------------------------------------------
 
 
-def test_a_bare_number_keeps_the_unit_of_the_entry(action):
-    other = action.with_values({"bodies.wire.length": 70.0, "string.modes": 80})
-    assert other.config.bodies["wire"].length == pytest.approx(0.070)
+def test_a_number_without_a_unit_is_in_si_units(action):
+    """The file gives the length in mm and the angle in deg; it keeps its units and gets a note."""
+    other = action.with_values(
+        {"bodies.wire.length": 0.07, "string.modes": 80, "wire.angle": np.pi / 3, "key.mass": 0.1}
+    )
+    assert other.config.bodies["wire"].length == 0.07
+    assert other.config.bodies["wire"].angle == np.pi / 3
     assert other.config.string.modes == 80
     assert action.config.string.modes == 40
+    length = {"value": 70.0, "unit": "mm", "note": "set by with_values, in SI: 0.07"}
+    assert other.raw["bodies"]["wire"]["length"] == length
+    assert other.raw["bodies"]["key"]["mass"]["note"] == "set by with_values"
+
+
+def test_value_of_a_path_is_in_si_units(action):
+    number, unit = action.value("bodies.head.mass")
+    assert (number, unit) == (0.0078, "kg")
+    for path, expected in (
+        ("head.mass", (0.0078, "kg")),
+        ("surfaces.Gp10.point.y", (pytest.approx(0.077), "m")),
+        ("surfaces.Gp10.point", (pytest.approx((-0.133, 0.077)), "m")),
+        ("wire.angle", (pytest.approx(np.radians(75.5)), "rad")),
+        ("string.modes", (40, "1")),
+        ("contacts.06.loading.b", (1740.0, "1/m")),
+        ("springs.jack_spring.rest_angle", (0.4, "rad")),
+        ("key.friction.amplitude", (action.config.bodies["key"].friction.amplitude, "N m")),
+        ("gravity", ((0.0, -9.81), "m/s^2")),
+    ):
+        assert action.value(path) == expected, path
+    for path in ("head.mass", "surfaces.Gp10.point", "wire.angle", "string.tension"):
+        assert action.with_values({path: action.value(path).value}).hash == action.hash, path
+    for path, message in (
+        ("head.maas", "'maas' does not exist; did you mean 'mass'"),
+        ("hed.mass", "'hed' does not exist"),
+        ("string.kind", "is 'modal', expected a number"),
+        ("wire.rigid", "is False, expected a number"),
+        ("contacts.06.loading", "a table with contacts.06.loading.a"),
+        ("string.tension.deeper", "'deeper' does not exist"),
+        ("", "does not exist"),
+    ):
+        with pytest.raises(feltmb.InvalidParameter, match=message):
+            action.value(path)
 
 
 def test_text_and_tables_carry_their_own_unit(action):
@@ -91,9 +128,10 @@ def test_wildcard_and_body_name(action):
 
 
 @pytest.mark.parametrize("path", ["surfaces.Gp10.point.y", "surfaces.Gp10.point.1"])
-def test_component_of_a_point_in_the_unit_of_the_point(action, path):
-    other = action.with_values({path: 77.1})
-    assert other.config.surfaces["Gp10"].point == pytest.approx((-0.133, 0.0771))
+def test_component_of_a_point(action, path):
+    for value in (0.0771, "77.1 mm", "0.0771"):
+        other = action.with_values({path: value})
+        assert other.config.surfaces["Gp10"].point == pytest.approx((-0.133, 0.0771)), value
 
 
 def test_component_of_a_bare_list(action):
@@ -102,15 +140,30 @@ def test_component_of_a_bare_list(action):
 
 def test_whole_point_and_start_pose(action):
     other = action.with_values(
-        {"surfaces.Gp10.point": [-133.0, 77.2], "start_pose.hammer.angle": -0.45}
+        {"surfaces.Gp10.point": [-0.133, 0.0772], "start_pose.hammer.angle": -0.45}
     )
     assert other.config.surfaces["Gp10"].point == pytest.approx((-0.133, 0.0772))
     assert other.config.start_pose["hammer.angle"] == -0.45
 
 
-def test_curve_coefficients_keep_their_units(action):
+def test_curve_coefficients_and_envelopes_are_in_si_units(action):
     other = action.with_values({"contacts.02.unloading.b": 3600.0})
     assert other.config.contacts["02"].unloading.b == 3600.0
+    raw = action.raw
+    raw["contacts"]["02"]["loading"] = {
+        "a": 5.0,
+        "b": 1.0,
+        "c": 0.0,
+        "unit": ["N/mm", "1/mm", "N/m"],
+    }
+    curve = Action(raw).with_values({"contacts.02.loading.a": 7e3, "contacts.02.loading.b *=": 2})
+    assert curve.value("contacts.02.loading.a") == (7e3, "N/m")
+    assert curve.value("contacts.02.loading.b") == (2e3, "1/m")
+    loop = {"unit": ["mm", "N"], "compression": [0.0, 0.5, 1.0],
+            "loading": [0.0, 4.0, 10.0], "unloading": [0.0, 3.0, 10.0]}  # fmt: skip
+    raw["contacts"]["02"]["memory"] = {"envelope": loop}
+    wider = Action(raw).with_values({"contacts.02.memory.envelope.compression": [0.0, 1e-3, 2e-3]})
+    assert wider.raw["contacts"]["02"]["memory"]["envelope"]["compression"] == [0.0, 1.0, 2.0]
 
 
 @pytest.mark.parametrize(
@@ -169,22 +222,27 @@ def told(model, values):
     return told_numbers(model, model.with_values(values), values)
 
 
-def test_a_number_without_a_unit_gets_that_of_the_file_and_it_is_told(action):
+def test_a_number_without_a_unit_is_in_si_units_and_it_is_told(action):
     (text,) = told(action, {"head.mass": 7.2})
     assert text.startswith("bodies.head.mass = 7.2 kg (was 0.0078 kg). A number without a unit")
     for path, value, says in (
         ("head.mass.value", 7.2, "bodies.head.mass = 7.2 kg (was 0.0078 kg)"),
-        ("surfaces.Gp10.point.y", 77.1, "surfaces.Gp10.point.y = 0.0771 m (was 0.077 m)"),
+        ("surfaces.Gp10.point.y", 0.0771, "surfaces.Gp10.point.y = 0.0771 m (was 0.077 m)"),
+        ("surfaces.Gp10.point.y", 0.0771, "is in SI units; the file has mm"),
         ("bodies.head.angle", 30, "bodies.head.angle = 30 rad (was"),  # not in the file
         ("contacts.01.loading.a", 5, "contacts.01.loading.a = 5 N/m (was 5520 N/m)"),
-        ("head.position", [3, 4], "bodies.head.position.x = 0.003 m (was 0.093 m); bodies.head."),
+        (
+            "head.position",
+            [3e-3, 4e-3],
+            "bodies.head.position.x = 0.003 m (was 0.093 m); bodies.head.",
+        ),
         ("contacts.*.loading.a", 5000.0, "; and "),
     ):
         (text,) = told(action, {path: value})
         assert says in text
     arm = load_actuator("wood")
-    (text,) = told(arm, {"hub.radius": 30})
-    assert text.startswith("hub.radius = ")
+    (text,) = told(arm, {"hub.radius": 0.03})
+    assert text.startswith("hub.radius = 0.03 m")
     silent = {"head.mass": "7.2 g", "string.modes": 80, "wire.rigid": True,
               "contacts.06.law": "printed", "key.mass": 0.1176}  # fmt: skip
     assert told(action, silent) == []
@@ -196,7 +254,7 @@ def test_a_number_without_a_unit_gets_that_of_the_file_and_it_is_told(action):
         ("surfaces.Gp10.point.y+=0.5mm", "surfaces.Gp10.point.y", "77 mm -> 77.5 mm"),
         ("surfaces.Gp10.point.1 -= 20 um", "surfaces.Gp10.point.y", "77 mm -> 76.98 mm"),
         ("wire.angle+=0.01rad", "bodies.wire.angle", "75.5 deg -> 76.073 deg"),
-        ("wire.angle.value+=1", "bodies.wire.angle", "75.5 deg -> 76.5 deg. A number without"),
+        ("wire.angle.value+=0.01", "bodies.wire.angle", "75.5 deg -> 76.073 deg. A number without"),
         ("string.modes*=1.5", "string.modes", "40 -> 60"),
         ("string.modes-=10", "string.modes", "40 -> 30"),
         ("contacts.06.loading.a+=5N/mm", "contacts.06.loading.a", "23500 N/m -> 28500 N/m"),
@@ -233,8 +291,8 @@ def test_changes_act_in_their_order_and_everywhere(action, tmp_path):
     texts = feltmb.mechanism.Action(action.raw | {"gravity": [0.0, "-9810 mm/s^2"]})
     for change, expected in (
         ({"gravity *=": 0.5}, (0.0, -4.905)),
-        ({"gravity +=": ["1 mm/s^2", 1]}, (0.001, -9.809)),
-        ({"gravity": [0.3, -7]}, (0.3, -0.007)),
+        ({"gravity +=": ["1 mm/s^2", 1]}, (0.001, -8.81)),
+        ({"gravity": [0.3, -7]}, (0.3, -7.0)),
     ):
         assert texts.with_values(change).config.gravity == pytest.approx(expected), change
     arm = load_actuator("wood")
@@ -312,7 +370,7 @@ def test_hash_changes_with_every_kind_of_number(action):
         {"string.modes": 41},
         {"contacts.06.alpha": 99.0},
         {"contacts.06.law": "printed"},
-        {"surfaces.Gp10.point.y": 77.0001},
+        {"surfaces.Gp10.point.y": 0.0770000001},
         {"bodies.key.mass": 0.11760001},
         {"contacts.16.enabled": True},
         {"springs.jack_spring.rest_angle": 0.41},
@@ -363,11 +421,12 @@ def test_extends(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(
         'schema = 1\nname = "mine"\nextends = "steinway45"\n'
-        '[values]\n"string.modes" = 60\n"surfaces.Gp10.point.y" = 77.4\n'
+        '[values]\n"string.modes" = 60\n"surfaces.Gp10.point.y" = 0.0774\n'
     )
     mine = feltmb.load_action(path)
     assert mine.name == "mine"
     assert mine.config.string.modes == 60
+    assert mine.config.surfaces["Gp10"].point == pytest.approx((-0.133, 0.0774))
     second = tmp_path / "second.toml"
     second.write_text('schema = 1\nname = "second"\nextends = "mine.toml"\n')
     assert feltmb.load_action(second).config.string.modes == 60
@@ -394,8 +453,9 @@ def test_every_number_has_a_path_that_can_be_set(action):
     """What ``quantities`` lists, ``with_values`` takes back without changing anything."""
     listed = list(action.quantities())
     assert len(listed) > 200
-    for path, value, _, _ in listed:
-        assert action.with_values({path: value}).hash == action.hash, path
+    for path, value, unit, _ in listed:
+        same = {"value": value, "unit": unit} if unit else value
+        assert action.with_values({path: same}).hash == action.hash, path
 
 
 def test_values_from_tables_have_a_source(action):

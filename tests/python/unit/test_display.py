@@ -19,7 +19,7 @@ def run():
 
 @pytest.fixture(scope="module")
 def swept():
-    values = {"surfaces.Gp10.point.y": {"offset": [-0.1, 0.1]}, "stroke.scale": [0.9, 1.0, 1.1]}
+    values = {"surfaces.Gp10.point.y": {"offset": [-1e-4, 1e-4]}, "stroke.scale": [0.9, 1.0, 1.1]}
     return feltmb.sweep("steinway45", "forte", values, options={"duration": 0.1}, progress=False)
 
 
@@ -81,7 +81,7 @@ def test_a_gradient_shows_what_its_parameters_do():
 def test_a_sweep_is_an_array_over_its_values(swept):
     data = swept.to_xarray()
     assert dict(data.sizes) == {"surfaces.Gp10.point.y": 2, "stroke.scale": 3, "stroke": 1}
-    assert data["surfaces.Gp10.point.y"].attrs["units"] == "mm"
+    assert data["surfaces.Gp10.point.y"].attrs["units"] == "m"
     assert data["impact_speed"].attrs["units"] == "m/s"
     for row in swept.table.to_dict("records"):
         at = {name: row[name] for name in data.sizes}

@@ -106,8 +106,8 @@ def test_faults_without_end_are_cut(pendulum):
 
 def test_values_of_numpy_reach_the_file(pendulum):
     # ConvertError of tomlkit after the simulation: int64 is no TOML item
-    values = {"bodies.hammer.mass": np.float64(13.0), "contacts.02.enabled": np.bool_(False)}
-    other = pendulum.with_values(values | {"surfaces.pad.point": np.array([0.0, 59.0])})
+    values = {"bodies.hammer.mass": np.float64(0.013), "contacts.02.enabled": np.bool_(False)}
+    other = pendulum.with_values(values | {"surfaces.pad.point": np.array([0.0, 0.059])})
     assert "13.0" in other.to_toml()
     assert other.config.surfaces["pad"].point == pytest.approx((0.0, 0.059))
 
@@ -382,7 +382,7 @@ def test_restart_from_something_else(action, pendulum):
     refused(lambda: feltmb.simulate(action, "forte", start="run.nc"), "expected a Run or a mapping")
     # accepted in silence
     first = feltmb.simulate(pendulum, "staccato", 0.001)
-    other = pendulum.with_values({"bodies.hammer.mass": 13.0})
+    other = pendulum.with_values({"bodies.hammer.mass": 0.013})
     warnings = feltmb.simulate(other, "staccato", 0.001, start=first).stats["warnings"]
     assert "with other parameters" in warnings[0]
 

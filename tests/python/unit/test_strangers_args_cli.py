@@ -67,7 +67,7 @@ def test_a_value_is_scaled_however_it_is_written(pendulum, written):
     raw["bodies"]["arm"]["mass"] = written
     made = Action(raw)
     axis = importlib.import_module("feltmb.run.sweep").Axis("m", (1.2,), ("arm.mass",), "scale")
-    assert made.with_values(axis.at(made, 1.2)).config.bodies["arm"].mass == pytest.approx(0.018)
+    assert made.with_values(axis.at(1.2)).config.bodies["arm"].mass == pytest.approx(0.018)
     table = feltmb.sweep(
         made,
         feltmb.ramp_stroke(1.0, duration=0.002),
@@ -77,13 +77,13 @@ def test_a_value_is_scaled_however_it_is_written(pendulum, written):
     assert list(table["status"]) == ["done", "done"]
 
 
-def test_a_bare_number_keeps_the_unit_of_a_text(pendulum):
-    """As it keeps that of a table: 16 for "15 g" was 16 kg."""
+def test_a_number_without_a_unit_is_in_si_units_where_the_file_has_a_text(pendulum):
     raw = pendulum.raw
     raw["bodies"]["arm"]["mass"] = "15 g"
     raw["surfaces"]["block"]["point"] = ["9 mm", "350 mm"]
-    made = Action(raw).with_values({"arm.mass": 16, "surfaces.block.point.x": 10})
+    made = Action(raw).with_values({"arm.mass": 0.016, "surfaces.block.point.x": 0.01})
     assert made.config.bodies["arm"].mass == pytest.approx(0.016)
+    assert made.raw["bodies"]["arm"]["mass"] == "16.0 g"
     assert made.config.surfaces["block"].point == pytest.approx((0.010, 0.350))
     assert Action(raw).with_values({"arm.mass": "16 kg"}).config.bodies["arm"].mass == 16.0
 
@@ -317,7 +317,7 @@ def test_a_cut_off_command_goes_on(template, tmp_path, monkeypatch):
     assert done.output.count("right-hand sides") == 2
     assert (out / "piano.nc").read_bytes() == before
     # Other inputs are other runs: nothing is replaced unasked.
-    for other in (("--rtol", "1e-5"), ("--set", "hammer.mass=13")):
+    for other in (("--rtol", "1e-5"), ("--set", "hammer.mass=0.013")):
         told = refusal("stroke", template, "piano", "forte", *short, "--resume", *other)
         assert "exists already" in told
     done = command("stroke", template, "piano", *short, "--resume", "--rtol", "1e-5", "--force")

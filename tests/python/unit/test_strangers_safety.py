@@ -547,7 +547,7 @@ def test_thousands_of_points_are_checked_in_one_pass():
 
 def sweep_into(folder, pendulum, **more):
     return feltmb.sweep(
-        pendulum, "staccato", {"arm.mass": [20.0, 30.0]}, options={"duration": 0.002},
+        pendulum, "staccato", {"arm.mass": [0.02, 0.03]}, options={"duration": 0.002},
         folder=folder, progress=False, jobs=1, **more,
     )  # fmt: skip
 

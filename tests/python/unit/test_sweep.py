@@ -17,7 +17,7 @@ import pytest
 
 import feltmb
 from feltmb.errors import InvalidParameter
-from feltmb.run.sweep import Axis, Member, axis_values, run_member, run_members, sweep, value_at
+from feltmb.run.sweep import Axis, Member, axis_values, run_member, run_members, sweep
 
 SHORT = {"duration": 0.03}
 FORCES = {"stroke.scale": [0.5, 1.0, 2.0]}
@@ -285,13 +285,15 @@ def test_values_are_lists_ranges_scales_and_offsets(action, stroke):
     )
     assert axis_values(np.array([1, 2]), "x") == ((1, 2), "set")
     assert axis_values({"scale": {"from": 1, "to": 2, "count": 2}}, "x") == ((1.0, 2.0), "scale")
-    offset = Axis("b", (0.1,), ("surfaces.Gp10.point.y",), "offset")
-    assert offset.at(action, 0.1) == {"surfaces.Gp10.point.y": pytest.approx(77.1)}
+    offset = Axis("b", (1e-4,), ("surfaces.Gp10.point.y",), "offset")
+    assert offset.at(1e-4) == {"surfaces.Gp10.point.y +=": 1e-4}
+    in_mm = Axis("b", (0.1,), ("surfaces.Gp10.point.y",), "offset", unit="mm")
+    assert in_mm.at(0.1) == offset.at(1e-4)
+    assert Axis("d", (3.0,), ("stroke.delay",), unit="ms").at(3.0) == {"stroke.delay": 3e-3}
     scaled = Axis("k", (2.0,), ("shank.young_modulus",), "scale", ("shank.second_moment",))
-    assert scaled.at(action, 2.0) == {
-        "shank.young_modulus": pytest.approx(25.236),
-        "shank.second_moment": pytest.approx(25.8929),
-    }
+    changed = action.with_values(scaled.at(2.0))
+    assert changed.value("shank.young_modulus") == (pytest.approx(25.236e9), "Pa")
+    assert changed.value("shank.second_moment") == (pytest.approx(25.8929e-12), "m^4")
     table = quiet(
         action,
         stroke,
@@ -312,9 +314,9 @@ def test_values_are_lists_ranges_scales_and_offsets(action, stroke):
         ({"string.modes": {"from": 0, "to": 2, "count": 3, "spacing": "log"}}, "log between"),
         ({"string.modes": {"from": 1, "to": 2, "count": 0}}, "count"),
         ({"string.modes": {"scale": [1], "offset": [1]}}, "stands alone"),
-        ({"string.moods": {"scale": [1]}}, "does not exist"),
-        ({"string.kind": {"scale": [1]}}, "is no number to scale"),
-        ({"contacts.*.alpha": {"scale": [1]}}, "names 16 values"),
+        ({"string.moods": {"scale": [1]}}, "no such number; did you mean 'modes'"),
+        ({"string.kind": {"scale": [1]}}, "the value is 'modal', expected a number"),
+        ({"contacts.*.alfa": {"scale": [1]}}, "no such number; did you mean 'alpha'"),
         ([], "no points"),
     ],
 )
@@ -340,12 +342,32 @@ def test_wrong_arguments_are_refused(action, stroke, tmp_path):
         quiet(action, stroke, FORCES, folder=file)
 
 
-def test_value_at(action):
-    assert value_at(action, "string.modes") == 40
-    assert value_at(action, "shank.length") == 93.0
-    assert value_at(action, "surfaces.Gp10.point.x") == -133.0
-    with pytest.raises(InvalidParameter, match="does not exist"):
-        value_at(action, "string.tension.deeper")
+def test_numbers_without_a_unit_are_in_si_units(action, stroke):
+    """The file gives the button in mm: 0.0771 m, 77.1 mm, an offset and a factor are the same."""
+    path = "surfaces.Gp10.point.y"
+    equal = [
+        ({path: [0.0771]}, True),
+        ({path: {"from": 0.0771, "to": 0.08, "count": 1}}, True),
+        ([{path: 0.0771}], True),
+        ([{f"{path} +=": 1e-4}], True),
+        ({path: {"offset": [1e-4]}}, True),
+        ({path: ["77.1 mm"]}, False),
+        ({path: {"offset": ["0.1 mm"]}}, False),
+        ({path: {"scale": [77.1 / 77.0]}}, False),
+    ]
+    found = []
+    for values, told in equal:
+        result = quiet(action, stroke, values)
+        found.append(result.table["steps"][0])
+        assert bool(result.notes) == told, values
+        if told:
+            (note,) = result.notes
+            assert note.endswith("numbers without a unit are in SI units, m; the file has mm")
+            assert note in repr(result)
+    assert len(set(found)) == 1
+    given = quiet(action, stroke, {path: [0.0771], "string.modes": [3, 4], "key.mass": [0.1]})
+    assert given.to_xarray()[path].attrs["units"] == "m"
+    assert len(given.notes) == 1  # the file gives the mass in kg
 
 
 def test_table_is_saved_as_csv(action, stroke, tmp_path):

@@ -190,13 +190,13 @@ def test_curve_as_data(measured):
 
 
 def test_an_action_that_cannot_be_measured_is_told_with_a_hint(action):
-    away = action.with_values({"surfaces.Gp10.point.y": 90.0})
+    away = action.with_values({"surfaces.Gp10.point.y": 0.09})
     with pytest.raises(FeltmbError, match=r"does not meet the let-off button.*feltmb regulate"):
         static_touch(away)
 
 
 def test_a_touch_without_a_key_bottom_has_pictures(action, tmp_path):
-    found = touch(action.with_values({"surfaces.Gp3.point.y": -60.0}), forces=(8.0,), speeds=())
+    found = touch(action.with_values({"surfaces.Gp3.point.y": -0.06}), forces=(8.0,), speeds=())
     assert len(found.plot(tmp_path)) == 2
     assert "does not reach its front punching" in found.as_dict()["notes"][0]
 
@@ -204,8 +204,8 @@ def test_a_touch_without_a_key_bottom_has_pictures(action, tmp_path):
 @pytest.mark.parametrize(
     ("setting", "note", "missing"),
     [
-        ({"surfaces.Gp3.point.y": -60.0}, "does not reach its front punching", "key_dip"),
-        ({"surfaces.Gp10.point.y": 77.5}, "the jack does not slip out", "let_off_travel"),
+        ({"surfaces.Gp3.point.y": -0.06}, "does not reach its front punching", "key_dip"),
+        ({"surfaces.Gp10.point.y": 0.0775}, "the jack does not slip out", "let_off_travel"),
     ],
 )
 def test_an_action_that_is_not_regulated_has_weights_and_notes(action, setting, note, missing):

@@ -351,9 +351,9 @@ class Actuator:
         return np.asarray(self._core.beam.frequencies(count, clamped))
 
     def with_values(self, values: Mapping[str, Any]) -> Actuator:
-        """Copy with other values by dotted path, such as ``{"arm.young_modulus": 5.0}``.
+        """Copy with other values by dotted path, such as ``{"arm.young_modulus": 5e9}``.
 
-        A number without a unit has the unit of the file; see ``Action.with_values``.
+        A number without a unit is in SI units; see ``Action.with_values``.
         """
         return Actuator(apply_values(self._raw, values, "with_values"), self.origin)
 

@@ -712,9 +712,9 @@ class Live {
 
   commandTab() {
     const set = Object.entries(this.got.a.set), p = this.state.now.playing;
-    const quoted = t => /^[\w./-]+$/.test(t) ? t : `'${t.replace(/'/g, "'\\''")}'`;
+    const quoted = t => /^[\w./=-]+$/.test(t) ? t : `'${t.replace(/'/g, "'\\''")}'`;
     const text = `feltmb stroke ${quoted(this.hello.mechanism)} ${p.kind === "packaged" ? p.name : "stroke.toml"}` +
-      set.map(([path, value]) => ` \\\n  --set ${path}=${value}`).join("");
+      set.map(([path, value]) => ` \\\n  --set ${quoted(`${path}=${value}`)}`).join("");
     this.tabBox.replaceChildren(element("p", {class: "hint"}, "The same on the command line" +
       (p.kind === "packaged" ? ":" : ", with the file of Save stroke:")), element("pre", {class: "command"}, text),
       ...p.kind === "packaged" ? [] : [button("Save stroke", () => this.save("stroke", "stroke.toml"))]);

@@ -150,7 +150,9 @@ def make_axes(spec: StudyFile, faults: list[str]) -> tuple[Axis, ...]:
         if given.inverse and given.how != "scale":
             faults.append(f"{where}.inverse: is for how = 'scale' only")
         paths = (given.path,) if isinstance(given.path, str) else tuple(given.path)
-        axes.append(Axis(given.name, values, paths, given.how, tuple(given.inverse)))
+        faults += _unit_fault(given.unit, f"{where}.unit")
+        inverse = tuple(given.inverse)
+        axes.append(Axis(given.name, values, paths, given.how, inverse, given.unit))
     if spec.sweep is not None and not faults:
         try:
             grid_points(axes, spec.sweep.mode)

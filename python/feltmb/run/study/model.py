@@ -236,7 +236,7 @@ class Study:
             )
         values: dict[str, Any] = {}
         for axis, value in zip(self.axes, case.point, strict=True):
-            values.update(axis.at(action, value))
+            values.update(axis.at(value))
         mechanism, stroke, options = apply_point(
             action,
             self.strokes[case.stroke],

@@ -13,7 +13,6 @@ from feltmb.run.sweep.axes import (
     apply_point,
     axis_values,
     grid_points,
-    value_at,
 )
 from feltmb.run.sweep.member import Extract, Member, Outcome, run_member
 from feltmb.run.sweep.progress import Progress, ProgressBar
@@ -34,5 +33,4 @@ __all__ = [
     "run_member",
     "run_members",
     "sweep",
-    "value_at",
 ]

@@ -12,40 +12,10 @@ from typing import Any, Literal
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter, shown
 from feltmb.mechanism import Action
+from feltmb.mechanism.values import tidy
 from feltmb.run.options import OPTIONS, check_options
 from feltmb.run.stroke import Stroke
-from feltmb.units import split_quantity
-
-
-@checked
-def value_at(action: Action, path: str) -> Any:
-    """Number or text at a dotted path of a mechanism, in the unit of its file.
-
-    Raises
-    ------
-    InvalidParameter
-        The path does not exist, or it names several values.
-    """
-    from feltmb.mechanism import expand_path
-    from feltmb.units.quantity import is_quantity
-
-    raw = action.raw
-    found = expand_path(raw, path)
-    if len(found) != 1:
-        raise InvalidParameter(f"path {path!r} names {len(found)} values, expected one")
-    node: Any = raw
-    for part in found[0]:
-        if is_quantity(node):
-            node = node["value"]
-        if isinstance(node, Mapping) and part in node:
-            node = node[part]
-        elif isinstance(node, (list, tuple)) and part in ("x", "y", "0", "1"):
-            node = node[{"x": 0, "y": 1, "0": 0, "1": 1}[part]]
-        else:
-            raise InvalidParameter(f"path {path!r}: {part!r} does not exist")
-    node = node["value"] if is_quantity(node) else node
-    quantity = split_quantity(node) if isinstance(node, str) else None
-    return node if quantity is None else quantity[0]
+from feltmb.units import to_si
 
 
 def _is_finite(value: object) -> bool:
@@ -79,9 +49,11 @@ class Axis:
         or ``options.NAME``.
     how
         ``set`` replaces the value of the mechanism, ``scale`` multiplies it, ``offset`` is added to
-        it; in the unit of the mechanism file.
+        it.
     inverse
         Paths whose value is divided by the value of the axis; only with ``scale``.
+    unit
+        Unit of the values that are numbers; ``1``: SI units.
     """
 
     name: str
@@ -89,27 +61,26 @@ class Axis:
     paths: tuple[str, ...]
     how: How = "set"
     inverse: tuple[str, ...] = ()
+    unit: str = "1"
 
-    def at(self, action: Action, value: Any) -> dict[str, Any]:
-        """Values by path for one value of the axis."""
+    def at(self, value: Any) -> dict[str, Any]:
+        """Values and changes by path for one value of the axis, as for ``Action.with_values``."""
+        if self.unit != "1" and _is_finite(value):
+            value = tidy(value * to_si(self.unit)[0])
         if self.how == "set":
             return dict.fromkeys(self.paths, value)
+        if self.how == "offset" and isinstance(value, str):
+            return {f"{path} +=": value for path in self.paths}
         if not _is_finite(value):
             raise InvalidParameter(
                 f"axis {self.name!r}: got {shown(value)}, expected a finite number to {self.how} by"
             )
         if self.inverse and value == 0.0:
             raise InvalidParameter(f"axis {self.name!r}: nothing can be divided by 0")
-        out: dict[str, Any] = {}
-        for path in (*self.paths, *self.inverse):
-            base = value_at(action, path)
-            if isinstance(base, bool) or not isinstance(base, (int, float)):
-                raise InvalidParameter(f"path {path!r}: {shown(base)} is no number to {self.how}")
-            if self.how == "offset":
-                out[path] = base + value
-            else:
-                out[path] = base / value if path in self.inverse else base * value
-        return out
+        if self.how == "offset":
+            return {f"{path} +=": value for path in self.paths}
+        scaled = {f"{path} *=": value for path in self.paths}
+        return scaled | {f"{path} *=": 1.0 / value for path in self.inverse}
 
 
 @checked

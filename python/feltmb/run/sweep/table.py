@@ -16,6 +16,8 @@ from feltmb.display import html_table
 from feltmb.errors import InvalidParameter, shown
 from feltmb.files import check_suffix, make_folder, write_text
 from feltmb.mechanism import Action, load_action, plain_data
+from feltmb.mechanism.parameters import told_paths
+from feltmb.mechanism.values import apply_values, split_operator
 from feltmb.run.arrays import summary_unit, table_to_dataset
 from feltmb.run.options import OPTIONS, RunOptions, check_options, options_given
 from feltmb.run.stroke import Stroke, load_stroke
@@ -44,9 +46,13 @@ class SweepResult:
         One row for each member, in the order of the values, the last path varying fastest. Columns:
         each path, ``stroke``, ``status``, ``error``, ``warnings``, and the summary of the run in SI
         units with ``steps`` and ``rhs``. NaN: the run does not have the value.
+    notes : tuple of str
+        Paths with numbers without a unit, which are in SI units, where the file of the mechanism
+        has another unit.
     """
 
     table: pd.DataFrame
+    notes: tuple[str, ...] = ()
     _runs: tuple[str, ...] = ()
     _axes: Mapping[str, str] = field(default_factory=dict)
     """Column of each varied path -> unit of its values."""
@@ -54,7 +60,8 @@ class SweepResult:
     def __repr__(self) -> str:
         warned = int((self.table["warnings"] != "").sum())
         more = f", {warned} with warnings" if warned else ""
-        return f"SweepResult({len(self.table)} members, {len(self.failed)} failed{more})"
+        told = "".join(f"\n  {note}" for note in self.notes)
+        return f"SweepResult({len(self.table)} members, {len(self.failed)} failed{more}){told}"
 
     def _repr_html_(self) -> str:
         rows = self.table.head(MOST_ROWS).itertuples(index=False, name=None)
@@ -68,7 +75,7 @@ class SweepResult:
         Dataset
             Dataset; its dimensions are the paths and ``stroke`` if all combinations were simulated,
             else ``member``. Variables are the columns of the table; the attribute ``units`` is the
-            unit, for a path the unit in the file of the mechanism.
+            unit, for a path the SI unit.
         """
         numbers = [str(c) for c in self.table.select_dtypes("number").columns]
         units = {name: summary_unit(name) for name in numbers} | dict(self._axes)
@@ -123,8 +130,9 @@ def sweep(
         :meth:`Action.with_values`, ``stroke.scale``, ``stroke.delay`` [s], ``stroke.duration`` [s],
         ``options.rtol`` and so on. Values are a list; or
         ``{"from": 1, "to": 4, "count": 7, "spacing": "log"}``; or ``{"scale": values}``, factors of
-        the value of the mechanism; or ``{"offset": values}``, which are added to it, in the unit of
-        its file. Instead of a dictionary, a list of ``{path: value}`` has one entry for each point.
+        the value of the mechanism; or ``{"offset": values}``, which are added to it. A number
+        without a unit is in SI units, also in a range; ``"0.1 mm"`` has a unit. Instead of a
+        dictionary, a list of ``{path: value}`` has one entry for each point.
     options
         Options of ``simulate``; the ledger is off by default.
     executor
@@ -209,25 +217,37 @@ def sweep(
             bar.step(member.name)
     return SweepResult(
         _table(rows, outcomes, pd),
+        tuple(told_paths(base, _plain(values))),
         tuple(m.save_run for m in members) if not summary_only else (),
         _units(base, names, values),
     )
 
 
 def _units(action: Action, names: Sequence[str], values: Any) -> dict[str, str]:
-    """Unit of the values of each path; "" if unknown."""
-    known = {path: unit for path, _, unit, _ in action.quantities()}
-    known |= {"stroke.scale": "1", "stroke.delay": "s", "stroke.duration": "s"}
-    found = {}
+    """SI unit of the values of each path; "" if unknown."""
+    known = {"stroke.scale": "1", "stroke.delay": "s", "stroke.duration": "s"}
     for name in names:
-        scaled = isinstance(values, Mapping) and "scale" in (
-            values[name] if isinstance(values[name], Mapping) else ()
-        )
-        own, _, last = name.rpartition(".")
-        candidates = (name, f"bodies.{name}", own if last in ("x", "y", "0", "1") else name)
-        unit = next((known[c] for c in candidates if c in known), "")
-        found[name] = "1" if scaled else unit
-    return found
+        given = values[name] if isinstance(values, Mapping) else ()
+        if isinstance(given, Mapping) and "scale" in given:
+            known[name] = "1"
+        elif name not in known:
+            try:
+                known[name] = action.value(split_operator(name)[0]).unit
+            except InvalidParameter:  # a text, several paths, or an option
+                known[name] = ""
+    return {name: known[name] for name in names}
+
+
+def _plain(values: Any) -> dict[str, list[Any]]:
+    """Values by path that replace or are added; the factors of a path are left out."""
+    if not isinstance(values, Mapping):
+        return {path: [p[path] for p in values if path in p] for p in values for path in p}
+    out = {}
+    for path, given in values.items():
+        inner = given.get("offset", given) if isinstance(given, Mapping) else given
+        if not (isinstance(inner, Mapping) and "scale" in inner):
+            out[path] = list(inner.values() if isinstance(inner, Mapping) else inner)
+    return out
 
 
 def _check_sizes(node: Any, where: str) -> None:
@@ -254,13 +274,15 @@ def _points(
         for path, given in values.items():
             found, how = axis_values(given, f"values[{path!r}]")
             axes.append(Axis(path, found, (path,), how))
+            if how != "set":  # the path must name numbers
+                apply_values(action.raw, axes[-1].at(found[0]), "sweep")
         combined = grid_points(axes, mode)  # type: ignore[arg-type]
 
         def expand() -> Iterator[tuple[tuple[Any, ...], dict[str, Any]]]:
             for point in combined:
                 changes: dict[str, Any] = {}
                 for axis, value in zip(axes, point, strict=True):
-                    changes.update(axis.at(action, value))
+                    changes.update(axis.at(value))
                 yield point, changes
 
         return [axis.name for axis in axes], expand()
