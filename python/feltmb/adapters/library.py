@@ -7,7 +7,9 @@ The results are :class:`Entry` objects: plain data that :class:`~feltmb.adapters
 from __future__ import annotations
 
 import difflib
+import fnmatch
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -325,7 +327,12 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> LibraryFile:
     if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
         raise InvalidParameter(f"{path.name}: extends {own.extends!r}, which leads back to itself")
     base = _read(base_path, (*seen, path))
-    defaults = {k: getattr(own.defaults, k) for k in own.defaults.model_fields_set}
+    # What the base leaves out is not a tolerance that this file defines by the same name.
+    defined = [re.sub(r"\{\w+\}", "*", name) for name in own.tolerances]
+    out = base.defaults.without_tolerances
+    kept = [n for n in out if not any(fnmatch.fnmatchcase(n, d) for d in defined)]
+    defaults = {"without_tolerances": kept}
+    defaults |= {k: getattr(own.defaults, k) for k in own.defaults.model_fields_set}
     return own.model_copy(
         update={
             "channels": base.channels | own.channels,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 import struct
 import warnings
 import zlib
@@ -30,6 +31,10 @@ __all__ = ["MEASURED_FILES", "MOST_NUMBERS", "Columns", "read_columns"]
 _TEXTS = (".csv", ".txt", ".tsv", ".dat", ".asc")
 #: Endings of the files that can be read.
 MEASURED_FILES = (*_TEXTS, ".mat", ".nc")
+
+#: Name of a first column without a name, and headings that are no names (the second is of pandas).
+FIRST = "column 1"
+_UNNAMED = re.compile(r"\s*|Unnamed: ?0")
 
 LARGEST_MAT = 500_000_000  # bytes of a MAT file of version 5
 _MAT_NUMBERS = {"double", "single"} | {f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)}
@@ -80,9 +85,16 @@ def _read_text(path: Path) -> Columns:
         raise DataError(f"{path}: {len(lines)} lines, expected a header and at least 2 samples")
     try:
         table = read_table(lines)
-        return columns_of(path, table, [split_column(plain_text(c)) for c in table.header])
+        names = [split_column(plain_text(c)) for c in table.header]
+        unnamed = bool(names) and _UNNAMED.fullmatch(names[0][0]) is not None
+        if unnamed:
+            names[0] = FIRST, names[0][1]
+        columns = columns_of(path, table, names)
     except csv.Error as error:
         raise DataError(f"{path}: is no table: {error}") from None
+    if unnamed:
+        columns.take_unnamed(FIRST)
+    return columns
 
 
 # ---------------------------------------------------------------- MAT

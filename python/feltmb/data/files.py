@@ -400,8 +400,13 @@ def _clock(sheet: Sheet, columns: Columns, faults: list[str]) -> Array:
             return np.arange(length, dtype=np.float64) * float(sheet.interval)
     name = clock_column(columns, sheet.time)
     if not name:
-        faults.append(f"no column {shortened(sheet.time)!r} for the clock; there are {columns}")
+        faults.append(f"{_without_clock(sheet, columns)}; there are {columns}")
         return np.zeros(0)
+    if name == columns.unnamed and not sheet.time:
+        unit = unit_of_column(columns, name, sheet.time_unit) or "s"
+        columns.notes.append(
+            f"{name} has no name in the header and is taken as the clock in {unit}"
+        )
     values = columns.values[name]
     frames = name == frame_column(columns) and not columns.units.get(name)
     if sheet.frame_rate is not None:
@@ -425,6 +430,20 @@ def _clock(sheet: Sheet, columns: Columns, faults: list[str]) -> Array:
         return np.zeros(0)
     with np.errstate(over="ignore"):
         return values * factor
+
+
+def _without_clock(sheet: Sheet, columns: Columns) -> str:
+    """Sentence about a file without a clock."""
+    if sheet.time:
+        return f"no column {shortened(sheet.time)!r} for the clock"
+    way = (
+        "name the column of the time in the header, time [s], or with --column time=COLUMN (time "
+        "in the TOML, in Python columns of ReadOptions)"
+    )
+    if columns.unnamed:
+        why = columns.no_clock(columns.unnamed)
+        return f"{columns.unnamed} has no name in the header and cannot be the clock ({why}): {way}"
+    return f"no column is the clock: {way}"
 
 
 def _runs(

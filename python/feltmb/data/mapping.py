@@ -50,7 +50,8 @@ WHICH = "--column NAME=COLUMN says which it is, in Python columns of ReadOptions
 def clock_column(columns: Columns, specified: str = "", *, guess: bool = True) -> str:
     """Column of the clock; "" if there is none.
 
-    ``guess``: without a column named time, the frames or the first column.
+    It is named time, or it is a first column without a name whose values can be a clock. ``guess``:
+    without them, the frames, or a first column whose unit measures time.
     """
     if specified:
         return columns.find(specified)
@@ -58,9 +59,13 @@ def clock_column(columns: Columns, specified: str = "", *, guess: bool = True) -
     other = [c for c in named if columns.units.get(c) and not _measures(columns.units[c], "s")]
     clocks = [c for c in named if c not in other] or named
     exact = [n for n in ("time", "t", "Time", "T") if n in clocks]
+    if columns.unnamed and not columns.frames and not columns.no_clock(columns.unnamed):
+        return columns.unnamed  # there is no column named time beside it
     if exact or len(clocks) == 1 or not guess:
         return (exact or clocks or [""])[0]
-    return frame_column(columns) or next(iter(columns.values), "")
+    first = next(iter(columns.values), "")
+    timed = clocks or ([first] if _measures(columns.units.get(first, ""), "s") else [])
+    return frame_column(columns) or next(iter(timed), "")
 
 
 def frame_column(columns: Columns) -> str:
@@ -144,6 +149,7 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
     driven = (*signals.inputs, *signals.modes.get(mode, ()))
     if signals.any_inputs:
         aside = {clock_column(columns, options.columns.get("time", "")), frame_column(columns)}
+        aside.add(columns.unnamed)
         aside |= {run_column(columns, options.run), *columns.likelihood.values()}
         aside |= {columns.find(place[n]) for n in (*driven, *seen) if place[n]}
         channel_of = {columns.find(c) or c: name for name, c in options.columns.items()}
@@ -238,7 +244,7 @@ def _measures(unit: str, si: str) -> bool:
 def _of_columns(path: Path, columns: Columns, options: ReadOptions) -> Sheet:
     """Every column is an output of its name, except the clock and a force."""
     clock = clock_column(columns, options.columns.get("time", ""))
-    aside = {clock, run_column(columns, options.run), frame_column(columns)}
+    aside = {clock, run_column(columns, options.run), frame_column(columns), columns.unnamed}
     aside |= set(columns.likelihood.values())
     rest = [c for c in columns.values if c not in aside]
     forces = [c for c in columns.called("force") if c in rest]

@@ -75,6 +75,8 @@ class Columns:
     """Program that wrote the file, if its format identifies it."""
     frames: str = ""
     """Column with the frame number of a camera."""
+    unnamed: str = ""
+    """First column, if the header does not name it: it is the clock, or is not used."""
     likelihood: dict[str, str] = field(default_factory=dict)
     """Column of the likelihood [1], by the column to which it belongs."""
     notes: list[str] = field(default_factory=list)
@@ -115,6 +117,43 @@ class Columns:
                 point = _COORDINATE.fullmatch(column)
                 if point is not None and plain_name(point[1]) == plain_name(named[1]):
                     self.likelihood[column] = trust
+
+    def take_unnamed(self, name: str) -> None:
+        """Find out what the first column is, which the header does not name.
+
+        It is left out beside a column of the time, counts frames if it counts rows, and else can
+        be the clock.
+        """
+        values = self.values.get(name)
+        counts = values is not None and values[0] in (0, 1) and bool(np.all(np.diff(values) == 1))
+        empty = values is not None and not np.any(np.isfinite(values))
+        if self.called("time") or empty:
+            self.values.pop(name, None)
+            self.left_out[name] = "no name"
+            if not (empty or counts):
+                self.notes.append(f"{name} has no name in the header and is left out")
+            return
+        self.unnamed = name
+        if counts and not self.frames and not self.units.get(name):
+            self.frames = name
+
+    def no_clock(self, name: str) -> str:
+        """Why a column cannot be the clock; "" if it can.
+
+        The values of a clock increase, or start again with the next run.
+        """
+        values = self.values.get(name)
+        if values is None:
+            return self.left_out.get(name, "missing")
+        blank = np.flatnonzero(~np.isfinite(values))
+        if blank.size:
+            return f"no number in {self.place(int(blank[0]))}"
+        again = values[1:] - values[0] < 0.5 * (values[:-1] - values[0])
+        wrong = np.flatnonzero((np.diff(values) <= 0.0) & ~again)
+        if not wrong.size:
+            return ""
+        row = int(wrong[0])
+        return f"{values[row]:g} is followed by {values[row + 1]:g} in {self.place(row + 1)}"
 
     def place(self, row: int) -> str:
         """Place of a row in the file, as text: its line, or its number from 1."""

@@ -65,7 +65,7 @@ def sketch_sheet(
             lines += _sensor(spec, output=group == "outputs", unit=_unit(name, spec, columns))
     used = {columns.find(s.column or n) for n, s in {**sheet.inputs, **sheet.outputs}.items()}
     used |= {clock_column(columns, sheet.time), run_column(columns, sheet.run)}
-    used |= {frame_column(columns), *columns.likelihood.values()}
+    used |= {frame_column(columns), columns.unnamed, *columns.likelihood.values()}
     left = [c for c in columns.values if c not in used]
     if left:
         lines += ["", f"# Columns that are not used: {', '.join(left)}"]
@@ -110,7 +110,7 @@ def _top(path: Path, sheet: Sheet, columns: Columns) -> list[str]:
         'role = "fit"  # or "held_out": confirms the findings of the others',
     ]
     lines.append(f'input_mode = {_quoted(sheet.input_mode)}  # or "motion"')
-    lines.append(f"time = {_quoted(clock)}")
+    lines.append(f"time = {_quoted(clock)}" if clock else '# time = "COLUMN"  # specify the clock')
     if clock == frame_column(columns) and not columns.units.get(clock):
         rate = "" if sheet.frame_rate is None else f"{sheet.frame_rate:g}"
         lines.append(f"frame_rate = {rate}" if rate else "# frame_rate = 1000  # Hz: specify it")

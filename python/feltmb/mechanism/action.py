@@ -182,10 +182,11 @@ class Action:
         ----------
         values
             ``{"string.modes": 80}``. A number without a unit is in SI units, whatever the unit in
-            the file; a text may have a unit, ``"10.5 mm"``. ``*`` means any key (``"contacts.*.law"``), the
-            name of a body means ``bodies.NAME`` (``"shank.rigid"``), and ``.x .y`` or ``.0 .1`` is
-            a component of a point. ``{"surfaces.Gp10.point.y +=": "0.5 mm"}`` changes a number by
-            an amount, also with ``-=``; ``*=`` changes it by a factor.
+            the file; a text may have a unit, ``"10.5 mm"``. ``*`` means any key
+            (``"contacts.*.law"``), the name of a body means ``bodies.NAME`` (``"shank.rigid"``),
+            and ``.x .y`` or ``.0 .1`` is a component of a point.
+            ``{"surfaces.Gp10.point.y +=": "0.5 mm"}`` changes a number by an amount, also with
+            ``-=``; ``*=`` changes it by a factor.
 
         Raises
         ------

@@ -110,6 +110,7 @@ def _joint(config: BaseModel, owners: list[Any]) -> str:
 def numbers_below(
     config: BaseModel, node: Any, parents: list[Any], names: list[str], counts: bool = False
 ) -> Iterator[Parameter]:
+    """Numbers of a table; ``counts``: also whole numbers, which have no derivative."""
     if isinstance(node, bool) or node is None or isinstance(node, str):
         return
     if isinstance(node, (int, float)):

@@ -67,7 +67,9 @@ _QUANTITIES = {
     "K": "temperature temperatur temp",
 }
 _MEASURED = {word: si for si, words in _QUANTITIES.items() for word in words.split()}
-_BRACKETS = re.compile(r"(.*\S)?\s*[\[(]((?:[^\[\]()]|\([^()]*\))*)[\])]\s*")
+_BRACKETS = re.compile(r"(.*\S)?\s*[\[(<]((?:[^\[\]()<>]|\([^()]*\))*)[\])>]\s*")
+#: As in standards of notation, a quantity over its unit: ``U_B1 / V``, ``M / N m``.
+_OVER = re.compile(r"(.*\S)\s+/\s+(\S.*)")
 _BARE = re.compile(r"(.*?[^\s_,/])(?:\s*[_,/]\s*|\s+|\s+in\s+)([^\s_,/]+(?:/[^\s_,/]+)?)")
 
 
@@ -103,14 +105,14 @@ def same_unit(one: str, other: str) -> bool:
 def split_column(heading: str) -> tuple[str, str]:
     """Name and unit of a column in the header of an instrument; "" if there is no unit.
 
-    ``force [N]``, ``Extension (mm)``, ``Time_s``, ``Force, N``, ``Load / kN``. A text in square
-    brackets is a unit, known or not; elsewhere, only a known unit counts.
+    ``force [N]``, ``Extension (mm)``, ``Time<ms>``, ``Time_s``, ``Force, N``, ``U_B1 / V``. A text
+    in square or angle brackets is a unit, known or not; elsewhere, only a known unit counts.
     """
     text = heading.strip()
     found = _BRACKETS.fullmatch(text)
     if found is not None:
         name, unit = (found[1] or "").strip(), found[2].strip()
-        if text.endswith("]"):
+        if text.endswith(("]", ">")):
             return name, spelled_unit(unit) or unit
         known = spelled_unit(unit)
         # "Force (L)" is a force at the left and "Force (A)" one of sensor A, but "Time (h)" is in
@@ -119,6 +121,9 @@ def split_column(heading: str) -> tuple[str, str]:
         if letter and not (known and _fits(name, known)):
             known = None
         return (name, known) if name and known else (text, "")
+    over = _OVER.fullmatch(text)
+    if over is not None and (unit := spelled_unit(over[2])):
+        return over[1].strip(), unit
     bare = _BARE.fullmatch(text)
     if bare is not None:
         name, known = bare[1].strip(), spelled_unit(bare[2])

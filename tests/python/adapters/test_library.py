@@ -163,6 +163,30 @@ def test_a_member_that_the_model_takes_as_rigid_may_bend():
     np.testing.assert_allclose(large, 2.0 * small, atol=0.01 * np.max(np.abs(large)))
 
 
+@pytest.mark.parametrize(
+    ("name", "each", "back"),
+    [
+        ("felt.11", "", {"felt.11"}),
+        ("felt.{number}", 'for = "contact"\n', {"felt.01", "felt.11", "felt.16"}),
+    ],
+)
+def test_a_tolerance_of_the_user_is_not_left_out_by_the_library_that_he_extends(
+    tmp_path, name, each, back
+):
+    """steinway45 leaves out felt.01, felt.11 and felt.16."""
+    without = {"felt.01", "felt.11", "felt.16"}
+    assert not without & {e.name for e in load_library(ACTION).tolerances}
+    file = tmp_path / "mine.toml"
+    path = "contacts.{number}.alpha" if each else "contacts.11.alpha"
+    file.write_text(
+        f'schema = 1\nname = "mine"\nextends = "steinway45"\n[tolerances."{name}"]\n{each}'
+        f'component = "felt"\nsd = 0.3\nchanges = [{{ path = "{path}", scale = 1.0 }}]\n'
+    )
+    found = {e.name: e.magnitude for e in load_library(ACTION, file).tolerances}
+    assert without & set(found) == back
+    assert {found[n] for n in back} == {0.3}
+
+
 def test_all_effects_of_the_library_are_tested_unless_some_are_chosen():
     library = load_library(ACTION)
     assert library.select() == library.effects

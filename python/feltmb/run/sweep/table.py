@@ -230,6 +230,8 @@ def _units(action: Action, names: Sequence[str], values: Any) -> dict[str, str]:
         given = values[name] if isinstance(values, Mapping) else ()
         if isinstance(given, Mapping) and "scale" in given:
             known[name] = "1"
+        elif any(isinstance(v, str) for v in _plain({name: given})[name]):
+            known[name] = ""  # each has its own
         elif name not in known:
             try:
                 known[name] = action.value(split_operator(name)[0]).unit
@@ -246,7 +248,7 @@ def _plain(values: Any) -> dict[str, list[Any]]:
     for path, given in values.items():
         inner = given.get("offset", given) if isinstance(given, Mapping) else given
         if not (isinstance(inner, Mapping) and "scale" in inner):
-            out[path] = list(inner.values() if isinstance(inner, Mapping) else inner)
+            out[path] = [inner["from"], inner["to"]] if isinstance(inner, Mapping) else list(inner)
     return out
 
 
