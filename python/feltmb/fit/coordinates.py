@@ -9,7 +9,7 @@ from typing import Any
 from feltmb.arguments import checked
 from feltmb.data import Array
 from feltmb.errors import InvalidParameter
-from feltmb.units import spelled_unit, to_si
+from feltmb.units import same_unit, spelled_unit, to_si
 
 __all__ = ["Coordinate", "Coupling", "Named", "Rate"]
 
@@ -82,8 +82,9 @@ class Coordinate:
     """State that is the position."""
     speed: str
     """State that is the speed."""
-    inertia: str | float | Callable[[Any, Named, Named, Named], Array] = 1.0
-    """Name of a parameter, a number, or a function (t, x, u, p) -> (B,)."""
+    inertia: str | float | Callable[[Any, Named, Named, Named], Array] | None = None
+    """Name of a parameter, a number, or a function (t, x, u, p) -> (B,). None: forces on it are
+    accelerations, which is told unless ``unit`` is one."""
     unit: str = "N"
     scale: float = 1.0
     """Typical force on the coordinate [unit]."""
@@ -134,7 +135,18 @@ class Coordinate:
             return force / p[self.inertia]
         if callable(self.inertia):
             return force / self.inertia(t, x, u, p)
-        return force / self.inertia
+        return force if self.inertia is None else force / self.inertia
+
+    @property
+    def without_inertia(self) -> str:
+        """Sentence about forces that are accelerations; "" if the inertia or ``unit`` is told."""
+        unit = f"{self.travel_unit}/s^2"
+        if self.inertia is not None or same_unit(self.unit, unit):
+            return ""
+        return (
+            f"coordinate {self.name} has no inertia: its forces in {self.unit} are accelerations "
+            f"in {unit}, forces divided by the inertia; give inertia=, or unit={unit!r}"
+        )
 
 
 @checked

@@ -204,6 +204,8 @@ class OdeModel(Stepped):
         except FeltmbError:  # the first simulation of the user reports it better
             return Ready(self, tuple(records))
         out._resolved, out._free_steps = True, self.substeps is None
+        parts = {part.name: part for c in self.coordinates for part in c.parts}
+        notes += [text for part in parts.values() if (text := part.without_inertia)]
         return Ready(out, tuple(records), tuple(notes))
 
     def refined(self, batches: Sequence[Batch]) -> Model:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from feltmb import _core
 from feltmb.mechanism import Action
 from feltmb.run.stroke import PRESCRIBED, Stroke
 
@@ -19,6 +20,11 @@ PASSED = 1e-3
 BENT = 0.25
 #: Force of a finger, as a share of the largest, that is not noise of the load cell.
 FINGER = 0.02
+#: Force of a contact at rest, in weights of all parts and forces of springs, above which parts jam
+#: each other. Packaged mechanisms have 0.5 at most; parts pushed past each other had 38 to 370.
+JAMMED = 20.0
+#: Smallest lever by which the torque of a spring becomes a force [m].
+LEVER = 1e-3
 #: Rotation of a motor above which its arm swings and no longer presses [rad].
 SWING = math.pi / 4
 
@@ -34,8 +40,50 @@ def run_warnings(
             f"the energy balance error is {100 * residual:.2g} % of the exchanged energy at "
             f"rtol {options.rtol:g}: use a smaller rtol"
         )
-    out += _of_members(result)
+    out += _of_rest(action) + _of_members(result)
     return out + _of_input(stroke, result) + _of_motor(action, result) + _of_felts(action, result)
+
+
+def _of_rest(action: Action) -> list[str]:
+    """Contacts that carry far more at rest than the weights and the springs can cause."""
+    config, rest = action.config, action.rest_pose
+    at = _core.evaluate(action.mechanism, rest, np.zeros(len(action.coordinates)))
+    if not at["contacts"]:
+        return []
+    number, force = max(((row[0], abs(row[3])) for row in at["contacts"]), key=lambda r: r[1])
+    mass = sum(
+        b.mass + (b.density or 0.0) * (b.area or 0.0) * (b.length or 0.0)
+        for b in config.bodies.values()
+    )
+    weight = mass * math.hypot(*config.gravity)
+    springs = 0.0
+    for spring in config.springs.values():
+        if spring.enabled:
+            angle = rest[action.coordinates.index(spring.coordinate)]
+            load = abs(spring.stiffness * (angle - spring.rest_angle))
+            springs += load / _lever(action, spring.coordinate)
+    if force <= JAMMED * (weight + springs):
+        return []
+    key = f"{number:02d}"
+    contact = config.contacts[key]
+    name = f"contact {key} {contact.label}".strip()
+    also = f" and the springs press by {springs:.3g} N" if springs else ""
+    return [
+        f"{name} is pressed by {force:.3g} N at rest, before any input; all parts weigh "
+        f"{weight:.3g} N{also}: parts are jammed; check the surfaces "
+        f"{' and '.join(contact.surfaces)} and start_pose"
+    ]
+
+
+def _lever(action: Action, coordinate: str) -> float:
+    """Distance from a joint to the nearest surface of its body [m]; 1 for a prismatic joint."""
+    for name, body in action.config.bodies.items():
+        if body.coordinate == coordinate and body.joint == "prismatic":
+            return 1.0
+        if body.coordinate == coordinate:
+            points = [s.point for s in action.config.surfaces.values() if s.body == name]
+            return max(LEVER, min((math.hypot(*p) for p in points), default=LEVER))
+    return LEVER
 
 
 def _of_members(result: Any) -> list[str]:

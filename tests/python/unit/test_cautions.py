@@ -70,3 +70,33 @@ def test_all_faults_of_a_law_come_at_once():
         law("guarded", loading=(1e3, -1.0, 0.0), unloading=curve, alpha=0.0, rate_amplitude=-1.0)
     for name in ("loading curve: b = -1", "alpha [s/m] = 0", "rate_amplitude = -1", "rate_time"):
         assert name in str(error.value)
+
+
+def test_jammed_parts_are_told_with_the_contact():
+    """The jack is pushed past the butt: 570 N at rest, of an action that weighs 1.6 N."""
+    action = feltmb.load_action("steinway45")
+    jammed = action.with_values(
+        {"surfaces.Jp2.point": [-5.3e-3, 69.8e-3], "straps.bridle_strap.free_length": "25.2 mm"}
+    )
+    run = feltmb.simulate(jammed, "forte", duration=0.01)
+    assert run.status == "done"
+    (text,) = [w for w in run.warnings if "jammed" in w]
+    assert text.startswith("contact 04 jack - hammer butt leather is pressed by 572 N at rest")
+    assert "all parts weigh 1.62 N" in text
+    assert run["contact04.force"][0] == pytest.approx(572.0, abs=0.5)
+    for name in ("steinway45", "steinway45_felt"):
+        run = feltmb.simulate(name, "forte", duration=0.01)
+        assert not [w for w in run.warnings if "jammed" in w]
+
+
+def test_a_spring_that_presses_is_no_jam():
+    """A light hammer that a strong spring holds against its pad."""
+    action = feltmb.load_action(PENDULUM)
+    raw = action.raw
+    raw["springs"] = {"s": {"coordinate": "arm.angle", "stiffness": 50.0, "rest_angle": 0.2}}
+    pressed = feltmb.mechanism.Action(raw)
+    run = feltmb.simulate(pressed, feltmb.ramp_stroke(0.0, duration=0.01))
+    assert run["contact01.force"][0] > 20.0
+    weight = 9.81 * pressed.value("arm.mass").value
+    assert run["contact01.force"][0] > 100.0 * weight
+    assert not [w for w in run.warnings if "jammed" in w]
