@@ -2,7 +2,8 @@
 
     python tools/make_reference.py
 
-The pages are not in git: the build of the site (`bash tools/docs.sh`) writes them.
+The build of the site (`bash tools/docs.sh`) writes them. Only the page of the TOML files is in git,
+so that a clone has the keys of every table; run this after a change of a schema.
 """
 
 from __future__ import annotations

@@ -58,11 +58,36 @@ def page() -> str:
         "number without one is in the SI unit of the table. Unknown keys are faults.",
         "",
     ]
+    lines += laws()
     for title, about, model in schemas():
         lines += [f"## {title}", "", about, ""]
         for path, table in tables(model, "", set()):
             lines += section(path, table)
     return "\n".join(lines).rstrip() + "\n"
+
+
+def laws() -> list[str]:
+    """Table of the contact laws: what each needs, and where its keys are."""
+    from feltmb.contact import LAWS
+    from feltmb.contact.tables import CORE_LAWS
+
+    lines = [
+        "## Contact laws",
+        "",
+        "A contact selects a law by `law`; its keys are in the tables of the contact below.",
+        "",
+        "| law | about | needs | keys |",
+        "|---|---|---|---|",
+    ]
+    for name, about in LAWS.items():
+        law = CORE_LAWS.get(name)
+        needs = law.needed({}) if law is not None else [name]
+        table = law.table if law is not None else name
+        keys = [f"`[contacts.NAME.{key}]`" for key in dict.fromkeys([*needs, table]) if key]
+        keys = [k.replace("unloading", "loading") for k in keys]  # the same curve
+        needed = ", ".join(f"`{key}`" for key in needs)
+        lines.append(f"| `{name}` | {about} | {needed} | {', '.join(dict.fromkeys(keys))} |")
+    return [*lines, ""]
 
 
 def tables(

@@ -149,9 +149,11 @@ def law(name: str, **parameters: Any) -> Law:
 def _core_values(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
     """Values of a law's fields for the core; all faults are in one message."""
     needed, optional = _keys(law, given)
-    faults = [f"parameter {k!r} is missing" for k in needed if k not in given]
     known = {**needed, **optional}
     unknown = sorted(set(given) - set(known))
+    units = {f.name: f" [{f.unit}]" for f in law.fields if f.unit not in ("", "1")}
+    more = "" if unknown else f"; known are {', '.join(k + units.get(k, '') for k in known)}"
+    faults = [f"parameter {k!r} is missing{more}" for k in needed if k not in given]
     if unknown:
         faults.append(f"unknown parameter {', '.join(unknown)}; known are {', '.join(known)}")
     for key, kind in known.items():

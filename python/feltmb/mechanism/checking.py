@@ -20,7 +20,9 @@ from feltmb.units.quantity import (
     MOST_FAULTS,
     fault_lines,
     fault_text,
+    keys_of,
     shortened,
+    table_at,
 )
 
 __all__ = ["missing_law_faults", "spread_laws", "validate"]
@@ -320,7 +322,13 @@ def missing_law_faults(node: Mapping[str, Any], where: str) -> list[str]:
         needed = CORE_LAWS[law].needed(node)
     else:
         return []
-    return [f"{where}.{key}: is missing; law {law!r} needs it" for key in needed if key not in node]
+    faults = []
+    for key in needed:
+        if key not in node:
+            table = table_at(Contact, (key, ""))
+            keys = f"; {keys_of(table)}" if table is not None else ""
+            faults.append(f"{where}.{key}: is missing; law {law!r} needs it{keys}")
+    return faults
 
 
 #: Required entries of each kind of surface, besides its point.

@@ -43,8 +43,10 @@ __all__ = [
     "fault_lines",
     "fault_text",
     "is_quantity",
+    "keys_of",
     "parse_scalar",
     "shortened",
+    "table_at",
     "unit_of",
     "validated",
 ]
@@ -296,8 +298,21 @@ _LIMITS = {
 }
 
 
-def _fields_at(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
-    """Names of the fields of the table that contains ``loc``; empty if any name is permitted."""
+def keys_of(model: type[BaseModel]) -> str:
+    """Keys of a table with their SI units as text: the required ones, and the others."""
+    keys: dict[bool, list[str]] = {True: [], False: []}
+    for name, field in model.model_fields.items():
+        mark = _mark(model, name)
+        units = [] if mark is None else list(dict.fromkeys(mark.by_joint or (mark.si_unit,)))
+        unit = "" if units in ([], ["1"]) else f" [{' or '.join(units)}]"
+        keys[field.is_required()].append(f"{field.alias or name}{unit}")
+    texts = [f"required: {', '.join(keys[True])}"] if keys[True] else []
+    texts += [f"optional: {', '.join(keys[False])}"] if keys[False] else []
+    return shortened("; ".join(texts), 500)
+
+
+def table_at(model: type[BaseModel], loc: tuple[Any, ...]) -> type[BaseModel] | None:
+    """Schema of the table that contains ``loc``; None if any name is permitted."""
     current: Any = model
     for part in loc[:-1]:
         if isinstance(current, type) and issubclass(current, BaseModel):
@@ -311,9 +326,13 @@ def _fields_at(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
             if getattr(current, "__origin__", None) is dict:
                 break
             current = inner[0] if inner else None
-    if isinstance(current, type) and issubclass(current, BaseModel):
-        return [f.alias or name for name, f in current.model_fields.items()]
-    return []
+    return current if isinstance(current, type) and issubclass(current, BaseModel) else None
+
+
+def _fields_at(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
+    """Names of the fields of the table that contains ``loc``; empty if any name is permitted."""
+    table = table_at(model, loc)
+    return [f.alias or name for name, f in table.model_fields.items()] if table else []
 
 
 def _plain_input(node: object) -> str:
@@ -375,7 +394,8 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
         if number_or_text:
             lines.append(f"{where}: got {got}, expected a finite number or a text")
         elif kind == "missing":
-            lines.append(f"{where}: is missing")
+            table = table_at(model, loc)
+            lines.append(f"{where}: is missing" + (f"; {keys_of(table)}" if table else ""))
         elif kind == "extra_forbidden":
             known = _fields_at(model, loc)
             near = difflib.get_close_matches(str(loc[-1]), known, n=1)

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from feltmb.data import Record, Sensor
-from feltmb.fit import Coordinate, OdeModel, State
+from feltmb.fit import Coordinate, Named, OdeModel, State
+
+NOTHING = Named({})
 
 
 def model(*coordinates):
     return OdeModel(
-        states=[State("q", unit="m"), State("v", unit="m/s")],
+        states=[State(name="q", unit="m"), State(name="v", unit="m/s")],
         rates=lambda t, x, u, p: (x.v, -4.0 * x.q),
         outputs={"q": "q"},
         coordinates=coordinates,
@@ -48,5 +50,5 @@ def test_a_coordinate_with_inertia_or_in_accelerations_tells_nothing(more):
 def test_a_force_without_inertia_is_an_acceleration():
     """As with an inertia of 1, and three times that with an inertia of 3."""
     for inertia, expected in ((None, 6.0), (1.0, 6.0), (3.0, 2.0)):
-        rates = place(inertia=inertia).push(6.0, 0.0, None, None, None)
+        rates = place(inertia=inertia).push(6.0, 0.0, NOTHING, NOTHING, NOTHING)
         assert rates == {"v": expected}

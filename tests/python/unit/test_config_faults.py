@@ -301,3 +301,33 @@ def test_an_actuator_whose_pad_is_no_name(tmp_path):
     with pytest.raises(feltmb.InvalidParameter) as told:
         load_actuator(path)
     assert len(str(told.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        (
+            {"law": "hunt_crossley"},
+            "contacts.01.hunt_crossley: is missing; law 'hunt_crossley' needs it; "
+            "required: stiffness; optional: exponent, damping [s/m], note",
+        ),
+        (
+            {"law": "kelvin_voigt", "kelvin_voigt": {"damping": 1.0}},
+            "contacts.01.kelvin_voigt.stiffness: is missing; required: stiffness [N/m]; "
+            "optional: damping [N s/m], note",
+        ),
+        (
+            {"loading": None},
+            "contacts.01.loading: is missing; law 'guarded' needs it; "
+            "required: a [N/m], b [1/m], c [N/m]",
+        ),
+    ],
+)
+def test_a_missing_key_is_told_with_the_keys_of_its_table(data, changes, fault):
+    raw = feltmb.load_action(data / "pendulum.toml").raw
+    contact = raw["contacts"]["01"]
+    contact |= changes
+    raw["contacts"]["01"] = {k: v for k, v in contact.items() if v is not None}
+    with pytest.raises(feltmb.InvalidParameter) as caught:
+        feltmb.mechanism.Action(raw)
+    assert str(caught.value).splitlines()[1:] == [f"  {fault}"]

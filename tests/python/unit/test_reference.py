@@ -7,6 +7,7 @@ import click
 import pytest
 
 from feltmb.cli import cli
+from feltmb.contact import LAWS
 
 ROOT = Path(__file__).resolve().parents[3]
 sys.path.insert(0, str(ROOT / "tools"))
@@ -145,3 +146,11 @@ def test_pages_are_written_once_and_old_ones_go(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", make_reference.LINKED)
 def test_pages_that_others_link_to_are_written(name):
     assert name in make_reference.pages()
+
+
+def test_the_page_of_all_keys_in_git_is_that_of_the_schemas():
+    page = ROOT / "docs" / "reference" / "generated" / "toml_files.md"
+    text = page.read_text(encoding="utf-8")
+    assert text == toml_files.page(), "run python tools/make_reference.py"
+    for law in LAWS:
+        assert f"| `{law}` |" in text
