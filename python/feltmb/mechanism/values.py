@@ -125,8 +125,9 @@ def _entry(owner: Any, parts: list[str], where: str) -> tuple[Any, str | None]:
     if is_quantity(owner.get(last)):
         return owner[last]["value"], owner[last].get("unit")
     units, place = owner.get("unit"), _UNIT_OF.get(last, -1)
-    listed = isinstance(units, (list, tuple)) and 0 <= place < len(units)
-    return owner.get(last), units[place] if listed else None
+    if isinstance(units, (list, tuple)) and 0 <= place < len(units):
+        return owner.get(last), units[place]
+    return owner.get(last), None
 
 
 def in_unit_of_file(old: Any, unit: str | None, value: Any) -> Any:
