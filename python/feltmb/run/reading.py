@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from feltmb.mechanism import Reading
+from feltmb.mechanism import Action, Reading
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,8 +28,8 @@ __all__ = [
 ]
 
 
-def reading_of(run: Run) -> Reading:
-    """``[reading]`` of the mechanism of a run; empty if the run does not contain it."""
+def reading_of(run: Run | Action) -> Reading:
+    """``[reading]`` of a mechanism or that of a run; empty if the run does not contain it."""
     try:
         return Reading.model_validate(_tables(run).get("reading", {}))
     except ValidationError:
@@ -44,9 +44,10 @@ def _parsed(text: str) -> dict[str, Any]:
         return {}
 
 
-def _tables(run: Run) -> dict[str, Any]:
-    """Tables of the mechanism of a run, not to be changed; none if the run does not hold it."""
-    return _parsed(str(run.provenance.get("toml", "")))
+def _tables(run: Run | Action) -> dict[str, Any]:
+    """Tables of a mechanism or that of a run, not to be changed; none if the run holds none."""
+    text = run.to_toml() if isinstance(run, Action) else run.provenance.get("toml", "")
+    return _parsed(str(text))
 
 
 def _entry(node: Any, *path: str) -> Any:
@@ -56,7 +57,7 @@ def _entry(node: Any, *path: str) -> Any:
     return node
 
 
-def contact_parties(run: Run, number: int | None) -> tuple[str, str] | None:
+def contact_parties(run: Run | Action, number: int | None) -> tuple[str, str] | None:
     """What meets in a contact: by its label ("hammer - string"), else its surfaces."""
     contact = _entry(_tables(run), "contacts", f"{number or 0:02d}")
     one, mark, other = str(_entry(contact, "label") or "").partition(" - ")
@@ -66,7 +67,7 @@ def contact_parties(run: Run, number: int | None) -> tuple[str, str] | None:
     return (one, other) if one and other else None
 
 
-def strike_words(run: Run) -> dict[str, str]:
+def strike_words(run: Run | Action) -> dict[str, str]:
     """Texts of the numbers of a strike, by their name in ``run.summary``.
 
     They name what the roles in ``[reading]`` name: the parties of the strike contact and of the
@@ -114,7 +115,7 @@ _BEHIND = {
 }
 
 
-def strike_events(run: Run) -> dict[str, str]:
+def strike_events(run: Run | Action) -> dict[str, str]:
     """Named events of the strike contact alone: name -> its change, ``opens`` or ``closes``."""
     number, events = reading_of(run).strike_contact, _entry(_tables(run), "events")
     if number is None or not isinstance(events, Mapping):
@@ -123,7 +124,7 @@ def strike_events(run: Run) -> dict[str, str]:
     return {n: change for n, (own, change) in found.items() if own in (number, [number])}
 
 
-def summary_rows(run: Run) -> dict[str, tuple[str, str]]:
+def summary_rows(run: Run | Action) -> dict[str, tuple[str, str]]:
     """Text and SI unit of the numbers of a summary, by name and in the order of a table.
 
     The times of all events that the mechanism file names, the numbers of a strike, and what the
