@@ -3,6 +3,7 @@
 import importlib.util
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -170,8 +171,6 @@ def test_audit_tells_where_the_share_of_unloading_falls(key, share):
 
 def test_a_law_is_drawn_through_its_points_whatever_thickness_it_estimates():
     """Only the first law was drawn at the volume fractions of its own thickness."""
-    import numpy as np
-
     from feltmb.fiber.plot import plot_fits
 
     made = []
