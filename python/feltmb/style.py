@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
 
 __all__ = [
@@ -34,6 +36,8 @@ __all__ = [
     "SURFACE",
     "YELLOW",
     "body_fill",
+    "fit_text",
+    "head_line",
     "new_figure",
     "plain_text",
     "reader_unit",
@@ -112,6 +116,22 @@ def new_figure(width: float, height: float) -> Figure:
     assert engine is not None
     engine.set(w_pad=0.08, h_pad=0.08, wspace=0.03, hspace=0.03)  # type: ignore[call-arg]
     return figure
+
+
+def fit_text(artist: Text, inches: float) -> None:
+    """Break a text into lines until it is at most as wide as ``inches``."""
+    text = artist.get_text()
+    room = inches * artist.get_figure(root=True).dpi  # type: ignore[union-attr]
+    letters = len(text)
+    while artist.get_window_extent().width > room and letters > 4:
+        letters = int(0.95 * letters)
+        artist.set_text(textwrap.fill(text, letters))
+
+
+def head_line(figure: Figure, text: str, size: float = LARGE, weight: str = "bold") -> None:
+    """Title of a figure at its left edge, in as many lines as its width requires."""
+    artist = figure.suptitle(text, fontsize=size, x=0.01, ha="left", fontweight=weight)
+    fit_text(artist, 0.98 * figure.get_figwidth())
 
 
 def style_axes(ax: Axes, x: str = "", y: str = "", title: str = "") -> Axes:

@@ -12,7 +12,7 @@ import pytest
 HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
-GROUND = "errors units arguments files display figure tables"
+GROUND = "errors units arguments files display figure style tables"
 MODEL = f"{GROUND} _core params fiber contact mechanism"
 RUN = f"{MODEL} data run"
 
@@ -56,11 +56,11 @@ MAY_USE = {
         "felt": MODEL,
         "run": f"{MODEL} data",
         "fit": f"{GROUND} blas data",
-        "gap": f"{GROUND} _core style data fit",
+        "gap": f"{GROUND} _core data fit",
         "adapters": f"{RUN} fit",
-        "action": f"{RUN} style",
-        "graphics": f"{RUN} style",
-        "live": f"{RUN} fit gap adapters action graphics style __init__",
+        "action": RUN,
+        "graphics": RUN,
+        "live": f"{RUN} fit gap adapters action graphics __init__",
         "__init__": f"{RUN} felt fit gap adapters action graphics",
         "cli": f"{RUN} blas felt fit gap adapters action graphics live __init__",
         "__main__": "cli",

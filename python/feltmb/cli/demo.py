@@ -111,17 +111,16 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
 
 def published_table(runs: list[Run]) -> Any:
     """Table of simulated and published values."""
-    from feltmb.cli.stroke import SUMMARY_ROWS
     from feltmb.run.published import compare_with_published
-    from feltmb.run.reading import strike_words
+    from feltmb.run.reading import summary_rows
 
     table = new_table(
         "beside the thesis", "stroke", "", "here", "thesis", "unit", "differs", right=(2, 3, 5)
     )
     for run in runs:
-        strike = strike_words(run)
+        words = summary_rows(run)
         for row in compare_with_published(run):
-            text = SUMMARY_ROWS.get(row.key, (row.key, row.unit))[0] or strike[row.key]
+            text = words.get(row.key, (row.key, row.unit))[0]
             published, unit = pretty(row.published, row.unit)
             if row.simulated is None:
                 table.add_row(row.stroke, text, "did not happen", published, unit, "-")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -99,6 +100,7 @@ def command(
     """
     from feltmb.errors import InvalidParameter
     from feltmb.files import write_text
+    from feltmb.run.reading import summary_rows
     from feltmb.run.sensitivity import gradient
     from feltmb.run.stroke import load_stroke
 
@@ -132,6 +134,11 @@ def command(
         known = ", ".join(result.summary) or "none"
         raise InvalidParameter(f"--number {number!r}: this stroke has {known}")
     effects = result.effects()
+    words = {
+        name: text.partition(" (")[0]
+        for name, (text, unit) in summary_rows(mechanism).items()
+        if unit != "s"  # times have short names of their own
+    } | {"string_contact_duration": "contact duration"}
     order = effects[number].abs().sort_values(ascending=False, kind="stable").index
     if as_json:
         print_json(
@@ -149,7 +156,8 @@ def command(
             }
         )
     else:
-        console().print(_table(result, effects, list(order[:most]), number, stroke))
+        table = _table(result, effects, list(order[:most]), number, stroke, words)
+        console().print(table)
     if table_file is not None:
         from feltmb.cli.common import say_written
 
@@ -157,22 +165,31 @@ def command(
     if picture is not None:
         from feltmb.graphics.plot import effects as draw_effects
 
-        figure = draw_effects(effects.loc[order[:most], number], summary_unit(number))
+        change = effects.loc[order[:most], number].rename(words.get(number, number))
+        figure = draw_effects(change, summary_unit(number))
         save_figure(figure, picture, force=force)
 
 
-def _table(result: Gradient, effects: Any, rows: list[str], number: str, stroke: str) -> Any:
+def _table(
+    result: Gradient,
+    effects: Any,
+    rows: list[str],
+    number: str,
+    stroke: str,
+    words: Mapping[str, str],
+) -> Any:
     shown = [number] + [
         n for n in ("impact_time", "max_string_force", "rebound_speed") if n in effects
     ]
     shown = list(dict.fromkeys(shown))[:2]  # as many as fit into 80 columns
+    names = [words.get(n, n.replace("_", " ")) for n in shown]
     value, unit = pretty(result.summary[number], summary_unit(number))
     table = new_table(
-        f"{stroke}: what 1 % more does; {number.replace('_', ' ')} is {value} {unit}",
+        f"{stroke}: what 1 % more does; {names[0]} is {value} {unit}",
         "parameter",
         "value",
         "unit",
-        *(n.replace("_", " ") for n in shown),
+        *names,
         right=(1, *range(3, 3 + len(shown))),
         whole=(0,),
     )

@@ -420,42 +420,13 @@ def _draw(run: Run, target: Path | None, stem: str, *, plot: bool, wav: bool, fo
         say_written(run.write_wav(folder / f"{stem}.wav", force=force))
 
 
-#: summary key -> (text, unit); no text: what strikes what is told by the mechanism.
-SUMMARY_ROWS = {
-    "key_start_time": ("key starts", "s"),
-    "damper_start_time": ("damper starts", "s"),
-    "jack_toe_time": ("jack toe meets the button", "s"),
-    "free_flight_time": ("thrown off (free flight)", "s"),
-    "let_off_time": ("let-off", "s"),
-    "let_off_gap": ("", "m"),
-    "impact_time": ("", "s"),
-    "impact_speed": ("impact speed (of the contact)", "m/s"),
-    "max_string_force": ("", "N"),
-    "string_contact_duration": ("", "s"),
-    "rebound_speed": ("rebound speed (of the contact)", "m/s"),
-    "key_landing_time": ("key lands", "s"),
-    "key_travel": ("key travel", "m"),
-    "check_time": ("backcheck catches", "s"),
-    "check_gap": ("distance in check", "m"),
-}
-
-
-#: Rows of a run with several strikes. The exact largest force is that of the run.
-STRIKE_ROWS = {
-    "sampled_string_force" if key == "max_string_force" else key: row
-    for key, row in SUMMARY_ROWS.items()
-} | {
-    "check_end_time": ("backcheck releases", "s"),
-    "key_return_time": ("key is back", "s"),
-}
-
 #: Strikes in a table, which then fits a screen of 80 characters.
 SIDE_BY_SIDE = 4
 
 
 def strike_tables(run: Run, title: str) -> list[Any]:
     """Tables of a run with several strikes, one column for each; else none."""
-    from feltmb.run.reading import strike_words
+    from feltmb.run.reading import strike_words, summary_rows
     from feltmb.run.results import let_off_words
     from feltmb.units import readable_unit
 
@@ -463,14 +434,29 @@ def strike_tables(run: Run, title: str) -> list[Any]:
     if len(strikes) < 2:
         return []
     words = strike_words(run)
-    words["sampled_string_force"] = f"{words['max_string_force']} (samples)"
+    # The exact largest force is that of the run.
+    sampled = {"max_string_force": ("sampled_string_force", " (samples)")}
+    rows = {
+        sampled.get(key, (key, ""))[0]: (text + sampled.get(key, (key, ""))[1], unit)
+        for key, (text, unit) in summary_rows(run).items()
+    }
+    rows |= {key: (words[key], "s") for key in ("check_end_time", "key_return_time")}
+    # Times in the order of their means after the impact; other numbers stay behind their time.
+    late = 0.0
+    order = {}
+    for key in rows:
+        if key.endswith("_time"):
+            after = [s[key] - s["impact_time"] for s in strikes if key in s]
+            late = sum(after) / len(after) if after else late
+        order[key] = late
+    rows = {key: rows[key] for key in sorted(rows, key=order.__getitem__)}
     tables = []
     for first in range(0, len(strikes), SIDE_BY_SIDE):
         part = strikes[first : first + SIDE_BY_SIDE]
         heads = [f"{first + i + 1}" for i in range(len(part))]
         head = f"{title}: {run.provenance['action']}: {len(strikes)} strikes"
         table = new_table(head, "strike", *heads, "unit", right=tuple(range(1, len(part) + 1)))
-        for key, (text, unit) in STRIKE_ROWS.items():
+        for key, (text, unit) in rows.items():
             values = [strike.get(key) for strike in part]
             if key == "let_off_time":
                 # "no let-off: pushed to the string" is the cell "pushed".
@@ -489,7 +475,7 @@ def strike_tables(run: Run, title: str) -> list[Any]:
                 word or "-" if value is None else format(value * factor, digits)
                 for value, word in zip(values, why, strict=True)
             ]
-            table.add_row(text or words[key], *cells, name)
+            table.add_row(text, *cells, name)
         tables.append(table)
     return tables
 
@@ -499,22 +485,22 @@ def summary_table(run: Run, title: str) -> Any:
 
     Numbers of single strikes are omitted if there are several; see :func:`strike_tables`.
     """
-    from feltmb.run.reading import reading_of, row_unit, strike_words
+    from feltmb.run.reading import reading_of, row_unit, summary_rows
     from feltmb.run.results import let_off_words
 
     table = new_table(f"{title}: {run.provenance['action']}", "", "value", "unit", right=(1,))
-    words, strike = let_off_words(run.summary), strike_words(run)
+    words = let_off_words(run.summary)
     # Events are sorted by time; entries after an event in the list stay after it.
     groups: list[tuple[float, list[tuple[str, str, str]]]] = [(-math.inf, [])]
     several = len(run.strike_list) > 1
-    for key, (text, unit) in SUMMARY_ROWS.items():
+    for key, (text, unit) in summary_rows(run).items():
         if several and key != "max_string_force":
             continue
         if key == "let_off_time" and words and "free_flight_time" not in run.summary:
             groups[-1][1].append((words, "none", ""))
         if key not in run.summary:
             continue
-        value, text = run.summary[key], text or strike[key]
+        value = run.summary[key]
         if key.endswith("_time"):
             named = words if words and key == "free_flight_time" else text
             groups.append((value, [(named, f"{value:.5f}", "s")]))
@@ -545,4 +531,4 @@ def summary_table(run: Run, title: str) -> Any:
     return table
 
 
-__all__ = ["SUMMARY_ROWS", "command", "strike_tables", "summary_table"]
+__all__ = ["command", "strike_tables", "summary_table"]

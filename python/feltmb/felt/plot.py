@@ -181,10 +181,11 @@ def plot_audit(audit: Audit) -> Any:
     band.plot(e[near], 1e3 * audit.loading[near], color=LOADING, label="loading")
     band.plot(e[near], 1e3 * audit.unloading[near], color=UNLOADING, label="unloading")
     wrong = near & (audit.unloading > audit.loading)
-    band.fill_between(
-        e, 1e3 * audit.loading, 1e3 * audit.unloading, where=wrong, color=FRICTION, alpha=0.6,
-        label="unloading above loading",
-    )  # fmt: skip
+    if np.any(wrong):
+        band.fill_between(
+            e, 1e3 * audit.loading, 1e3 * audit.unloading, where=wrong, color=FRICTION, alpha=0.6,
+            label="unloading above loading",
+        )  # fmt: skip
     band.axhline(0.0, color="#888888", lw=0.8)
     band.set_xlim(0.0, reach * 1e3)
     shown = np.concatenate([audit.loading[near], audit.unloading[near]]) * 1e3

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from feltmb.style import head_line
+
 Array = NDArray[np.float64]
 
 COLORS = ("#1b6ca8", "#d1495b", "#2e8b57", "#edae49", "#6a4c93", "#444444", "#00a6a6", "#b5651d")
@@ -63,7 +65,7 @@ def plot_law(made: Any, top: float) -> Any:
     for ax, (y, label) in zip(axes, rows, strict=True):
         ax.plot(v, y, color=COLORS[0])
         style_axes(ax, "volume fraction $v_f$ [-]", label)
-    figure.suptitle(made.name, x=0.02, ha="left")
+    head_line(figure, made.name, 12.0, "normal")
     return figure
 
 
@@ -370,8 +372,22 @@ def plot_history() -> Any:
 
 
 def plot_fits(fits: Sequence[Any]) -> Any:
-    """Plot a measured curve, fitted laws and residuals."""
+    """Plot a measured curve, fitted laws and residuals.
+
+    The abscissa is what was measured: laws that estimate the unloaded thickness give the same
+    sample different volume fractions, so that these are drawn over the thickness.
+    """
     from matplotlib import colormaps
+
+    from feltmb.fiber.fitting import THICKNESS
+
+    by_thickness = all(THICKNESS in f.values for f in fits)
+
+    def at(f: Any, v: Array) -> Array:
+        """Abscissa of volume fractions of a fit."""
+        if not by_thickness:
+            return v
+        return np.asarray(1e3 * f.values["v_f0"] * f.values[THICKNESS] / v)
 
     figure = new_figure(7.4, 6.0)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1.4))
@@ -387,7 +403,7 @@ def plot_fits(fits: Sequence[Any]) -> Any:
         if f.branch not in drawn:
             marker = "o" if f.branch != "unloading" else "s"
             top.plot(
-                f.v_f,
+                at(f, f.v_f),
                 f.pressure / 1e3,
                 marker,
                 color="#777777",
@@ -399,14 +415,22 @@ def plot_fits(fits: Sequence[Any]) -> Any:
         v = np.linspace(max(np.min(f.v_f), made.v_f0), np.max(f.v_f), 300)
         label = f.model if f.model not in named else "_"
         named.add(f.model)
-        top.plot(v, made.pressure(v) / 1e3, line, color=color, label=label)
+        top.plot(at(f, v), made.pressure(v) / 1e3, line, color=color, label=label)
         order = np.argsort(f.v_f)
         bottom.plot(
-            f.v_f[order], f.residuals[order] / 1e3, ".-", color=color, markersize=4, linewidth=0.7
+            at(f, f.v_f[order]),
+            f.residuals[order] / 1e3,
+            ".-",
+            color=color,
+            markersize=4,
+            linewidth=0.7,
         )
     bottom.axhline(0, color="black", linewidth=0.8)
     style_axes(top, "", "pressure [kPa]", fits[0].name)
-    style_axes(bottom, "volume fraction $v_f$ [-]", "data - law [kPa]")
+    measured = "thickness [mm]" if by_thickness else "volume fraction $v_f$ [-]"
+    style_axes(bottom, measured, "data - law [kPa]")
+    if by_thickness:
+        bottom.invert_xaxis()  # compression to the right
     if len(fits) > len(laws):
         top.plot([], [], "--", color="#777777", label="law, unloading")
     if len(laws) > 4:

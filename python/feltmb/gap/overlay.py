@@ -36,7 +36,16 @@ from feltmb.gap.criteria import (
 from feltmb.gap.missing_rows import divided
 from feltmb.gap.smoke_test import divergence
 from feltmb.gap.tabulated import unknown_starts
-from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
+from feltmb.style import (
+    BLUE,
+    GRAY,
+    ORANGE,
+    head_line,
+    new_figure,
+    plain_text,
+    reader_unit,
+    style_axes,
+)
 from feltmb.units import (
     TEMPERATURE_SCALES,
     readable_unit,
@@ -777,8 +786,7 @@ def _figure(gap: GapBefore) -> Figure:
         axes[0, 0].legend(frameon=False, fontsize=8, loc="best")
     for ax in axes[-1]:
         ax.set_xlabel(f"time [{shown}]", fontsize=8.5)
-    figure.suptitle(
-        plain_text(f"{gap.model}: the gap before anything is fitted"), fontsize=10.5, x=0.01,
-        ha="left",
-    )  # fmt: skip
+    head_line(
+        figure, plain_text(f"{gap.model}: the gap before anything is fitted"), weight="normal"
+    )
     return figure

@@ -24,7 +24,7 @@ from feltmb.graphics.plot.poses import (
     body_poses,
     to_ground,
 )
-from feltmb.graphics.plot.readings import run_action, run_name
+from feltmb.graphics.plot.readings import MOST_LETTERS, run_action, run_name
 from feltmb.graphics.plot.series import striker_name
 from feltmb.graphics.plot.shapes import shape_points, upper_right_is_free
 from feltmb.style import (
@@ -36,9 +36,11 @@ from feltmb.style import (
     RED,
     SMALL,
     SURFACE,
+    fit_text,
     new_figure,
     style_axes,
 )
+from feltmb.units.quantity import shortened
 
 if TYPE_CHECKING:
     from feltmb.run.results import Run
@@ -190,17 +192,20 @@ def _pictures(film: Film, slowness: float) -> Any:
     low, high = film.limits
     width = 7.6
     height = float(np.clip(width * (high[1] - low[1]) / (high[0] - low[0]), 3.0, 8.0)) + 0.3
+    # The limits fill the axes at an equal scale: matplotlib would cut what it must adjust.
+    scale = max((high - low) / (width, height - 0.3))
+    middle, half = 0.5 * (low + high), 0.5 * scale * np.array([width, height - 0.3])
     figure = new_figure(width, height)
     figure.set_layout_engine("none")
     figure.set_dpi(100)
     canvas: Any = figure.canvas
     ax = figure.add_axes((0.0, 0.0, 1.0, (height - 0.3) / height))
-    ax.set_xlim(low[0], high[0])
-    ax.set_ylim(low[1], high[1])
-    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_xlim(middle[0] - half[0], middle[0] + half[0])
+    ax.set_ylim(middle[1] - half[1], middle[1] + half[1])
     ax.set_axis_off()
     # Text and lines of the frames are those of a small figure.
     name = run_name(film.run)
+    name = shortened(name, MOST_LETTERS)
     figure.text(0.01, 1.0 - 0.07 / height, name, fontsize=NORMAL, va="top", fontweight="bold")
     draw_fixed(ax, action, drawn, film.limits, with_string=False)
     marker = _speed_inset(film, figure, ax)
@@ -301,7 +306,10 @@ def _speed_inset(film: Film, figure: Any, ax: Any) -> Any:
     small = figure.add_axes((0.60, box.y0 + 0.68 * box.height, 0.37, 0.27 * box.height))
     small.plot(1e3 * film.run.time, film.speed, color=RED, linewidth=1.1)
     style_axes(small, "time [ms]", "")
-    small.set_title(f"speed of the {striker_name(film.run)} [m/s]", fontsize=SMALL, loc="left")
+    title = small.set_title(
+        f"speed of the {striker_name(film.run)} [m/s]", fontsize=SMALL, loc="left"
+    )
+    fit_text(title, 0.37 * figure.get_figwidth())
     small.xaxis.label.set_size(SMALL)
     small.tick_params(labelsize=SMALL)
     set_window(small, (float(film.time[0]), float(film.time[-1])))

@@ -455,19 +455,13 @@ def draw_graph(action: Action) -> Figure:
     from matplotlib.lines import Line2D
     from matplotlib.patches import FancyArrowPatch
 
-    from feltmb.style import LARGE, NORMAL, SMALL, new_figure, plain_text
+    from feltmb.style import NORMAL, SMALL, head_line, new_figure, plain_text
 
     g = graph(action)
     place = _layout(g)
     inside = set(g.tree)
     figure = new_figure(12.0, 9.2)
-    figure.suptitle(
-        plain_text(f"Linear graph of {g.name}"),
-        fontsize=LARGE,
-        x=0.01,
-        ha="left",
-        fontweight="bold",
-    )
+    head_line(figure, plain_text(f"Linear graph of {g.name}"))
     ax = figure.subplots()
     ax.set_axis_off()
     ax.set_aspect("equal")

@@ -38,7 +38,7 @@ GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
         ),
     ),
     ("springs and straps", ("spring", "strap")),
-    ("string and hammer", ("string", "bending.", "damping.")),
+    ("string and beams", ("string", "bending.", "damping.")),
 )
 #: Group of the other tolerances; lengths and angles among them are screws.
 OTHER = "other tolerances"

@@ -249,6 +249,7 @@ def _way(direction: tuple[float, float]) -> tuple[float, float]:
 class NamedEvent(Schema):
     """A named event: a contact change, or a tracking point that reaches a travel."""
 
+    label: str = ""
     contact: int | list[int] | None = None
     change: Literal["opens", "closes"] | None = None
     point: str | None = None

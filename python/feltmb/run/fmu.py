@@ -41,8 +41,8 @@ _FACTOR = re.compile(r"([A-Za-z]+)(?:\^(\d+))?$")
 
 #: Descriptions of the inputs, for their variables.
 _ABOUT = {
-    "force": "force of the finger on the key, positive pressing",
-    "motion": "motion of a finger that meets the key through its pad; 0 just touches it at rest",
+    "force": "force of the finger on the mechanism, positive pressing",
+    "motion": "motion of a finger that meets its body through its pad; 0 just touches it at rest",
     "key_motion": "motion of the point under the finger, from its rest",
     "torque": "torque of the motor",
     "motor_motion": "motion of the motor's hub, from its rest",

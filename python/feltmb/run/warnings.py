@@ -41,7 +41,12 @@ def run_warnings(
             f"rtol {options.rtol:g}: use a smaller rtol"
         )
     out += _of_rest(action) + _of_members(result)
-    return out + _of_input(stroke, result) + _of_motor(action, result) + _of_felts(action, result)
+    return (
+        out
+        + _of_input(action, stroke, result)
+        + _of_motor(action, result)
+        + _of_felts(action, result)
+    )
 
 
 def _of_rest(action: Action) -> list[str]:
@@ -96,10 +101,12 @@ def _of_members(result: Any) -> list[str]:
     ]
 
 
-def _of_input(stroke: Stroke, result: Any) -> list[str]:
+def _of_input(action: Action, stroke: Stroke, result: Any) -> list[str]:
     """Whether the input can be that of a finger, and is not noise."""
+    finger = action.config.finger
+    pressed = finger.body if finger is not None else "mechanism"
     if stroke.kind == "force":
-        return _of_force(stroke)
+        return _of_force(stroke, pressed)
     if stroke.kind not in PRESCRIBED:
         return []
     out = []
@@ -121,14 +128,14 @@ def _of_input(stroke: Stroke, result: Any) -> list[str]:
         lowest = int(np.argmin(force))
         if force[lowest] < -FINGER * max(1.0, float(np.max(force))):
             out.append(
-                f"the prescribed key motion requires a finger that pulls with "
+                f"the prescribed {pressed} motion requires a finger that pulls with "
                 f"{-force[lowest]:.3g} N at {result.time[lowest]:.4f} s: a real finger would "
-                "leave the key"
+                f"leave the {pressed}"
             )
     return out
 
 
-def _of_force(stroke: Stroke) -> list[str]:
+def _of_force(stroke: Stroke, pressed: str) -> list[str]:
     """Whether a force may have a wrong sign or zero."""
     value = np.asarray(stroke.value)
     lowest, small = int(np.argmin(value)), FINGER * max(1.0, float(np.max(value)))
@@ -136,11 +143,11 @@ def _of_force(stroke: Stroke) -> list[str]:
     if value[lowest] < -small:
         out.append(
             f"the force of the finger is {value[lowest]:.3g} N at {stroke.time[lowest]:.4f} s: a "
-            "finger cannot pull the key (is the sign or the zero of the load cell wrong?)"
+            f"finger cannot pull the {pressed} (is the sign or the zero of the load cell wrong?)"
         )
     if value[0] > small:
         out.append(
-            f"the force of the finger begins with {value[0]:.3g} N, on an action at rest without "
+            f"the force of the finger begins with {value[0]:.3g} N, on a mechanism at rest without "
             "this force (is the zero of the load cell wrong?)"
         )
     return out

@@ -3,6 +3,7 @@
 import importlib.util
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -166,3 +167,33 @@ def test_audit_tells_where_the_share_of_unloading_falls(key, share):
     top = float(contact_loop(contact, name=key)[1][-1])
     assert finding.value / top == pytest.approx(share, rel=0.1)
     assert 0 <= finding.low < finding.high < 1e-3
+
+
+def test_a_law_is_drawn_through_its_points_whatever_thickness_it_estimates():
+    """Only the first law was drawn at the volume fractions of its own thickness."""
+    from feltmb.fiber.plot import plot_fits
+
+    made = []
+    for thickness0 in (5e-3, 6e-3):
+        v = np.linspace(0.25, 0.4, 9)
+        one = SimpleNamespace(
+            model=f"law {thickness0}",
+            branch="loading",
+            name="test",
+            values={"v_f0": 0.2, "thickness0": thickness0},
+            v_f=v * thickness0 / 5e-3,
+            pressure=1e5 * v,
+            residuals=0.0 * v,
+        )
+        slope = 1e5 * 5e-3 / thickness0
+        one.law = lambda slope=slope: SimpleNamespace(v_f0=0.2, pressure=lambda x: slope * x)
+        made.append(one)
+    top = plot_fits(made).axes[0]
+    data, *laws = top.get_lines()
+    assert len(laws) == 2
+    x, y = map(np.asarray, data.get_data())
+    for line in laws:
+        at = np.argsort(line.get_xdata())
+        drawn = np.interp(x, line.get_xdata()[at], line.get_ydata()[at])
+        np.testing.assert_allclose(drawn, y, rtol=1e-3)
+    assert plot_fits(made).axes[1].get_xlabel() == "thickness [mm]"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feltmb.action.actuator.model import ActuatorRun, degrees
-from feltmb.style import CYCLE, GRAY, NORMAL, new_figure, side_legend, style_axes
+from feltmb.style import CYCLE, GRAY, NORMAL, head_line, new_figure, side_legend, style_axes
 
 if TYPE_CHECKING:
     from feltmb.action.actuator.matching import Match
@@ -75,7 +75,7 @@ def compare_runs(
     if end is not None:
         axes[-1].set_xlim(0.0, 1e3 * end)
     if title:
-        figure.suptitle(title, fontsize=11, x=0.01, ha="left")
+        head_line(figure, title, weight="normal")
     return figure
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from feltmb.action.touch.published import published_numbers
 from feltmb.action.touch.static import StaticTouch
 from feltmb.action.touch.strikes import Strike
+from feltmb.style import head_line
 
 if TYPE_CHECKING:
     from feltmb.run.quasistatic import SimulatedPress
@@ -79,7 +80,7 @@ def static_figure(
     axes.set_ylim(0.0, top)
     axes.set_xlabel("travel of the key front [mm]")
     axes.set_ylabel("force at the key front [N]")
-    axes.set_title(f"{title}: static touch", loc="left")
+    head_line(figure, f"{title}: static touch", 12.0, "normal")
     axes.legend(loc="upper left", frameon=False, fontsize=9)
     gram = axes.secondary_yaxis("right", functions=(_to_gram, _from_gram))
     gram.set_ylabel("gram-force")
@@ -241,7 +242,7 @@ def dynamic_figure(
                 axis.set_major_formatter(plain)
                 axis.set_minor_formatter(FuncFormatter(_some_minor))
         axes.grid(True, which="major", lw=0.3)
-    figure.suptitle(f"{title}: strikes", x=0.01, ha="left")
+    head_line(figure, f"{title}: strikes", 12.0, "normal")
     return figure
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from feltmb.graphics.plot.readings import marked_events, named_events, run_name
-from feltmb.style import GRAY, LARGE, SMALL, plain_text, spread_apart
+from feltmb.style import GRAY, SMALL, head_line, plain_text, spread_apart
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,9 +23,7 @@ __all__ = ["head_title", "mark_events", "panel_grid", "set_window"]
 def head_title(figure: Figure, run: Run, what: str) -> None:
     """Title of a figure: its content and its run."""
     name = run_name(run)
-    figure.suptitle(
-        f"{what}: {name}" if name else what, fontsize=LARGE, x=0.01, ha="left", fontweight="bold"
-    )
+    head_line(figure, f"{what}: {name}" if name else what)
 
 
 def mark_events(

@@ -32,6 +32,7 @@ from feltmb.style import (
     RED,
     SKY,
     SMALL,
+    fit_text,
     new_figure,
     plain_text,
     side_legend,
@@ -50,7 +51,7 @@ _STORED = (
     ("kinetic", "kinetic", BLUE),
     ("gravity", "gravity", GREEN),
     ("elastic", "springs, straps,\nflexible members", PURPLE),
-    ("contact", "felt", ORANGE),
+    ("contact", "contacts", ORANGE),
     ("string", "string", SKY),
 )
 
@@ -70,17 +71,19 @@ def energy(run: Run) -> Figure:
     if not parts:
         raise InvalidParameter("plot energy: the run has no energies")
     dissipated = run.energy.get("dissipated", {})
-    figure = new_figure(9.0, 7.2 if dissipated else 4.2)
+    bars = any(dissipated.values())
+    figure = new_figure(9.0, 7.2 if bars else 4.2)
     head_title(figure, run, "Energy")
-    axes = figure.subplots(2 if dissipated else 1, 1, squeeze=False, height_ratios=None)[:, 0]
+    axes = figure.subplots(2 if bars else 1, 1, squeeze=False, height_ratios=None)[:, 0]
     ax = axes[0]
     t = 1e3 * run.time
     above, below = np.zeros_like(t), np.zeros_like(t)
     for name, label, color in parts:
         change = 1e3 * (run[name] - run[name][0])
         up, down = np.clip(change, 0, None), np.clip(change, None, 0)
-        ax.fill_between(t, above, above + up, color=color, alpha=0.8, linewidth=0, label=label)
-        ax.fill_between(t, below, below + down, color=color, alpha=0.8, linewidth=0)
+        if np.any(change):
+            ax.fill_between(t, above, above + up, color=color, alpha=0.8, linewidth=0, label=label)
+            ax.fill_between(t, below, below + down, color=color, alpha=0.8, linewidth=0)
         above, below = above + up, below + down
     ax.plot(t, above + below, color=BLACK, linewidth=1.1, label="sum stored")
     work = finger_work(run)
@@ -94,7 +97,7 @@ def energy(run: Run) -> Figure:
             edgecolor=PALE,
             hatch="////",
             linewidth=0,
-            label="lost to friction\nand felt",
+            label="dissipated",
             zorder=0,
         )
     ax.axhline(0.0, color=GRAY, linewidth=0.6)
@@ -107,7 +110,7 @@ def energy(run: Run) -> Figure:
     ax.set_ylim(bottom - pad if bottom < 0 else -0.4 * pad, top + pad)
     mark_events(ax, run, window, width=6.2)
     side_legend(ax)
-    if dissipated:
+    if bars:
         _dissipation_bars(axes[1], run, dissipated)
     return figure
 
@@ -115,6 +118,8 @@ def energy(run: Run) -> Figure:
 def _dissipation_bars(ax: Axes, run: Run, dissipated: Mapping[str, float]) -> None:
     groups: dict[str, dict[str, float]] = {}
     for name, value in dissipated.items():
+        if not value:
+            continue
         match = re.fullmatch(r"contact(\d+)\.(normal|friction)", name)
         if match and f"contact{match.group(1)}.force" in run:
             key, kind = contact_label(run, int(match.group(1))), match.group(2)
@@ -122,7 +127,9 @@ def _dissipation_bars(ax: Axes, run: Run, dissipated: Mapping[str, float]) -> No
             key, kind = f"contact {int(match.group(1))}", match.group(2)
         else:
             key = plain_text(name.replace("joint.", "joint "))
-            kind = "friction" if name.startswith("joint.") else "normal"
+            kind = (
+                "friction" if name.startswith("joint.") or name.endswith(".friction") else "normal"
+            )
         groups.setdefault(key, {})[kind] = 1e3 * value + groups.get(key, {}).get(kind, 0.0)
     order = sorted(groups, key=lambda k: -abs(sum(groups[k].values())))
     shown = order[:12]
@@ -137,9 +144,11 @@ def _dissipation_bars(ax: Axes, run: Run, dissipated: Mapping[str, float]) -> No
     left = np.zeros(len(shown))
     ends = [0.0]
     for kind, label, color in (
-        ("normal", "felt, string,\nflexible members", ORANGE),
+        ("normal", "deformation", ORANGE),
         ("friction", "friction", BLUE),
     ):
+        if not any(groups[k].get(kind) for k in shown):
+            continue
         values = np.array([groups[k].get(kind, 0.0) for k in shown])
         ax.barh(rows, values, left=left, color=color, height=0.7, label=label)
         left = left + values
@@ -152,15 +161,15 @@ def _dissipation_bars(ax: Axes, run: Run, dissipated: Mapping[str, float]) -> No
     ax.grid(False, axis="y")
     ledger = run.energy
     if "residual_relative" in ledger:
-        ax.set_title(
+        text = (
             f"work in {1e3 * ledger['work_in']:.4g} mJ, dissipated "
             f"{1e3 * ledger['dissipated_total']:.4g} mJ; largest residual "
             f"{1e3 * ledger['residual_largest']:.2g} mJ = "
-            f"{ledger['residual_relative']:.1e} of the energy that went through",
-            fontsize=SMALL + 0.5,
-            loc="left",
+            f"{ledger['residual_relative']:.1e} of the energy that went through"
         )
-    side_legend(ax)
+        fit_text(ax.set_title(text, fontsize=SMALL + 0.5, loc="left"), 5.6)
+    if shown:
+        side_legend(ax)
 
 
 def _alone(law: _core.ContactLaw, deepest: float, lasts: float) -> tuple[Any, Any]:
@@ -238,7 +247,7 @@ def loops(run: Run, numbers: Sequence[int] | None = None) -> Figure:
             "compression [mm]" if i + columns >= len(chosen) else "",
             "force [N]" if i % columns == 0 else "",
         )
-        ax.set_title(contact_label(run, number), fontsize=SMALL + 0.5, loc="left")
+        fit_text(ax.set_title(contact_label(run, number), fontsize=SMALL + 0.5, loc="left"), 2.2)
         ax.set_xlim(0.0, 1.08e3 * deepest)
         peak = max(float(force.max()), 1e-6)
         ax.set_ylim(-0.03 * peak, 1.12 * peak)

@@ -23,8 +23,8 @@ from feltmb.graphics.plot.series import (
     draw_finger,
     draw_motion,
     draw_speed,
-    draw_view,
     motions_of,
+    view_panels,
 )
 from feltmb.run.reading import reading_of, strike_words, striker_speed
 from feltmb.run.results import let_off_words
@@ -68,12 +68,16 @@ def overview(run: Run) -> Figure:
         panels.append("finger")
     motions: dict[str, Motion] = {}
     with contextlib.suppress(InvalidParameter):
-        motions = {f"motion {m.what}": m for m in motions_of(run)}
+        motions = {f"motion {m.what} {m.unit}": m for m in motions_of(run)}
     panels += motions
     if striker_speed(run) is not None:
         panels.append("speed")
-    views = {f"view {n}": v for n, v in reading_of(run).views.items() if n != "motion"}
-    views = {n: v for n, v in views.items() if any(row.output in run for row in v.rows)}
+    views = {
+        f"view {n} {p.unit}": p
+        for n, view in reading_of(run).views.items()
+        if n != "motion"
+        for p in view_panels(run, view)
+    }
     panels += views
     if numbers:
         panels.append("forces")
@@ -95,14 +99,10 @@ def overview(run: Run) -> Figure:
             if near != whole:
                 ax.axvspan(1e3 * near[0], 1e3 * near[1], color="#F2F2F2", zorder=0)
                 ax.set_title("whole run; gray: shown below", fontsize=SMALL, loc="right")
-        elif panel in motions:
-            moved = motions[panel]
-            draw_motion(ax, moved, run.time)
-            ax.set_ylabel(f"{moved.what} [{reader_unit(moved.unit)[1]}]", fontsize=NORMAL)
+        elif panel in motions or panel in views:
+            draw_motion(ax, (motions | views)[panel], run.time)
         elif panel == "speed":
             draw_speed(ax, run)
-        elif panel in views:
-            draw_view(ax, run, views[panel])
         else:
             for number, color in zip(numbers[:6], CYCLE, strict=False):
                 ax.plot(

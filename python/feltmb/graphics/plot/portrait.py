@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -19,12 +20,13 @@ from feltmb.graphics.plot.poses import (
     body_poses,
     contact_rows,
     point_at,
+    spring_bodies,
     strap_curve,
     strap_ends,
     string_line,
     to_ground,
 )
-from feltmb.graphics.plot.readings import run_action
+from feltmb.graphics.plot.readings import LINE, MOST_LETTERS, run_action
 from feltmb.graphics.plot.shapes import Scene, body_center, scene, upper_right_is_free, view_box
 from feltmb.style import (
     BLACK,
@@ -39,9 +41,11 @@ from feltmb.style import (
     RED,
     SMALL,
     SURFACE,
+    fit_text,
     new_figure,
     plain_text,
 )
+from feltmb.units.quantity import shortened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,7 +116,8 @@ def mechanism(
         tail = _finger_tail(action, drawn, poses, bent)
         limits = np.minimum(limits[0], tail), np.maximum(limits[1], tail)
     size = limits[1] - limits[0]
-    rows = len(contacts) + 9
+    names = {n: _contact_name(n, c) for n, c in contacts.items()}
+    rows = sum(name.count("\n") + 1 for name in names.values()) + 9
     # Space for the list, in inches.
     text_height, text_width = 0.155 * rows + 0.2, 2.9
     width = float(np.clip(8.6 * size[0] / size[1], 4.5, 11.0))
@@ -125,17 +130,20 @@ def mechanism(
     )
     figure = new_figure(width + (0.2 if inside else text_width + 0.2), height + 0.5)
     figure.set_layout_engine("none")
-    total_w, total_h = figure.get_size_inches()
-    ax = figure.add_axes(
-        (0.1 / total_w, 0.05 / total_h, width / total_w, (height - 0.05) / total_h)
-    )
-    figure.text(
-        0.1 / total_w,
-        1.0 - 0.1 / total_h,
+    head = figure.text(
+        0.0,
+        0.0,
         plain_text(f"Mechanism {action.name}" + (f", {title}" if title else "")),
         fontsize=LARGE,
         fontweight="bold",
         va="top",
+    )
+    fit_text(head, width - (text_width if inside else 0.0))
+    figure.set_figheight(figure.get_figheight() + 0.18 * head.get_text().count("\n"))
+    total_w, total_h = figure.get_size_inches()
+    head.set_position((0.1 / total_w, 1.0 - 0.1 / total_h))
+    ax = figure.add_axes(
+        (0.1 / total_w, 0.05 / total_h, width / total_w, (height - 0.05) / total_h)
     )
     ax.set_xlim(limits[0][0], limits[1][0])
     ax.set_ylim(limits[0][1], limits[1][1])
@@ -148,7 +156,7 @@ def mechanism(
     _draw_scale(ax, drawn, limits)
     figure.draw_without_rendering()
     _label_mechanism(ax, action, drawn, pose, poses)
-    _list_contacts(figure, action, contacts)
+    _list_contacts(figure, action, names, drawn)
     return figure
 
 
@@ -212,14 +220,17 @@ def _draw_attachments(
             arrowprops={"arrowstyle": "-|>", "color": RED, "linewidth": 1.6},
             zorder=6,
         )
+        # Behind an upright arrow, above a level one.
+        level = abs(direction[0]) > abs(direction[1])
+        x, y = at - (0.6 * ARROW if level else ARROW + 2.0) * u * direction
         ax.text(
-            float(at[0] - (ARROW + 2.0) * u * direction[0]),
-            float(at[1] - (ARROW + 2.0) * u * direction[1]),
+            float(x),
+            float(y + 3.0 * u * level),
             "finger",
             color=RED,
             fontsize=NORMAL,
             ha="center",
-            va="bottom" if direction[1] < 0 else "top",
+            va="bottom" if level or direction[1] < 0 else "top",
         )
 
 
@@ -368,13 +379,21 @@ def _label_mechanism(
         put(plain_text(name.replace("_", " ")), at, SMALL - 0.5, BLUE, False, 1.6 * SMALL * pixel)
 
 
-def _list_contacts(figure: Figure, action: Action, contacts: Mapping[int, Any]) -> None:
+def _contact_name(number: int, contact: Any) -> str:
+    """Name of a contact in the list beside a drawing."""
+    name = shortened(contact.label or f"contact {number}", MOST_LETTERS)
+    return plain_text(textwrap.fill(name, LINE))
+
+
+def _list_contacts(
+    figure: Figure, action: Action, contacts: Mapping[int, str], drawn: Scene
+) -> None:
     """Draw a list of contact numbers, names and symbols beside the drawing."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     handles: list[Any] = []
-    for number, contact in contacts.items():
+    for number, name in contacts.items():
         handles.append(
             Line2D(
                 [],
@@ -384,12 +403,14 @@ def _list_contacts(figure: Figure, action: Action, contacts: Mapping[int, Any]) 
                 markeredgewidth=0,
                 markersize=5.5 + 2.5 * (number > 9),
                 color=SURFACE,
-                label=plain_text(contact.label or f"contact {number}"),
+                label=name,
             )
         )
-    handles.append(Line2D([], [], color=SURFACE, linewidth=1.2, label="contact surface"))
-    handles.append(Patch(facecolor=RAIL, label="fixed to the ground"))
-    if any(s.enabled for s in action.config.springs.values()):
+    if any(s.role == "surface" for s in drawn.shapes):
+        handles.append(Line2D([], [], color=SURFACE, linewidth=1.2, label="contact surface"))
+    if any(s.body == "ground" and s.role == "pad" for s in drawn.shapes):
+        handles.append(Patch(facecolor=RAIL, label="fixed to the ground"))
+    if spring_bodies(action):
         handles.append(
             Line2D([], [], color=GREEN, marker="$◎$", linestyle="none", label="torsion spring")
         )
@@ -415,10 +436,10 @@ def _list_contacts(figure: Figure, action: Action, contacts: Mapping[int, Any]) 
             [],
             [],
             color=INK,
-            marker="P",
-            markeredgecolor=INK,
+            marker="$⊕$",
+            markeredgewidth=0.3,
             linestyle="none",
-            markersize=4.5,
+            markersize=6,
             label="center of mass",
         )
     )
@@ -434,7 +455,7 @@ def _list_contacts(figure: Figure, action: Action, contacts: Mapping[int, Any]) 
                 label="tracking point",
             )
         )
-    if action.config.string is not None:
+    if string_line(action) is not None:
         handles.append(Line2D([], [], color=INK, linewidth=1.8, label="string"))
     total_w, total_h = figure.get_size_inches()
     figure.legend(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from feltmb.errors import InvalidParameter
 from feltmb.run.reading import striker_speed
 from feltmb.style import plain_text
+from feltmb.units.quantity import shortened
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 __all__ = [
+    "LINE",
+    "MOST_LETTERS",
     "action_window",
     "busy_window",
     "contact_label",
@@ -82,11 +86,12 @@ def run_name(run: Run) -> str:
 
 
 def contact_label(run: Run, number: int) -> str:
-    """Number and name of a contact, as text for matplotlib."""
+    """Number and name of a contact, as text for matplotlib in short lines."""
     name = f"contact{number:02d}.force"
     text = run.long_names[run.names.index(name)]
     label = text.partition(": ")[2]
-    return plain_text(f"{number} {label}" if label else f"contact {number}")
+    label = shortened(f"{number} {label}" if label else f"contact {number}", MOST_LETTERS)
+    return plain_text(textwrap.fill(label, LINE))
 
 
 def contact_numbers(run: Run) -> list[int]:
@@ -100,6 +105,8 @@ def loaded_contacts(run: Run, least: float = 1e-6) -> list[int]:
     return [n for n in contact_numbers(run) if float(np.max(run[f"contact{n:02d}.force"])) > least]
 
 
+#: Longest name of a contact in a figure, and its longest line, in letters.
+MOST_LETTERS, LINE = 60, 32
 _AUTOMATIC = re.compile(r"(contact\d+|finger)_(on|off)")
 #: Share of the largest travel of the key that it travels in a note.
 NOTE = 0.3

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
+import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +28,7 @@ from feltmb.graphics.plot.readings import (
     repeated_strikes,
     string_window,
 )
-from feltmb.run.reading import reading_of
+from feltmb.run.reading import contact_parties, reading_of, strike_events
 from feltmb.style import (
     BLACK,
     BLUE,
@@ -38,12 +40,14 @@ from feltmb.style import (
     PURPLE,
     RED,
     SMALL,
+    fit_text,
     new_figure,
     plain_text,
     reader_unit,
     side_legend,
     style_axes,
 )
+from feltmb.units.quantity import shortened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,21 +64,36 @@ __all__ = [
     "draw_finger",
     "draw_motion",
     "draw_speed",
-    "draw_view",
     "finger_force",
     "motion",
     "motions_of",
     "striker_speed",
     "string",
+    "view_panels",
 ]
 
 #: Colors of the curves of a view, in this order.
 _COLORS = (BLUE, GREEN, PURPLE, RED, ORANGE, *CYCLE)
 
 
-def view_curves(run: Run, view: View) -> list[tuple[str, Array, str, str]]:
-    """Label, values, color and line style; the second coordinate of a point is dashed."""
-    curves = []
+@dataclass(frozen=True)
+class Motion:
+    """Curves of a panel, which have one unit."""
+
+    what: str
+    unit: str
+    """SI unit of the curves."""
+    curves: Sequence[tuple[str, Array, str, str]]
+    """Label, values (of a motion: change from the start) [unit], color and line style."""
+
+
+def view_panels(run: Run, view: View) -> list[Motion]:
+    """Panels of a view, one for each unit of its outputs.
+
+    The second coordinate of a point is dashed.
+    """
+    curves: dict[str, list[tuple[str, Array, str, str]]] = {}
+    firsts: dict[str, str] = {}
     points: list[str] = []
     for row, color in zip(view.rows, itertools.cycle(_COLORS), strict=False):
         if row.output not in run:
@@ -84,20 +103,13 @@ def view_curves(run: Run, view: View) -> list[tuple[str, Array, str, str]]:
         style = "--" if point in points else "-"
         points.append(point)
         start = values[0] if view.change else 0.0
-        label = plain_text(row.label or row.output)
-        curves.append((label, row.factor * (values - start), color, style))
-    return curves
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Curves of a panel with motions of one unit."""
-
-    what: str
-    unit: str
-    """SI unit of the curves."""
-    curves: Sequence[tuple[str, Array, str, str]]
-    """Label, change from the start [unit], color and line style."""
+        label, unit = plain_text(row.label or row.output), run.unit(row.output)
+        firsts.setdefault(unit, row.output)
+        own = curves.setdefault(unit, [])
+        own.append((label, row.factor * (values - start), color, style))
+    return [
+        Motion(plain_text(view.title or firsts[unit]), unit, own) for unit, own in curves.items()
+    ]
 
 
 def motions_of(run: Run) -> list[Motion]:
@@ -111,9 +123,10 @@ def motions_of(run: Run) -> list[Motion]:
         The run has none of these.
     """
     view = reading_of(run).views.get("motion")
-    curves = view_curves(run, view) if view is not None else []
-    if curves:
-        return [Motion("displacement", "m", curves)]
+    if view is not None and (panels := view_panels(run, view)):
+        names = {"m": "displacement", "rad": "angle"} if view.change else {}
+        return [replace(p, what=names.get(p.unit, p.what)) for p in panels]
+    curves: list[tuple[str, Array, str, str]] = []
     points = [n for n in run.names if re.fullmatch(r".+\.[xy]", n) and run.unit(n) == "m"]
     points = [n for n in points if f"{n}.rate" not in run]  # a coordinate may have such a name
     for i, name in enumerate(points[:12]):
@@ -138,14 +151,14 @@ def motions_of(run: Run) -> list[Motion]:
     return found
 
 
-def draw_motion(ax: Axes, motion: Motion, time: Array) -> None:
-    """Plot the motions of one unit on axes."""
+def draw_motion(ax: Axes, motion: Motion, time: Array, words: str = "") -> None:
+    """Plot the curves of one unit on axes; ``words`` follow their name."""
     factor, unit = reader_unit(motion.unit)
     for label, values, color, style in motion.curves:
         ax.plot(
             1e3 * time, factor * values, color=color, linestyle=style, linewidth=1.3, label=label
         )
-    style_axes(ax, "time [ms]", f"{motion.what} from start [{unit}]")
+    style_axes(ax, "time [ms]", textwrap.fill(f"{motion.what}{words} [{unit}]", 28))
 
 
 def motion(run: Run) -> Figure:
@@ -168,9 +181,11 @@ def motion(run: Run) -> Figure:
     figure = new_figure(9.0, 1.8 + 2.8 * len(panels))
     head_title(figure, run, "Motion")
     axes = figure.subplots(len(panels), 1, squeeze=False)[:, 0]
+    view = reading_of(run).views.get("motion")
+    whole_values = view is not None and not view.change
     early = [name for t, name in named_events(run) if not near[0] <= t <= near[1]]
     for ax, (moved, window) in zip(axes, panels, strict=True):
-        draw_motion(ax, moved, run.time)
+        draw_motion(ax, moved, run.time, "" if whole_values else " from start")
         set_window(ax, window)
         if zoom and window == whole:
             ax.axvspan(1e3 * near[0], 1e3 * near[1], color="#F2F2F2", zorder=0)
@@ -190,23 +205,6 @@ def striker_name(run: Run) -> str:
     return plain_text("striker" if striker is None else striker.label or striker.point)
 
 
-def draw_view(ax: Axes, run: Run, view: View) -> None:
-    """Plot a view of the mechanism on axes; the unit is the unit of its first curve."""
-    curves = view_curves(run, view)
-    first = next(row.output for row in view.rows if row.output in run)
-    factor, unit = reader_unit(run.unit(first))
-    for label, values, color, style in curves:
-        ax.plot(
-            1e3 * run.time,
-            factor * values,
-            color=color,
-            linestyle=style,
-            linewidth=1.3,
-            label=label,
-        )
-    style_axes(ax, "time [ms]", f"{plain_text(view.title or first)} [{unit}]")
-
-
 def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
     """Plot the speed of the striking point in its direction on axes.
 
@@ -215,10 +213,13 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
     """
     speed = need_striker(run)
     label = striker_name(run)
-    where = "toward string" if "string.strike" in run else "speed"
+    parties = contact_parties(run, reading_of(run).strike_contact)
+    other = plain_text(shortened(parties[1], 24)) if parties else "surface"
+    where = f"toward {other}" if parties else "speed"
     ax.plot(1e3 * run.time, speed, color=RED, linewidth=1.3, label=label)
     ax.axhline(0.0, color=GRAY, linewidth=0.6)
-    style_axes(ax, "time [ms]", f"{label}\n{where} [m/s]")
+    lines = textwrap.wrap(label, 28) + textwrap.wrap(f"{where} [m/s]", 28)
+    style_axes(ax, "time [ms]", "\n".join(lines))
     if not marks:
         return
     top = float(np.max(speed))
@@ -237,13 +238,14 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
         )
     if strikes:
         return
-    # After the impact the hammer moves away from the string: there is space above zero.
-    for event, word, color, height in (
-        ("string_contact_on", "string met", BLACK, 0.97),
-        ("string_contact_off", "string left", BLUE, 0.42),
+    # After the impact the striker moves away from what it met: there is space above zero.
+    met = run.summary.get("impact_time", math.nan)
+    left = met + run.summary.get("string_contact_duration", math.nan)
+    for time, word, color, height in (
+        (met, f"{other} met", BLACK, 0.97),
+        (left, f"{other} left", BLUE, 0.42),
     ):
-        time = run.event_time(event)
-        if time is None:
+        if not math.isfinite(time):
             continue
         value = float(np.interp(time, run.time, speed))
         ax.plot([1e3 * time], [value], "o", color=color, markersize=4, zorder=4)
@@ -314,7 +316,8 @@ def contact_forces(run: Run) -> Figure:
         ax.plot(1e3 * run.time, force, color=BLUE, linewidth=1.0)
         last = i + columns >= len(numbers)
         style_axes(ax, "time [ms]" if last else "", "force [N]" if i % columns == 0 else "")
-        ax.set_title(contact_label(run, number), fontsize=SMALL + 1, loc="left", pad=13)
+        title = ax.set_title(contact_label(run, number), fontsize=SMALL + 1, loc="left", pad=13)
+        fit_text(title, 2.4)
         held = force[0] >= 0.999 * force[peak]
         when = "at the start" if held else f"at {1e3 * float(run.time[peak]):.1f} ms"
         ax.text(
@@ -336,9 +339,7 @@ def contact_forces(run: Run) -> Figure:
 
 def draw_finger(ax: Axes, run: Run) -> None:
     """Plot the force of the finger on axes."""
-    ax.plot(
-        1e3 * run.time, run["finger.force"], color=BLUE, linewidth=1.3, label="force on the key"
-    )
+    ax.plot(1e3 * run.time, run["finger.force"], color=BLUE, linewidth=1.3)
     style_axes(ax, "time [ms]", "finger force [N]")
 
 
@@ -425,8 +426,7 @@ def string(run: Run) -> Figure:
         ax.axhline(0.0, color=GRAY, linewidth=0.6)
         style_axes(ax, "", f"{what} [{unit}]")
         set_window(ax, window)
-        only = ("string_contact_on", "string_contact_off")
-        mark_events(ax, run, window, width=6.0, only=only, labels=ax is axes[0])
+        mark_events(ax, run, window, width=6.0, only=strike_events(run), labels=ax is axes[0])
     if shape:
         assert parameters is not None
         ax = axes[-1]

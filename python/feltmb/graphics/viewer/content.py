@@ -380,14 +380,18 @@ def default_panels(runs: Sequence[Run | Curves]) -> list[dict[str, Any]]:
 
 def default_panels_of(run: Run, reading: Reading) -> list[dict[str, Any]]:
     """Initial panels of a simulated run."""
-    panels = [
-        {
-            "title": view.title,
-            "outputs": [r.output for r in view.rows if r.factor == 1.0 and r.output in run],
-            "change": view.change,
-        }
-        for view in reading.views.values()
-    ]
+    panels: list[dict[str, Any]] = []
+    for view in reading.views.values():
+        names = [r.output for r in view.rows if r.factor == 1.0 and r.output in run]
+        # A panel has one axis, of one unit.
+        panels += [
+            {
+                "title": view.title,
+                "outputs": [n for n in names if run.unit(n) == unit],
+                "change": view.change,
+            }
+            for unit in dict.fromkeys(map(run.unit, names))
+        ]
     if not any(p["outputs"] for p in panels):
         points = [n for n in run.names if re.fullmatch(r".+\.[xy]", n)]
         panels.append({"title": "motion from the start", "outputs": points[:4], "change": True})

@@ -11,7 +11,8 @@ from typing import Any
 
 from feltmb.run.study.model import Case
 from feltmb.run.study.outcomes import FindingResult, StudyOutcomes
-from feltmb.run.study.plot import DPI, png
+from feltmb.run.study.plot import png
+from feltmb.style import DPI
 
 __all__ = ["Cell", "Table", "by_claim", "finding_sizes", "outcome_text", "page", "tables"]
 

@@ -12,6 +12,7 @@ import numpy as np
 from feltmb.run.study.expression import to_unit
 from feltmb.run.study.model import Case
 from feltmb.run.study.outcomes import StudyOutcomes
+from feltmb.style import CYCLE, DPI, GRAY, head_line, plain_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,14 +20,10 @@ if TYPE_CHECKING:
 
 __all__ = ["draw", "png"]
 
-#: Colors of Okabe and Ito, which are distinct for all common types of color vision.
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#222222")
 #: Variants also have different dashes, for prints without color; the first one is solid.
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.4, 1.2, 1.4)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-GRAY = "#777777"
-DPI = 150
-SMALL, NORMAL, LARGE = 7.5, 8.5, 10.5
+SMALL, NORMAL = 7.5, 8.5
 
 
 def _figure(width: float, height: float) -> Figure:
@@ -45,10 +42,10 @@ def _style(ax: Axes, x: str, y: str, title: str) -> None:
     ax.tick_params(labelsize=SMALL, color=GRAY, length=3)
     ax.grid(True, color="#E6E6E6", linewidth=0.6)
     ax.set_axisbelow(True)
-    ax.set_xlabel(_plain(x), fontsize=NORMAL)
-    ax.set_ylabel(_plain(y), fontsize=NORMAL)
+    ax.set_xlabel(plain_text(x), fontsize=NORMAL)
+    ax.set_ylabel(plain_text(y), fontsize=NORMAL)
     if title:
-        ax.set_title(_plain(title), fontsize=NORMAL, loc="left")
+        ax.set_title(plain_text(title), fontsize=NORMAL, loc="left")
 
 
 def _ticks(ax: Axes, which: str, *, log: bool, values: Sequence[Any] = ()) -> None:
@@ -69,11 +66,6 @@ def _ticks(ax: Axes, which: str, *, log: bool, values: Sequence[Any] = ()) -> No
         axis.set_major_locator(FixedLocator(list(values)))
         axis.set_minor_locator(FixedLocator([]))
         axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-
-
-def _plain(text: str) -> str:
-    """Text of a file without mathematics: matplotlib would interpret a dollar sign."""
-    return text.replace("$", r"\$")
 
 
 def _with_unit(text: str, unit: str) -> str:
@@ -114,7 +106,7 @@ def draw(result: StudyOutcomes, name: str) -> Figure:
             ax.axhline(mark.value, color=GRAY, linewidth=0.9, linestyle=(0, (2, 2)), zorder=1)
             if mark.label:
                 ax.annotate(
-                    _plain(mark.label),
+                    plain_text(mark.label),
                     (1.0, mark.value),
                     xycoords=("axes fraction", "data"),
                     xytext=(-2, 2),
@@ -127,7 +119,7 @@ def draw(result: StudyOutcomes, name: str) -> Figure:
             ax.text(
                 1.0,
                 1.01,
-                _plain("missing: " + ", ".join(missing)),
+                plain_text("missing: " + ", ".join(missing)),
                 transform=ax.transAxes,
                 ha="right",
                 va="bottom",
@@ -142,14 +134,14 @@ def draw(result: StudyOutcomes, name: str) -> Figure:
             handles[cite] = handles.pop(cite)  # last
         figure.legend(
             list(handles.values()),
-            [_plain(label) for label in handles],
+            [plain_text(label) for label in handles],
             loc="outside lower center",
             ncols=len(handles) if sum(map(len, handles)) + 7 * len(handles) < 12 * width else 3,
             frameon=False,
             fontsize=NORMAL,
             handlelength=2.6,
         )
-    figure.suptitle(_plain(spec.title), fontsize=LARGE, x=0.01, ha="left", fontweight="bold")
+    head_line(figure, plain_text(spec.title))
     return figure
 
 
@@ -200,7 +192,7 @@ def _time(
             continue
         # Variants have colors; with a sweep, its points have colors and the variants have dashes.
         v, p = variants.index(case.variant), points.index(case.point)
-        color = COLORS[(p if len(points) > 1 else v) % len(COLORS)]
+        color = CYCLE[(p if len(points) > 1 else v) % len(CYCLE)]
         (line,) = ax.plot(
             1e3 * pair[0],
             factor * pair[1],
@@ -262,7 +254,7 @@ def _over_axis(
         (line,) = ax.plot(
             x if all(isinstance(e, (int, float)) for e in x) else [str(e) for e in x],
             y,
-            color=COLORS[c % len(COLORS)],
+            color=CYCLE[c % len(CYCLE)],
             marker=MARKERS[c % len(MARKERS)],
             markersize=4,
             linewidth=1.3,
@@ -317,7 +309,7 @@ def _bars(
                     x,
                     factor * value,
                     0.92 * width,
-                    color=COLORS[every.index(variant) % len(COLORS)],
+                    color=CYCLE[every.index(variant) % len(CYCLE)],
                 )
                 handles.setdefault(result.study.label(variant), bar)
                 ax.annotate(
@@ -338,7 +330,7 @@ def _bars(
                     solid_capstyle="butt",
                 )
                 handles.setdefault(result.study.spec.thesis.cite, mark)
-    ax.set_xticks(range(len(strokes)), [_plain(s) for s in strokes])
+    ax.set_xticks(range(len(strokes)), [plain_text(s) for s in strokes])
     _style(ax, "", _with_unit(panel.label or text, unit), panel.title)
     ax.grid(False, axis="x")
     if panel.log:
