@@ -3,11 +3,18 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <limits>
 #include <sstream>
 
 #include "feltmb/core/error.hpp"
 
 namespace feltmb::fmu {
+namespace {
+
+/// Peak before the first step.
+constexpr double kNoStep = std::numeric_limits<double>::quiet_NaN();
+
+}  // namespace
 
 Unit::Unit(const std::string& resources, const std::string& token) {
   const std::string path = resources + "/machine.txt";
@@ -23,13 +30,16 @@ Unit::Unit(const std::string& resources, const std::string& token) {
   options_.method = method_from_name(method);
   options_.rtol = std::strtod(rtol.c_str(), nullptr);
   options_.events = false;
+  options_.peaks = true;
   file.get();
   std::ostringstream rest;
   rest << file.rdbuf();
   original_ = read_description(rest.str());
   description_ = original_;
   numbers_ = numbers_of(description_);
-  starts_.assign(2 * static_cast<std::size_t>(assemble(description_)->size()), 0.0);
+  const auto mechanism = assemble(description_);
+  starts_.assign(2 * static_cast<std::size_t>(mechanism->size()), 0.0);
+  peaks_.assign(mechanism->contacts.size(), kNoStep);
 }
 
 Stepper& Unit::stepper() {
@@ -48,6 +58,17 @@ Stepper& Unit::stepper() {
   return *stepper_;
 }
 
+Stepper& Unit::with_input() {
+  Stepper& own = stepper();
+  // A held force or torque acts at once. Others start at their last value.
+  if (hold_ == Hold::kZero && !is_prescribed(kind_) && own.state().drive.value != input_) {
+    StepState now = own.state();
+    now.drive.value = input_;
+    own.set_state(now);
+  }
+  return own;
+}
+
 double Unit::time() const { return start_ + (stepper_ ? stepper_->state().machine.time : 0.0); }
 
 double Unit::get(std::uint32_t reference) {
@@ -60,8 +81,12 @@ double Unit::get(std::uint32_t reference) {
   if (reference >= kParameters && reference - kParameters < numbers_.size()) {
     return *numbers_[reference - kParameters].value;
   }
+  if (reference >= kPeaks && reference - kPeaks < peaks_.size()) {
+    const double peak = peaks_[reference - kPeaks];
+    return std::isnan(peak) ? with_input().forces()[reference - kPeaks] : peak;
+  }
   if (reference >= kOutputs && reference - kOutputs < stepper().channels().size()) {
-    return stepper().outputs()[reference - kOutputs];
+    return with_input().outputs()[reference - kOutputs];
   }
   throw InvalidParameter(format("there is no variable with reference %u", reference));
 }
@@ -95,6 +120,7 @@ void Unit::reset() {
   std::vector<DescriptionNumber> first = numbers_of(original_);
   for (std::size_t i = 0; i < first.size(); ++i) *numbers_[i].value = *first[i].value;
   std::fill(starts_.begin(), starts_.end(), 0.0);
+  std::fill(peaks_.begin(), peaks_.end(), kNoStep);
   start_ = input_ = 0.0;
 }
 
@@ -105,6 +131,7 @@ void Unit::step(double at, double duration) {
   }
   const StepResult done = own.advance(duration, {input_}, hold_);
   if (done.status != RunStatus::kDone) throw Error(done.message);
+  peaks_ = done.peaks;
 }
 
 std::vector<double> Unit::save() {
@@ -113,6 +140,7 @@ std::vector<double> Unit::save() {
                           s.drive.value, s.drive.rate, s.drive.acceleration, s.drive.mean};
   for (const DescriptionNumber& number : numbers_) out.push_back(*number.value);
   out.insert(out.end(), starts_.begin(), starts_.end());
+  out.insert(out.end(), peaks_.begin(), peaks_.end());
   out.insert(out.end(), s.machine.y.begin(), s.machine.y.end());
   out.insert(out.end(), s.machine.largest_compression.begin(), s.machine.largest_compression.end());
   return out;
@@ -138,6 +166,7 @@ void Unit::restore(const std::vector<double>& saved) {
     *number.value = next();
   }
   for (double& start : starts_) start = next();
+  for (double& peak : peaks_) peak = next();
   if (other) stepper_.reset();
   for (std::size_t n = stepper().rest().machine.y.size(); n > 0; --n) s.machine.y.push_back(next());
   while (i < saved.size()) s.machine.largest_compression.push_back(next());

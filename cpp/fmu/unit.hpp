@@ -18,6 +18,7 @@ enum Reference : std::uint32_t {
   kInput = 1,      ///< in the unit of the kind
   kTolerance = 2,  ///< relative, of the integrator
   kOutputs = 1000,
+  kPeaks = 50000,   ///< largest force of each contact since the last communication point
   kStarts = 90000,  ///< distance of each coordinate from the rest pose, then its rate
   kParameters = 100000,
 };
@@ -43,6 +44,8 @@ class Unit {
 
  private:
   Stepper& stepper();
+  /// The stepper, whose outputs depend on the input where that acts directly.
+  Stepper& with_input();
 
   InputKind kind_ = InputKind::kForce;
   Hold hold_ = Hold::kZero;
@@ -52,6 +55,7 @@ class Unit {
   std::vector<double> starts_;              ///< initial values, see kStarts
   double start_ = 0.0;
   double input_ = 0.0;
+  std::vector<double> peaks_;         ///< of the last step, see kPeaks; NaN: no step yet
   std::unique_ptr<Stepper> stepper_;  ///< once it is asked for; a parameter makes it anew
 };
 
