@@ -5,6 +5,7 @@
 #include <fstream>
 #include <limits>
 #include <sstream>
+#include <utility>
 
 #include "feltmb/core/error.hpp"
 
@@ -30,7 +31,6 @@ Unit::Unit(const std::string& resources, const std::string& token) {
   options_.method = method_from_name(method);
   options_.rtol = std::strtod(rtol.c_str(), nullptr);
   options_.events = false;
-  options_.peaks = true;
   file.get();
   std::ostringstream rest;
   rest << file.rdbuf();
@@ -53,6 +53,7 @@ Stepper& Unit::stepper() {
     StepState start = made->rest();
     for (std::size_t i = 0; i < starts_.size(); ++i) start.machine.y[i] += starts_[i];
     made->set_state(start);
+    if (watched_) made->watch_peaks();
     stepper_ = std::move(made);
   }
   return *stepper_;
@@ -69,6 +70,20 @@ Stepper& Unit::with_input() {
   return own;
 }
 
+const std::vector<double>& Unit::peaks() {
+  if (watched_) return peaks_;
+  watched_ = true;
+  Stepper& own = stepper();
+  own.watch_peaks();
+  if (last_duration_ > 0.0) {
+    const StepState now = own.state();
+    own.set_state(before_);
+    peaks_ = own.advance(last_duration_, {last_input_}, hold_).peaks;
+    own.set_state(now);
+  }
+  return peaks_;
+}
+
 double Unit::time() const { return start_ + (stepper_ ? stepper_->state().machine.time : 0.0); }
 
 double Unit::get(std::uint32_t reference) {
@@ -82,7 +97,7 @@ double Unit::get(std::uint32_t reference) {
     return *numbers_[reference - kParameters].value;
   }
   if (reference >= kPeaks && reference - kPeaks < peaks_.size()) {
-    const double peak = peaks_[reference - kPeaks];
+    const double peak = peaks()[reference - kPeaks];
     return std::isnan(peak) ? with_input().forces()[reference - kPeaks] : peak;
   }
   if (reference >= kOutputs && reference - kOutputs < stepper().channels().size()) {
@@ -121,7 +136,7 @@ void Unit::reset() {
   for (std::size_t i = 0; i < first.size(); ++i) *numbers_[i].value = *first[i].value;
   std::fill(starts_.begin(), starts_.end(), 0.0);
   std::fill(peaks_.begin(), peaks_.end(), kNoStep);
-  start_ = input_ = 0.0;
+  start_ = input_ = last_duration_ = 0.0;
 }
 
 void Unit::step(double at, double duration) {
@@ -129,18 +144,27 @@ void Unit::step(double at, double duration) {
   if (std::fabs(at - time()) > 1e-9 * std::fmax(1.0, std::fabs(at))) {
     throw InvalidParameter(format("step from %.9g s, but the unit is at %.9g s", at, time()));
   }
+  StepState before;
+  if (!watched_) before = own.state();
   const StepResult done = own.advance(duration, {input_}, hold_);
   if (done.status != RunStatus::kDone) throw Error(done.message);
-  peaks_ = done.peaks;
+  if (watched_) {
+    peaks_ = done.peaks;
+  } else {
+    before_ = std::move(before);
+    last_duration_ = duration;
+    last_input_ = input_;
+  }
 }
 
 std::vector<double> Unit::save() {
+  const std::vector<double>& largest = peaks();
   const StepState& s = stepper().state();
   std::vector<double> out{start_,        input_,       options_.rtol,        s.machine.time,
                           s.drive.value, s.drive.rate, s.drive.acceleration, s.drive.mean};
   for (const DescriptionNumber& number : numbers_) out.push_back(*number.value);
   out.insert(out.end(), starts_.begin(), starts_.end());
-  out.insert(out.end(), peaks_.begin(), peaks_.end());
+  out.insert(out.end(), largest.begin(), largest.end());
   out.insert(out.end(), s.machine.y.begin(), s.machine.y.end());
   out.insert(out.end(), s.machine.largest_compression.begin(), s.machine.largest_compression.end());
   return out;

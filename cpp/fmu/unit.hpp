@@ -46,6 +46,9 @@ class Unit {
   Stepper& stepper();
   /// The stepper, whose outputs depend on the input where that acts directly.
   Stepper& with_input();
+  /// Largest force of each contact in the last step; NaN: no step yet. They are sought once they
+  /// are asked for.
+  const std::vector<double>& peaks();
 
   InputKind kind_ = InputKind::kForce;
   Hold hold_ = Hold::kZero;
@@ -55,7 +58,11 @@ class Unit {
   std::vector<double> starts_;              ///< initial values, see kStarts
   double start_ = 0.0;
   double input_ = 0.0;
-  std::vector<double> peaks_;         ///< of the last step, see kPeaks; NaN: no step yet
+  std::vector<double> peaks_;
+  bool watched_ = false;  ///< peaks are sought; until then the last step can be made again:
+  StepState before_;
+  double last_duration_ = 0.0;  ///< 0: no step yet
+  double last_input_ = 0.0;
   std::unique_ptr<Stepper> stepper_;  ///< once it is asked for; a parameter makes it anew
 };
 

@@ -293,6 +293,7 @@ class Run {
 
   /// Seeks the largest force of every contact.
   void watch_all() {
+    watches_.clear();
     for (int i = 0; at(i) < mechanism_->contacts.size(); ++i) watches_.emplace_back(i, i);
   }
 
@@ -1061,7 +1062,6 @@ struct Stepper::Impl {
             Progress{}),
         channels(*mechanism) {
     run.prepare_steps();
-    if (options.peaks) run.watch_all();
     const auto [place, speed] = run.system().driven_place(0.0, state.machine.y);
     reference = place;
     state.drive = {};
@@ -1206,6 +1206,8 @@ std::span<const double> Stepper::outputs() {
   d.observed = true;
   return d.outputs;
 }
+
+void Stepper::watch_peaks() { impl_->run.watch_all(); }
 
 std::span<const double> Stepper::forces() {
   outputs();

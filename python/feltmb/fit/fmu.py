@@ -214,8 +214,9 @@ def fmu_model(
         Default: model exchange if the FMU has it. In co-simulation an FMU does not get inputs
         within a step; outputs are read after the inputs have got their values at its end.
     hold
-        Input between samples: ``"linear"``, in co-simulation its mean over a step; ``"zero"``
-        (constant at the value of the last sample, as for a digital-to-analog converter).
+        Input between samples: ``"linear"``, in co-simulation by two constant values with its mean
+        and first moment; ``"zero"`` (constant at the value of the last sample, as for a
+        digital-to-analog converter).
     workers, name
         As in :class:`SimulatorModel`; the default name is the name of the FMU.
 
@@ -257,8 +258,8 @@ def fmu_model(
     notices = []
     if kind == "CoSimulation" and inputs:
         notices.append(
-            "co-simulation: an FMU that computes its outputs only in a step shows the direct "
-            "influence of an input late, by half a sample"
+            "co-simulation: outputs are read with the inputs of their sample; an FMU that "
+            "computes them only in a step shows a direct influence late, by up to half a sample"
         )
     left = [n for n, v in variables.items() if v.causality == "input" and n not in inputs]
     if left:

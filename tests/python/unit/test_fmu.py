@@ -324,6 +324,28 @@ def test_a_state_is_kept_and_restored(loaded):
     unit.freeFMUState(state)
 
 
+def test_a_peak_that_is_asked_for_late_is_the_same(loaded):
+    """It is sought once it is asked for; the step before is then made once more."""
+    unit, references = loaded
+    shown = [references[n] for n in ("contact01.force.peak", "arm.angle", "arm.angle.rate")]
+
+    def run(asking):
+        for k in range(30):
+            unit.doStep(currentCommunicationPoint=k * STEP, communicationStepSize=STEP)
+            if asking:
+                unit.getFloat64(shown)
+        return list(unit.getFloat64(shown))
+
+    unit.setFloat64([references["force"]], [-0.5])
+    late = run(False)
+    unit.reset()
+    unit.enterInitializationMode()
+    unit.setFloat64([references["force"]], [-0.5])
+    unit.exitInitializationMode()
+    assert run(True) == late
+    assert late[0] > 0.0
+
+
 def test_faults_are_told(loaded):
     from fmpy.fmi1 import FMICallException
 

@@ -22,7 +22,6 @@ struct StepperOptions {
   double max_step = 0.0;
   double max_wall = 0.0;  ///< of one step [s]
   bool events = true;
-  bool peaks = false;  ///< seek the largest force of each contact in a step
   double finger_reference = std::numeric_limits<double>::quiet_NaN();  ///< NaN: the rest pose
 };
 
@@ -62,7 +61,7 @@ struct StepResult {
   std::string failed_state;
   std::string failed_contact;
   std::vector<SimulationEvent> events;  ///< on the clock of the state
-  std::vector<double> peaks;            ///< largest force of each contact [N], if sought
+  std::vector<double> peaks;            ///< largest force of each contact [N], if watched
   long steps = 0;                       ///< of the integrator
 };
 
@@ -91,6 +90,10 @@ class Stepper {
   /// Values of channels() at the state, with the input at the end of the last step.
   std::span<const double> outputs();
   const Channels& channels() const;
+
+  /// Seeks the largest force of each contact in the steps from now on; they take up to twice as
+  /// long and end in the same states.
+  void watch_peaks();
 
   /// Normal force of each contact at the state [N].
   std::span<const double> forces();
