@@ -221,7 +221,7 @@ def test_a_mechanism_takes_the_same_sample(rigid, even):
     given = Record(
         name="r", time=time, inputs={"force": force}, outputs={"finger.force": np.zeros(60)}
     )
-    room = 1e-9 if even else 2e-5  # between even outputs, of a finer clock
+    room = 1e-9 if even else 2e-5  # interpolated between the outputs of an even clock
     seen = readings(model, given)[:, 0]
     assert np.max(np.abs(seen - force)) < room
     [delay] = effects
