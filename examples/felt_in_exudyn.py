@@ -3,7 +3,7 @@
 The felt remembers. Exudyn asks for the force several times a step, at trial positions: `peek`
 answers without remembering. After the step `step` moves the memory on.
 
-Usage: python examples/felt_in_exudyn.py      (needs: pip install feltmb exudyn)
+Usage: python examples/felt_in_exudyn.py      (needs feltmb, and pip install exudyn)
 """
 
 from __future__ import annotations

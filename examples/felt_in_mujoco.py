@@ -3,7 +3,7 @@
 The felt remembers. MuJoCo steps forward with the forces of the present state: `step` is called
 once a step, with the compression there, and gives the force that is applied.
 
-Usage: python examples/felt_in_mujoco.py      (needs: pip install feltmb mujoco)
+Usage: python examples/felt_in_mujoco.py      (needs feltmb, and pip install mujoco)
 """
 
 from __future__ import annotations

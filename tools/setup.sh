@@ -302,7 +302,7 @@ fresh() { [ "$(cat "$venv/feltmb.$1" 2>/dev/null)" = "$2" ]; }
 stamp() { printf '%s\n' "$2" >"$venv/feltmb.$1"; }
 
 install_package() {
-  local target=. sources dependencies requirements
+  local target='.[live]' sources dependencies requirements
   sources=$(fingerprint)
   dependencies=$(sha256sum <pyproject.toml)
   if fresh sources "$sources" && { [ "$with_tests" = no ] || fresh tests "$dependencies"; } &&
@@ -314,7 +314,7 @@ install_package() {
   rm -f "$venv"/feltmb.sources
   mapfile -t requirements < <(pyproject_list build-system requires)
   "$vpy" -c 'import feltmb' 2>/dev/null ||
-    say '  the first time: about 100 MB of Python packages (500 MB on disk) and the compilation, 1 to 5 minutes'
+    say '  the first time: about 100 MB of Python packages (500 MB on disk) and the compilation, 1 to 6 minutes'
   # Built with the environment's own tools: an isolated build would compile everything anew.
   step 'build tools' pip install "${requirements[@]}" ||
     die 'The build tools could not be installed.'

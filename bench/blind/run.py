@@ -71,7 +71,7 @@ def _cluster(address: str | None) -> Iterator[Executor | None]:
         from distributed import Client
     except ImportError:
         raise InvalidParameter(
-            "--dask: distributed is not installed; install it with pip install feltmb[dask]"
+            "--dask: distributed is not installed; pip install distributed"
         ) from None
     try:
         client = Client(address, timeout="10s", set_as_default=False)

@@ -3,11 +3,19 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <limits>
 #include <sstream>
+#include <utility>
 
 #include "feltmb/core/error.hpp"
 
 namespace feltmb::fmu {
+namespace {
+
+/// Peak before the first step.
+constexpr double kNoStep = std::numeric_limits<double>::quiet_NaN();
+
+}  // namespace
 
 Unit::Unit(const std::string& resources, const std::string& token) {
   const std::string path = resources + "/machine.txt";
@@ -29,7 +37,9 @@ Unit::Unit(const std::string& resources, const std::string& token) {
   original_ = read_description(rest.str());
   description_ = original_;
   numbers_ = numbers_of(description_);
-  starts_.assign(2 * static_cast<std::size_t>(assemble(description_)->size()), 0.0);
+  const auto mechanism = assemble(description_);
+  starts_.assign(2 * static_cast<std::size_t>(mechanism->size()), 0.0);
+  peaks_.assign(mechanism->contacts.size(), kNoStep);
 }
 
 Stepper& Unit::stepper() {
@@ -43,9 +53,35 @@ Stepper& Unit::stepper() {
     StepState start = made->rest();
     for (std::size_t i = 0; i < starts_.size(); ++i) start.machine.y[i] += starts_[i];
     made->set_state(start);
+    if (watched_) made->watch_peaks();
     stepper_ = std::move(made);
   }
   return *stepper_;
+}
+
+Stepper& Unit::with_input() {
+  Stepper& own = stepper();
+  // A held force or torque acts at once. Others start at their last value.
+  if (hold_ == Hold::kZero && !is_prescribed(kind_) && own.state().drive.value != input_) {
+    StepState now = own.state();
+    now.drive.value = input_;
+    own.set_state(now);
+  }
+  return own;
+}
+
+const std::vector<double>& Unit::peaks() {
+  if (watched_) return peaks_;
+  watched_ = true;
+  Stepper& own = stepper();
+  own.watch_peaks();
+  if (last_duration_ > 0.0) {
+    const StepState now = own.state();
+    own.set_state(before_);
+    peaks_ = own.advance(last_duration_, {last_input_}, hold_).peaks;
+    own.set_state(now);
+  }
+  return peaks_;
 }
 
 double Unit::time() const { return start_ + (stepper_ ? stepper_->state().machine.time : 0.0); }
@@ -60,8 +96,12 @@ double Unit::get(std::uint32_t reference) {
   if (reference >= kParameters && reference - kParameters < numbers_.size()) {
     return *numbers_[reference - kParameters].value;
   }
+  if (reference >= kPeaks && reference - kPeaks < peaks_.size()) {
+    const double peak = peaks()[reference - kPeaks];
+    return std::isnan(peak) ? with_input().forces()[reference - kPeaks] : peak;
+  }
   if (reference >= kOutputs && reference - kOutputs < stepper().channels().size()) {
-    return stepper().outputs()[reference - kOutputs];
+    return with_input().outputs()[reference - kOutputs];
   }
   throw InvalidParameter(format("there is no variable with reference %u", reference));
 }
@@ -95,7 +135,8 @@ void Unit::reset() {
   std::vector<DescriptionNumber> first = numbers_of(original_);
   for (std::size_t i = 0; i < first.size(); ++i) *numbers_[i].value = *first[i].value;
   std::fill(starts_.begin(), starts_.end(), 0.0);
-  start_ = input_ = 0.0;
+  std::fill(peaks_.begin(), peaks_.end(), kNoStep);
+  start_ = input_ = last_duration_ = 0.0;
 }
 
 void Unit::step(double at, double duration) {
@@ -103,16 +144,27 @@ void Unit::step(double at, double duration) {
   if (std::fabs(at - time()) > 1e-9 * std::fmax(1.0, std::fabs(at))) {
     throw InvalidParameter(format("step from %.9g s, but the unit is at %.9g s", at, time()));
   }
+  StepState before;
+  if (!watched_) before = own.state();
   const StepResult done = own.advance(duration, {input_}, hold_);
   if (done.status != RunStatus::kDone) throw Error(done.message);
+  if (watched_) {
+    peaks_ = done.peaks;
+  } else {
+    before_ = std::move(before);
+    last_duration_ = duration;
+    last_input_ = input_;
+  }
 }
 
 std::vector<double> Unit::save() {
+  const std::vector<double>& largest = peaks();
   const StepState& s = stepper().state();
   std::vector<double> out{start_,        input_,       options_.rtol,        s.machine.time,
                           s.drive.value, s.drive.rate, s.drive.acceleration, s.drive.mean};
   for (const DescriptionNumber& number : numbers_) out.push_back(*number.value);
   out.insert(out.end(), starts_.begin(), starts_.end());
+  out.insert(out.end(), largest.begin(), largest.end());
   out.insert(out.end(), s.machine.y.begin(), s.machine.y.end());
   out.insert(out.end(), s.machine.largest_compression.begin(), s.machine.largest_compression.end());
   return out;
@@ -138,6 +190,7 @@ void Unit::restore(const std::vector<double>& saved) {
     *number.value = next();
   }
   for (double& start : starts_) start = next();
+  for (double& peak : peaks_) peak = next();
   if (other) stepper_.reset();
   for (std::size_t n = stepper().rest().machine.y.size(); n > 0; --n) s.machine.y.push_back(next());
   while (i < saved.size()) s.machine.largest_compression.push_back(next());

@@ -18,6 +18,7 @@ enum Reference : std::uint32_t {
   kInput = 1,      ///< in the unit of the kind
   kTolerance = 2,  ///< relative, of the integrator
   kOutputs = 1000,
+  kPeaks = 50000,   ///< largest force of each contact since the last communication point
   kStarts = 90000,  ///< distance of each coordinate from the rest pose, then its rate
   kParameters = 100000,
 };
@@ -43,6 +44,11 @@ class Unit {
 
  private:
   Stepper& stepper();
+  /// The stepper, whose outputs depend on the input where that acts directly.
+  Stepper& with_input();
+  /// Largest force of each contact in the last step; NaN: no step yet. They are sought once they
+  /// are asked for.
+  const std::vector<double>& peaks();
 
   InputKind kind_ = InputKind::kForce;
   Hold hold_ = Hold::kZero;
@@ -52,6 +58,11 @@ class Unit {
   std::vector<double> starts_;              ///< initial values, see kStarts
   double start_ = 0.0;
   double input_ = 0.0;
+  std::vector<double> peaks_;
+  bool watched_ = false;  ///< peaks are sought; until then the last step can be made again:
+  StepState before_;
+  double last_duration_ = 0.0;  ///< 0: no step yet
+  double last_input_ = 0.0;
   std::unique_ptr<Stepper> stepper_;  ///< once it is asked for; a parameter makes it anew
 };
 

@@ -1,6 +1,6 @@
 """A MuJoCo model that lacks the dry friction of its guide: the diagnosis names it, with its size.
 
-Usage: python examples/simulators/mujoco_cart.py      (needs: pip install feltmb mujoco)
+Usage: python examples/simulators/mujoco_cart.py      (needs feltmb, and pip install mujoco)
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
 """An installed feltmb can be used by a C++ project of somebody else."""
 
+import re
 import subprocess
 import tomllib
 from pathlib import Path
@@ -57,3 +58,14 @@ def test_find_package_after_install(tmp_path):
         assert word == name
         expected = [felt.step(e, 1e-3) for e in (2e-4, 4e-4, 2e-4, 4e-4)]
         assert [float(f) for f in forces] == pytest.approx(expected, rel=1e-8)
+
+    # The project that the page shows.
+    page = (ROOT / "docs" / "howto" / "install.md").read_text(encoding="utf-8")
+    source = tmp_path / "page"
+    source.mkdir()
+    for name, text in re.findall(r"<!-- file (\S+) -->\n```\w+\n(.*?)```", page, flags=re.DOTALL):
+        (source / name).write_text(text)
+    shown = re.search(r"\$ build/consumer\n(.*?)```", page, flags=re.DOTALL)
+    run("cmake", "-S", source, "-B", source / "build", f"-DCMAKE_PREFIX_PATH={prefix}")
+    run("cmake", "--build", source / "build")
+    assert run(source / "build" / "consumer") == shown[1]

@@ -66,6 +66,13 @@ class PeakWatch {
  public:
   PeakWatch(int contact, int position) : peak_{contact, 0.0, 0.0}, position_(position) {}
 
+  /// At the start of a run, after its first right-hand side: no peak, but the force there.
+  void start(const MechanismSystem& system) {
+    last_ = force_of(system);
+    peak_.force = last_;
+    peak_.time = 0.0;
+  }
+
   /// Looks at the last step up to `end`.
   void look(MechanismSystem& system, const Integrator& integrator, double end,
             std::vector<double>& y) {
@@ -103,6 +110,10 @@ class PeakWatch {
     integrator.interpolate(t, y);
     const std::size_t own[] = {at(position_)};
     system.locate_only(t, y, own);
+    return force_of(system);
+  }
+
+  double force_of(const MechanismSystem& system) const {
     const ContactState& s = system.dynamics().contacts()[at(position_)];
     if (!s.closed) return 0.0;
     return system.mechanism()
@@ -280,6 +291,12 @@ class Run {
   MechanismSystem& system() { return system_; }
   void set_progress(const Progress& progress) { progress_ = progress; }
 
+  /// Seeks the largest force of every contact.
+  void watch_all() {
+    watches_.clear();
+    for (int i = 0; at(i) < mechanism_->contacts.size(); ++i) watches_.emplace_back(i, i);
+  }
+
   /// Lets the strings be part of the state again.
   void join_strings() {
     if (system_.strings_apart()) system_.join_strings(0.0, y_);
@@ -290,6 +307,7 @@ class Run {
     if (modal_) system_.allow_free_strings();
     locator_.start(0.0, y_);
     system_.rhs(0.0, y_, scratch_);
+    for (auto& watch : watches_) watch.start(system_);
     if (modal_ && system_.strings_clear(0.0, kClear)) system_.part_strings(0.0, y_);
     if (current() == nullptr) {
       (system_.strings_apart() ? apart_ : whole_) = make_integrator(!system_.strings_apart());
@@ -1022,7 +1040,8 @@ SimulationOptions for_steps(const StepperOptions& o) {
 
 /// Input that goes on from a drive; for what is read at its start.
 Profile going_on(const StepDrive& drive) {
-  if (drive.acceleration != 0.0) {
+  // A line would be a motion with corners.
+  if (is_prescribed(drive.kind) || drive.acceleration != 0.0) {
     return Profile::cubic({drive.value, drive.rate, 0.5 * drive.acceleration, 0.0}, 1.0);
   }
   if (drive.rate != 0.0) {
@@ -1084,6 +1103,7 @@ struct Stepper::Impl {
   long state_steps = 0;    ///< of the integrators so far
   bool observed = false;
   std::vector<double> outputs;
+  std::vector<double> forces;  ///< of the contacts, with the outputs
 };
 
 Stepper::Stepper(const std::shared_ptr<const Mechanism>& mechanism, InputKind kind,
@@ -1154,6 +1174,7 @@ StepResult Stepper::advance(double duration, const StepInput& input, Hold hold,
   const double begin = d.state.machine.time;
   out.events = std::move(done.events);
   for (SimulationEvent& event : out.events) event.time += begin;
+  for (const Peak& peak : done.peaks) out.peaks.push_back(peak.force);
   d.state.machine = std::move(done.end);
   d.state.machine.time = begin + duration;
   d.state.drive = {d.kind, profile.value(duration), profile.rate(duration),
@@ -1178,8 +1199,19 @@ std::span<const double> Stepper::outputs() {
   system.set_prescribed_reference(0.0, d.state.machine.y);
   d.outputs.resize(d.channels.size());
   d.channels.observe(system, 0.0, d.state.machine.y, d.outputs);
+  d.forces.clear();
+  for (const ContactState& contact : system.dynamics().contacts()) {
+    d.forces.push_back(contact.closed ? contact.law.force : 0.0);
+  }
   d.observed = true;
   return d.outputs;
+}
+
+void Stepper::watch_peaks() { impl_->run.watch_all(); }
+
+std::span<const double> Stepper::forces() {
+  outputs();
+  return impl_->forces;
 }
 
 const Channels& Stepper::channels() const { return impl_->channels; }

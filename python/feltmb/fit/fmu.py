@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import copy
 import shutil
 import tempfile
 import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data import Array
+from feltmb.data import Array, evenly_spaced
 from feltmb.errors import InvalidParameter
 from feltmb.fit.model import Effect, Parameter
 from feltmb.fit.simulator import Exposed, SimulatorModel
 
 __all__ = ["fmu_model"]
+
+#: Relative tolerance of model exchange: derivatives are differences of runs.
+RTOL = 1e-7
 
 
 def _fmpy() -> Any:
@@ -31,14 +35,30 @@ def _fmpy() -> Any:
 
 
 class _Fmu:
-    """Function that runs an FMU; every process that was not forked unpacks the FMU once."""
+    """Function that runs an FMU; every process that was not forked unpacks the FMU once.
 
-    def __init__(self, path: Path, outputs: tuple[str, ...], kind: str | None):
-        self.path, self.outputs, self.kind = path, outputs, kind
+    An input is linear between samples, or constant (``hold``), and outputs are those of the inputs
+    at the same sample.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        outputs: tuple[str, ...],
+        kind: str,
+        hold: str,
+        at_end: frozenset[str],
+        notices: tuple[str, ...],
+    ):
+        self.path, self.outputs, self.kind, self.hold = path, outputs, kind, hold
+        self.at_end = at_end
+        """Inputs that the FMU itself moves to the given value, which it reaches after the step."""
+        self.notices = notices
         self._folder = ""
+        self._description: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_folder": ""}
+        return {**vars(self), "_folder": "", "_description": None}
 
     def __call__(
         self, time: Array, inputs: Mapping[str, Array], parameters: Mapping[str, float]
@@ -47,22 +67,126 @@ class _Fmu:
         if not self._folder:
             self._folder = fmpy.extract(str(self.path), tempfile.mkdtemp())
             weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+            whole = fmpy.read_model_description(self._folder, validate=False)
+            used = {*inputs, *parameters, *self.outputs}
+            self._description = copy.copy(whole)
+            self._description.modelVariables = [v for v in whole.modelVariables if v.name in used]
+        if evenly_spaced(time):  # equal steps, whatever the rounding of the clock
+            time = np.linspace(time[0], time[-1], time.size)
         table = np.zeros(time.size, dtype=[(n, np.float64) for n in ("time", *inputs)])
         table["time"] = time
         for name, values in inputs.items():
             table[name] = values
-        seen = fmpy.simulate_fmu(
+        fmu = fmpy.simulation.instantiate_fmu(
+            self._folder, self._description, self.kind, require_functions=False
+        )
+        run = self._exchanged if self.kind == "ModelExchange" else self._stepped
+        try:
+            seen = run(fmu, table, dict(parameters))
+        finally:
+            fmu.freeInstance()
+        return {n: seen[n] for n in self.outputs}
+
+    def _simulate(self, fmu: Any, table: Any, parameters: dict[str, float], **options: Any) -> Any:
+        return _fmpy().simulate_fmu(
             self._folder,
             validate=False,
+            model_description=self._description,
+            fmu_instance=fmu,
             fmi_type=self.kind,
-            start_time=float(time[0]),
-            stop_time=float(time[-1]),
-            output_interval=float(np.min(np.diff(time))),
-            start_values=dict(parameters),
-            input=table if inputs else None,
+            start_time=float(table["time"][0]),
+            start_values=parameters,
+            input=table if len(table.dtype) > 1 else None,
             output=list(self.outputs),
+            **options,
         )
-        return {n: np.interp(time, seen["time"], seen[n]) for n in self.outputs}
+
+    def _exchanged(self, fmu: Any, table: Any, parameters: dict[str, float]) -> Any:
+        """Outputs by model exchange."""
+        time = table["time"]
+        step = np.min(np.diff(time))
+        if 1e-9 * np.max(np.abs(time)) > 1e-3 * step:
+            raise InvalidParameter(
+                f"{self.path.name}: FMPy cannot tell the times of the record apart, "
+                f"{time[0]:.9g} s, {time[1]:.9g} s, ...; let its clock start near zero"
+            )
+        # Two rows at a sample are an event, where FMPy's integrator starts anew: else it would
+        # step across several samples, with the inputs of the first one.
+        twice = np.repeat(table, 2)
+        if self.hold == "zero":
+            for name in table.dtype.names[1:]:
+                twice[name][2::2] = table[name][:-1]
+        else:
+            # FMPy sets the inputs between the steps of its integrator only.
+            values = _fmpy().simulation.Input(fmu, self._description, table)
+            set_time = fmu.setTime
+
+            def at(moment: float) -> None:
+                set_time(moment)
+                values.apply(moment, discrete=False)
+
+            fmu.setTime = at
+        seen = self._simulate(
+            fmu,
+            twice,
+            parameters,
+            stop_time=float(time[-1]),
+            output_interval=float(time[-1] - time[0]),
+            relative_tolerance=RTOL,
+        )
+        return seen[np.searchsorted(seen["time"], time + 1e-3 * step, "right") - 1]
+
+    def _stepped(self, fmu: Any, table: Any, parameters: dict[str, float]) -> Any:
+        """Outputs by co-simulation, with the inputs at the end of each step."""
+        simulation, does = _fmpy().simulation, self._description.coSimulation
+        time = table["time"]
+        steps = np.diff(time)
+        if evenly_spaced(time):
+            steps[:] = (time[-1] - time[0]) / steps.size
+        elif not does.canHandleVariableCommunicationStepSize:
+            raise InvalidParameter(
+                f"{self.path.name}: takes steps of one duration only, and the times of the record "
+                "are not even; interpolate the record to even times"
+            )
+        # Two constant values have the mean and the first moment of a line: with them, states are
+        # those of the line up to the third order of the step. One value has the mean.
+        linear = self.hold == "linear" and not self.at_end
+        free = does.canHandleVariableCommunicationStepSize and not does.fixedInternalStepSize
+        parts = 2 if linear and free else 1
+        steps = np.repeat(steps / parts, parts)
+        held = np.repeat(table, parts)[: steps.size]
+        held["time"] = time[0] + np.append(0.0, np.cumsum(steps[:-1]))
+        held["time"][::parts] = time[:-1]
+        kept = {v.name for v in self._description.modelVariables if not _continuous(v)}
+        for name in table.dtype.names[1:]:
+            if name in self.at_end:
+                held[name] = table[name][1:]
+            elif linear and name not in kept:
+                first, rise = table[name][:-1], np.diff(table[name])
+                for part, share in enumerate((1 / 6, 5 / 6) if parts == 2 else (1 / 2,)):
+                    held[name][part::parts] = first + share * rise
+        options = {"stop_time": float(time[0]), "output_interval": steps[0]}
+        self._simulate(fmu, table[:1], parameters, terminate=False, set_stop_time=False, **options)
+        before = simulation.Input(fmu, self._description, held)
+        after = simulation.Input(fmu, self._description, table)
+        seen = simulation.Recorder(fmu, self._description, list(self.outputs))
+        seen.sample(time[0])
+        for k, (now, step) in enumerate(zip(held["time"], steps, strict=True), 1):
+            before.apply(now, after_event=True)
+            done = fmu.doStep(currentCommunicationPoint=now, communicationStepSize=step)
+            if done is not None and done[1]:  # FMI 3.0
+                raise RuntimeError(f"the FMU ends the simulation at t = {now + step:g} s")
+            if k % parts == 0:
+                after.apply(time[k // parts], after_event=True)
+                seen.sample(time[k // parts])
+        fmu.terminate()
+        return seen.result()
+
+
+def _continuous(variable: Any) -> bool:
+    """Whether an input changes between samples."""
+    real = variable.type in ("Real", "Float64", "Float32")
+    return real and variable.variability != "discrete"
 
 
 @checked
@@ -73,7 +197,8 @@ def fmu_model(
     inputs: Sequence[str] | Mapping[str, str],
     outputs: Sequence[str] | Mapping[str, str],
     exposed: Mapping[str, Exposed | Effect] | None = None,
-    kind: str | None = None,
+    kind: Literal["ModelExchange", "CoSimulation"] | None = None,
+    hold: Literal["linear", "zero"] = "linear",
     workers: int | None = None,
     name: str = "",
 ) -> SimulatorModel:
@@ -86,7 +211,12 @@ def fmu_model(
     parameters, inputs, outputs, exposed
         As in :class:`SimulatorModel`; the names are variables of the FMU.
     kind
-        "CoSimulation" or "ModelExchange"; default: the first one in the FMU.
+        Default: model exchange if the FMU has it. In co-simulation an FMU does not get inputs
+        within a step; outputs are read after the inputs have got their values at its end.
+    hold
+        Input between samples: ``"linear"``, in co-simulation by two constant values with its mean
+        and first moment; ``"zero"`` (constant at the value of the last sample, as for a
+        digital-to-analog converter).
     workers, name
         As in :class:`SimulatorModel`; the default name is the name of the FMU.
 
@@ -103,15 +233,45 @@ def fmu_model(
         description = fmpy.read_model_description(str(path))
     except Exception as error:
         raise InvalidParameter(f"{path}: cannot be read as an FMU: {error}") from error
-    known = {v.name for v in description.modelVariables}
+    variables = {v.name: v for v in description.modelVariables}
     wanted = [*(p.name for p in parameters), *(exposed or {}), *inputs, *outputs]
-    missing = [n for n in wanted if n not in known]
+    missing = [n for n in wanted if n not in variables]
     if missing:
         raise InvalidParameter(
-            f"{path}: has no variable {', '.join(missing)}; there are {', '.join(sorted(known))}"
+            f"{path}: has no variable {', '.join(missing)}; there are "
+            f"{', '.join(sorted(variables))}"
         )
+    kinds = [
+        name
+        for name, there in (
+            ("ModelExchange", description.modelExchange),
+            ("CoSimulation", description.coSimulation),
+        )
+        if there is not None
+    ]
+    if not kinds or (kind is not None and kind not in kinds):
+        raise InvalidParameter(
+            f"{path}: is an FMU for {' and '.join(kinds) or 'scheduled execution'}, expected "
+            f"{kind or 'model exchange or co-simulation'}"
+        )
+    kind = kind or kinds[0]  # type: ignore[assignment]
+    notices = []
+    if kind == "CoSimulation" and inputs:
+        notices.append(
+            "co-simulation: outputs are read with the inputs of their sample; an FMU that "
+            "computes them only in a step shows a direct influence late, by up to half a sample"
+        )
+    left = [n for n, v in variables.items() if v.causality == "input" and n not in inputs]
+    if left:
+        notices.append(f"its inputs {', '.join(left)} keep their start values")
+    at_end = frozenset(
+        n
+        for n in inputs
+        if (description.generationTool or "").startswith("feltmb")
+        and not (variables[n].description or "").endswith("hold: zero")
+    )
     return SimulatorModel(
-        _Fmu(path, tuple(outputs), kind),
+        _Fmu(path, tuple(outputs), str(kind), hold, at_end, tuple(notices)),
         parameters=parameters,
         inputs=inputs,
         outputs=outputs,

@@ -153,8 +153,8 @@ class Runner:
         self.processes = 1
         self.made = 0
         """Number of runs so far."""
-        self.notices: list[str] = []
-        """Notes for the user about processes."""
+        self.notices: list[str] = list(getattr(function, "notices", ()))
+        """Notes for the user about processes, and those of the function."""
 
     def start(self, workers: int | None) -> None:
         """Start processes, before there are threads."""

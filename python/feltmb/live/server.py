@@ -50,7 +50,8 @@ class Live:
             from feltmb.live.app import MOST_MESSAGE, Studio, make_app
         except ImportError as missing:
             raise FeltmbError(
-                f"feltmb live: {missing.name} is not installed; pip install 'feltmb[live]'"
+                f"feltmb live: {missing.name} is not installed; "
+                "pip install starlette uvicorn websockets"
             ) from None
         self.studio = Studio(mechanism, tuple(records))
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)

@@ -25,7 +25,8 @@ from feltmb.run.stroke.strokes import MOTORS, PRESCRIBED, UNITS, Kind
 __all__ = ["export"]
 
 #: Value references of variables, as in cpp/fmu/unit.hpp.
-_TIME, _INPUT, _TOLERANCE, _OUTPUTS, _STARTS, _PARAMETERS = 0, 1, 2, 1000, 90_000, 100_000
+_TIME, _INPUT, _TOLERANCE, _OUTPUTS = 0, 1, 2, 1000
+_PEAKS, _STARTS, _PARAMETERS = 50_000, 90_000, 100_000
 
 #: Exponents of kg, m, s, rad by symbol.
 _BASE = {
@@ -79,8 +80,9 @@ def export(
     """Write a mechanism as a co-simulation FMU for this platform.
 
     The FMU contains the mechanism and its own binary; it does not need Python. All channels are
-    outputs, and the input is one of the five kinds. The values of the mechanism are parameters, and
-    the rest pose follows from them. It starts at rest, unless the parameters
+    outputs, and the largest force of each contact since the last communication point
+    (``contact12.force.peak``). The input is one of the five kinds. The values of the mechanism are
+    parameters, and the rest pose follows from them. It starts at rest, unless the parameters
     ``start_offset.COORDINATE`` (distance from the rest pose) or ``start_rate.COORDINATE`` are not
     zero. Its steps are the steps of :class:`feltmb.Machine`.
 
@@ -160,6 +162,7 @@ def export(
         _Variable(name, _OUTPUTS + i, "output", "continuous", unit, text)
         for i, (name, unit, text) in enumerate(stepper.channels)
     ]
+    variables += _peaks(action, stepper.channels, drive)
     variables += _parameters(action, description, parameters, drive)
     body = _core.write_description(description)
     order = max_order or 0
@@ -202,6 +205,29 @@ def _binary(version: str) -> tuple[Path, str]:
             f"{path.name} is not installed beside the extension of feltmb; install the package anew"
         )
     return path, f"{machine}-linux" if version == "3.0" else "linux64"
+
+
+def _peaks(
+    action: Action, channels: Iterable[tuple[str, str, str]], drive: Kind
+) -> list[_Variable]:
+    """Largest force of each contact since the last communication point.
+
+    The pad of the finger is a contact under a motion of the finger only.
+    """
+    texts = {name: text for name, _, text in channels}
+    forces = [(i, f"{name}.force") for i, name in enumerate(action.mechanism.contact_names)]
+    return [
+        _Variable(
+            f"{force}.peak",
+            _PEAKS + i,
+            "output",
+            "continuous",
+            "N",
+            f"largest since the last communication point, {texts[force]}",
+        )
+        for i, force in forces
+        if force in texts and (drive == "motion" or force != "finger.force")
+    ]
 
 
 def _parameters(

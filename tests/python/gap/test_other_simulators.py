@@ -1,9 +1,6 @@
 """Simulators of others behind SimulatorModel: MuJoCo, and an FMU by FMPy; where installed."""
 
 import importlib.util
-import shutil
-import subprocess
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +11,10 @@ from feltmb.fit import fmu_model
 from feltmb.gap import Candidate, Exposed, Jobs, Parameter, Record, Sensor, diagnose, library
 
 ROOT = Path(__file__).resolve().parents[3]
+
+_spec = importlib.util.spec_from_file_location("gap_units", Path(__file__).parent / "units.py")
+units = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(units)
 
 
 @pytest.mark.slow
@@ -87,36 +88,13 @@ S fmi2DoStep(C c, double t, double h, S no) {
     }
     return 0;
 }
-#define NONE(name) S name(void) { return 3; }
-NONE(fmi2GetInteger) NONE(fmi2SetInteger) NONE(fmi2GetBoolean) NONE(fmi2SetBoolean)
-NONE(fmi2GetString) NONE(fmi2SetString) NONE(fmi2GetFMUstate) NONE(fmi2SetFMUstate)
-NONE(fmi2FreeFMUstate) NONE(fmi2SerializedFMUstateSize) NONE(fmi2SerializeFMUstate)
-NONE(fmi2DeSerializeFMUstate) NONE(fmi2GetDirectionalDerivative)
-NONE(fmi2SetRealInputDerivatives) NONE(fmi2GetRealOutputDerivatives) NONE(fmi2CancelStep)
-NONE(fmi2GetStatus) NONE(fmi2GetRealStatus) NONE(fmi2GetIntegerStatus)
-NONE(fmi2GetBooleanStatus) NONE(fmi2GetStringStatus)
 """
 
 
 @pytest.fixture(scope="module")
 def fmu(tmp_path_factory):
     """A cart with dry friction as an FMU 2.0 for co-simulation, compiled here."""
-    fmpy = pytest.importorskip("fmpy")
-    compiler = shutil.which("cc")
-    if compiler is None:
-        pytest.skip("no C compiler")
-    folder = tmp_path_factory.mktemp("fmu")
-    (folder / "cart.c").write_text(SOURCE)
-    library_file = folder / f"cart{fmpy.sharedLibraryExtension}"
-    subprocess.run(
-        [compiler, "-shared", "-fPIC", "-O2", "-o", library_file, folder / "cart.c", "-lm"],
-        check=True,
-    )
-    path = folder / "cart.fmu"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", DESCRIPTION)
-        archive.write(library_file, f"binaries/{fmpy.platform}/{library_file.name}")
-    return path
+    return units.compile_fmu(tmp_path_factory.mktemp("fmu"), "cart", DESCRIPTION, SOURCE)
 
 
 def cart(path, **fields):

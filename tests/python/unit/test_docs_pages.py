@@ -4,6 +4,7 @@ import importlib.util
 import os
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,7 @@ def load_tool(name):
 tool = load_tool("docs_pages")
 
 #: Pages without commands that end; tests/python/test_changes.py applies the second.
-SILENT = ("index", "add_a_command", "live")
+SILENT = ("index", "add_a_command", "live", "install")
 HOWTO = sorted(
     str(p.relative_to(ROOT)) for p in (ROOT / "docs" / "howto").glob("*.md") if p.stem not in SILENT
 )
@@ -174,3 +175,30 @@ def test_not_run_and_slow_parts_are_left_out(tmp_path):
     )
     page, folder = write(tmp_path, text)
     assert tool.run_page(page, folder, slow=False) == 0
+
+
+def test_no_text_installs_feltmb_from_an_index():
+    """It is in no index; somebody else's package could get the name."""
+    told = re.compile(r"pip install (?:['\"]?[-\w.,\[\]]+['\"]? )*['\"]?feltmb\b")
+    folders = ("docs", "examples", "python", "tools", "bench", "tests/data")
+    files = [*ROOT.glob("*.md"), *(p for f in folders for p in (ROOT / f).rglob("*"))]
+    kinds = (".md", ".py", ".sh", ".toml", ".ipynb", ".html", ".js")
+    assert [
+        str(p.relative_to(ROOT))
+        for p in files
+        if p.suffix in kinds and told.search(p.read_text(encoding="utf-8"))
+    ] == []
+
+
+def test_the_first_command_installs_the_packages_of_the_live_page():
+    setup = (ROOT / "tools" / "setup.sh").read_text(encoding="utf-8")
+    targets = re.findall(r"target='\.\[(\w+)\]'", setup)
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    packages = extras["optional-dependencies"]
+    assert targets == ["live", "test"]
+    assert any("live" in p for p in packages["test"])
+    page = (ROOT / "docs" / "howto" / "install.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| `(\w+)` \|", page, flags=re.MULTILINE) == [
+        "live", "fmi", "dask", "test", "dev", "docs",
+    ]  # fmt: skip
+    assert set(packages) == {"live", "fmi", "dask", "test", "dev", "docs"}

@@ -61,6 +61,7 @@ struct StepResult {
   std::string failed_state;
   std::string failed_contact;
   std::vector<SimulationEvent> events;  ///< on the clock of the state
+  std::vector<double> peaks;            ///< largest force of each contact [N], if watched
   long steps = 0;                       ///< of the integrator
 };
 
@@ -89,6 +90,13 @@ class Stepper {
   /// Values of channels() at the state, with the input at the end of the last step.
   std::span<const double> outputs();
   const Channels& channels() const;
+
+  /// Seeks the largest force of each contact in the steps from now on; they take up to twice as
+  /// long and end in the same states.
+  void watch_peaks();
+
+  /// Normal force of each contact at the state [N].
+  std::span<const double> forces();
 
  private:
   struct Impl;
