@@ -26,7 +26,6 @@ from feltmb.cli.common import (
 )
 from feltmb.cli.completing import actions, strokes
 from feltmb.cli.completing import paths as known_paths
-from feltmb.run.arrays import summary_unit
 
 if TYPE_CHECKING:
     from feltmb.run.sensitivity import Gradient
@@ -46,8 +45,8 @@ if TYPE_CHECKING:
 @click.option(
     "--number",
     metavar="NAME",
-    help="Number of the summary that sorts the table; default: impact_speed, or the first number "
-    "of the stroke.",
+    help="Number of the summary, or a row of [reading], that sorts the table; default: "
+    "impact_speed, or the first number of the stroke.",
 )
 @click.option(
     "--most", type=click.IntRange(1), default=20, show_default=True, help="Rows of the table."
@@ -58,7 +57,7 @@ if TYPE_CHECKING:
 @click.option(
     "--rtol",
     type=Number(1e-13, 1e-2),
-    default=1e-7,
+    default=1e-9,
     show_default=True,
     help="Tolerance of the stroke.",
 )
@@ -113,7 +112,6 @@ def command(
             (),
             duration=duration,
             rtol=rtol,
-            output_rate=100.0,
         )
 
     if is_terminal():
@@ -142,14 +140,20 @@ def command(
                     for p in result.parameters
                 },
                 "derivatives": {
-                    name: dict(zip(result.columns, map(float, g), strict=True))
+                    name: {
+                        column: None if name in result.unknown else float(value)
+                        for column, value in zip(result.columns, g, strict=True)
+                    }
                     for name, g in result.summary_gradient.items()
                 },
+                "unknown": result.unknown,
                 "stats": result.stats,
             }
         )
     else:
         console().print(_table(result, effects, list(order[:most]), number, stroke))
+        for name, why in result.unknown.items():
+            console().print(f"{name.replace('_', ' ')} has no derivative: {why}")
     if table_file is not None:
         from feltmb.cli.common import say_written
 
@@ -157,7 +161,7 @@ def command(
     if picture is not None:
         from feltmb.graphics.plot import effects as draw_effects
 
-        figure = draw_effects(effects.loc[order[:most], number], summary_unit(number))
+        figure = draw_effects(effects.loc[order[:most], number], result.summary_units[number])
         save_figure(figure, picture, force=force)
 
 
@@ -166,7 +170,7 @@ def _table(result: Gradient, effects: Any, rows: list[str], number: str, stroke:
         n for n in ("impact_time", "max_string_force", "rebound_speed") if n in effects
     ]
     shown = list(dict.fromkeys(shown))[:2]  # as many as fit into 80 columns
-    value, unit = pretty(result.summary[number], summary_unit(number))
+    value, unit = pretty(result.summary[number], result.summary_units[number])
     table = new_table(
         f"{stroke}: what 1 % more does; {number.replace('_', ' ')} is {value} {unit}",
         "parameter",
@@ -180,7 +184,7 @@ def _table(result: Gradient, effects: Any, rows: list[str], number: str, stroke:
     for path in rows:
         cells = []
         for name in shown:
-            text, small = pretty(float(effects.loc[path, name]), summary_unit(name))
+            text, small = pretty(float(effects.loc[path, name]), result.summary_units[name])
             cells.append(f"{text} {small}")
         table.add_row(path, f"{values[path].value:.4g}", values[path].unit, *cells)
     return table
