@@ -70,13 +70,19 @@ bool Variational::touched(double t) {
   return false;
 }
 
-/// Adds factor f shift^T to the rows that are integrated, f the rate of the state at t.
-void Variational::add_motion(double t, double factor, RowMatrix& columns) {
+/// Adds factor f shift^T to the rows that are integrated, f the rate of the state at t. Outside of
+/// [from, to], where a law may be on the other branch, f goes straight on.
+void Variational::add_motion(double t, double from, double to, double factor, RowMatrix& columns) {
   if (shift_.size() == 0) return;
-  trajectory_.interpolate_all(t, y_);
   motion_.resize(static_cast<Eigen::Index>(y_.size()));
-  models_.probe().rhs(t, y_, {motion_.data(), y_.size()});
-  columns.topRows(rows_).noalias() += factor * motion_.head(rows_) * shift_.transpose();
+  const auto add = [&](double time, double weight) {
+    trajectory_.interpolate_all(time, y_);
+    models_.probe().rhs(time, y_, {motion_.data(), y_.size()});
+    columns.topRows(rows_).noalias() += weight * motion_.head(rows_) * shift_.transpose();
+  };
+  const double inside = std::clamp(t, from, to);
+  add(inside, inside == t ? factor : 2.0 * factor);
+  if (inside != t) add(2.0 * inside - t, -factor);
 }
 
 /// Adds what an input that changes does to f shift^T: its rate at a fixed state, at (t, y_).
@@ -179,7 +185,7 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
   const bool apart = free_ && !touched(0.5 * (time_ + end));
   rows_ = static_cast<Eigen::Index>(apart ? models_.first_mode() : y_.size());
   const double begin = time_;
-  add_motion(from, 1.0, columns_.state);
+  add_motion(begin, from, to, 1.0, columns_.state);
   measure(columns_.state.topRows(rows_), present_);  // a switch may have changed them
   if (apart) trajectory_.interpolate_all(begin, start_);
   const FlushToZero flush;
@@ -203,7 +209,7 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
       dense_.state = columns_.state;
       dense_.state.topRows(rows_) +=
           h * (weight[0] * slope_[0] + weight[1] * slope_[1] + weight[2] * slope_[2]);
-      add_motion(std::clamp(times[next], from, to), -1.0, dense_.state);
+      add_motion(times[next], from, to, -1.0, dense_.state);
       if (apart) free_->move(times[next] - begin, start_, dense_.state);
       dense_.memory = columns_.memory;
       sample(times[next], dense_);
@@ -217,7 +223,7 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
     if (!last || factor < 1.0) h_ = h * factor;
     time_ = reached;
   }
-  add_motion(to, -1.0, columns_.state);
+  add_motion(end, from, to, -1.0, columns_.state);
   if (apart) free_->move(end - begin, start_, columns_.state);
 }
 

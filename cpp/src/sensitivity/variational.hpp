@@ -44,7 +44,7 @@ class Variational {
   bool touched(double t);
   bool step(double h, double from, double to);
   void stage(int i, double t, double h, double from, double to);
-  void add_motion(double t, double factor, RowMatrix& columns);
+  void add_motion(double t, double from, double to, double factor, RowMatrix& columns);
   void add_drift(double t, double from, double to);
   void forget(double from, double to);
 
