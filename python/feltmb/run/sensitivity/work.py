@@ -34,7 +34,7 @@ def gradient(
     *,
     duration: float | None = None,
     rtol: float = 1e-9,
-    tolerance: float = 3e-4,
+    tolerance: float = 1e-4,
     output_rate: float = 1000.0,
 ) -> Gradient:
     """Compute the derivatives of a stroke that starts at rest, including those of the rest pose.
@@ -106,7 +106,7 @@ def segments(
     *,
     directions: str | Sequence[str] | npt.ArrayLike | None = "mechanical",
     rtol: float = 1e-9,
-    tolerance: float = 3e-4,
+    tolerance: float = 1e-4,
     output_rate: float = 1000.0,
     jobs: int | None = None,
 ) -> list[Gradient]:
@@ -169,6 +169,7 @@ def segments(
         "stroke": stroke.as_dict(),
         "options": {"rtol": float(rtol), "tolerance": float(tolerance)},
     }
+
     def sum_up(result: Any) -> Summary:
         return summarize(action, result, rules, infos, choose)
 
