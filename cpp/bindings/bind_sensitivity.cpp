@@ -38,6 +38,19 @@ void bind_sensitivity(py::module_& m) {
            py::arg("begin"), py::arg("end"), py::arg("state") = std::vector<double>{},
            py::arg("memory") = std::vector<double>{}, py::arg("directions") = Eigen::MatrixXd{},
            py::arg("moves") = Eigen::MatrixXd{});
+  py::class_<SensitivityLook>(m, "SensitivityLook")
+      .def(py::init([](int output, double begin, double end, int sign) {
+             return SensitivityLook{output, begin, end, sign};
+           }),
+           py::arg("output"), py::arg("begin"), py::arg("end"), py::arg("sign"));
+  py::class_<SensitivityLooked>(m, "SensitivityLooked")
+      .def_readonly("value", &SensitivityLooked::value)
+      .def_readonly("time", &SensitivityLooked::time)
+      .def_readonly("edge", &SensitivityLooked::edge)
+      .def_readonly("rate", &SensitivityLooked::rate)
+      .def_readonly("derivative", &SensitivityLooked::derivative)
+      .def_readonly("time_derivative", &SensitivityLooked::time_derivative)
+      .def_readonly("reason", &SensitivityLooked::reason);
   py::class_<SensitivityOptions>(m, "SensitivityOptions")
       .def(py::init<>())
       .def_readwrite("simulation", &SensitivityOptions::simulation)
@@ -46,6 +59,19 @@ void bind_sensitivity(py::module_& m) {
       .def_readwrite("outputs", &SensitivityOptions::outputs)
       .def_readwrite("threads", &SensitivityOptions::threads)
       .def_readwrite("whole_models", &SensitivityOptions::whole_models)
+      .def(
+          "set_looks",
+          [](SensitivityOptions& o, py::function choose) {
+            o.looks = [choose = std::move(choose)](const RunResult& run) {
+              const WithInterpreter acquire;
+              std::vector<SensitivityLook> out;
+              for (const py::handle each :
+                   choose(py::cast(run, py::return_value_policy::reference)))
+                out.push_back(each.cast<SensitivityLook>());
+              return out;
+            };
+          },
+          py::arg("choose"))
       .def(
           "add_rule",
           [](SensitivityOptions& o, std::string name, int point,
@@ -81,6 +107,7 @@ void bind_sensitivity(py::module_& m) {
       .def_readonly("end_memory", &SensitivityResult::end_memory)
       .def_readonly("events", &SensitivityResult::events)
       .def_readonly("peaks", &SensitivityResult::peaks)
+      .def_readonly("looks", &SensitivityResult::looks)
       .def_readonly("wall_stroke", &SensitivityResult::wall_stroke)
       .def_readonly("wall", &SensitivityResult::wall)
       .def_property_readonly("counts", [](const SensitivityResult& r) {

@@ -4,9 +4,11 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <mutex>
 #include <numeric>
+#include <optional>
 #include <thread>
 
 #include "feltmb/core/error.hpp"
@@ -14,6 +16,7 @@
 #include "feltmb/model/channels.hpp"
 #include "feltmb/numeric/parallel.hpp"
 #include "feltmb/sensitivity/trajectory.hpp"
+#include "looks.hpp"
 #include "shifted_models.hpp"
 #include "switches.hpp"
 #include "variational.hpp"
@@ -96,25 +99,41 @@ class SegmentRun {
     if (width > 0) columns.state.rightCols(index(width)) = segment_.directions;
 
     const long before = models_.evaluations();
+    const auto switches = detail::find_switches(trajectory, models_, options_, input_);
+    channels_ = Channels(*mechanism_);
+    looks_.emplace(trajectory, models_, channels_, switches);
+    prepare_looks();
     prepare_samples();
     std::size_t next = 0;
     y_.resize(states);
-    const auto sample = [&](double t, const Columns& now) { take(trajectory, t, now); };
+    const auto sample = [&](double t, const Columns& now) {
+      take(trajectory, t, now);
+      if (std::binary_search(look_times_.begin(), look_times_.end(), t)) {
+        looks_->take(t, now, variational.shift(), variational.version());
+      }
+    };
     if (!marks_.empty() && marks_[0] == 0.0) {
       sample(0.0, columns);
       ++next;
     }
-    const auto switches = detail::find_switches(trajectory, models_, options_, input_);
     constexpr double together = 1e-13;  // s
     for (const Switch& s : switches) {
       if (s.time > variational.time() + together) {
         variational.advance(s.time, marks_, next, sample);
       }
-      if (s.kind != SwitchKind::kEnd) pass(trajectory, s, columns);
+      if (s.kind == SwitchKind::kEnd) continue;
+      pass(trajectory, s, columns);
+      if (s.kind == SwitchKind::kClosing && is_sought(s.index)) {
+        const bool shifts = s.direction > 0 && time_derivative_.allFinite();
+        variational.follow(shifts ? time_derivative_ : Eigen::VectorXd());
+      }
     }
     result_.end_state = columns.state;
     result_.end_memory = columns.memory;
-    finish_peaks();
+    auto looked = looks_->finish();
+    const auto peaks = static_cast<std::ptrdiff_t>(result_.run.peaks.size());
+    std::move(looked.begin(), looked.begin() + peaks, std::back_inserter(result_.peaks));
+    std::move(looked.begin() + peaks, looked.end(), std::back_inserter(result_.looks));
     const long jumps = result_.counts.jumps;
     result_.counts = variational.counts();
     result_.counts.jumps = jumps;
@@ -141,6 +160,21 @@ class SegmentRun {
     result_.run = simulate(mechanism_, input_, o, start, monitors, progress_);
   }
 
+  /// The extrema and values that are wanted beside the samples.
+  void prepare_looks() {
+    const double duration = segment_.end - segment_.begin;
+    for (const Peak& peak : result_.run.peaks) {
+      looks_->add({-1, 0.0, duration, 1}, peak.contact);
+    }
+    if (!options_.looks) return;
+    for (const SensitivityLook& look : options_.looks(result_.run)) {
+      if (look.output < 0 || at(look.output) >= channels_.size()) {
+        throw InvalidParameter(format("looks: there is no output %d", look.output));
+      }
+      looks_->add(look);
+    }
+  }
+
   void prepare_samples() {
     const double duration = segment_.end - segment_.begin;
     const auto count =
@@ -150,22 +184,9 @@ class SegmentRun {
       times.push_back(std::min(static_cast<double>(i) / options_.output_rate, duration));
     }
     if (times.back() < duration) times.push_back(duration);
-    marks_ = times;
-    for (std::size_t p = 0; p < result_.run.peaks.size(); ++p) {
-      const Peak& peak = result_.run.peaks[p];
-      if (peak.force <= 0.0) continue;
-      // At the peak itself the law may change its branch: two looks shortly before it.
-      for (const double ahead : {2e-6, 1e-6}) {
-        const double t = peak.time - ahead;
-        if (t <= 0.0) continue;
-        marks_.push_back(t);
-        peak_marks_.emplace_back(t, p);
-      }
-    }
-    std::sort(marks_.begin(), marks_.end());
-    std::sort(peak_marks_.begin(), peak_marks_.end());
-    peak_looks_.resize(result_.run.peaks.size());
-    channels_ = Channels(*mechanism_);
+    look_times_ = looks_->times();
+    std::set_union(times.begin(), times.end(), look_times_.begin(), look_times_.end(),
+                   std::back_inserter(marks_));
     for (const int output : options_.outputs) {
       if (output < 0 || at(output) >= channels_.size()) {
         throw InvalidParameter(format("outputs: there is no output %d", output));
@@ -194,10 +215,6 @@ class SegmentRun {
 
   void take(Trajectory& trajectory, double t, const Columns& columns) {
     const auto memory = place(trajectory, t);
-    while (next_peak_ < peak_marks_.size() && peak_marks_[next_peak_].first == t) {
-      const std::size_t p = peak_marks_[next_peak_++].second;
-      look_at_peak(t, memory, columns, p);
-    }
     if (row_ >= result_.time.size() || result_.time[row_] - segment_.begin != local_time(t)) return;
     const std::size_t outputs = options_.outputs.size();
     if (outputs > 0) {
@@ -230,33 +247,14 @@ class SegmentRun {
     ++row_;
   }
 
+  bool is_sought(int contact) const {
+    const auto& peaks = result_.run.peaks;
+    return std::any_of(peaks.begin(), peaks.end(),
+                       [&](const Peak& peak) { return peak.contact == contact; });
+  }
+
   /// As it went through result_.time: adding and subtracting the begin rounds.
   double local_time(double t) const { return (t + segment_.begin) - segment_.begin; }
-
-  void look_at_peak(double t, std::span<const double> memory, const Columns& columns,
-                    std::size_t p) {
-    const auto contact = at(result_.run.peaks[p].contact);
-    const auto force = [&](MechanismSystem& system, double time, std::span<const double> y,
-                           std::span<double> out, int, std::size_t) {
-      system.locate(time, y, Detail::kAllContacts);
-      const ContactState& s = system.dynamics().contacts()[contact];
-      out[0] = system.mechanism()
-                   .contacts[contact]
-                   .law.evaluate(s.compression, s.rate, system.dynamics().memory(contact))
-                   .force;
-    };
-    models_.total(t, y_, memory, columns, 1, force, derivative_);
-    peak_looks_[p].push_back(derivative_.row(0));
-  }
-
-  void finish_peaks() {
-    for (const auto& looks : peak_looks_) {
-      Eigen::VectorXd out = Eigen::VectorXd::Constant(index(models_.columns()), std::nan(""));
-      // Straight on from 2 and 1 microseconds before the peak.
-      if (looks.size() == 2) out = (2.0 * looks[1] - looks[0]).transpose();
-      result_.peaks.push_back(out);
-    }
-  }
 
   /// Compressions, approaches, coordinate rates, monitors: what an event is described by.
   void describe(MechanismSystem& system, double t, std::span<const double> y, std::span<double> out,
@@ -435,9 +433,8 @@ class SegmentRun {
   SensitivityResult result_;
   std::vector<double> y_;
   std::vector<double> marks_;
-  std::vector<std::pair<double, std::size_t>> peak_marks_;
-  std::vector<std::vector<Eigen::RowVectorXd>> peak_looks_;
-  std::size_t next_peak_ = 0;
+  std::vector<double> look_times_;
+  std::optional<detail::Looks> looks_;
   double last_jump_ = -1.0;
   Eigen::Index row_ = 0;
   Channels channels_;

@@ -70,7 +70,41 @@ bool Variational::touched(double t) {
   return false;
 }
 
-void Variational::stage(int i, double t, double h) {
+/// Adds factor f shift^T to the rows that are integrated, f the rate of the state at t. Outside of
+/// [from, to], where a law may be on the other branch, f goes straight on.
+void Variational::add_motion(double t, double from, double to, double factor, RowMatrix& columns) {
+  if (shift_.size() == 0) return;
+  motion_.resize(static_cast<Eigen::Index>(y_.size()));
+  const auto add = [&](double time, double weight) {
+    trajectory_.interpolate_all(time, y_);
+    models_.probe().rhs(time, y_, {motion_.data(), y_.size()});
+    columns.topRows(rows_).noalias() += weight * motion_.head(rows_) * shift_.transpose();
+  };
+  const double inside = std::clamp(t, from, to);
+  add(inside, inside == t ? factor : 2.0 * factor);
+  if (inside != t) add(2.0 * inside - t, -factor);
+}
+
+/// Adds what an input that changes does to f shift^T: its rate at a fixed state, at (t, y_).
+void Variational::add_drift(double t, double from, double to) {
+  MechanismSystem& probe = models_.probe();
+  const double low = std::max(from, t - 1e-7);
+  const double high = std::min(to, t + 1e-7);
+  const Drive a = probe.drive(low);
+  const Drive b = probe.drive(high);
+  if (a.force == b.force && a.displacement == b.displacement && a.speed == b.speed &&
+      a.acceleration == b.acceleration) {
+    return;
+  }
+  motion_.resize(static_cast<Eigen::Index>(y_.size()));
+  drift_.resize(motion_.size());
+  probe.rhs(low, y_, {motion_.data(), y_.size()});
+  probe.rhs(high, y_, {drift_.data(), y_.size()});
+  drift_ = (drift_ - motion_) / (high - low);
+  rate_.noalias() += drift_.head(rows_) * shift_.transpose();
+}
+
+void Variational::stage(int i, double t, double h, double from, double to) {
   const std::size_t node = trajectory_.interpolate(t, y_);
   MechanismSystem& base = models_.base();
   const auto memory = trajectory_.memory(node);
@@ -84,6 +118,7 @@ void Variational::stage(int i, double t, double h) {
   ++counts_.factorizations;
   rate_.resize(rows_, columns_.state.cols());
   models_.rates(t, y_, memory, columns_.memory, rate_);
+  if (shift_.size() > 0) add_drift(t, from, to);
   // (I - gamma h J) Z = U + gamma h B, k = (Z - U) / (gamma h).
   const double g = kGamma * h;
   RowMatrix& start = slope_[i];
@@ -107,7 +142,7 @@ void Variational::measure(const Rows& columns, Eigen::RowVectorXd& size) const {
 bool Variational::step(double h, double from, double to) {
   for (int i = 0; i < 3; ++i) {
     // Stages stay inside the stretch: at its ends a law may already be on the other branch.
-    stage(i, std::clamp(time_ + kC[i] * h, from, to), h);
+    stage(i, std::clamp(time_ + kC[i] * h, from, to), h, from, to);
   }
   difference_ =
       (h * (kB1 - kE1)) * slope_[0] + (h * (kB2 - kE2)) * slope_[1] + (h * kGamma) * slope_[2];
@@ -149,8 +184,9 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
   // Between two switches a string is touched all the time or never.
   const bool apart = free_ && !touched(0.5 * (time_ + end));
   rows_ = static_cast<Eigen::Index>(apart ? models_.first_mode() : y_.size());
-  measure(columns_.state.topRows(rows_), present_);  // a switch may have changed them
   const double begin = time_;
+  add_motion(begin, from, to, 1.0, columns_.state);
+  measure(columns_.state.topRows(rows_), present_);  // a switch may have changed them
   if (apart) trajectory_.interpolate_all(begin, start_);
   const FlushToZero flush;
   while (time_ < end) {
@@ -173,6 +209,7 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
       dense_.state = columns_.state;
       dense_.state.topRows(rows_) +=
           h * (weight[0] * slope_[0] + weight[1] * slope_[1] + weight[2] * slope_[2]);
+      add_motion(times[next], from, to, -1.0, dense_.state);
       if (apart) free_->move(times[next] - begin, start_, dense_.state);
       dense_.memory = columns_.memory;
       sample(times[next], dense_);
@@ -186,6 +223,7 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
     if (!last || factor < 1.0) h_ = h * factor;
     time_ = reached;
   }
+  add_motion(end, from, to, -1.0, columns_.state);
   if (apart) free_->move(end - begin, start_, columns_.state);
 }
 

@@ -23,6 +23,16 @@ class Variational {
   double time() const { return time_; }
   const SensitivityCounts& counts() const { return counts_; }
 
+  /// From now on S + f shift is integrated, f the rate of the state: a shift in time by `shift`
+  /// (one a column; empty: none) is a solution, and no error of it counts. columns() and what
+  /// samples get stay S.
+  void follow(const Eigen::VectorXd& shift) {
+    shift_ = shift;
+    ++version_;
+  }
+  const Eigen::VectorXd& shift() const { return shift_; }
+  long version() const { return version_; }  ///< of the shift
+
   /// Integrates to `end` within a stretch without switches; `sample` gets those of `times` (sorted)
   /// that lie in (time(), end], beginning with the one at `next`.
   void advance(double end, const std::vector<double>& times, std::size_t& next,
@@ -33,7 +43,9 @@ class Variational {
   void measure(const Rows& columns, Eigen::RowVectorXd& size) const;
   bool touched(double t);
   bool step(double h, double from, double to);
-  void stage(int i, double t, double h);
+  void stage(int i, double t, double h, double from, double to);
+  void add_motion(double t, double from, double to, double factor, RowMatrix& columns);
+  void add_drift(double t, double from, double to);
   void forget(double from, double to);
 
   ShiftedModels& models_;
@@ -49,6 +61,8 @@ class Variational {
   RowMatrix slope_[3], stage_, rate_, difference_;
   Eigen::RowVectorXd largest_, size_, present_, error_size_, floor_;
   std::vector<double> y_;
+  Eigen::VectorXd shift_, motion_, drift_;
+  long version_ = 0;
   SensitivityCounts counts_;
 };
 

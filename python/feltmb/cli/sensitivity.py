@@ -27,7 +27,6 @@ from feltmb.cli.common import (
 )
 from feltmb.cli.completing import actions, strokes
 from feltmb.cli.completing import paths as known_paths
-from feltmb.run.arrays import summary_unit
 
 if TYPE_CHECKING:
     from feltmb.run.sensitivity import Gradient
@@ -47,8 +46,8 @@ if TYPE_CHECKING:
 @click.option(
     "--number",
     metavar="NAME",
-    help="Number of the summary that sorts the table; default: impact_speed, or the first number "
-    "of the stroke.",
+    help="Number of the summary, or a row of [reading], that sorts the table; default: "
+    "impact_speed, or the first number of the stroke.",
 )
 @click.option(
     "--most", type=click.IntRange(1), default=20, show_default=True, help="Rows of the table."
@@ -59,7 +58,7 @@ if TYPE_CHECKING:
 @click.option(
     "--rtol",
     type=Number(1e-13, 1e-2),
-    default=1e-7,
+    default=1e-9,
     show_default=True,
     help="Tolerance of the stroke.",
 )
@@ -115,7 +114,6 @@ def command(
             (),
             duration=duration,
             rtol=rtol,
-            output_rate=100.0,
         )
 
     if is_terminal():
@@ -149,15 +147,21 @@ def command(
                     for p in result.parameters
                 },
                 "derivatives": {
-                    name: dict(zip(result.columns, map(float, g), strict=True))
+                    name: {
+                        column: None if name in result.unknown else float(value)
+                        for column, value in zip(result.columns, g, strict=True)
+                    }
                     for name, g in result.summary_gradient.items()
                 },
+                "unknown": result.unknown,
                 "stats": result.stats,
             }
         )
     else:
         table = _table(result, effects, list(order[:most]), number, stroke, words)
         console().print(table)
+        for name, why in result.unknown.items():
+            console().print(f"{words.get(name, name.replace('_', ' '))} has no derivative: {why}")
     if table_file is not None:
         from feltmb.cli.common import say_written
 
@@ -166,7 +170,7 @@ def command(
         from feltmb.graphics.plot import effects as draw_effects
 
         change = effects.loc[order[:most], number].rename(words.get(number, number))
-        figure = draw_effects(change, summary_unit(number))
+        figure = draw_effects(change, result.summary_units[number])
         save_figure(figure, picture, force=force)
 
 
@@ -183,7 +187,7 @@ def _table(
     ]
     shown = list(dict.fromkeys(shown))[:2]  # as many as fit into 80 columns
     names = [words.get(n, n.replace("_", " ")) for n in shown]
-    value, unit = pretty(result.summary[number], summary_unit(number))
+    value, unit = pretty(result.summary[number], result.summary_units[number])
     table = new_table(
         f"{stroke}: what 1 % more does; {names[0]} is {value} {unit}",
         "parameter",
@@ -197,7 +201,7 @@ def _table(
     for path in rows:
         cells = []
         for name in shown:
-            text, small = pretty(float(effects.loc[path, name]), summary_unit(name))
+            text, small = pretty(float(effects.loc[path, name]), result.summary_units[name])
             cells.append(f"{text} {small}")
         table.add_row(path, f"{values[path].value:.4g}", values[path].unit, *cells)
     return table

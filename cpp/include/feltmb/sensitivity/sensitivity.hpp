@@ -7,10 +7,13 @@
 /// immutable mechanisms built with shifted parameters. While no string is touched its columns are
 /// rotated exactly, mode by mode, and the rest alone is integrated. Steps end where a contact
 /// closes, opens or turns from loading to unloading; where the right-hand side itself jumps there,
-/// S does too: S+ = S- + (f- - f+) dt*/dp (saltation).
+/// S does too: S+ = S- + (f- - f+) dt*/dp (saltation). While a contact whose largest force is
+/// sought is closed, S + f dt/dp is integrated, with the time t of its closing: what is left of S
+/// without the common shift in time, which would hide it.
 #pragma once
 
 #include <Eigen/Dense>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -49,6 +52,24 @@ struct SensitivitySegment {
   Eigen::MatrixXd moves;
 };
 
+/// A value of an output that is wanted with its derivatives: at a time, or an extremum over time.
+struct SensitivityLook {
+  int output = -1;     ///< index in Channels
+  double begin = 0.0;  ///< [s] on the clock of the stroke, as the times of its events
+  double end = 0.0;    ///< [s]
+  int sign = 0;        ///< +1: the largest value from begin to end, -1: the smallest, 0: at begin
+};
+
+struct SensitivityLooked {
+  double value = 0.0;
+  double time = 0.0;  ///< [s], as in SensitivityLook
+  int edge = 0;  ///< -1: it is at the begin, +1: at the end, whose time may move too; 0: between
+  double rate = 0.0;  ///< of the output at an edge: what the derivative gets by the edge's own time
+  Eigen::VectorXd derivative;       ///< by column, with the time of an edge fixed
+  Eigen::VectorXd time_derivative;  ///< [s / unit of the column]
+  std::string reason;               ///< why the derivatives are not known; empty: they are
+};
+
 struct SensitivityOptions {
   SimulationOptions simulation;  ///< of each segment; duration, ledger, outputs are set here
   double tolerance = 1e-3;       ///< local relative error of a column, in (0, 0.1]
@@ -64,6 +85,8 @@ struct SensitivityOptions {
     double travel = 0.0;  ///< [m]
   };
   std::vector<Rule> rules;
+  /// Looks that are wanted, given the stroke; none: empty.
+  std::function<std::vector<SensitivityLook>(const RunResult&)> looks = {};
 };
 
 struct SensitivityEvent {
@@ -92,7 +115,8 @@ struct SensitivityResult {
   RowMatrix end_state;           ///< (n_states, n_columns)
   RowMatrix end_memory;          ///< (n_contacts, n_columns)
   std::vector<SensitivityEvent> events;
-  std::vector<Eigen::VectorXd> peaks;  ///< d largest force / d column, as run.peaks
+  std::vector<SensitivityLooked> peaks;  ///< largest forces, as run.peaks
+  std::vector<SensitivityLooked> looks;  ///< as SensitivityOptions::looks gave them
   SensitivityCounts counts;
   double wall_stroke = 0.0;  ///< [s]
   double wall = 0.0;         ///< of the variational part [s]

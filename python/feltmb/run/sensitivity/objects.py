@@ -13,7 +13,6 @@ from feltmb.display import html_table, picture
 from feltmb.errors import InvalidParameter, no_such
 from feltmb.mechanism import Action
 from feltmb.mechanism.parameters import Parameter
-from feltmb.run.arrays import summary_unit
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,6 +67,10 @@ class Gradient:
         Values of ``Run.summary`` that have a derivative, SI units.
     summary_gradient : dict of ndarray (n_columns,)
         Derivatives of these values.
+    summary_units : dict of str
+        SI units of these values.
+    unknown : dict of str
+        Why the derivatives of a value are NaN, by the name of the value.
     events : tuple of dict
         One entry for each event that has a derivative: ``event``, ``time`` [s], and ``gradient``
         (n_columns,), the derivative of the time.
@@ -89,6 +92,8 @@ class Gradient:
     array: Array
     summary: dict[str, float]
     summary_gradient: dict[str, Array]
+    summary_units: dict[str, str]
+    unknown: dict[str, str]
     events: tuple[dict[str, Any], ...]
     end_state: Array
     end_memory: Array
@@ -105,7 +110,7 @@ class Gradient:
 
     def _repr_html_(self) -> str:
         table = self.effects()
-        names = [f"{name} [{summary_unit(name)}]" for name in table.columns]
+        names = [f"{name} [{self.summary_units[name]}]" for name in table.columns]
         rows = [
             (path, *map(float, values))
             for path, values in zip(table.index, table.to_numpy(), strict=True)
@@ -135,7 +140,7 @@ class Gradient:
             known = ", ".join(table.columns)
             raise InvalidParameter(f"plot: number = {number!r}, expected one of: {known}")
         order = table[number].abs().sort_values(ascending=False).index[:most]
-        return picture("effects", table.loc[order, number], summary_unit(number))
+        return picture("effects", table.loc[order, number], self.summary_units[number])
 
     @checked
     def of(self, output: str, column: str | None = None) -> Array:

@@ -15,6 +15,10 @@ from feltmb.run.stroke import Stroke
 #: the derivative.
 SHIFT = 2e-6
 
+#: The same for places and angles of bodies and surfaces: a shift must be small against the
+#: compression of a contact, which is a thousandth of them.
+SHIFT_OF_PLACES = 2e-8
+
 
 def choose_parameters(
     action: Action, paths: str | Iterable[str] | None, *, every: bool
@@ -35,6 +39,11 @@ def choose_parameters(
     return list(out.values())
 
 
+def _shift(parameter: Parameter) -> float:
+    place = parameter.unit in ("m", "rad") and not parameter.path.startswith("contacts.")
+    return (SHIFT_OF_PLACES if place else SHIFT) * parameter.size
+
+
 def _can_shift(action: Action, parameter: Parameter) -> bool:
     try:
         _nodes(action, parameter)
@@ -45,7 +54,7 @@ def _can_shift(action: Action, parameter: Parameter) -> bool:
 
 def _nodes(action: Action, parameter: Parameter) -> list[tuple[Any, float, float]]:
     """Mechanisms, shifts and weights of a finite difference of second order."""
-    h = SHIFT * parameter.size
+    h = _shift(parameter)
     known = dict(action._described)  # parts of shifted values are not cached
 
     def at(shift: float) -> Any:
@@ -85,7 +94,7 @@ def shifted(action: Action, stroke: Stroke, parameter: Parameter) -> Any:
             weight,
         )
 
-    h = SHIFT * parameter.size
+    h = _shift(parameter)
     sides = [(h, 0.5 / h), (-h, -0.5 / h)]
     if parameter.path == "stroke.scale":
         nodes = [

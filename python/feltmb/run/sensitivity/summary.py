@@ -1,10 +1,14 @@
-"""Derivatives of the values of a summary: event times, and quantities at events."""
+"""Derivatives of the values of a summary: event times, values at events, and extrema."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from feltmb import _core
 from feltmb.mechanism import Action
+from feltmb.run.arrays import summary_unit
 from feltmb.run.events import name_events
 from feltmb.run.simulate import list_changes
 from feltmb.run.strikes import find_strikes
@@ -13,13 +17,35 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from feltmb.mechanism.schema import SummaryRow
+
     Array = npt.NDArray[np.float64]
 
+#: Index and unit of each output, by name.
+Outputs = Mapping[str, tuple[int, str]]
+_SIGNS = {"largest": (1,), "smallest": (-1,), "range": (1, -1)}
+_KEY = "key_travel"
 
-def summary_outputs(action: Action) -> list[str]:
-    """Outputs that the summary needs in addition to the requested ones."""
-    point = action.config.reading.key_point
-    return [f"{point}.y"] if point is not None else []
+
+@dataclass
+class Summary:
+    """Values of a summary in SI units with their derivatives, and the events with theirs."""
+
+    values: dict[str, float] = field(default_factory=dict)
+    derivatives: dict[str, Array] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    unknown: dict[str, str] = field(default_factory=dict)
+    events: list[dict[str, Any]] = field(default_factory=list)
+
+    def put(
+        self, name: str, value: float, derivative: Array, *, unit: str | None = None, why: str = ""
+    ) -> None:
+        """Add a value; ``why``: why the derivative is NaN."""
+        self.values[name] = float(value)
+        self.derivatives[name] = derivative
+        self.units[name] = summary_unit(name) if unit is None else unit
+        if why:
+            self.unknown[name] = why
 
 
 def add_rules(action: Action, options: Any) -> list[str]:
@@ -37,10 +63,67 @@ def add_rules(action: Action, options: Any) -> list[str]:
     return names
 
 
+def _times(action: Action, run: Any, rules: list[str]) -> dict[str, float]:
+    """Times of the named events on the clock of the run."""
+    changes = list_changes(action, run.events, rules)
+    return {n: changes[i].time for n, i in name_events(changes, action.config.events).items()}
+
+
+def _rows(action: Action, when: Mapping[str, float]) -> dict[str, SummaryRow]:
+    """Rows of ``[reading]`` whose events happened."""
+    rows = action.config.reading.rows
+    needed = {n: {*(r.between or ()), r.at, r.after, r.before} - {None} for n, r in rows.items()}
+    return {name: row for name, row in rows.items() if needed[name] <= when.keys()}
+
+
+def looks_of(
+    action: Action, outputs: Outputs, rules: list[str], rate: float
+) -> Callable[[Any], list[tuple[str, Any]]]:
+    """Function that lists what the summary needs of a stroke, with the names of the values."""
+
+    def choose(run: Any) -> list[tuple[str, Any]]:
+        when = _times(action, run, rules)
+        found: list[tuple[str, Any]] = []
+
+        def look(name: str, output: str, begin: float, end: float, sign: int) -> None:
+            found.append((name, _core.SensitivityLook(outputs[output][0], begin, end, sign)))
+
+        key = action.config.reading.key_point
+        if key is not None and f"{key}.y" in outputs:
+            look(_KEY, f"{key}.y", 0.0, 0.0, 0)
+            look(_KEY, f"{key}.y", 0.0, run.reached, -1)
+        for name, row in _rows(action, when).items():
+            if row.output is None:
+                continue
+            if row.at is not None:
+                look(name, row.output, when[row.at], when[row.at], 0)
+                continue
+            begin = when.get(str(row.after), 0.0)
+            end = when.get(str(row.before), run.reached)
+            if begin > end:
+                continue
+            if row.take == "mean":
+                count = max(2, round((end - begin) * rate) + 1)
+                for i in range(count):
+                    t = begin + (end - begin) * i / (count - 1)
+                    look(name, row.output, t, t, 0)
+            for sign in _SIGNS.get(str(row.take), ()):
+                look(name, row.output, begin, end, sign)
+        return found
+
+    return choose
+
+
 def summarize(
-    action: Action, result: Any, rules: list[str]
-) -> tuple[dict[str, float], dict[str, Array], list[dict[str, Any]]]:
+    action: Action,
+    result: Any,
+    rules: list[str],
+    outputs: Outputs,
+    choose: Callable[[Any], list[tuple[str, Any]]],
+) -> Summary:
     """Values of the summary with their derivatives, and events with theirs."""
+    import numpy as np
+
     numbers = action.mechanism.contact_numbers
     run = result.run
     changes = list_changes(action, run.events, rules)
@@ -51,13 +134,8 @@ def summarize(
         i: derived.get((contact, monitor, direction, time + begin))
         for i, (time, contact, monitor, direction) in enumerate(run.events)
     }
-    summary: dict[str, float] = {}
-    out: dict[str, Array] = {}
-
-    def put(name: str, value: float, derivative: Any) -> None:
-        summary[name] = float(value)
-        out[name] = derivative
-
+    out = Summary()
+    put = out.put
     for name, i in named.items():
         event = by_index[i]
         if event is not None:
@@ -75,15 +153,29 @@ def summarize(
             put("rebound_speed", -run.event_approach[off, column], -last.approach[column])
             duration = changes[off].time - changes[on].time
             put("string_contact_duration", duration, last.time - first.time)
-        for (contact, force, _), derivative in zip(run.peaks, result.peaks, strict=True):
+        for (contact, force, time), peak in zip(run.peaks, result.peaks, strict=True):
             if contact == column and force > 0:
-                put("max_string_force", force, derivative)
+                put("max_string_force", force, peak.derivative, why=peak.reason)
+                name = "max_string_force_time"
+                put(name, time + begin, peak.time_derivative, why=peak.reason)
         let_off = by_index.get(named["let_off"]) if "let_off" in named else None
         if let_off is not None:
             gap = -run.event_compression[named["let_off"], column]
             put("let_off_gap", gap, -let_off.compression[column])
+    unknown = np.full(result.end_state.shape[1], np.nan)
+    moved = {n: unknown if by_index[i] is None else by_index[i].time for n, i in named.items()}
+    _add_rows(action, out, changes, named, moved, begin)
+    looked: dict[str, list[Any]] = {}
+    for (name, _), look in zip(choose(run), result.looks, strict=True):
+        looked.setdefault(name, []).append(look)
+    for name, looks in looked.items():
+        if name != _KEY:
+            _add_look(out, name, looks, action.config.reading.rows[name], moved, outputs)
+        elif begin == 0.0:
+            start, lowest = looks
+            value = start.value - lowest.value
+            put(name, value, start.derivative - lowest.derivative, why=lowest.reason)
     names = {i: name for name, i in reversed(list(named.items()))}
-    events = []
     for i, change in enumerate(changes):
         event = by_index[i]
         if event is None:
@@ -94,26 +186,67 @@ def summarize(
             or (f"contact{change.contact:02d}" if change.contact else "finger")
             + ("_on" if change.closes else "_off")
         )
-        events.append({"event": name, "time": event.when, "gradient": event.time})
-    return summary, out, events
+        out.events.append({"event": name, "time": event.when, "gradient": event.time})
+    return out
 
 
-def add_key_travel(
+_GRAZING = "an event of it is too flat for a derivative"
+
+
+def _add_rows(
     action: Action,
-    result: Any,
-    names: list[str],
-    array: Array,
-    summary: dict[str, float],
-    out: dict[str, Array],
+    out: Summary,
+    changes: Any,
+    named: Mapping[str, int],
+    moved: Mapping[str, Array],
+    begin: float,
 ) -> None:
-    """Add the largest downward travel of the key point, if the segment starts at rest."""
+    """Add the rows of ``[reading]`` that are times."""
+    when = {name: changes[i].time for name, i in named.items()}
+    for name, row in _rows(action, when).items():
+        if row.output is not None:
+            continue
+        start, end = row.between or (None, str(row.at))
+        value = when[end] + begin if start is None else when[end] - when[start]
+        derivative = moved[end] if start is None else moved[end] - moved[start]
+        why = _GRAZING if derivative.size and derivative[0] != derivative[0] else ""
+        out.put(name, value, derivative, unit="s", why=why)
+
+
+def _add_look(
+    out: Summary,
+    name: str,
+    looks: list[Any],
+    row: SummaryRow,
+    moved: Mapping[str, Array],
+    outputs: Outputs,
+) -> None:
+    """Add a row of ``[reading]`` from its looks; the ends of a look move with their events."""
     import numpy as np
 
-    column = f"{action.config.reading.key_point}.y"
-    if column not in names or result.time[0] != 0.0:
-        return
-    i = names.index(column)
-    y = result.values[:, i]
-    lowest = int(np.argmin(y))
-    summary["key_travel"] = float(y[0] - y[lowest])
-    out["key_travel"] = array[0, i] - array[lowest, i]
+    def total(look: Any, event: str | None) -> Array:
+        derivative: Array = look.derivative
+        return derivative if event is None else derivative + look.rate * moved[event]
+
+    if row.at is not None:
+        value, derivative = looks[0].value, total(looks[0], row.at)
+    elif row.take == "mean":
+        weight = np.ones(len(looks))
+        weight[[0, -1]] = 0.5
+        weight /= weight.sum()
+        value = float(weight @ [look.value for look in looks])
+        derivative = weight @ np.array([look.derivative for look in looks])
+        length = looks[-1].time - looks[0].time
+        for look, event, sign in ((looks[0], row.after, -1.0), (looks[-1], row.before, 1.0)):
+            if event is not None and length > 0.0:
+                derivative = derivative + sign * (look.value - value) / length * moved[event]
+    else:
+        ends = {-1: row.after, 0: None, 1: row.before}
+        parts = [(look.value, total(look, ends[look.edge])) for look in looks]
+        value, derivative = parts[0]
+        if row.take == "range":
+            value, derivative = value - parts[1][0], derivative - parts[1][1]
+    why = next((look.reason for look in looks if look.reason), "")
+    if not why and derivative.size and np.isnan(derivative[0]):
+        why = _GRAZING
+    out.put(name, value, derivative, unit=outputs[str(row.output)][1], why=why)

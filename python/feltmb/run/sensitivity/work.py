@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
@@ -14,7 +14,7 @@ from feltmb.mechanism import Action, load_action
 from feltmb.mechanism.parameters import Parameter
 from feltmb.run.sensitivity.objects import Gradient, Segment, place_of, state_names
 from feltmb.run.sensitivity.shifting import choose_parameters, shifted
-from feltmb.run.sensitivity.summary import add_key_travel, add_rules, summarize, summary_outputs
+from feltmb.run.sensitivity.summary import Summary, add_rules, looks_of, summarize
 from feltmb.run.simulate import check_input
 from feltmb.run.stroke import Stroke, load_stroke
 
@@ -33,8 +33,8 @@ def gradient(
     outputs: Iterable[str] | None = None,
     *,
     duration: float | None = None,
-    rtol: float = 1e-7,
-    tolerance: float = 3e-3,
+    rtol: float = 1e-9,
+    tolerance: float = 1e-4,
     output_rate: float = 1000.0,
 ) -> Gradient:
     """Compute the derivatives of a stroke that starts at rest, including those of the rest pose.
@@ -54,7 +54,7 @@ def gradient(
         Duration [s]; default: the duration of the stroke.
     rtol
         Relative tolerance of the stroke. A sensitive motion has even more sensitive derivatives;
-        the default is therefore a tenth of the default of ``simulate``.
+        the default is therefore far below that of ``simulate``.
     tolerance
         Local error of each column relative to the largest motion that its parameter causes, above
         0, at most 0.1. An output that is a small difference of such motions (for example the force
@@ -74,8 +74,10 @@ def gradient(
     Notes
     -----
     The summary has times of events, impact and rebound speed, string contact duration, let-off
-    gap, largest string force, and key travel. Their derivatives include the shift of the times of
-    their events.
+    gap, largest string force and its time, key travel, and the rows of ``[reading]``. Extrema are
+    those of the motion itself, not of samples; a mean is that of samples at ``output_rate``. The
+    derivatives include the shift of the times of their events. ``Gradient.unknown`` says why a
+    derivative is NaN.
     """
     action = load_action(action) if isinstance(action, str) else action
     stroke = load_stroke(stroke) if isinstance(stroke, str) else stroke
@@ -103,8 +105,8 @@ def segments(
     outputs: Iterable[str] | None = None,
     *,
     directions: str | Sequence[str] | npt.ArrayLike | None = "mechanical",
-    rtol: float = 1e-7,
-    tolerance: float = 3e-3,
+    rtol: float = 1e-9,
+    tolerance: float = 1e-4,
     output_rate: float = 1000.0,
     jobs: int | None = None,
 ) -> list[Gradient]:
@@ -133,7 +135,6 @@ def segments(
     chosen = choose_parameters(action, parameters, every=from_rest and parameters is None)
     infos = {name: (i, unit) for i, (name, unit, _) in enumerate(_observables(action))}
     names = _choose_outputs(action, infos, outputs)
-    extra = [n for n in summary_outputs(action) if n in infos and n not in names]
 
     options = _core.SensitivityOptions()
     simulation = _core.SimulationOptions()
@@ -144,9 +145,11 @@ def segments(
     options.simulation = simulation
     options.tolerance = float(tolerance)
     options.output_rate = float(output_rate)
-    options.outputs = [infos[n][0] for n in (*names, *extra)]
+    options.outputs = [infos[n][0] for n in names]
     options.threads = 0 if jobs is None else _positive(jobs)
     rules = add_rules(action, options)
+    choose = looks_of(action, infos, rules, output_rate)
+    options.set_looks(lambda run: [look for _, look in choose(run)])
     start_names, matrix = _directions(action, directions)
     columns = tuple(p.path for p in chosen) + tuple(f"start.{n}" for n in start_names)
     units = tuple(p.unit for p in chosen) + tuple(_state_unit(action, n) for n in start_names)
@@ -166,15 +169,19 @@ def segments(
         "stroke": stroke.as_dict(),
         "options": {"rtol": float(rtol), "tolerance": float(tolerance)},
     }
+
+    def sum_up(result: Any) -> Summary:
+        return summarize(action, result, rules, infos, choose)
+
     return [
-        _to_gradient(action, r, w, names, extra, infos, chosen, columns, units, rules, provenance)
+        _to_gradient(r, w, names, infos, chosen, columns, units, provenance, sum_up)
         for r, w in zip(results, segments, strict=True)
     ]
 
 
 @checked
 def state_at(
-    action: Action | str, stroke: Stroke | str, times: Sequence[float], *, rtol: float = 1e-7
+    action: Action | str, stroke: Stroke | str, times: Sequence[float], *, rtol: float = 1e-9
 ) -> list[Segment]:
     """Segments between given times of a stroke, each with the state of the stroke at its start.
 
@@ -309,17 +316,15 @@ def _choose_outputs(
 
 
 def _to_gradient(
-    action: Action,
     result: Any,
     segment: Segment,
     names: list[str],
-    extra: list[str],
     infos: Mapping[str, tuple[int, str]],
     chosen: list[Parameter],
     columns: tuple[str, ...],
     units: tuple[str, ...],
-    rules: list[str],
     provenance: dict[str, Any],
+    sum_up: Callable[[Any], Summary],
 ) -> Gradient:
     import numpy as np
 
@@ -333,11 +338,7 @@ def _to_gradient(
             state=run.failed_state,
             contact=run.failed_contact,
         )
-    count = len(names)
-    array = np.asarray(result.gradient)
-    summary, summary_gradient, events = summarize(action, result, rules)
-    if extra or (names and summary_outputs(action)):
-        add_key_travel(action, result, [*names, *extra], array, summary, summary_gradient)
+    summed = sum_up(result)
     stats: dict[str, Any] = {
         "stroke": dict(run.counts),
         **result.counts,
@@ -348,14 +349,16 @@ def _to_gradient(
         time=result.time,
         outputs=tuple(names),
         output_units=tuple(infos[n][1] for n in names),
-        values=result.values[:, :count],
+        values=result.values,
         columns=columns,
         column_units=units,
         parameters=tuple(chosen),
-        array=array[:, :count, :],
-        summary=summary,
-        summary_gradient=summary_gradient,
-        events=tuple(events),
+        array=np.asarray(result.gradient),
+        summary=summed.values,
+        summary_gradient=summed.derivatives,
+        summary_units=summed.units,
+        unknown=summed.unknown,
+        events=tuple(summed.events),
         end_state=run.end_state,
         end_memory=np.asarray(run.end_largest_compression),
         end_gradient=result.end_state,
