@@ -157,15 +157,18 @@ def loop_uncertainty(
     n = len(cycles.loading)
     errors = envelope_errors(grid, curves, meeting, offset)
     slope = width * work[1] / work[0] ** 2, -width / work[0]  # of the loss
-    # The chords have the work of the samples. The law differs from them: its smooth curves are
-    # lower where the force is convex, they meet, and the share of unloading rises.
-    up, down = (w @ curve.errors(grid, chords=True) for w, curve in zip(slope, curves, strict=True))
+    # The law differs from the curves: they meet, and the share of unloading rises.
+    up, down = (w @ curve.errors(grid) for w, curve in zip(slope, curves, strict=True))
     moved = sum(
-        w @ (law - curve.chords(grid))
+        w @ (law - curve.at(grid))
         for w, law, curve in zip(slope, (load, back), curves, strict=True)
     )
     lost = np.array([*up, *down, (slope[0] + slope[1]) @ errors[0][:, -1], moved])
+    bends = [np.pad(np.abs(np.diff(branch, 2)) / 8.0, 1) for branch in (load, back)]
+    lost = np.append(lost, sum(np.abs(w) @ bend for w, bend in zip(slope, bends, strict=True)))
     sd = [np.linalg.norm(v, axis=-1) for v in (*errors, lost)]
+    # Between its rows, the table is straight for some readers.
+    sd[:2] = [np.hypot(own, bend) for own, bend in zip(sd, bends, strict=False)]
     if n > 1:
         # The envelope has loading of one cycle, and unloading of the same or of another one.
         factor = quantile(n)
@@ -176,7 +179,7 @@ def loop_uncertainty(
         sd = [np.maximum(own, factor * between) for own, between in zip(sd, found, strict=True)]
     zero = 0.0
     if not given:
-        first = curves[0].scatter[0][int(np.argmin(curves[0].e))]
+        first = curves[0].noise
         small = max(TOUCH[0] * first, TOUCH[1] * float(load[-1]))
         zero = float(np.interp(HIDDEN * small, load, grid))
     return LoopUncertainty(sd[0], sd[1], float(sd[2]), float(zero), n)
@@ -204,7 +207,6 @@ def quantile(cycles: int) -> float:
 
 def offset_error(loading: MonotoneCurve) -> float:
     """Standard error of the force of the approach [N]: a median of correlated samples."""
-    local, decay = loading.scatter
+    decay = loading.scatter[1]
     count = max(LEAST, loading.before // 2)
-    of_mean = np.sqrt((1.0 + decay) / (1.0 - decay) / count)
-    return float(MEDIAN * local[int(np.argmin(loading.e))] * of_mean)
+    return float(MEDIAN * loading.noise * np.sqrt((1.0 + decay) / (1.0 - decay) / count))

@@ -270,10 +270,10 @@ def _measured_loop(
         raise InvalidParameter("measured_loop: " + "; ".join(faults))
     end = float(np.max(e))
     grid = end * np.linspace(0.0, 1.0, points) ** 2
-    curves = (
-        monotone_curve(e[loading], f[loading], end),
-        monotone_curve(e[unloading], f[unloading], end),
-    )
+    back = unloading
+    if not branches.held.size:  # the turn belongs to both branches
+        back = np.union1d(unloading, np.max(loading[loading < np.min(unloading)], initial=0))
+    curves = monotone_curve(e[loading], f[loading], end), monotone_curve(e[back], f[back], end)
     meeting = (grid / end) ** MEETING
 
     load, back = (curve.at(grid) for curve in curves)
@@ -377,9 +377,8 @@ def _unsure_kappa(
         return _by_law(replace(other, memory={**made.memory, "kappa": value}), e)
 
     rest = force - _by_law(made, e)
-    # The chords have the work of the samples; see loop_uncertainty.
     moved = [
-        branch - curve.chords(made.compression)
+        branch - curve.at(made.compression)
         for branch, curve in zip((made.loading, made.unloading), curves, strict=True)
     ]
     up, down = (np.column_stack(pair) for pair in zip(errors, moved, strict=True))
