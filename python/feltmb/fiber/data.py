@@ -152,12 +152,12 @@ def _after_approach(test: CompressionData, thickness0: float | None) -> Compress
     branch = test.v_f[loading], test.pressure[loading]
     notes = []
     if test.reference_known:
-        _, load = free_approach(*branch, test.v_f0)
+        load = free_approach(*branch, test.v_f0).level
         if load:
             test = replace(test, pressure=test.pressure - load)
             notes.append(f"the pressure of the free approach, {load:.4g} Pa, is subtracted")
     if thickness0 is not None:
-        contact, _ = free_approach(*branch)
+        contact = free_approach(*branch).zero
         if contact - test.v_f0 > FREE_SHARE * (float(np.max(test.v_f)) - test.v_f0):
             at = thickness0 * (1.0 - test.v_f0 / contact)
             notes.append(

@@ -105,7 +105,7 @@ def test_the_force_of_the_approach_and_lost_samples(offset, wrong):
     if wrong is not None:
         force[wrong] = 5.0 if wrong < 100 else 0.0
     found = measured_loop(x, force)
-    assert 0.0 < found.zero < 1e-4
+    assert abs(found.zero) < 5e-5
     assert found.envelope.loading[-1] == pytest.approx(10.0, abs=0.02)
     assert any(f"approach, {offset:.2g} N, is subtracted" in note for note in found.notes)
 
@@ -294,7 +294,7 @@ def test_uncertainties_follow_the_noise_and_the_cycles():
     # The numbers do not require memory for all pairs of rows.
     fine = measured_loop(*cycles_of(1, 0.0, 0.01, 1), zero=0.0, points=20_000).uncertainty
     assert fine.loading[-1] == pytest.approx(one[0].loading[-1], rel=1e-6)
-    assert fine.loss == pytest.approx(one[0].loss, rel=0.02)
+    assert 0.5 * one[0].loss < fine.loss < one[0].loss  # without the chords of a coarse table
 
 
 def write(path, unit=1e3, text=None):
