@@ -42,8 +42,8 @@ class LoopUncertainty:
     With two or more complete cycles, those of the forces are from the scatter of one cycle to the
     next, by Student's t. With one, they are from the scatter of the samples about the curves, with
     the correlation of successive samples and with what may lie between them, as is always that of
-    the loss, which is that of one cycle. They do not contain what all samples have in common, such as a
-    gain of the load cell.
+    the loss, which is that of one cycle. They do not contain what all samples have in common, such
+    as a gain of the load cell.
     """
 
     loading: Array

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from feltmb.arguments import checked
 from feltmb.contact import Law
+from feltmb.data import ReadOptions
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt.envelopes import FeltEnvelope
 from feltmb.felt.loop_uncertainty import (
@@ -112,17 +113,33 @@ class MeasuredLoop:
 
 @checked
 def read_measured_loop(
-    path: str | Path, *, zero: float | None = None, points: int = 193
+    path: str | Path,
+    *,
+    zero: float | None = None,
+    cycle: int | None = None,
+    points: int = 193,
+    thickness0: float | None = None,
+    area: float | None = None,
+    specimen: str = "",
+    options: ReadOptions | None = None,
 ) -> MeasuredLoop:
     """Contact law from a file with compression and force of a pair.
+
+    A column that is called compression and starts at zero is not shifted.
 
     Parameters
     ----------
     path
-        CSV file with the columns ``displacement [mm]`` (or ``thickness [mm]``) and ``force [N]``,
-        as for :func:`feltmb.fiber.read_compression`.
-    zero, points
+        CSV file with the columns ``displacement [mm]`` (or ``thickness [mm]``, or ``strain [%]``)
+        and ``force [N]`` (or ``pressure [kPa]``), as for :func:`feltmb.fiber.read_compression`.
+    zero, cycle, points
         As in :func:`measured_loop`; ``zero`` is a thickness in a test by thickness.
+    thickness0, area
+        Thickness without load [m] and area [m^2], for a column of strain or pressure.
+    specimen
+        Which one of several specimens.
+    options
+        Columns and units of the quantities.
 
     Raises
     ------
@@ -130,17 +147,37 @@ def read_measured_loop(
         The file has faults; all of them are in the message.
     """
     file = Path(path)
-    table = read_test(file, ("displacement", "thickness"), ("force",))
+    table = read_test(
+        file,
+        ("displacement", "thickness", "strain"),
+        ("force", "pressure"),
+        options=options,
+        specimen=specimen,
+    )
+    lacking = [
+        f"{quantity} without {what}, expected {option}"
+        for quantity, number, what, option in (
+            ("strain", thickness0, "the thickness of the felt", "thickness0 (--thickness)"),
+            ("pressure", area, "the area of the sample", "area (--area)"),
+        )
+        if quantity in (table.compression, table.load) and number is None
+    ]
+    if lacking:
+        raise DataError(f"{file}: {'; '.join(lacking)}")
     by_thickness = table.compression == "thickness"
     if by_thickness and table.x.min() <= 0.0:
         raise DataError(f"{file}: thickness down to {table.x.min():.4g} m, expected > 0")
     sign = -1.0 if by_thickness else 1.0
+    if table.from_contact and zero is None:
+        zero = 0.0
     order = _order(sign * table.x, table.branches)
+    x, force = table.x[order], table.loads[order]
     try:
         found = _measured_loop(
-            sign * table.x[order],
-            table.loads[order],
+            sign * (x * thickness0 if table.compression == "strain" and thickness0 else x),
+            force * area if table.load == "pressure" and area else force,
             zero=None if zero is None else sign * zero,
+            cycle=cycle,
             points=points,
             name=file.stem,
             by_thickness=by_thickness,
@@ -189,8 +226,8 @@ def measured_loop(
     force
         Force [N], compression positive, (n,).
     zero
-        Displacement at the first contact [m]; default: where loading leaves the force of the
-        approach by more than its scatter.
+        Displacement at the first contact [m]; default: the beginning of a power law of the toe of
+        the first loading (of ``cycle``, if it is given).
     cycle
         Number of the cycle that is the loop, from 1; default: the first complete one.
     points
@@ -253,7 +290,12 @@ def _measured_loop(
     if faults:
         raise InvalidParameter("measured_loop: " + "; ".join(faults))
     given = zero is not None
-    contact = free_approach(x[loading], f[loading], zero)
+    first = loading
+    if cycle is None and 1 in branches.loops:  # where the felt was touched for the first time
+        start, top, _ = branches.loops[1]
+        first = np.setdiff1d(np.arange(start, top + 1), branches.held)
+        first = first if first.size >= LEAST else loading
+    contact = free_approach(x[first], f[first], zero)
     zero, offset = contact.zero, contact.level
     e, f = x - zero, f - offset
     for side, at in (("loading", loading), ("unloading", unloading)):
@@ -285,7 +327,9 @@ def _measured_loop(
         sure = replace(
             sure, kappa=_unsure_kappa(made, meeting, e, f, branches, cycles, errors, curves)
         )
-    found = MeasuredLoop(e, f, zero, branches, made, sure, (), cycles.losses, by_thickness=by_thickness)
+    found = MeasuredLoop(
+        e, f, zero, branches, made, sure, (), cycles.losses, by_thickness=by_thickness
+    )
     if not given:
         found = replace(found, zero_interval=(contact.low, contact.high))
     notes = _notes(found, given=given)
@@ -420,8 +464,8 @@ def _notes(found: MeasuredLoop, *, given: bool) -> list[str]:
     left_out = e.size - np.union1d(branches.kept, branches.held).size
     if left_out:
         notes.append(
-            f"{branches.cycles} loadings: the loop is cycle {branches.chosen}, its loading with the "
-            f"unloading after it (another one: cycle, --cycle); {left_out} samples of the other "
+            f"{branches.cycles} loadings: the loop is cycle {branches.chosen}, its loading with "
+            f"the unloading after it (another one: cycle, --cycle); {left_out} samples of the other "
             "cycles are compared with the law"
             + (", and give the uncertainty" if found.uncertainty.cycles > 1 else " only")
         )

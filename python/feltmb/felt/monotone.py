@@ -128,7 +128,9 @@ def monotone_curve(e: Array, force: Array, end: float) -> MonotoneCurve:
         local = np.sqrt(np.maximum(square / np.mean(square), 1e-4)) if square.any() else local
         fit = _smooth(rows / local[:, None], bends)
     rise = np.tril(np.ones((count + 3, count + 3)))
-    sizes, directions = np.linalg.eigh(np.linalg.solve(rise, np.linalg.solve(rise, fit.covariance).T))
+    sizes, directions = np.linalg.eigh(
+        np.linalg.solve(rise, np.linalg.solve(rise, fit.covariance).T)
+    )
     sizes = np.sqrt(np.maximum(sizes, 1e-14 * sizes[-1]))
     factor = directions.T / sizes[:, None]
     steps, _ = nnls(factor, factor @ np.linalg.solve(rise, fit.best))
@@ -194,7 +196,10 @@ def _smooth(rows: Array, bends: Array) -> _Smooth:
     starts = [np.array([s, z]) for s in grid[::2] for z in (0.0, 0.5, 1.2) if z <= most]
     start = min(starts, key=lambda at: fitted(at)[0])
     found = minimize(
-        lambda at: fitted(at)[0], start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 1e-3}
+        lambda at: fitted(at)[0],
+        start,
+        method="Nelder-Mead",
+        options={"xatol": 0.02, "fatol": 1e-3},
     ).x
     near = [fitted(np.array([s, found[1]])) for s in (*grid, found[0])]
     shares = np.exp(0.5 * (min(cost for cost, *_ in near) - np.array([cost for cost, *_ in near])))

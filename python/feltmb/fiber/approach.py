@@ -104,15 +104,13 @@ def free_approach(x: Array, force: Array, zero: float | None = None) -> FirstCon
     return replace(found, level=level if abs(level) > error else 0.0)
 
 
-def first_contact(
-    x: Array, force: Array, least: float, *, approach: bool
-) -> FirstContact | None:
+def first_contact(x: Array, force: Array, least: float, *, approach: bool) -> FirstContact | None:
     """First contact by a model of the toe, ``force = b + K (x - zero)^p``; None without samples.
 
     The interval is that of the profile likelihood, with the correlation of successive samples. Of
     the parts of the loading up to several forces, the largest counts whose estimate is within wide
-    intervals of all smaller ones: no felt is a power law over its whole range. The interval contains
-    that of the next smaller part.
+    intervals of all smaller ones: no felt is a power law over its whole range. The interval
+    contains that of the next smaller part.
 
     Parameters
     ----------
@@ -185,7 +183,9 @@ def _toe(
     at = minimize_scalar(
         lambda z: squares(z)[0], bounds=ends, method="bounded", options={"xatol": 1e-5 * span}
     )
-    zero, cost = (float(at.x), float(at.fun)) if at.fun <= costs[best] else (grid[best], costs[best])
+    zero, cost = (
+        (float(at.x), float(at.fun)) if at.fun <= costs[best] else (grid[best], costs[best])
+    )
     exponent = squares(zero)[1]
     left = rest(zero, exponent)
     follow = float(np.clip(left[1:] @ left[:-1] / max(float(left @ left), 1e-300), 0.0, 0.9))

@@ -88,9 +88,7 @@ def find_branches(v_f: Array, cycle: int | None = None) -> Branches:
     parts = list(itertools.pairwise(turns))
     rises = [i for i, (a, b) in enumerate(parts) if v_f[b] >= v_f[a]] or [0]
     starts = [parts[i][0] + (parts[i][0] > 0) for i in rises]
-    loops = {
-        k: (*parts[i], parts[i + 1][1]) for k, i in enumerate(rises, 1) if i + 1 < len(parts)
-    }
+    loops = {k: (*parts[i], parts[i + 1][1]) for k, i in enumerate(rises, 1) if i + 1 < len(parts)}
     if cycle is not None and cycle not in loops:
         raise InvalidParameter(
             f"cycle = {cycle}: the test has {len(loops)} cycles with an unloading"
