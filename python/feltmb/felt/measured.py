@@ -465,8 +465,8 @@ def _notes(found: MeasuredLoop, *, given: bool) -> list[str]:
     if left_out:
         notes.append(
             f"{branches.cycles} loadings: the loop is cycle {branches.chosen}, its loading with "
-            f"the unloading after it (another one: cycle, --cycle); {left_out} samples of the other "
-            "cycles are compared with the law"
+            f"the unloading after it (another one: cycle, --cycle); {left_out} samples of the "
+            "other cycles are compared with the law"
             + (", and give the uncertainty" if found.uncertainty.cycles > 1 else " only")
         )
         before = e[branches.loops[branches.chosen][0]] if branches.chosen in branches.loops else 0.0

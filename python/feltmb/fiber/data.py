@@ -126,8 +126,8 @@ def _by_reversals(test: CompressionData, cycle: int | None) -> CompressionData:
     if left_out:
         notes.append(
             f"{found.cycles} loadings: cycle {found.chosen} is used, its loading with the "
-            f"unloading after it (another one: cycle, --cycle); {left_out} samples of the other cycles are "
-            f"left out {all_used}"
+            f"unloading after it (another one: cycle, --cycle); {left_out} samples of the other "
+            f"cycles are left out {all_used}"
         )
     if found.holds:
         # Of several holds, the one under the largest load: a felt at rest does not relax.
