@@ -195,7 +195,7 @@ def test_columns_are_named_by_options_and_by_a_file_beside_the_data(tmp_path):
     found = read_measured_loop(path, zero=0.0)
     assert found.envelope.loading[-1] == pytest.approx(240.0, rel=1e-3)
     odd = write(tmp_path / "odd.csv", ["way [mm],pull [N]"], [x, force])
-    with pytest.raises(DataError, match=r"Standardweg.*Standardkraft") as caught:
+    with pytest.raises(DataError, match=r"(?s)Standardweg.*Standardkraft") as caught:
         read_measured_loop(odd)
     assert "--column displacement=COLUMN" in str(caught.value)
     result = CliRunner().invoke(

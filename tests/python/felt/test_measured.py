@@ -329,9 +329,9 @@ def test_from_a_file_to_a_mechanism(tmp_path):
     sure = told["uncertainty"]
     assert len(sure["loading"]) == len(told["envelope"]["loading"])
     assert sure["loss"] > 0.0
-    assert "% of the loading work; of the samples" in " ".join(out.split())
+    assert "% of the loading work; of the samples of its cycle" in " ".join(out.split())
     assert "±: standard uncertainty (68 %), from the scatter of the samples" in out
-    assert "mm (± " in out
+    assert "mm (95 %: " in out
     assert told["memory"] == {}
     assert sure["kappa"] is None
     assert "the test does not tell better ones, and they have no uncertainty" in " ".join(
@@ -374,11 +374,11 @@ def test_a_test_by_thickness(tmp_path):
     [
         (
             {"head": "v_f [-],force [N]"},
-            "expected a column displacement or thickness; there are v_f",
+            "expected a column displacement or thickness or strain; there are v_f",
         ),
         (
             {"head": "displacement [mm],pressure [Pa]"},
-            "expected a column force; there are displacement, pressure",
+            "pressure without the area of the sample, expected area",
         ),
         ({"rows": 300}, "0 samples of unloading, expected at least 8"),
     ],
