@@ -190,7 +190,8 @@ def _smooth(rows: Array, bends: Array) -> _Smooth:
         logs = 2.0 * float(np.sum(np.log(np.diag(factor)))) - np.log(1.0 - correlation**2)
         cost = freedom * np.log(squares) + logs - bends.shape[0] * np.log(weight)
         outside = float(np.sum((at - inside) ** 2))
-        return cost + outside, squares, np.linalg.solve(factor.T, half), factor
+        best = np.asarray(np.linalg.solve(factor.T, half))
+        return float(cost + outside), squares, best, np.asarray(factor, dtype=np.float64)
 
     grid = np.arange(STIFFNESS[0], STIFFNESS[1] + 1.0, 2.0)
     starts = [np.array([s, z]) for s in grid[::2] for z in (0.0, 0.5, 1.2) if z <= most]

@@ -197,12 +197,12 @@ def _toe(
     for confidence in (LEVEL, WIDE):
         limit = cost + variance * float(fisher.ppf(confidence, 1, n - fitted))
         within = np.flatnonzero(levels <= limit)
-        ends = []
+        sides: list[float] = []
         for inner, outer in ((within[0], within[0] - 1), (within[-1], within[-1] + 1)):
             if not 0 <= outer < places.size:
-                ends.append(float(places[inner]))
+                sides.append(float(places[inner]))
                 continue
-            ends.append(
+            sides.append(
                 float(
                     brentq(
                         lambda z, limit=limit: squares(z)[0] - limit,
@@ -211,5 +211,5 @@ def _toe(
                     )
                 )
             )
-        made.append(FirstContact(zero, min(*ends, zero), max(*ends, zero), 0.0, exponent))
+        made.append(FirstContact(zero, min(*sides, zero), max(*sides, zero), 0.0, exponent))
     return made[0], made[1]

@@ -176,13 +176,14 @@ def _plain(names: str) -> list[str]:
 def _specimen(columns: Columns, stated: str, wanted: str, faults: list[str]) -> NDArray[np.intp]:
     """Rows of one specimen; a fault if the file has several and none of them is chosen."""
     size = max((v.size for v in columns.values.values()), default=0)
-    named = {**columns.values, **columns.texts}
+    named: dict[str, Sequence[float | str]] = {c: v.tolist() for c, v in columns.values.items()}
+    named |= columns.texts
     column = next((c for c in named if stated and plain_name(c) == plain_name(stated)), "")
     if stated and not column:
         faults.append(f"no column {shortened(stated)!r} for specimen; there are {columns}")
         return np.arange(size)
     for name in () if column else named:
-        several = len(set(np.asarray(named[name]).tolist()))
+        several = len(set(named[name]))
         if plain_name(name) in _plain(SPECIMENS) and several * _LEAST <= size:
             column = column or name
     where = f"column {shortened(column)}"
