@@ -51,7 +51,16 @@ class MonotoneCurve:
 
     def at(self, grid: Array) -> Array:
         """Force at some compressions, in ascending order [N]."""
-        force = self._forces(grid, self.steps[:, None])[:, 0]
+        force = self._spline(grid, self.steps[:, None])[:, 0]
+        near = min(2.0, float(self.knots[-1]) / self.low) if self.low else 1.0
+        if near > 1.0:
+            ends = np.array([self.low, near * self.low])
+            small, large = self._spline(ends, self.steps[:, None])[:, 0]
+            power = 1.0
+            if small > 0.0:
+                power = float(np.clip(np.log(large / small) / np.log(near), *EXPONENTS))
+            below = grid < self.low
+            force[below] = small * (np.maximum(grid[below], 0.0) / self.low) ** power
         return np.maximum.accumulate(np.where(grid > 0.0, np.maximum(force, 0.0), 0.0))
 
     def errors(self, grid: Array) -> Array:
@@ -60,30 +69,21 @@ class MonotoneCurve:
         Each column is one standard deviation of an error at all compressions of the grid, from the
         scatter of the samples and from what may lie between them.
         """
-        small = 1e-6 * float(np.sum(self.steps)) + 1e-300
-        sizes = np.max(np.abs(self.spread), axis=0, initial=0.0) + 1e-300
-        moved = self.steps[:, None] + small * self.spread / sizes
-        change = self._forces(grid, moved) - self.at(grid)[:, None]
-        return np.asarray(change * sizes / small)
+        change = self._spline(grid, self.spread)
+        if self.low:  # as a share of the curve
+            below, ends = grid < self.low, self.at(np.array([self.low]))
+            share = self.at(grid[below]) / ends if ends[0] > 0.0 else grid[below] / self.low
+            change[below] *= share[:, None]
+        return change
 
-    def _forces(self, grid: Array, steps: Array) -> Array:
-        """Forces of several splines at some compressions (rows, splines) [N]."""
+    def _spline(self, grid: Array, steps: Array) -> Array:
+        """Splines at some compressions, without a power below ``low`` (rows, splines) [N]."""
         from scipy.interpolate import BSpline
 
         spline = BSpline(_padded(self.knots), np.cumsum(steps, axis=0), 3)
-        end, first = float(self.knots[-1]), float(self.knots[1])
-        force = spline(np.clip(grid, self.knots[0], end))
+        force = spline(np.clip(grid, self.knots[0], self.knots[-1]))
         if not self.low:  # a felt without compression has no force
-            return np.asarray(force - steps[0] * np.maximum(1.0 - grid / first, 0.0)[:, None] ** 2)
-        ends = spline([self.low, min(2.0 * self.low, end)])
-        near = min(2.0, end / self.low)
-        below = grid < self.low
-        for column, (small, large) in zip(force.T, ends.T, strict=True):
-            if small > 0.0 and near > 1.0:
-                power = np.clip(np.log(large / small) / np.log(near), *EXPONENTS)
-                column[below] = small * (grid[below] / self.low) ** power
-            else:
-                column[below] *= grid[below] / self.low
+            force -= steps[0] * np.maximum(1.0 - grid / self.knots[1], 0.0)[:, None] ** 2
         return np.asarray(force)
 
 
