@@ -326,7 +326,10 @@ def envelope_command(
     )
     say(made.about)
     print_envelope(made)
-    say(f"loss of the loop: {100 * made.loss:.2f} % of the loading work")
+    apart = ""
+    if math.isfinite(made.open_loss):
+        apart = f"; without closing it at its end by force: {100 * made.open_loss:.2f} %"
+    say(f"loss of the loop: {100 * made.loss:.2f} % of the loading work{apart}")
     if output is not None:
         text = made.to_toml(action, contact) if contact is not None else made.to_toml()
         say_written(write_text(output, text, force=force))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -18,12 +19,14 @@ from feltmb.cli.common import (
     force_option,
     json_option,
     new_table,
+    positive,
     print_json,
     save_figure,
     say,
     say_written,
 )
 from feltmb.cli.completing import actions
+from feltmb.cli.gap_reading import test_options
 
 if TYPE_CHECKING:
     from feltmb.felt import FeltEnvelope, LoopUncertainty, MeasuredLoop
@@ -69,6 +72,19 @@ def print_envelope(made: FeltEnvelope, sure: LoopUncertainty | None = None) -> N
     console().print(table)
 
 
+def _print_cycles(found: MeasuredLoop) -> None:
+    """Print the loss of each cycle."""
+    table = new_table("Cycles", "cycle", "from [mm]", "to [mm]", "force [N]", "loss [%]", "± [%]",
+                      right=tuple(range(6)))  # fmt: skip
+    for one in found.cycles:
+        mark = " *" if one.number == found.branches.chosen else ""
+        row = [f"{1e3 * x:.4g}" for x in (one.low, one.top)]
+        row += [f"{one.force:.4g}", f"{100 * one.loss:.2f}", f"{100 * one.sd:.2g}"]
+        table.add_row(f"{one.number}{mark}", *row)
+    console().print(table)
+    say("* the loop")
+
+
 def _memory(found: MeasuredLoop) -> str:
     """Numbers of the memory with their uncertainty, or why they have none."""
     if "kappa" not in found.memory:
@@ -92,9 +108,14 @@ def _memory(found: MeasuredLoop) -> str:
 @click.option(
     "--zero",
     type=Quantity("m"),
-    help="Displacement (or thickness) at the first contact [m], such as 0.4mm; default: where the "
-    "force exceeds its scatter.",
+    help="Displacement (or thickness) at the first contact [m], such as 0.4mm; default: the "
+    "beginning of a power law through the toe of loading.",
 )
+@click.option(
+    "--thickness", type=positive("m"), help="Thickness without load [m], for a column of strain."
+)
+@click.option("--area", type=positive("m^2"), help="Area [m^2], for a column of pressure.")
+@test_options
 @click.option(
     "--points", type=click.IntRange(5, 100_000), default=193, show_default=True,
     help="Rows of the table.",
@@ -120,6 +141,9 @@ def _memory(found: MeasuredLoop) -> str:
 def contact_command(
     test: Path,
     zero: float | None,
+    thickness: float | None,
+    area: float | None,
+    reading: dict[str, Any],
     points: int,
     action: str,
     contact: str | None,
@@ -130,11 +154,13 @@ def contact_command(
 ) -> None:
     """Contact law from the measured loop in TEST, a CSV with units in its header.
 
-    Columns: "displacement [mm]" (or compression; positive in compression) or "thickness [mm]", and
-    "force [N]"; other units, such as in, gf and kgf, are converted. No data of the fibers are
-    needed. The file may contain several cycles: the scatter of the complete ones gives the
-    uncertainty. The table is the value of contacts.NN.memory.envelope in a mechanism file. With
-    --contact the output file is a complete mechanism.
+    Columns: "displacement [mm]" (positive in compression), "thickness [mm]" or "strain [%]", and
+    "force [N]" or "stress [kPa]", also by their usual names in English, German and French; other
+    units, such as in, gf and kgf, are converted. A column that is called compression and starts at
+    zero is not shifted. No data of the fibers are needed. The loop is one cycle; the loss of each
+    is printed, and the scatter of the complete ones gives the uncertainty of the forces. The table
+    is the value of contacts.NN.memory.envelope in a mechanism file. With --contact the output file
+    is a complete mechanism.
     """
     from feltmb.felt import read_measured_loop
     from feltmb.felt.plot import plot_measured_loop
@@ -142,13 +168,20 @@ def contact_command(
 
     check_targets(output, pictures=(picture,), force=force)
     known_contact(action, contact)
-    found = read_measured_loop(test, zero=zero, points=points)
+    found = read_measured_loop(
+        test, zero=zero, points=points, thickness0=thickness, area=area, **reading
+    )
     made, sure = found.envelope, found.uncertainty
-    at = -found.zero if found.by_thickness else found.zero
+    sign = -1.0 if found.by_thickness else 1.0
+    at = sign * found.zero
+    span = sorted(sign * end for end in found.zero_interval or ())
     if as_json:
         print_json(
             {
                 "zero": at,
+                "zero_interval": span or None,
+                "cycle": found.branches.chosen,
+                "cycles": [asdict(one) for one in found.cycles],
                 "largest_compression": made.closing,
                 "largest_force": float(made.loading[-1]),
                 "loss": made.loss,
@@ -172,12 +205,16 @@ def contact_command(
         print_envelope(made, sure)
         say(f"±: standard uncertainty (68 %), {sure.source}")
         what = "thickness" if found.by_thickness else "displacement"
-        given = "given" if zero is not None else f"± {1e3 * sure.zero:.2g} mm; --zero"
+        given = "given, or zero of a compression"
+        if span:
+            given = f"95 %: {1e3 * span[0]:.4g} to {1e3 * span[1]:.4g} mm; --zero"
         say(f"{what} at the first contact: {at * 1e3:.4g} mm ({given})")
         say(
             f"loss of the loop: {100 * made.loss:.2f} ± {100 * sure.loss:.2g} % of the loading "
-            f"work; of the samples: {100 * found.loss:.2f} %"
+            f"work; of the samples of its cycle: {100 * found.loss:.2f} %"
         )
+        if len(found.cycles) > 1:
+            _print_cycles(found)
         say(_memory(found))
         say(
             f"difference of law and test: {found.rms:.4g} N rms, "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -27,6 +28,7 @@ from feltmb.cli.common import (
     zero_option,
 )
 from feltmb.cli.completing import actions, felts
+from feltmb.cli.gap_reading import test_options
 
 __all__ = ["fit_command", "identify_command"]
 
@@ -68,6 +70,7 @@ def _number(value: float) -> float | None:
     "--area", type=positive("m^2"), help="Area of the sample [m^2], such as 4cm2, for force data."
 )
 @zero_option
+@test_options
 @click.option(
     "--relative",
     type=Number(0.0, 1e3),
@@ -87,6 +90,7 @@ def identify_command(
     thickness: float | None,
     area: float | None,
     zero: float | None,
+    reading: dict[str, Any],
     relative: float,
     level: float,
     as_json: bool,
@@ -112,6 +116,7 @@ def identify_command(
         thickness0=thickness,
         area=area,
         zero=zero,
+        **reading,
     )
     name = output.stem if output is not None else test.stem
     result = identify(data, material=base, relative=relative, level=level, name=name)

@@ -14,7 +14,7 @@ from feltmb.errors import InvalidParameter
 if TYPE_CHECKING:
     from feltmb.data import ReadOptions
 
-__all__ = ["reading_options"]
+__all__ = ["reading_options", "test_options"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -123,6 +123,56 @@ def reading_options(function: F) -> F:
 
     for name, attributes in reversed(_OPTIONS):
         command = click.option(name, **attributes)(command)
+    return command  # type: ignore[return-value]
+
+
+def test_options(function: F) -> F:
+    """Options for reading a compression test, which a command gets as ``reading``."""
+
+    @functools.wraps(function)
+    def command(
+        *args: Any,
+        column: Sequence[str],
+        unit: Sequence[str],
+        specimen: str,
+        cycle: int | None,
+        **kwargs: Any,
+    ) -> Any:
+        from feltmb.data import ReadOptions
+
+        options = ReadOptions(
+            columns=_pairs("--column", column, bare=False),
+            units=_pairs("--unit", unit, bare=False),
+        )
+        reading = {"options": options, "specimen": specimen, "cycle": cycle}
+        return function(*args, reading=reading, **kwargs)
+
+    for option in (
+        click.option(
+            "--cycle",
+            type=click.IntRange(1),
+            help="Number of the cycle to use; default: the first complete one.",
+        ),
+        click.option(
+            "--specimen", metavar="NAME", default="", help="Which one of several specimens."
+        ),
+        click.option(
+            "--unit",
+            metavar="QUANTITY=UNIT",
+            cls=ListOption,
+            multiple=True,
+            help="Unit of a quantity, such as displacement=mm. Repeatable.",
+        ),
+        click.option(
+            "--column",
+            metavar="QUANTITY=COLUMN",
+            cls=ListOption,
+            multiple=True,
+            help="Column of displacement, thickness, strain, v_f, force, pressure or specimen; its "
+            "number in a file without names. Repeatable.",
+        ),
+    ):
+        command = option(command)
     return command  # type: ignore[return-value]
 
 

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import math
 import re
 import struct
 import warnings
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from feltmb.data.series import MOST_NUMBERS, Columns, columns_of, limit_text
-from feltmb.data.tables import read_table, text_lines
+from feltmb.data.tables import read_number, read_table, text_lines
 from feltmb.data.trackers import read_tracked
 from feltmb.errors import DataError
 from feltmb.files import LARGEST_TABLE, plain_text, read_input
@@ -40,10 +42,11 @@ LARGEST_MAT = 500_000_000  # bytes of a MAT file of version 5
 _MAT_NUMBERS = {"double", "single"} | {f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)}
 
 
-def read_columns(path: Path, *, strict: bool = True) -> Columns:
+def read_columns(path: Path, *, strict: bool = True, numbered: bool = False) -> Columns:
     """Read all series of a file.
 
     ``strict``: refuse a text with faults in any row; else :meth:`Columns.faults` tells them.
+    ``numbered``: the columns of a text without a header are called 1, 2, ...
 
     Raises
     ------
@@ -52,7 +55,7 @@ def read_columns(path: Path, *, strict: bool = True) -> Columns:
     """
     kind = path.suffix.lower()
     if kind in _TEXTS:
-        columns = _read_text(path)
+        columns = _read_text(path, numbered=numbered)
         columns.pair_likelihood()
         if strict and (faults := columns.faults()):
             raise DataError(fault_text(str(path), faults, most=10))
@@ -72,7 +75,7 @@ def read_columns(path: Path, *, strict: bool = True) -> Columns:
 # ---------------------------------------------------------------- text
 
 
-def _read_text(path: Path) -> Columns:
+def _read_text(path: Path, *, numbered: bool) -> Columns:
     lines = text_lines(read_input(path, most=LARGEST_TABLE), path)
     try:
         tracked = read_tracked(path, lines)
@@ -85,6 +88,19 @@ def _read_text(path: Path) -> Columns:
         raise DataError(f"{path}: {len(lines)} lines, expected a header and at least 2 samples")
     try:
         table = read_table(lines)
+        row = next(table.rows, (0, list[str]()))
+        table = replace(table, rows=itertools.chain([row], table.rows))
+        numbers = [bool(c.strip()) and read_number(c, table.decimal) is not None
+                   for c in table.header]  # fmt: skip
+        headless = all(numbers) or (numbered and len(numbers) != len(row[1]))
+        if headless and not numbered:
+            raise DataError(
+                f"{path}: line {table.line} holds numbers, expected the names of the columns; "
+                "columns without names have the numbers 1, 2, ... (--column NAME=2, with "
+                "--unit NAME=UNIT, or column in the TOML beside the file)"
+            )
+        if headless:
+            return columns_of(path, table, [(str(j + 1), "") for j in range(len(row[1]))])
         names = [split_column(plain_text(c)) for c in table.header]
         unnamed = bool(names) and _UNNAMED.fullmatch(names[0][0]) is not None
         if unnamed:

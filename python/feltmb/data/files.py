@@ -159,7 +159,8 @@ def _read_file(path: Path, signals: Signals, options: ReadOptions) -> tuple[Reco
     if not is_file(path):
         raise DataError(f"{path}: {why_missing(path)}")
     given = read_sheet(path)
-    columns = read_columns(path)
+    numbered = bool(options.columns) or given is not None
+    columns = read_columns(path, numbered=numbered)
     sheet = sheet_for(path, columns, signals, options, given)
     stated = given is not None and "likelihood" in given.model_fields_set
     if (stated or options.likelihood is not None) and not columns.likelihood:

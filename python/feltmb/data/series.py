@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -56,8 +57,8 @@ def limit_text() -> str:
 
 
 def plain_name(name: str) -> str:
-    """A name without differences of notation (``Hammer_Tip X``, ``hammer_tip.x``)."""
-    return re.sub(r"[^a-z0-9]", "", name.lower())
+    """A name without differences of notation (``Hammer_Tip X``, ``hammer_tip.x``), or accents."""
+    return re.sub(r"[\W_]", "", unicodedata.normalize("NFKD", name).lower())
 
 
 @dataclass
@@ -240,12 +241,8 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
     Raises
     ------
     DataError
-        There is no header, two columns have one name, or the table is too large.
+        Two columns have one name, or the table is too large.
     """
-    if not table.header or all(_is_number(c, table.decimal) for c in table.header):
-        raise DataError(
-            f"{path}: line {table.line} holds numbers, expected the names of the columns"
-        )
     width = len(names)
     if table.lines < 2:
         raise DataError(f"{path}: {table.lines} rows of numbers, expected at least 2")
@@ -339,7 +336,3 @@ def seconds_of_day(texts: Sequence[str]) -> Array | None:
 def _doubled(names: Iterable[str]) -> bool:
     named = [n for n in names if n]
     return len(set(named)) < len(named)
-
-
-def _is_number(cell: str, decimal: str) -> bool:
-    return bool(cell.strip()) and read_number(cell, decimal) is not None

@@ -89,17 +89,34 @@ class Table:
 
 
 def text_lines(data: bytes, path: Path) -> Lines:
-    """Non-empty lines of a text in UTF-8, UTF-16 with a byte order mark, or else Windows-1252."""
-    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    """Non-empty lines of a text in UTF-8, UTF-16, GB18030, or else Windows-1252."""
+    encoding = "utf-8-sig"
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16"
+    elif b"\x00" in data[:SAMPLE]:  # without a byte order mark
+        even, odd = (data[k : 20 * SAMPLE : 2].count(0) for k in (0, 1))
+        if 2 * max(even, odd) > 10 * SAMPLE or 4 * max(even, odd) > len(data):
+            encoding = "utf-16-be" if even > odd else "utf-16-le"
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError as fault:
         # Older instruments use the code page of their system for umlauts and signs of units.
         if encoding != "utf-8-sig" or b"\x00" in data:
             raise DataError(f"{path}: is no text (byte {fault.start})") from None
-        text = data.decode("cp1252", errors="replace")
+        text = data.decode("gb18030" if _is_chinese(data) else "cp1252", errors="replace")
     texts = re.split(r"\r\n|\r|\n", text)  # as editors count them
     return Lines(texts, np.arange(1, len(texts) + 1)).where(lambda line: bool(line.strip()))
+
+
+def _is_chinese(data: bytes) -> bool:
+    """Whether the bytes above ASCII are pairs, most of them frequent characters of GB18030.
+
+    Umlauts and accents of Windows-1252 stand alone, or are no frequent characters.
+    """
+    runs = re.findall(rb"[\x80-\xff]+", data)
+    pairs = [run[i : i + 2] for run in runs for i in range(0, len(run), 2)]
+    common = [len(p) == 2 and 0xA1 <= p[0] <= 0xD7 and p[1] >= 0xA1 for p in pairs]
+    return all(len(run) % 2 == 0 for run in runs) and 2 * sum(common) > len(pairs)
 
 
 def read_number(cell: str, decimal: str = ".") -> float | None:

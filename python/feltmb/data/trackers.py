@@ -1,4 +1,4 @@
-"""Exports of video tracking programs: Kinovea, Tracker, DeepLabCut.
+"""Exports of tracking programs: Kinovea, Tracker, DeepLabCut, OptiTrack Motive, Vicon Nexus.
 
 The header identifies the program. A point P becomes the columns ``P.x`` and ``P.y``.
 """
@@ -23,7 +23,7 @@ _SEPARATORS = ("\t", ",", ";")
 
 def read_tracked(path: Path, lines: Lines) -> Columns | None:
     """Series of an export with a known header; None for any other text."""
-    for reader in (_kinovea_text, _deeplabcut, _tracker, _kinovea_table):
+    for reader in (_kinovea_text, _deeplabcut, _tracker, _optitrack, _vicon, _kinovea_table):
         found = reader(path, lines)
         if found is not None:
             return found
@@ -172,3 +172,69 @@ def _deeplabcut(path: Path, lines: Lines) -> Columns | None:
     columns = columns_of(path, read_table(lines[kinds.index("coords") :]), names)
     columns.source, columns.frames = "DeepLabCut", "frame"
     return columns
+
+
+# ---------------------------------------------------------------- motion capture
+
+
+def _optitrack(path: Path, lines: Lines) -> Columns | None:
+    """Pairs of settings, lines Type, Name, ID, ..., the quantities, then Frame, Time and axes."""
+    heads = [_cells(line) for line in lines.texts[:12]]
+    at = next((i for i, h in enumerate(heads) if h[0] == "Frame" and i > 3), 0)
+    if not heads or heads[0][0] != "Format Version" or not at:
+        return None
+    labels = {h[1]: h for h in heads[1:at] if len(h) > 2}
+    width = len(heads[at])
+    points, kinds = labels.get("Name", []), heads[at - 1]
+    if min(len(points), len(kinds)) != width:
+        raise DataError(f"{path}: header of OptiTrack without the lines Name and Position")
+    settings = dict(zip(heads[0][::2], heads[0][1::2], strict=False))
+    unit = {"meters": "m", "centimeters": "cm", "millimeters": "mm"}.get(
+        settings.get("Length Units", "").lower(), ""
+    )
+    names = [("frame", ""), ("time", "s")]
+    for point, kind, axis in list(zip(points, kinds, heads[at], strict=True))[2:]:
+        place = kind == "Position"
+        name = f"{point}.{axis.lower()}" if place else f"{point}.{kind.lower()}.{axis.lower()}"
+        names.append((name, unit if place else ""))
+    columns = columns_of(path, read_table(lines[at:]), names)
+    columns.source = "OptiTrack"
+    return columns
+
+
+def _vicon(path: Path, lines: Lines) -> Columns | None:
+    """Section Trajectories: its rate, the points, Frame, Sub Frame and axes, units, rows."""
+    titles = [i for i, t in enumerate(lines.texts) if t.strip(' ,;\t"') in _VICON]
+    heads = [_cells(t) for t in lines.texts[:5]]
+    if not titles or titles[0] != 0 or len(heads) < 5 or heads[3][:2] != ["Frame", "Sub Frame"]:
+        return None
+    start = next((i for i in titles if "Trajectories" in lines.texts[i]), None)
+    if start is None:
+        raise DataError(
+            f"{path}: Vicon export without trajectories, expected the section Trajectories: choose "
+            "it in the ASCII export, or save the columns of one device with one header"
+        )
+    end = next((i for i in titles if i > start), len(lines))
+    part = lines[start:end]
+    rate, points, axes, units = (_cells(t) for t in part.texts[1:5])
+    frequency = read_number(rate[0])
+    if not (frequency and frequency > 0.0) or len(units) != len(axes):
+        raise DataError(f"{path}: line {part.numbers[1]}: {rate[0]!r}, expected a frame rate [Hz]")
+    names, point = [("frame", ""), ("", "")], ""
+    for j in range(2, len(axes)):
+        point = points[j] if j < len(points) and points[j] else point
+        names.append((f"{point.rpartition(':')[2]}.{axes[j].lower()}", units[j]))
+    rows = Lines([part.texts[3], *part.texts[5:]], np.delete(part.numbers[3:], 1))
+    columns = columns_of(path, read_table(rows), names)
+    columns.source = "Vicon"
+    frames = columns.values["frame"]
+    columns.values["time"] = (frames - frames[0]) / frequency
+    columns.units["time"] = "s"
+    columns.notes.append(f"time is counted from frame {frames[0]:g}, at {frequency:g} Hz")
+    left = [lines.texts[i].strip(' ,;\t"') for i in titles if i != start]
+    if left:
+        columns.notes.append(f"sections {', '.join(left)} of the Vicon export are left out")
+    return columns
+
+
+_VICON = ("Trajectories", "Devices", "Model Outputs", "Joints", "Segments", "Events")

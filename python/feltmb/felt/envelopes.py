@@ -6,6 +6,7 @@ compressed uniformly, v_f = v_f0 / (1 - e / thickness) at compression e (eq. 2.2
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -114,6 +115,8 @@ class FeltEnvelope:
     about: str = ""
     memory: Mapping[str, float] = field(default_factory=dict)
     """Further numbers of the memory, such as ``kappa``."""
+    open_loss: float = math.nan
+    """Loss of the branches before they were closed [-]; NaN if it is not known."""
     made: _core.Envelope | None = field(default=None, repr=False, compare=False)
     """The envelope from which the table was sampled, if there is one."""
 
@@ -224,7 +227,7 @@ def envelope(
     FeltEnvelope
         The loop. Unloading is limited to values between 0 and loading. It is raised by its distance
         to loading at the end times (e / e_end)^8, so that the branches meet there, and its share of
-        loading never decreases.
+        loading never decreases. ``open_loss`` is the loss without these changes.
 
     Raises
     ------
@@ -261,7 +264,15 @@ def envelope(
         about += ", by columns"
     if material.synthetic:
         about += "; SYNTHETIC felt"
-    return FeltEnvelope(e, load, back, name or material.name, about, made=core)
+    apart = math.nan
+    if compression == "even":  # both branches of the felt as they are, under the same area
+        v = material.v_f0 / (1.0 - e / thickness)
+        work = [
+            float(np.trapezoid(area.area(e) * material.pressure(side, v), e))
+            for side in ("loading", "unloading")
+        ]
+        apart = 1.0 - work[1] / work[0]
+    return FeltEnvelope(e, load, back, name or material.name, about, open_loss=apart, made=core)
 
 
 @checked

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from feltmb.arguments import checked
 from feltmb.felt.monotone import MonotoneCurve, monotone_curve
-from feltmb.fiber.approach import LEAST, TOUCH
-from feltmb.fiber.cycles import Branches
+from feltmb.fiber.approach import LEAST
+from feltmb.fiber.cycles import HIGHEST, LOWEST, Branches
 
 __all__ = [
+    "CycleLoss",
     "Cycles",
     "LoopUncertainty",
     "complete_cycles",
@@ -25,12 +26,10 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-#: A complete cycle goes from the lowest part of the compression to the highest one and back.
-LOWEST, HIGHEST = 0.3, 0.95
+#: Points for the work of a cycle, and least samples of a branch for it.
+WORK_POINTS, LEAST_SAMPLES = 201, 4
 #: Standard error of a median over that of a mean.
 MEDIAN = 1.25
-#: Force that hides the first contact, in multiples of the one that counts as contact.
-HIDDEN = 3.0
 #: Probability of an interval of plus and minus one standard uncertainty.
 COVERED = 0.6827
 
@@ -40,11 +39,11 @@ COVERED = 0.6827
 class LoopUncertainty:
     """Standard uncertainties of a measured loop: intervals of ± one of them cover 68 %.
 
-    With two or more complete cycles, they are from the scatter of one cycle to the next, by
-    Student's t: the envelope is that of one cycle. With one, they are from the scatter of the
-    samples about the curves, with the correlation of successive samples, and do not contain the
-    variation from cycle to cycle. They do not contain what all samples have in common, such as a
-    gain of the load cell.
+    With two or more complete cycles, those of the forces are from the scatter of one cycle to the
+    next, by Student's t. With one, they are from the scatter of the samples about the curves, with
+    the correlation of successive samples and with what may lie between them, as is always that of
+    the loss, which is that of one cycle. They do not contain what all samples have in common, such
+    as a gain of the load cell.
     """
 
     loading: Array
@@ -54,7 +53,7 @@ class LoopUncertainty:
     loss: float
     """Standard uncertainty of the lost share of the loading work [1]."""
     zero: float
-    """Standard uncertainty of the first contact [m]: how far the force hides it; 0 if it is given.
+    """Standard uncertainty of the first contact [m], by a power law of the toe; 0 if it is given.
     Those of the forces are at the same displacement and do not contain it."""
     cycles: int
     """Number of complete cycles."""
@@ -74,22 +73,41 @@ class LoopUncertainty:
         )
 
 
+@checked
+@dataclass(frozen=True)
+class CycleLoss:
+    """Loss of one cycle: its loading with the unloading after it, where both have samples."""
+
+    number: int
+    """Number of the cycle, from 1."""
+    low: float
+    """Smallest compression with samples of both branches [m]."""
+    top: float
+    """Largest compression [m]."""
+    force: float
+    """Force there [N]."""
+    loss: float
+    """Share of the loading work that is lost [1]."""
+    sd: float
+    """Its standard uncertainty, from the scatter of the samples [1]."""
+
+
 @dataclass(frozen=True)
 class Cycles:
-    """Forces of the complete cycles of a test at the rows of its envelope."""
+    """Cycles of a test."""
 
     loading: Array
-    """(cycles, rows) [N]"""
+    """Force of the complete ones at the rows of the envelope, (cycles, rows) [N]."""
     unloading: Array
     """(cycles, rows) [N]"""
-    same: bool
-    """Whether loading and unloading of the envelope are from the same cycle."""
+    losses: tuple[CycleLoss, ...]
+    """Losses of all of them."""
 
 
 def complete_cycles(e: Array, force: Array, branches: Branches, grid: Array, load: Array) -> Cycles:
-    """Curves of each complete cycle, as far as the largest compression of the test.
+    """Curves of each complete cycle, as far as the largest compression of the loop, and losses.
 
-    Beyond its own end, a cycle grows as the loading of the test. Unloading is scaled to the largest
+    Beyond its own end, a cycle grows as the loading of the loop. Unloading is scaled to the largest
     compression and to the force of loading there, as in the law with memory.
 
     Parameters
@@ -105,21 +123,38 @@ def complete_cycles(e: Array, force: Array, branches: Branches, grid: Array, loa
     used[branches.held] = False
     first, end = max(float(np.min(e)), 0.0), float(grid[-1])
     low, high = (first + share * (end - first) for share in (LOWEST, HIGHEST))
-    up, down, falls = [], [], []
-    for a, b, c in zip(branches.turns, branches.turns[1:], branches.turns[2:], strict=False):
+    up, down, losses = [], [], []
+    for number, (a, b, c) in branches.loops.items():
         sides = [part[used[part]] for part in (np.arange(a, b + 1), np.arange(b, c + 1))]
-        if e[b] < high or max(e[a], e[c]) > low or min(s.size for s in sides) < LEAST:
+        if min(s.size for s in sides) < LEAST_SAMPLES or not e[b] > 0.0:
             continue
-        falls.append((b, c))
         top = float(e[b])
         rise, fall = (monotone_curve(e[s], force[s], top) for s in sides)
+        losses.append(_loss(number, rise, fall, max(float(np.min(e[s])) for s in sides), top))
+        if e[b] < high or max(e[a], e[c]) > low or min(s.size for s in sides) < LEAST:
+            continue
         grown = load / np.interp(top, grid, load)
         up.append(rise.at(np.minimum(grid, top)) * np.where(grid > top, grown, 1.0))
-        down.append(fall.at(grid * (top / end)) * grown[-1])
+        down.append(fall.at(np.minimum(grid * (top / end), top)) * grown[-1])
     shape = (len(up), grid.size)
-    start = np.min(branches.kept[~branches.loading])
-    same = bool(falls and falls[0][0] <= start <= falls[0][1])
-    return Cycles(np.reshape(up, shape), np.reshape(down, shape), same)
+    return Cycles(np.reshape(up, shape), np.reshape(down, shape), tuple(losses))
+
+
+def _loss(
+    number: int, rise: MonotoneCurve, fall: MonotoneCurve, low: float, top: float
+) -> CycleLoss:
+    """Loss of the loop of two curves."""
+    grid = np.linspace(low, top, WORK_POINTS)
+    width = np.gradient(grid)
+    width[[0, -1]] *= 0.5
+    work = [float(width @ curve.at(grid)) for curve in (rise, fall)]
+    force = float(rise.at(grid)[-1])
+    if not work[0] > 0.0:
+        return CycleLoss(number, low, top, force, math.nan, math.nan)
+    slopes = width * work[1] / work[0] ** 2, -width / work[0]
+    errors = [w @ curve.errors(grid) for w, curve in zip(slopes, (rise, fall), strict=True)]
+    sd = float(np.linalg.norm(np.concatenate(errors)))
+    return CycleLoss(number, low, top, force, 1.0 - work[1] / work[0], sd)
 
 
 def loop_uncertainty(
@@ -130,7 +165,7 @@ def loop_uncertainty(
     meeting: Array,
     cycles: Cycles,
     *,
-    given: bool,
+    zero: float,
     offset: float,
 ) -> LoopUncertainty:
     """Standard uncertainties of an envelope.
@@ -146,8 +181,8 @@ def loop_uncertainty(
         raised [1].
     cycles
         Curves of the complete cycles.
-    given
-        Whether the displacement at the first contact was given.
+    zero
+        Standard uncertainty of the first contact [m].
     offset
         Standard error of the force of the approach that was subtracted [N].
     """
@@ -157,29 +192,23 @@ def loop_uncertainty(
     n = len(cycles.loading)
     errors = envelope_errors(grid, curves, meeting, offset)
     slope = width * work[1] / work[0] ** 2, -width / work[0]  # of the loss
-    # The chords have the work of the samples. The law differs from them: its smooth curves are
-    # lower where the force is convex, they meet, and the share of unloading rises.
-    up, down = (w @ curve.errors(grid, chords=True) for w, curve in zip(slope, curves, strict=True))
+    # The law differs from the curves: they meet, and the share of unloading rises.
+    up, down = (w @ curve.errors(grid) for w, curve in zip(slope, curves, strict=True))
     moved = sum(
-        w @ (law - curve.chords(grid))
+        w @ (law - curve.at(grid))
         for w, law, curve in zip(slope, (load, back), curves, strict=True)
     )
     lost = np.array([*up, *down, (slope[0] + slope[1]) @ errors[0][:, -1], moved])
+    bends = [np.pad(np.abs(np.diff(branch, 2)) / 8.0, 1) for branch in (load, back)]
+    lost = np.append(lost, sum(np.abs(w) @ bend for w, bend in zip(slope, bends, strict=True)))
     sd = [np.linalg.norm(v, axis=-1) for v in (*errors, lost)]
+    # Between its rows, the table is straight for some readers.
+    sd[:2] = [np.hypot(own, bend) for own, bend in zip(sd, bends, strict=False)]
     if n > 1:
-        # The envelope has loading of one cycle, and unloading of the same or of another one.
         factor = quantile(n)
-        works = cycles.loading @ slope[0], cycles.unloading @ slope[1]
-        scatter = [np.std(v, axis=0, ddof=1) for v in (cycles.loading, cycles.unloading, *works)]
-        of_loss = np.std(works[0] + works[1], ddof=1) if cycles.same else np.hypot(*scatter[2:])
-        found = (*scatter[:2], of_loss)
-        sd = [np.maximum(own, factor * between) for own, between in zip(sd, found, strict=True)]
-    zero = 0.0
-    if not given:
-        first = curves[0].scatter[0][int(np.argmin(curves[0].e))]
-        small = max(TOUCH[0] * first, TOUCH[1] * float(load[-1]))
-        zero = float(np.interp(HIDDEN * small, load, grid))
-    return LoopUncertainty(sd[0], sd[1], float(sd[2]), float(zero), n)
+        scatter = [np.std(v, axis=0, ddof=1) for v in (cycles.loading, cycles.unloading)]
+        sd[:2] = [np.maximum(own, factor * v) for own, v in zip(sd, scatter, strict=False)]
+    return LoopUncertainty(sd[0], sd[1], float(sd[2]), zero, n)
 
 
 def envelope_errors(
@@ -204,7 +233,6 @@ def quantile(cycles: int) -> float:
 
 def offset_error(loading: MonotoneCurve) -> float:
     """Standard error of the force of the approach [N]: a median of correlated samples."""
-    local, decay = loading.scatter
+    decay = loading.scatter[1]
     count = max(LEAST, loading.before // 2)
-    of_mean = np.sqrt((1.0 + decay) / (1.0 - decay) / count)
-    return float(MEDIAN * local[int(np.argmin(loading.e))] * of_mean)
+    return float(MEDIAN * loading.noise * np.sqrt((1.0 + decay) / (1.0 - decay) / count))

@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 
 from feltmb.arguments import checked
 from feltmb.contact import Law
+from feltmb.data import ReadOptions
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt.envelopes import FeltEnvelope
 from feltmb.felt.loop_uncertainty import (
+    CycleLoss,
     Cycles,
     LoopUncertainty,
     complete_cycles,
@@ -67,6 +69,10 @@ class MeasuredLoop:
     """Standard uncertainties of the envelope, the loss and the zero."""
     notes: tuple[str, ...]
     """Sentences about samples that are left out, and about the zero."""
+    cycles: tuple[CycleLoss, ...] = ()
+    """Loss of each cycle; the loop is the one with the number ``branches.chosen``."""
+    zero_interval: tuple[float, float] | None = None
+    """Interval of 95 % of the first contact, by a power law of the toe [m]; None: it is given."""
     by_thickness: bool = False
     """Whether the displacement is minus a thickness."""
 
@@ -102,39 +108,38 @@ class MeasuredLoop:
     @property
     def loss(self) -> float:
         """Share of the loading work that the samples lose where both branches have samples [-]."""
-        top = int(np.argmax(self.compression))
-        sides = [
-            np.union1d(self.branches.kept[side], top)
-            for side in (self.branches.loading, ~self.branches.loading)
-        ]
-        low = max(0.0, *(float(np.min(self.compression[at])) for at in sides))
-        work = []
-        for at in sides:
-            order = at[np.argsort(self.compression[at], kind="stable")]
-            e, f = self.compression[order], self.force[order]
-            inside = e > low
-            work.append(
-                np.trapezoid(
-                    np.concatenate([[np.interp(low, e, f)], f[inside]]),
-                    np.concatenate([[low], e[inside]]),
-                )
-            )
-        return float(1.0 - work[1] / work[0])
+        return next((c.loss for c in self.cycles if c.number == self.branches.chosen), math.nan)
 
 
 @checked
 def read_measured_loop(
-    path: str | Path, *, zero: float | None = None, points: int = 193
+    path: str | Path,
+    *,
+    zero: float | None = None,
+    cycle: int | None = None,
+    points: int = 193,
+    thickness0: float | None = None,
+    area: float | None = None,
+    specimen: str = "",
+    options: ReadOptions | None = None,
 ) -> MeasuredLoop:
     """Contact law from a file with compression and force of a pair.
+
+    A column that is called compression and starts at zero is not shifted.
 
     Parameters
     ----------
     path
-        CSV file with the columns ``displacement [mm]`` (or ``thickness [mm]``) and ``force [N]``,
-        as for :func:`feltmb.fiber.read_compression`.
-    zero, points
+        CSV file with the columns ``displacement [mm]`` (or ``thickness [mm]``, or ``strain [%]``)
+        and ``force [N]`` (or ``pressure [kPa]``), as for :func:`feltmb.fiber.read_compression`.
+    zero, cycle, points
         As in :func:`measured_loop`; ``zero`` is a thickness in a test by thickness.
+    thickness0, area
+        Thickness without load [m] and area [m^2], for a column of strain or pressure.
+    specimen
+        Which one of several specimens.
+    options
+        Columns and units of the quantities.
 
     Raises
     ------
@@ -142,17 +147,37 @@ def read_measured_loop(
         The file has faults; all of them are in the message.
     """
     file = Path(path)
-    table = read_test(file, ("displacement", "thickness"), ("force",))
+    table = read_test(
+        file,
+        ("displacement", "thickness", "strain"),
+        ("force", "pressure"),
+        options=options,
+        specimen=specimen,
+    )
+    lacking = [
+        f"{quantity} without {what}, expected {option}"
+        for quantity, number, what, option in (
+            ("strain", thickness0, "the thickness of the felt", "thickness0 (--thickness)"),
+            ("pressure", area, "the area of the sample", "area (--area)"),
+        )
+        if quantity in (table.compression, table.load) and number is None
+    ]
+    if lacking:
+        raise DataError(f"{file}: {'; '.join(lacking)}")
     by_thickness = table.compression == "thickness"
     if by_thickness and table.x.min() <= 0.0:
         raise DataError(f"{file}: thickness down to {table.x.min():.4g} m, expected > 0")
     sign = -1.0 if by_thickness else 1.0
+    if table.from_contact and zero is None:
+        zero = 0.0
     order = _order(sign * table.x, table.branches)
+    x, force = table.x[order], table.loads[order]
     try:
         found = _measured_loop(
-            sign * table.x[order],
-            table.loads[order],
+            sign * (x * thickness0 if table.compression == "strain" and thickness0 else x),
+            force * area if table.load == "pressure" and area else force,
             zero=None if zero is None else sign * zero,
+            cycle=cycle,
             points=points,
             name=file.stem,
             by_thickness=by_thickness,
@@ -178,6 +203,7 @@ def measured_loop(
     force: Array,
     *,
     zero: float | None = None,
+    cycle: int | None = None,
     points: int = 193,
     name: str = "loop",
 ) -> MeasuredLoop:
@@ -190,8 +216,8 @@ def measured_loop(
     one that never decreases, as the law with memory requires. The transition of the law (``kappa``,
     and ``wiping_out`` = 0 or 0.2) is fitted to the whole test.
 
-    Of several cycles, the envelope has what each loads beyond all earlier reversals, and the
-    unloading from the largest compression. The scatter of the complete ones is its uncertainty.
+    Of several cycles, the loop is one: its loading with the unloading after it. The law is compared
+    with the whole test. The scatter of the complete cycles is the uncertainty of the forces.
 
     Parameters
     ----------
@@ -200,8 +226,10 @@ def measured_loop(
     force
         Force [N], compression positive, (n,).
     zero
-        Displacement at the first contact [m]; default: where loading leaves the force of the
-        approach by more than its scatter.
+        Displacement at the first contact [m]; default: the beginning of a power law of the toe of
+        the first loading (of ``cycle``, if it is given).
+    cycle
+        Number of the cycle that is the loop, from 1; default: the first complete one.
     points
         Number of rows of the table, at least 5; the rows are denser at small compression.
     name
@@ -213,7 +241,7 @@ def measured_loop(
         The arrays are no loop, or an argument is out of range; all faults are in the message.
     """
     return _measured_loop(
-        displacement, force, zero=zero, points=points, name=name, by_thickness=False
+        displacement, force, zero=zero, cycle=cycle, points=points, name=name, by_thickness=False
     )
 
 
@@ -222,6 +250,7 @@ def _measured_loop(
     force: Array,
     *,
     zero: float | None,
+    cycle: int | None,
     points: int,
     name: str,
     by_thickness: bool,
@@ -244,7 +273,10 @@ def _measured_loop(
         faults.append(f"points = {points}, must be >= 5")
     if faults:
         raise InvalidParameter("measured_loop: " + "; ".join(faults))
-    branches = find_branches(x)
+    try:
+        branches = find_branches(x, cycle)
+    except InvalidParameter as error:
+        raise InvalidParameter(f"measured_loop: {error}") from None
     loading, unloading = (branches.kept[s] for s in (branches.loading, ~branches.loading))
     for side, at in (("loading", loading), ("unloading", unloading)):
         if at.size < LEAST:
@@ -258,7 +290,13 @@ def _measured_loop(
     if faults:
         raise InvalidParameter("measured_loop: " + "; ".join(faults))
     given = zero is not None
-    zero, offset = free_approach(x[loading], f[loading], zero)
+    first = loading
+    if cycle is None and 1 in branches.loops:  # where the felt was touched for the first time
+        start, top, _ = branches.loops[1]
+        first = np.setdiff1d(np.arange(start, top + 1), branches.held)
+        first = first if first.size >= LEAST else loading
+    contact = free_approach(x[first], f[first], zero)
+    zero, offset = contact.zero, contact.level
     e, f = x - zero, f - offset
     for side, at in (("loading", loading), ("unloading", unloading)):
         if np.sum(e[at] > 0.0) < LEAST:
@@ -270,10 +308,10 @@ def _measured_loop(
         raise InvalidParameter("measured_loop: " + "; ".join(faults))
     end = float(np.max(e))
     grid = end * np.linspace(0.0, 1.0, points) ** 2
-    curves = (
-        monotone_curve(e[loading], f[loading], end),
-        monotone_curve(e[unloading], f[unloading], end),
-    )
+    back = unloading
+    if not branches.held.size:  # the turn belongs to both branches
+        back = np.union1d(unloading, np.max(loading[loading < np.min(unloading)], initial=0))
+    curves = monotone_curve(e[loading], f[loading], end), monotone_curve(e[back], f[back], end)
     meeting = (grid / end) ** MEETING
 
     load, back = (curve.at(grid) for curve in curves)
@@ -282,14 +320,18 @@ def _measured_loop(
     unsure = offset_error(curves[0]) if offset else 0.0
     cycles = complete_cycles(e, f, branches, grid, load)
     sure = loop_uncertainty(
-        grid, made.loading, made.unloading, curves, meeting, cycles, given=given, offset=unsure
+        grid, made.loading, made.unloading, curves, meeting, cycles, zero=contact.sd, offset=unsure
     )
     if "kappa" in made.memory:
         errors = envelope_errors(grid, curves, meeting, unsure)
         sure = replace(
             sure, kappa=_unsure_kappa(made, meeting, e, f, branches, cycles, errors, curves)
         )
-    found = MeasuredLoop(e, f, zero, branches, made, sure, (), by_thickness)
+    found = MeasuredLoop(
+        e, f, zero, branches, made, sure, (), cycles.losses, by_thickness=by_thickness
+    )
+    if not given:
+        found = replace(found, zero_interval=(contact.low, contact.high))
     notes = _notes(found, given=given)
     for side, curve in zip(("loading", "unloading"), curves, strict=True):
         if curve.low:
@@ -377,9 +419,8 @@ def _unsure_kappa(
         return _by_law(replace(other, memory={**made.memory, "kappa": value}), e)
 
     rest = force - _by_law(made, e)
-    # The chords have the work of the samples; see loop_uncertainty.
     moved = [
-        branch - curve.chords(made.compression)
+        branch - curve.at(made.compression)
         for branch, curve in zip((made.loading, made.unloading), curves, strict=True)
     ]
     up, down = (np.column_stack(pair) for pair in zip(errors, moved, strict=True))
@@ -423,11 +464,18 @@ def _notes(found: MeasuredLoop, *, given: bool) -> list[str]:
     left_out = e.size - np.union1d(branches.kept, branches.held).size
     if left_out:
         notes.append(
-            f"{branches.cycles} loadings: what each loads beyond all earlier reversals and the "
-            f"unloading from the largest compression are fitted; {left_out} samples of the other "
-            "cycles are compared with the law"
+            f"{branches.cycles} loadings: the loop is cycle {branches.chosen}, its loading with "
+            f"the unloading after it (another one: cycle, --cycle); {left_out} samples of the "
+            "other cycles are compared with the law"
             + (", and give the uncertainty" if found.uncertainty.cycles > 1 else " only")
         )
+        before = e[branches.loops[branches.chosen][0]] if branches.chosen in branches.loops else 0.0
+        earlier = max((c.top for c in found.cycles if c.number < branches.chosen), default=0.0)
+        if earlier > max(before, 0.0):
+            notes.append(
+                f"earlier cycles went to {1e3 * earlier:.4g} mm: up to there, the loading of the "
+                "loop is that of a felt which was compressed before"
+            )
     if branches.holds:
         first, last = max(branches.holds, key=lambda hold: force[hold[0]])
         notes.append(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,164 +12,212 @@ __all__ = ["MonotoneCurve", "monotone_curve"]
 
 Array = NDArray[np.float64]
 
-#: Most knots of the curve of a branch.
-KNOTS = 40
+#: Most intervals of the spline of a branch.
+INTERVALS = 40
 #: Lowest sample of a branch, as a share of the compression, that needs no extrapolation.
 LOWEST = 0.02
 #: Range of the exponent of an extrapolated branch.
 EXPONENTS = (1.0, 10.0)
-#: Parts of a branch within which the scatter counts as constant.
-PARTS = 8
-#: Most pieces of the spline about which the scatter is determined.
-PIECES = 10
-#: Largest correlation of successive samples.
-CORRELATED = 0.98
+#: Parts of a branch within which the scatter counts as constant, and least samples of one.
+PARTS, SAMPLES = 8, 16
+#: Largest correlation of successive samples, and number of samples from which it is determined.
+CORRELATED, LEAST_CORRELATED = 0.98, 64
+#: Range of the logarithm of the stiffness of the spline, beside that of its samples.
+STIFFNESS = (-20.0, 16.0)
 
 
 @dataclass(frozen=True)
 class MonotoneCurve:
     """Force of one branch, which starts at zero and never falls."""
 
-    e: Array
-    """Compression of the samples [m], in the order of the test."""
-    force: Array
-    """Their force [N]."""
     knots: Array
-    """Compressions between which the fitted force is linear [m]; the first one is 0."""
+    """Knots of the cubic spline [m], without their repetitions at the ends."""
     steps: Array
-    """Rise of the force from knot to knot [N], at least 0."""
+    """Rises from coefficient to coefficient of the spline [N], at least 0; first the force at the
+    beginning."""
     low: float
     """Compression below which the curve is a power of the compression [m], or 0."""
-    before: int = 0
+    before: int
     """Number of samples before the contact, which are not used."""
+    spread: Array
+    """Independent errors of the steps, (steps, errors) [N]."""
+    scatter: tuple[Array, float]
+    """Standard deviation of each sample [N], and the correlation of successive ones."""
 
     @cached_property
-    def scatter(self) -> tuple[Array, float]:
-        """Standard deviation of each sample [N], and the correlation of successive ones."""
-        return _scatter(self.e, self.force)
+    def noise(self) -> float:
+        """Standard deviation of the sample with the smallest compression [N]."""
+        return float(self.scatter[0][0])
 
     def at(self, grid: Array) -> Array:
-        """Force at some compressions [N]."""
-        from scipy.interpolate import PchipInterpolator
+        """Force at some compressions, in ascending order [N]."""
+        force = self._spline(grid, self.steps[:, None])[:, 0]
+        near = min(2.0, float(self.knots[-1]) / self.low) if self.low else 1.0
+        if near > 1.0:
+            ends = np.array([self.low, near * self.low])
+            small, large = self._spline(ends, self.steps[:, None])[:, 0]
+            power = 1.0
+            if small > 0.0:
+                power = float(np.clip(np.log(large / small) / np.log(near), *EXPONENTS))
+            below = grid < self.low
+            force[below] = small * (np.maximum(grid[below], 0.0) / self.low) ** power
+        return np.maximum.accumulate(np.where(grid > 0.0, np.maximum(force, 0.0), 0.0))
 
-        fitted = PchipInterpolator(self.knots, np.concatenate([[0.0], np.cumsum(self.steps)]))
-        curve = np.asarray(fitted(grid))
-        low, near = self.low, min(2.0 * self.low, float(self.knots[-1]))
-        if low and fitted(low) > 0.0 and near > low:
-            power = np.log(fitted(near) / fitted(low)) / np.log(near / low)
-            below = grid < low
-            curve[below] = fitted(low) * (grid[below] / low) ** np.clip(power, *EXPONENTS)
-        return curve
+    def errors(self, grid: Array) -> Array:
+        """Independent errors of the curve (rows, errors) [N].
 
-    def chords(self, grid: Array) -> Array:
-        """Force at some compressions, linear between the knots as in the least squares [N].
-
-        Unlike the smooth curve, it is not below the samples where the force is convex.
+        Each column is one standard deviation of an error at all compressions of the grid, from the
+        scatter of the samples and from what may lie between them.
         """
-        linear = np.interp(grid, self.knots, np.concatenate([[0.0], np.cumsum(self.steps)]))
-        return np.where(grid < self.low, self.at(grid), linear)
+        change = self._spline(grid, self.spread)
+        if self.low:  # as a share of the curve
+            below, ends = grid < self.low, self.at(np.array([self.low]))
+            share = self.at(grid[below]) / ends if ends[0] > 0.0 else grid[below] / self.low
+            change[below] *= share[:, None]
+        return change
 
-    def errors(self, grid: Array, *, chords: bool = False) -> Array:
-        """Independent errors of the curve, from the scatter of the samples (rows, errors) [N].
+    def _spline(self, grid: Array, steps: Array) -> Array:
+        """Splines at some compressions, without a power below ``low`` (rows, splines) [N]."""
+        from scipy.interpolate import BSpline
 
-        Each column is one standard deviation of an error at all compressions of the grid. Steps at
-        their limit of zero count as known.
-        """
-        from scipy.signal import lfilter
-
-        free = self.steps > 0.0
-        if not free.any():
-            return np.zeros((grid.size, 0))
-        basis = _rise(self.e, self.knots)[:, free]
-        local, decay = self.scatter
-        scaled = local[:, None] * basis
-        forward = lfilter([1.0], [1.0, -decay], scaled, axis=0)
-        backward = lfilter([1.0], [1.0, -decay], scaled[::-1], axis=0)[::-1]
-        inverse = np.linalg.pinv(basis.T @ basis, hermitian=True)
-        spread = inverse @ (scaled.T @ (forward + backward - scaled)) @ inverse
-        small = 1e-6 * float(np.sum(self.steps)) + 1e-300
-        form = MonotoneCurve.chords if chords else MonotoneCurve.at
-        own = form(self, grid)
-        weights = np.column_stack(
-            [
-                (form(replace(self, steps=self.steps + small * unit), grid) - own) / small
-                for unit in np.eye(self.steps.size)[free]
-            ]
-        )
-        sizes, directions = np.linalg.eigh(spread)
-        return np.asarray(weights @ directions * np.sqrt(np.maximum(sizes, 0.0)))
+        spline = BSpline(_padded(self.knots), np.cumsum(steps, axis=0), 3)
+        force = spline(np.clip(grid, self.knots[0], self.knots[-1]))
+        if not self.low:  # a felt without compression has no force
+            force -= steps[0] * np.maximum(1.0 - grid / self.knots[1], 0.0)[:, None] ** 2
+        return np.asarray(force)
 
 
 def monotone_curve(e: Array, force: Array, end: float) -> MonotoneCurve:
-    """Monotone curve with the least squares through zero.
+    """Monotone smoothing spline, whose stiffness and noise are those of the largest likelihood.
+
+    Coarse samples without noise are interpolated. The noise is a first-order process with a
+    standard deviation that changes slowly.
 
     Parameters
     ----------
     e
-        Compression of the samples [m], (n,); those below 0 are not used.
+        Compression of the samples [m] in the order of the test, (n,); those below 0 are not used.
     force
         Their force [N], (n,).
     end
         Compression at the end of the curve [m].
     """
+    from scipy.interpolate import BSpline
+    from scipy.ndimage import uniform_filter1d
     from scipy.optimize import nnls
 
     before = int(np.sum(e < 0.0))
     force, e = force[e >= 0.0], e[e >= 0.0]  # before the contact, samples say nothing about it
+    if e[0] > e[-1]:
+        force, e = force[::-1], e[::-1]
     low = float(np.min(e))
     low = low if low > LOWEST * end else 0.0
-    count = int(np.clip(e.size // 4, 4, KNOTS))
+    count = int(np.clip(e.size, 4, INTERVALS))
     knots = low + (end - low) * np.linspace(0.0, 1.0, count + 1) ** 1.5
-    if low:
-        knots = np.concatenate([[0.0], knots])
-    # A triangular factor has the same least squares in as many rows as there are knots.
-    factor = np.asarray(np.linalg.qr(np.column_stack([_rise(e, knots), force]), mode="r"))
-    steps, _ = nnls(factor[:, :-1], factor[:, -1])
-    return MonotoneCurve(e, force, knots, steps, low, before)
-
-
-def _rise(e: Array, knots: Array) -> Array:
-    """Share of the step from knot to knot that each compression has passed, (n, steps)."""
-    return np.clip((e[:, None] - knots[:-1]) / np.diff(knots), 0.0, 1.0)
-
-
-def _scatter(e: Array, force: Array) -> tuple[Array, float]:
-    """Standard deviation of each sample [N], and the correlation of successive ones.
-
-    The noise is a first-order process with a standard deviation that changes slowly. Its
-    correlation maximizes the restricted likelihood beside a cubic spline with few pieces: a
-    flexible curve would take up the noise that is correlated over some samples.
-    """
-    from scipy.interpolate import BSpline
-    from scipy.ndimage import uniform_filter1d
-    from scipy.optimize import minimize_scalar
-
-    pieces = int(np.clip(e.size // 16, 1, PIECES))
-    inner = np.linspace(float(np.min(e)), float(np.max(e)), pieces + 1)
-    ends = np.repeat(inner[0], 3), np.repeat(inner[-1], 3)
-    basis = BSpline.design_matrix(e, np.concatenate([ends[0], inner, ends[1]]), 3).toarray()
-    n, fitted = basis.shape
-    rest = force - basis @ np.linalg.lstsq(basis, force, rcond=None)[0]
-    square = uniform_filter1d(rest**2, max(n // PARTS, 3), mode="nearest")
-    local = np.sqrt(np.maximum(square, 1e-6 * np.mean(square) + 1e-300))
-    rows = np.column_stack([basis, force]) / local[:, None]
-    free = max(n - fitted, 1)
-
-    def innovations(correlation: float) -> tuple[float, float]:
-        """Variance of the innovations, and the criterion."""
-        first = np.sqrt(1.0 - correlation**2) * rows[:1]
-        white = np.concatenate([first, rows[1:] - correlation * rows[:-1]])
-        size = np.abs(np.diag(np.linalg.qr(white, mode="r"))) + 1e-12
-        variance = float(size[-1]) ** 2 / free
-        logs = 2.0 * float(np.sum(np.log(size[:-1]))) - np.log(1.0 - correlation**2)
-        return variance, free * np.log(variance) + logs
-
-    found = minimize_scalar(
-        lambda z: innovations(np.tanh(z))[1],
-        bounds=(0.0, np.arctanh(CORRELATED)),
-        method="bounded",
-        options={"xatol": 0.02},
+    padded = _padded(knots)
+    middle = 0.5 * (knots[1:] + knots[:-1])
+    unit = np.eye(count + 3)
+    bends = BSpline(padded, unit, 3).derivative(3)(middle) * np.diff(knots)[:, None] ** 3
+    rows = BSpline.design_matrix(np.minimum(e, end), padded, 3).toarray()
+    rows = np.column_stack([rows, force])
+    local = np.ones(e.size)
+    fit = _smooth(rows, bends)
+    width = e.size // PARTS
+    if width >= SAMPLES:
+        square = uniform_filter1d((force - rows[:, :-1] @ fit.best) ** 2, width, mode="nearest")
+        local = np.sqrt(np.maximum(square / np.mean(square), 1e-4)) if square.any() else local
+        fit = _smooth(rows / local[:, None], bends)
+    rise = np.tril(np.ones((count + 3, count + 3)))
+    sizes, directions = np.linalg.eigh(
+        np.linalg.solve(rise, np.linalg.solve(rise, fit.covariance).T)
     )
-    correlation = float(np.tanh(found.x))
-    factor = np.sqrt(innovations(correlation)[0] / (1.0 - correlation**2))
-    return factor * local, correlation
+    sizes = np.sqrt(np.maximum(sizes, 1e-14 * sizes[-1]))
+    factor = directions.T / sizes[:, None]
+    steps, _ = nnls(factor, factor @ np.linalg.solve(rise, fit.best))
+    spread = directions * sizes
+    scatter = fit.noise * local / np.sqrt(1.0 - fit.correlation**2)
+    return MonotoneCurve(knots, steps, low, before, spread, (scatter, fit.correlation))
+
+
+@dataclass(frozen=True)
+class _Smooth:
+    """Smoothing spline without limits."""
+
+    best: Array
+    """Coefficients [N]."""
+    covariance: Array
+    """Their covariance [N^2]."""
+    noise: float
+    """Standard deviation of the innovations of the noise [N]."""
+    correlation: float
+    """Correlation of successive samples."""
+
+
+def _smooth(rows: Array, bends: Array) -> _Smooth:
+    """Spline whose correlation of the noise has the largest restricted likelihood.
+
+    It is the mean over all stiffnesses, with their likelihoods as weights: few samples tell the
+    stiffness badly.
+
+    Parameters
+    ----------
+    rows
+        Basis at each sample, and its force.
+    bends
+        Third differences of the coefficients, which have a normal distribution.
+    """
+    from scipy.optimize import minimize
+
+    n, size = rows.shape[0], rows.shape[1] - 1
+    now, then = rows[1:], rows[:-1]
+    parts = rows[:1].T @ rows[:1], now.T @ now, now.T @ then + then.T @ now, then.T @ then
+    penalty = bends.T @ bends
+    scale = float(np.trace(parts[1][:-1, :-1]) / np.trace(penalty))
+    freedom = max(n - (size - bends.shape[0]), 3)
+    most = float(np.arctanh(CORRELATED)) if n >= LEAST_CORRELATED else 0.0
+
+    def fitted(at: Array) -> tuple[float, float, Array, Array]:
+        """Criterion, squares of the innovations, coefficients, and inverse of their covariance."""
+        inside = np.clip(at, [STIFFNESS[0], 0.0], [STIFFNESS[1], most])
+        correlation, weight = float(np.tanh(inside[1])), scale * float(np.exp(inside[0]))
+        gram = (1.0 - correlation**2) * parts[0] + parts[1]
+        gram = gram - correlation * parts[2] + correlation**2 * parts[3]
+        normal = gram[:-1, :-1] + weight * penalty
+        normal += 1e-13 * np.trace(normal) / size * np.eye(size)
+        factor = np.linalg.cholesky(normal)
+        half = np.linalg.solve(factor, gram[:-1, -1])
+        squares = max(float(gram[-1, -1] - half @ half), 1e-15 * float(gram[-1, -1])) + 1e-300
+        logs = 2.0 * float(np.sum(np.log(np.diag(factor)))) - np.log(1.0 - correlation**2)
+        cost = freedom * np.log(squares) + logs - bends.shape[0] * np.log(weight)
+        outside = float(np.sum((at - inside) ** 2))
+        best = np.asarray(np.linalg.solve(factor.T, half))
+        return float(cost + outside), squares, best, np.asarray(factor, dtype=np.float64)
+
+    grid = np.arange(STIFFNESS[0], STIFFNESS[1] + 1.0, 2.0)
+    starts = [np.array([s, z]) for s in grid[::2] for z in (0.0, 0.5, 1.2) if z <= most]
+    start = min(starts, key=lambda at: fitted(at)[0])
+    found = minimize(
+        lambda at: fitted(at)[0],
+        start,
+        method="Nelder-Mead",
+        options={"xatol": 0.02, "fatol": 1e-3},
+    ).x
+    near = [fitted(np.array([s, found[1]])) for s in (*grid, found[0])]
+    shares = np.exp(0.5 * (min(cost for cost, *_ in near) - np.array([cost for cost, *_ in near])))
+    shares /= np.sum(shares)
+    best = np.sum([share * c for share, (_, _, c, _) in zip(shares, near, strict=True)], axis=0)
+    covariance, variance = np.zeros((size, size)), 0.0
+    for share, (_, squares, c, factor) in zip(shares, near, strict=True):
+        if share < 1e-6:
+            continue
+        inverse = np.linalg.inv(factor)
+        variance += share * squares / freedom
+        covariance += share * squares / (freedom - 2) * inverse.T @ inverse
+        covariance += share * np.outer(c - best, c - best)
+    correlation = float(np.tanh(np.clip(found[1], 0.0, most)))
+    return _Smooth(best, covariance, float(np.sqrt(variance)), correlation)
+
+
+def _padded(knots: Array) -> Array:
+    """Knots with the repetitions of a cubic spline at its ends."""
+    return np.concatenate([np.repeat(knots[0], 3), knots, np.repeat(knots[-1], 3)])

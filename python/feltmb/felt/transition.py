@@ -105,8 +105,6 @@ def transition_uncertainty(
             (c - np.mean(c, axis=0)).T / math.sqrt(n - 1.0)
             for c in (cycles.loading, cycles.unloading)
         )
-        if not cycles.same:
-            up, down = np.hstack([up, 0.0 * down]), np.hstack([0.0 * up, down])
         between = of_envelope((up, down)) + _between(weight * by_kappa, weight * rest, branches)
         variance = max(variance, quantile(n) ** 2 * between)
     sd = math.hypot(math.sqrt(variance), RESOLVED)

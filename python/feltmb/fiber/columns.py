@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data.columns import read_columns
-from feltmb.data.mapping import values_in
+from feltmb.data.files import read_sheet
+from feltmb.data.mapping import unit_of_column, values_in
 from feltmb.data.series import Columns, plain_name
-from feltmb.errors import DataError
+from feltmb.data.sheet import ColumnSpec, ReadOptions, Sheet
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.units import conversion_factor, spelled_unit
 from feltmb.units.quantity import fault_text, shortened
 
 __all__ = ["COMPRESSIONS", "LOADS", "CompressionColumns", "read_test"]
@@ -22,6 +25,35 @@ Array = NDArray[np.float64]
 #: Quantity -> SI unit, in the order in which they are preferred.
 COMPRESSIONS = {"v_f": "1", "strain": "1", "thickness": "m", "displacement": "m"}
 LOADS = {"pressure": "Pa", "force": "N"}
+_UNITS = COMPRESSIONS | LOADS
+#: Names of a displacement that is counted from the first contact.
+_FROM_CONTACT = "compression, Stauchung, Stauchweg, Eindrückung, écrasement, enfoncement"
+#: Usual names of testing machines. A name of two quantities is one of them by its unit.
+NAMES = {
+    "v_f": "v_f, volume fraction, Volumenanteil, fraction volumique",
+    "strain": "strain, compressive strain, Dehnung, Stauchung, Verformung, compression, "
+    "déformation, 应变",
+    "thickness": "thickness, gap, height, Dicke, Höhe, Probendicke, épaisseur, hauteur, 厚度",
+    "displacement": "displacement, compressive displacement, axial displacement, extension, "
+    "compressive extension, machine extension, travel, stroke, position, distance, crosshead, "
+    f"crosshead displacement, deflection, deformation, indentation, {_FROM_CONTACT}, Weg, "
+    "Standardweg, Traverse, Traversenweg, Verformung, Verschiebung, Kolbenweg, déplacement, "
+    "déplacement traverse, course, déformation, flèche, 位移, 变形",
+    "pressure": "pressure, stress, compressive stress, Druck, Spannung, Druckspannung, "
+    "contrainte, contrainte de compression, pression, 压力, 应力",
+    "force": "force, load, compressive force, compressive load, axial force, load cell, Kraft, "
+    "Standardkraft, Prüfkraft, Druckkraft, Last, F, charge, effort, force de compression, "
+    "force standard, 力, 载荷, 试验力, 压力",
+}
+#: Usual names of a column that tells specimens apart.
+SPECIMENS = (
+    "specimen, specimen no, specimen number, sample, run, test, trial, Probe, Probe Nr, "
+    "Probennummer, Prüfkörper, Muster, éprouvette, échantillon, essai, 试样"
+)
+#: Keys of the description of a column that are used.
+_KEYS = {"column", "unit", "factor", "shift", "si"}
+#: Least samples of a specimen.
+_LEAST = 8
 #: Quantities that decrease under load.
 _DECREASING = ("thickness",)
 
@@ -42,34 +74,76 @@ class CompressionColumns:
     """Words loading and unloading; empty if the file has no column for them."""
     notes: tuple[str, ...]
     """Columns of the same kind that are not used."""
+    from_contact: bool
+    """Whether the compression is called so and starts at zero."""
 
 
 def read_test(
-    path: Path, compressions: Sequence[str] = (*COMPRESSIONS,), loads: Sequence[str] = (*LOADS,)
+    path: Path,
+    compressions: Sequence[str] = (*COMPRESSIONS,),
+    loads: Sequence[str] = (*LOADS,),
+    *,
+    options: ReadOptions | None = None,
+    specimen: str = "",
 ) -> CompressionColumns:
     """Read compression and load of a test.
 
     Parameters
     ----------
     path
-        File in any format of measured records.
+        File in any format of measured records; a TOML file beside it may describe the columns of
+        the quantities.
     compressions, loads
         Quantities that may be used; of several in the file, the first one here.
+    options
+        Columns and units of the quantities, and of ``specimen``.
+    specimen
+        Which one of several specimens.
 
     Raises
     ------
     DataError
         The file has faults; all of them are in the message.
     """
-    columns = read_columns(path, strict=False)
-    faults: list[str] = []
+    options = options or ReadOptions()
+    sheet = read_sheet(path) or Sheet()
+    specs: dict[str, ColumnSpec] = {**sheet.inputs, **sheet.outputs}
+    faults = [
+        f"{name}: is no quantity of a compression test, expected one of {', '.join(_UNITS)}, "
+        "specimen (--column QUANTITY=COLUMN, --unit QUANTITY=UNIT)"
+        for name in dict.fromkeys((*options.columns, *options.units, *specs))
+        if name not in _UNITS and (name != "specimen" or name in options.units)
+    ]
+    faults += [
+        f"{path.with_suffix('.toml')}: {key} of {name} is not used in a compression test, expected "
+        f"{', '.join(sorted(_KEYS))}"
+        for name, spec in specs.items()
+        for key in sorted(spec.model_fields_set & ({*ColumnSpec.model_fields, "gain"} - _KEYS))
+    ]
+    columns = read_columns(path, strict=False, numbered=bool(options.columns or specs))
+    stated: dict[str, str] = {}
+    for name in _UNITS.keys() & {*options.columns, *options.units, *specs}:
+        spec = specs.get(name, ColumnSpec())
+        column = options.columns.get(name) or spec.column
+        found = columns.find(column or name)
+        unit = options.units.get(name) or spec.unit
+        if not found and (column or not unit):
+            faults.append(
+                f"no column {shortened(column or name)!r} for {name}; there are {columns}"
+            )
+        elif found:
+            stated[name] = found
+        if unit:
+            places = [found] if found else _named(columns, name)
+            columns.units |= dict.fromkeys(places, unit)
     notes: list[str] = []
-    found = []
+    chosen = []
     for units, wanted in ((COMPRESSIONS, compressions), (LOADS, loads)):
-        quantity, column = _choose(columns, units, wanted, faults, notes)
+        quantity, column = _choose(columns, units, wanted, stated, faults, notes)
         values = values_in(columns, column, units[quantity], faults) if column else np.zeros(0)
-        found.append((quantity, column, values))
-    (quantity, column, x), (load, load_column, p) = found
+        spec = specs.get(quantity, ColumnSpec())
+        chosen.append((quantity, column, values * spec.factor + spec.shift))
+    (quantity, column, x), (load, load_column, p) = chosen
     words = next((c for c in (*columns.texts, *columns.values) if plain_name(c) == "branch"), "")
     branches = [w.strip().lower() for w in columns.texts.get(words, [])]
     faults += columns.faults([column, load_column], complete=True)
@@ -80,37 +154,113 @@ def read_test(
         for i, word in enumerate(branches)
         if word not in ("loading", "unloading")
     ]
+    if not faults:
+        rows = _specimen(columns, options.columns.get("specimen") or sheet.run, specimen, faults)
+        x, p = x[rows], p[rows]
+        branches = [branches[i] for i in rows] if branches else []
     if not faults and x.size < 3:
         faults = [f"{x.size} samples, expected at least 3"]
     if not faults:
         x, p = _positive(quantity, x, load, p, faults, notes)
     if faults:
         raise DataError(fault_text(str(path), faults, most=20))
-    return CompressionColumns(quantity, load, x, p, branches, tuple(notes))
+    named = plain_name(column) in _plain(_FROM_CONTACT) and quantity == "displacement"
+    from_contact = named and abs(float(x[0])) <= 5e-3 * float(np.ptp(x))
+    return CompressionColumns(quantity, load, x, p, branches, tuple(notes), from_contact)
+
+
+def _plain(names: str) -> list[str]:
+    return [plain_name(name) for name in names.split(",")]
+
+
+def _specimen(columns: Columns, stated: str, wanted: str, faults: list[str]) -> NDArray[np.intp]:
+    """Rows of one specimen; a fault if the file has several and none of them is chosen."""
+    size = max((v.size for v in columns.values.values()), default=0)
+    named: dict[str, Sequence[float | str]] = {c: v.tolist() for c, v in columns.values.items()}
+    named |= columns.texts
+    column = next((c for c in named if stated and plain_name(c) == plain_name(stated)), "")
+    if stated and not column:
+        faults.append(f"no column {shortened(stated)!r} for specimen; there are {columns}")
+        return np.arange(size)
+    for name in () if column else named:
+        several = len(set(named[name]))
+        if plain_name(name) in _plain(SPECIMENS) and several * _LEAST <= size:
+            column = column or name
+    where = f"column {shortened(column)}"
+    clock = columns.called("time")
+    if column:
+        cells = named[column]
+        labels = [c.strip() if isinstance(c, str) else f"{c:.10g}" for c in cells]
+    elif clock and np.any(np.diff(columns.values[clock[0]]) < 0.0):
+        restarts = np.cumsum(np.diff(columns.values[clock[0]], prepend=-np.inf) < 0.0)
+        labels, where = [str(k + 1) for k in restarts], f"column {clock[0]} starts again"
+    else:
+        labels, where = ["1"] * size, "one specimen"
+    found = list(dict.fromkeys(labels))
+    if len(found) > 1 and not wanted:
+        faults.append(
+            f"{len(found)} specimens ({where}): {shortened(', '.join(found), 300)}; expected one: "
+            "choose it (--specimen NAME, in Python specimen)"
+        )
+    elif wanted and wanted not in found:
+        faults.append(f"no specimen {shortened(wanted)!r} ({where}); there are {', '.join(found)}")
+    return np.flatnonzero(np.array(labels) == (wanted or found[0]))
+
+
+def _named(columns: Columns, quantity: str) -> list[str]:
+    """Columns with a usual name of a quantity, whose unit measures it, or is unknown."""
+    names = _plain(NAMES[quantity])
+    return [c for c in columns.values if plain_name(c) in names and _fits(columns, c, quantity)]
+
+
+def _fits(columns: Columns, column: str, quantity: str) -> bool:
+    unit = unit_of_column(columns, column)
+    if not unit or spelled_unit(unit) is None:
+        return True
+    try:
+        conversion_factor(unit, _UNITS[quantity])
+    except InvalidParameter:
+        return False
+    return True
 
 
 def _choose(
     columns: Columns,
     units: dict[str, str],
     wanted: Sequence[str],
+    stated: dict[str, str],
     faults: list[str],
     notes: list[str],
 ) -> tuple[str, str]:
     """Quantity and its column; empty with a fault if there is none."""
-    named = {q: columns.called(q) for q in units}
-    quantity = next((q for q in wanted if named[q]), "")
+    named = {q: [stated[q]] if q in stated else _named(columns, q) for q in units}
+    quantity = next((q for q in wanted if q in stated), "") or next(
+        (q for q in wanted if named[q]), ""
+    )
     if not quantity:
-        faults.append(f"expected a column {' or '.join(wanted)}; there are {columns}")
+        known = "; ".join(f"{q}: {NAMES[q]}" for q in wanted)
+        faults.append(
+            f"expected a column {' or '.join(wanted)}; there are {columns}. Names: {known} "
+            f"(another one: --column {wanted[0]}=COLUMN --unit {wanted[0]}=UNIT, in Python options)"
+        )
         return "", ""
     headings = [columns.headings.get(c, c) for c in named[quantity]]
     if len(headings) > 1:
         faults.append(
             f"columns {shortened(', '.join(headings), 300)} are each a {quantity}, expected one: "
-            "rename or remove the others"
+            f"--column {quantity}=COLUMN chooses it (in Python options)"
         )
-    others = [columns.headings.get(c, c) for q in units if q != quantity for c in named[q]]
+    others = [
+        columns.headings.get(c, c)
+        for q in units
+        if q != quantity
+        for c in named[q]
+        if c not in named[quantity]
+    ]
     if others:
-        notes.append(f"{headings[0]} is used, not {shortened(', '.join(others), 300)}")
+        notes.append(
+            f"{headings[0]} is used, not {shortened(', '.join(dict.fromkeys(others)), 300)}"
+        )
     return quantity, named[quantity][0]
 
 

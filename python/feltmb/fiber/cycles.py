@@ -1,4 +1,4 @@
-"""Loading and unloading of a compression test with one or several cycles."""
+"""Loading and unloading of a compression test: those of one of its cycles."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from feltmb.errors import InvalidParameter
 
 Array = NDArray[np.float64]
 
@@ -22,11 +24,13 @@ LEAST_STEPS = 0.9
 STEP_OF_BAND = 0.25
 #: Number of samples at a reversal that are no hold.
 MOST_AT_TURN = 8
+#: A complete cycle goes from the lowest part of the range to the highest one and back.
+LOWEST, HIGHEST = 0.3, 0.95
 
 
 @dataclass(frozen=True)
 class Branches:
-    """Samples of a test that belong to the envelopes."""
+    """Samples of one cycle of a test: its loading, and the unloading after it."""
 
     kept: NDArray[np.intp]
     """Indices of the samples."""
@@ -38,6 +42,10 @@ class Branches:
     """First and last sample of each hold. All of its samples but the first are left out."""
     turns: list[int]
     """First sample, reversals, and last sample."""
+    chosen: int
+    """Number of the cycle, from 1."""
+    loops: dict[int, tuple[int, int, int]]
+    """First sample, largest compression and last sample of each cycle with an unloading."""
 
     @property
     def cycles(self) -> int:
@@ -57,38 +65,45 @@ class Branches:
         return np.concatenate([np.zeros(0, dtype=np.intp), *runs])
 
 
-def find_branches(v_f: Array) -> Branches:
-    """Assign the samples of a test to the loading and unloading envelopes, by its reversals.
+def find_branches(v_f: Array, cycle: int | None = None) -> Branches:
+    """Assign the samples of one cycle of a test to loading and unloading, by its reversals.
 
-    The loading envelope consists of the samples of each loading that are beyond all earlier
-    reversals, because a felt follows inner loops below them. The unloading envelope begins at the
-    largest volume fraction and ends at the next reversal. The other samples are on inner loops.
-    While a volume fraction is held, the pressure relaxes: these samples are neither loading nor
-    unloading.
+    The cycle is the first complete one, else the first that reaches the largest compression but
+    for 5 % of the range. While a volume fraction is held, the pressure relaxes: these samples are
+    neither loading nor unloading.
 
     Parameters
     ----------
     v_f
         Volume fraction of each sample in the order of the test [1].
+    cycle
+        Number of the cycle to use, from 1.
+
+    Raises
+    ------
+    InvalidParameter
+        There is no such cycle, or it has no unloading.
     """
     turns = _reversals(v_f)
-    loading, unloading = [], [np.zeros(0, dtype=np.intp)]
-    highest, starts = -np.inf, []
-    for a, b in itertools.pairwise(turns):
-        part = np.arange(a if a == 0 else a + 1, b + 1)
-        if v_f[b] >= v_f[a]:
-            starts.append(int(part[0]))
-            loading.append(part[v_f[part] > highest])
-            highest = max(highest, v_f[b])
-        elif v_f[a] == np.max(v_f):
-            unloading.append(part)
-    # Of equal maxima the last one counts: the felt has then softened.
-    kept = np.concatenate([*loading, unloading[-1]])
-    rising = np.arange(kept.size) < sum(p.size for p in loading)
-    order = np.argsort(kept, kind="stable")
-    branches = Branches(kept[order], rising[order], starts, _find_holds(v_f, turns), turns)
-    free = ~np.isin(branches.kept, branches.held)
-    return replace(branches, kept=branches.kept[free], loading=branches.loading[free])
+    parts = list(itertools.pairwise(turns))
+    rises = [i for i, (a, b) in enumerate(parts) if v_f[b] >= v_f[a]] or [0]
+    starts = [parts[i][0] + (parts[i][0] > 0) for i in rises]
+    loops = {k: (*parts[i], parts[i + 1][1]) for k, i in enumerate(rises, 1) if i + 1 < len(parts)}
+    if cycle is not None and cycle not in loops:
+        raise InvalidParameter(
+            f"cycle = {cycle}: the test has {len(loops)} cycles with an unloading"
+            + (f", expected one of {', '.join(map(str, loops))}" if loops else "")
+        )
+    low, high = np.min(v_f) + np.array([LOWEST, HIGHEST]) * np.ptp(v_f)
+    reached = [k for k, (_, b, _) in loops.items() if v_f[b] >= high]
+    complete = [k for k in reached if max(v_f[loops[k][0]], v_f[loops[k][2]]) <= low]
+    chosen = cycle or next(iter((*complete, *reached, *loops)), 1)
+    first, top, last = loops.get(chosen, (*parts[rises[chosen - 1]], turns[-1]))
+    kept = np.arange(first + (first > 0), last + 1)
+    holds = _find_holds(v_f, turns)
+    branches = Branches(kept, kept <= top, starts, holds, turns, chosen, loops)
+    free = ~np.isin(kept, branches.held)
+    return replace(branches, kept=kept[free], loading=branches.loading[free])
 
 
 def _find_holds(v_f: Array, turns: list[int]) -> list[tuple[int, int]]:

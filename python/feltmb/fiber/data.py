@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.arguments import checked
-from feltmb.errors import DataError
+from feltmb.data import ReadOptions
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.fiber.approach import LEAST, free_approach
 from feltmb.fiber.columns import LOADS, read_test
 from feltmb.fiber.cycles import find_branches
@@ -116,17 +117,17 @@ class CompressionData:
         )
 
 
-def _by_reversals(test: CompressionData) -> CompressionData:
-    """The test with its branches, which are found from the reversals."""
-    found = find_branches(test.v_f)
+def _by_reversals(test: CompressionData, cycle: int | None) -> CompressionData:
+    """One cycle of the test with its branches, which are found from the reversals."""
+    found = find_branches(test.v_f, cycle)
     left_out = len(test.v_f) - np.union1d(found.kept, found.held).size
     all_used = "(a column branch with the words loading and unloading uses all samples)"
     notes = []
     if left_out:
         notes.append(
-            f"{found.cycles} loadings: what each loads beyond all earlier reversals and the "
-            f"unloading from the largest volume fraction are used; {left_out} samples of inner "
-            f"loops and further cycles are left out {all_used}"
+            f"{found.cycles} loadings: cycle {found.chosen} is used, its loading with the "
+            f"unloading after it (another one: cycle, --cycle); {left_out} samples of the other "
+            f"cycles are left out {all_used}"
         )
     if found.holds:
         # Of several holds, the one under the largest load: a felt at rest does not relax.
@@ -152,12 +153,12 @@ def _after_approach(test: CompressionData, thickness0: float | None) -> Compress
     branch = test.v_f[loading], test.pressure[loading]
     notes = []
     if test.reference_known:
-        _, load = free_approach(*branch, test.v_f0)
+        load = free_approach(*branch, test.v_f0).level
         if load:
             test = replace(test, pressure=test.pressure - load)
             notes.append(f"the pressure of the free approach, {load:.4g} Pa, is subtracted")
     if thickness0 is not None:
-        contact, _ = free_approach(*branch)
+        contact = free_approach(*branch).zero
         if contact - test.v_f0 > FREE_SHARE * (float(np.max(test.v_f)) - test.v_f0):
             at = thickness0 * (1.0 - test.v_f0 / contact)
             notes.append(
@@ -221,6 +222,9 @@ def read_compression(
     thickness0: float | None = None,
     area: float | None = None,
     zero: float | None = None,
+    cycle: int | None = None,
+    specimen: str = "",
+    options: ReadOptions | None = None,
 ) -> CompressionData:
     """Read a compression test from a file.
 
@@ -229,9 +233,8 @@ def read_compression(
     positive, zero at ``thickness0``); of several, the first of them. Another one is
     ``pressure [kPa]`` (Pa, MPa, N/mm^2, bar) or ``force [N]``; of both, the force if ``area`` is
     given. An optional column ``branch`` contains the words loading and unloading. Without it, the
-    branches are found from the reversals. Of a test with several cycles, loading are the samples of
-    each loading beyond all earlier reversals, and unloading are those from the largest volume
-    fraction to the next reversal; the samples of inner loops and of holds are left out. Lines that
+    branches are found from the reversals. Of a test with several cycles, one is used: its loading
+    with the unloading after it; the samples of the others and of holds are left out. Lines that
     start with ``#`` and those above the header are comments. Units may be in a line below the
     header. Other columns are ignored. Common other names are known, also German ones
     (``Kraft in N``, ``Dicke [mm]``).
@@ -253,6 +256,12 @@ def read_compression(
     zero
         Displacement at the first contact [m], for a test by displacement; default: 0. The load
         before it, or at thicknesses above ``thickness0``, is subtracted, with a note.
+    cycle
+        Number of the cycle that is used, from 1; default: the first complete one.
+    specimen
+        Which one of several specimens.
+    options
+        Columns and units of the quantities; those in a TOML file beside the file are read.
 
     Raises
     ------
@@ -260,7 +269,12 @@ def read_compression(
         The file has faults; all of them are in the message, with line numbers.
     """
     file = Path(path)
-    table = read_test(file, loads=(*LOADS,) if area is None else ("force", "pressure"))
+    table = read_test(
+        file,
+        loads=(*LOADS,) if area is None else ("force", "pressure"),
+        options=options,
+        specimen=specimen,
+    )
     fraction, load = table.compression, table.load
     faults: list[str] = []
     fault = faults.append
@@ -318,9 +332,12 @@ def read_compression(
         loading = np.array([word == "loading" for word in branches])
         made = CompressionData(v, p, loading, reference, file.stem, heights, known)
     else:
-        made = _by_reversals(CompressionData(
-            v, p, np.ones(len(v), dtype=np.bool_), reference, file.stem, heights, known
-        ))  # fmt: skip
+        whole = np.ones(len(v), dtype=np.bool_)
+        test = CompressionData(v, p, whole, reference, file.stem, heights, known)
+        try:
+            made = _by_reversals(test, cycle)
+        except InvalidParameter as error:
+            raise DataError(f"{file}: {error}") from None
     made = _after_approach(
         replace(made, notes=(*table.notes, *made.notes)),
         thickness0 if table.compression == "displacement" and zero is None else None,

@@ -105,7 +105,7 @@ def test_the_force_of_the_approach_and_lost_samples(offset, wrong):
     if wrong is not None:
         force[wrong] = 5.0 if wrong < 100 else 0.0
     found = measured_loop(x, force)
-    assert 0.0 < found.zero < 1e-4
+    assert abs(found.zero) < 5e-5
     assert found.envelope.loading[-1] == pytest.approx(10.0, abs=0.02)
     assert any(f"approach, {offset:.2g} N, is subtracted" in note for note in found.notes)
 
@@ -294,7 +294,7 @@ def test_uncertainties_follow_the_noise_and_the_cycles():
     # The numbers do not require memory for all pairs of rows.
     fine = measured_loop(*cycles_of(1, 0.0, 0.01, 1), zero=0.0, points=20_000).uncertainty
     assert fine.loading[-1] == pytest.approx(one[0].loading[-1], rel=1e-6)
-    assert fine.loss == pytest.approx(one[0].loss, rel=0.02)
+    assert 0.5 * one[0].loss < fine.loss < one[0].loss  # without the chords of a coarse table
 
 
 def write(path, unit=1e3, text=None):
@@ -329,9 +329,9 @@ def test_from_a_file_to_a_mechanism(tmp_path):
     sure = told["uncertainty"]
     assert len(sure["loading"]) == len(told["envelope"]["loading"])
     assert sure["loss"] > 0.0
-    assert "% of the loading work; of the samples" in " ".join(out.split())
+    assert "% of the loading work; of the samples of its cycle" in " ".join(out.split())
     assert "±: standard uncertainty (68 %), from the scatter of the samples" in out
-    assert "mm (± " in out
+    assert "mm (95 %: " in out
     assert told["memory"] == {}
     assert sure["kappa"] is None
     assert "the test does not tell better ones, and they have no uncertainty" in " ".join(
@@ -374,11 +374,11 @@ def test_a_test_by_thickness(tmp_path):
     [
         (
             {"head": "v_f [-],force [N]"},
-            "expected a column displacement or thickness; there are v_f",
+            "expected a column displacement or thickness or strain; there are v_f",
         ),
         (
             {"head": "displacement [mm],pressure [Pa]"},
-            "expected a column force; there are displacement, pressure",
+            "pressure without the area of the sample, expected area",
         ),
         ({"rows": 300}, "0 samples of unloading, expected at least 8"),
     ],

@@ -313,27 +313,38 @@ def test_an_area_in_square_meters_by_mistake_is_refused(tmp_path):
 
 
 def cycles_of(depths, rng, noise):
-    """Volume fractions of a test with these largest values, and the branch of each sample."""
-    v, branch, deepest = [], [], 0.1
-    for depth in depths:
+    """Volume fractions of a test with these largest values, and the cycle of each sample."""
+    v, cycle = [], []
+    for k, depth in enumerate(depths, 1):
         up = np.linspace(0.1, depth, 41)
         v += [*up, *up[-2::-1]]
-        branch += ["loading" if x > deepest else "inner" for x in up]
-        branch += ["unloading" if depth == max(depths) else "inner"] * 40
-        deepest = max(deepest, depth)
-    return np.array(v) + noise * rng.standard_normal(len(v)), np.array(branch)
+        cycle += [k] * 81
+    return np.array(v) + noise * rng.standard_normal(len(v)), np.array(cycle)
 
 
-@pytest.mark.parametrize("depths", [(0.3,), (0.2, 0.25, 0.3), (0.3, 0.2), (0.2, 0.3, 0.25)])
-def test_branches_of_several_cycles_are_the_envelopes(depths):
-    v, branch = cycles_of(depths, np.random.default_rng(2), 3e-4)
-    found = find_branches(v)
-    assert found.cycles == len(depths)
-    # The first sample of the first loading and samples in the noise of a reversal may differ.
-    kept = np.zeros(v.size, dtype=bool)
-    kept[found.kept] = True
-    assert np.sum(kept != (branch != "inner")) <= 2 + len(depths)
-    assert np.sum(found.loading != (branch[found.kept] == "loading")) <= 2 + len(depths)
+@pytest.mark.parametrize(
+    ("depths", "chosen"),
+    [
+        ((0.3,), 1),
+        ((0.2, 0.25, 0.3), 3),
+        ((0.3, 0.2), 1),
+        ((0.2, 0.3, 0.25), 2),
+        ((0.295, 0.3), 1),
+    ],
+)
+def test_branches_are_those_of_one_cycle(depths, chosen):
+    v, cycle = cycles_of(depths, np.random.default_rng(2), 3e-4)
+    for number in (None, *range(1, len(depths) + 1)):
+        found = find_branches(v, number)
+        assert found.cycles == len(depths)
+        assert found.chosen == (number or chosen)
+        # Samples in the noise of a reversal may differ.
+        kept = np.zeros(v.size, dtype=bool)
+        kept[found.kept] = True
+        assert np.sum(kept != (cycle == found.chosen)) <= 2 + len(depths)
+        assert np.sum(found.loading) == pytest.approx(41, abs=2)
+    with pytest.raises(InvalidParameter, match=f"cycle = 7: the test has {len(depths)} cycles"):
+        find_branches(v, 7)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-4, 5e-4])

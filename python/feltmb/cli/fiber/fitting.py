@@ -31,6 +31,7 @@ from feltmb.cli.fiber.group import (
     seed_option,
     write_named,
 )
+from feltmb.cli.gap_reading import test_options
 
 
 def _fit_rows(f: Any) -> list[list[str]]:
@@ -124,6 +125,7 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
 )
 @click.option("--area", type=positive("m^2"), help="Sample area [m^2], with force data.")
 @zero_option
+@test_options
 @click.option(
     "--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture of fit and residuals."
 )
@@ -152,6 +154,7 @@ def fit_command(
     thickness0: float | None,
     area: float | None,
     zero: float | None,
+    reading: dict[str, Any],
     plot: Path | None,
     output: Path | None,
     force: bool,
@@ -168,7 +171,7 @@ def fit_command(
     for path in (plot, output):
         if path is not None:
             refuse_existing(path, force)
-    test = read_compression(data, v_f0=v_f0, thickness0=thickness0, area=area, zero=zero)
+    test = read_compression(data, v_f0=v_f0, thickness0=thickness0, area=area, zero=zero, **reading)
     known = models()
     if model not in known:
         raise InvalidParameter(f'--model = "{model}", must be one of {", ".join(known)}')
