@@ -22,6 +22,7 @@ __all__ = [
 
 MOST_LETTERS = 4000  # largest number of letters of a message
 _LONGEST_LINE = 1000
+_LONG_NAME = re.compile(r"(\S{140})\S{11,}(\S{50})")  # more than 200 letters without a space
 
 #: Characters that control a terminal, change the direction of text, or are invisible.
 _COMMANDS = re.compile(
@@ -41,7 +42,9 @@ def printable(text: str) -> str:
 
 
 def _message(text: str) -> str:
-    """A message that can be shown: printable, and shortened with a note if it is too long."""
+    """A message that can be shown: printable, and with long names and long texts shortened."""
+    if len(text) <= 10 * MOST_LETTERS:
+        text = _LONG_NAME.sub(r"\1...\2", text)
     if len(text) > 10 * MOST_LETTERS:
         lines = printable(text[: 2 * MOST_LETTERS]).splitlines()
     else:

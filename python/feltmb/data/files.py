@@ -44,6 +44,9 @@ from feltmb.units.quantity import fault_text, shortened, validated
 __all__ = ["read_each", "read_record", "read_records", "read_sheet", "write_record"]
 
 
+MOST_RUNS = 1000  # of a file
+
+
 def read_records(
     paths: Sequence[str | Path],
     *,
@@ -446,9 +449,15 @@ def _runs(
     if name and (sheet.run or np.any(steps <= 0.0)):
         number = columns.values[name]
         labels = [n for n in dict.fromkeys(number.tolist()) if math.isfinite(n)]
+        if len(labels) > MOST_RUNS:
+            faults.append(f"{len(labels)} runs in column {shortened(name)}; the limit is {MOST_RUNS}")
+            return []
         return [(f"{label:g}", rows[number == label]) for label in labels]
     if not again.size:
         return [("1", rows)]
+    if again.size >= MOST_RUNS:
+        faults.append(f"the clock starts {again.size + 1} times; the limit is {MOST_RUNS} runs")
+        return []
     parts = np.split(rows, again + 1)
     return [(str(k), part) for k, part in enumerate(parts, 1)]
 
