@@ -1,6 +1,7 @@
 """File access: clear errors; files are written completely or not at all; no unasked overwriting."""
 
 from feltmb.files.access import (
+    LARGEST_FILE,
     LARGEST_JSON,
     LARGEST_TABLE,
     MOST_EXTENDS,
@@ -28,6 +29,7 @@ from feltmb.files.digest import digest_of, package_digest
 from feltmb.files.store import Kept, Store
 
 __all__ = [
+    "LARGEST_FILE",
     "LARGEST_JSON",
     "LARGEST_TABLE",
     "MOST_EXTENDS",

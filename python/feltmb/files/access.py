@@ -20,6 +20,7 @@ from typing import Any
 from feltmb.errors import DataError, FeltmbError, FileExists, InvalidParameter
 
 __all__ = [
+    "LARGEST_FILE",
     "LARGEST_TABLE",
     "NPZ_FAULTS",
     "beside",

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from feltmb.errors import InvalidParameter
+from feltmb.files import parse_toml
 from feltmb.mechanism import Reading
 
 if TYPE_CHECKING:
@@ -29,8 +30,8 @@ def reading_of(run: Run) -> Reading:
 def _tables(run: Run) -> dict[str, Any]:
     """Tables of the mechanism of a run; none if the run does not hold it."""
     try:
-        return tomllib.loads(str(run.provenance.get("toml", "")))
-    except (ValueError, RecursionError):
+        return parse_toml(str(run.provenance.get("toml", "")), "run")
+    except InvalidParameter:
         return {}
 
 
@@ -40,10 +41,12 @@ def strike_words(run: Run) -> dict[str, str]:
     They name what the label of the strike contact names ("hammer - string"), else its surfaces.
     """
     number = reading_of(run).strike_contact
-    contacts = _tables(run).get("contacts", {})
-    contact = contacts.get(f"{number:02d}", {}) if number is not None else {}
+    contact: Any = _tables(run).get("contacts", {})
+    contact = contact.get(f"{number or 0:02d}", {}) if isinstance(contact, dict) else {}
+    contact = contact if isinstance(contact, dict) else {}
     one, mark, other = str(contact.get("label", "")).partition(" - ")
-    if not mark and len(surfaces := contact.get("surfaces", ())) == 2:
+    surfaces = contact.get("surfaces")
+    if not mark and isinstance(surfaces, list) and len(surfaces) == 2:
         one, other = (str(s) for s in surfaces)
     if not (one and other):
         return {
