@@ -83,13 +83,20 @@ def read_records(
 
 
 def read_each(
-    paths: Sequence[str | Path], signals: Signals | None = None, options: ReadOptions | None = None
+    paths: Sequence[str | Path],
+    signals: Signals | None = None,
+    options: ReadOptions | None = None,
+    kept: Mapping[Path, Columns] | None = None,
 ) -> tuple[tuple[Record, ...], ...]:
-    """Records of each of several files; all faults are in one message."""
+    """Records of each of several files; all faults are in one message.
+
+    ``kept``: columns of files that were read before, and are not read again.
+    """
     found, faults = [], []
-    for path in paths:
+    signals, options = signals or Signals(), options or ReadOptions()
+    for path in map(Path, paths):
         try:
-            found.append(_read_file(Path(path), signals or Signals(), options or ReadOptions()))
+            found.append(_read_file(path, signals, options, (kept or {}).get(path)))
         except DataError as error:
             faults.append(str(error))
     if faults:
@@ -158,11 +165,14 @@ def read_sheet(path: Path) -> Sheet | None:
     return sheet
 
 
-def _read_file(path: Path, signals: Signals, options: ReadOptions) -> tuple[Record, ...]:
+def _read_file(
+    path: Path, signals: Signals, options: ReadOptions, columns: Columns | None = None
+) -> tuple[Record, ...]:
     if not is_file(path):
         raise DataError(f"{path}: {why_missing(path)}")
     given = read_sheet(path)
-    columns = read_columns(path)
+    columns = columns or read_columns(path)
+    columns = replace(columns, notes=[*columns.notes])  # notes of this reading are added
     sheet = sheet_for(path, columns, signals, options, given)
     stated = given is not None and "likelihood" in given.model_fields_set
     if (stated or options.likelihood is not None) and not columns.likelihood:

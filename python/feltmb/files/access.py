@@ -52,7 +52,7 @@ DEEPEST_KEY = 50  # number of parts of a dotted key
 MOST_WORDS = 300_000  # number of keys, numbers and texts of a TOML file
 #: Exceptions of numpy for a damaged file of arrays (.npz).
 NPZ_FAULTS = (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error,
-              NotImplementedError, MemoryError)  # fmt: skip
+              RuntimeError, MemoryError)  # fmt: skip
 
 
 def open_input(
