@@ -15,6 +15,7 @@ __all__ = [
     "IntegrationError",
     "InvalidParameter",
     "ModelError",
+    "message",
     "no_such",
     "printable",
     "shown",
@@ -41,7 +42,7 @@ def printable(text: str) -> str:
     )
 
 
-def _message(text: str) -> str:
+def message(text: str) -> str:
     """A message that can be shown: printable, and with long names and long texts shortened."""
     if len(text) <= 10 * MOST_LETTERS:
         text = _LONG_NAME.sub(r"\1...\2", text)
@@ -73,7 +74,7 @@ class FeltmbError(RuntimeError):
     """
 
     def __init__(self, *args: object):
-        super().__init__(*(_message(a) if isinstance(a, str) else a for a in args))
+        super().__init__(*(message(a) if isinstance(a, str) else a for a in args))
 
 
 class InvalidParameter(FeltmbError, ValueError):

@@ -460,7 +460,9 @@ def _runs(
         number = columns.values[name]
         labels = [n for n in dict.fromkeys(number.tolist()) if math.isfinite(n)]
         if len(labels) > MOST_RUNS:
-            faults.append(f"{len(labels)} runs in column {shortened(name)}; the limit is {MOST_RUNS}")
+            faults.append(
+                f"{len(labels)} runs in column {shortened(name)}; the limit is {MOST_RUNS}"
+            )
             return []
         return [(f"{label:g}", rows[number == label]) for label in labels]
     if not again.size:

@@ -5,7 +5,6 @@ The header identifies the program. A point P becomes the columns ``P.x`` and ``P
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np

@@ -278,8 +278,10 @@ class FiberRun:
             length = np.size(table["phase"])
             for name in (*_TABLE, *table):
                 values = table[name]
-                if values.dtype != float or values.shape != (length,) or not np.all(
-                    np.isfinite(values)
+                if (
+                    values.dtype != float
+                    or values.shape != (length,)
+                    or not np.all(np.isfinite(values))
                 ):
                     raise ValueError(f"column {name}: expected {length} finite numbers")
             for name in _STATE:

@@ -167,7 +167,12 @@ class Desk:
         except Exception as error:  # otherwise the page would end
             self._tell(
                 f"run {slot}",
-                {"on": "fault", "slot": slot, "id": asked.id, "faults": fault_of(error).splitlines()},
+                {
+                    "on": "fault",
+                    "slot": slot,
+                    "id": asked.id,
+                    "faults": fault_of(error).splitlines(),
+                },
             )
 
     async def _picture(self, slot: Slot, quality: str) -> None:
