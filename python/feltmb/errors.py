@@ -15,6 +15,7 @@ __all__ = [
     "IntegrationError",
     "InvalidParameter",
     "ModelError",
+    "message",
     "no_such",
     "printable",
     "shown",
@@ -22,6 +23,7 @@ __all__ = [
 
 MOST_LETTERS = 4000  # largest number of letters of a message
 _LONGEST_LINE = 1000
+_LONG_NAME = re.compile(r"(\S{140})\S{11,}(\S{50})")  # more than 200 letters without a space
 
 #: Characters that control a terminal, change the direction of text, or are invisible.
 _COMMANDS = re.compile(
@@ -40,8 +42,10 @@ def printable(text: str) -> str:
     )
 
 
-def _message(text: str) -> str:
-    """A message that can be shown: printable, and shortened with a note if it is too long."""
+def message(text: str) -> str:
+    """A message that can be shown: printable, and with long names and long texts shortened."""
+    if len(text) <= 10 * MOST_LETTERS:
+        text = _LONG_NAME.sub(r"\1...\2", text)
     if len(text) > 10 * MOST_LETTERS:
         lines = printable(text[: 2 * MOST_LETTERS]).splitlines()
     else:
@@ -70,7 +74,7 @@ class FeltmbError(RuntimeError):
     """
 
     def __init__(self, *args: object):
-        super().__init__(*(_message(a) if isinstance(a, str) else a for a in args))
+        super().__init__(*(message(a) if isinstance(a, str) else a for a in args))
 
 
 class InvalidParameter(FeltmbError, ValueError):

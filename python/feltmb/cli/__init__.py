@@ -7,6 +7,7 @@ import os
 import sys
 import traceback
 import warnings
+from pathlib import Path
 from typing import Any
 
 import click
@@ -119,10 +120,12 @@ def main(
     except SystemExit as end:
         if "_FELTMB_COMPLETE" in os.environ:  # click ends in this way after a completion
             raise
-        if isinstance(end.__context__, BrokenPipeError):  # rich and click also end in this way
+        frames = traceback.extract_tb(end.__traceback__)
+        by_click = frames and frames[-1].filename.startswith(str(Path(click.__file__).parent))
+        # The reader of the output ended: rich and click end in these ways.
+        if by_click or isinstance(end.__context__, BrokenPipeError):
             sys.exit(0)
         # No command ends in this way: a Python model or effect of the user did.
-        frames = traceback.extract_tb(end.__traceback__)
         where = f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else "a model"
         complain(
             f"{where}: ends the program (exit code {end.code!r}); a model must return or raise an "

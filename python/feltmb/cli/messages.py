@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import click
 
-from feltmb.errors import printable
+from feltmb.errors import message
 
 __all__ = ["complain"]
 
 
 def complain(text: str) -> None:
-    """Print one message on stderr; control characters in names of files are escaped."""
-    click.echo(printable(f"feltmb: {text}"), err=True)
+    """Print one message on stderr; names of files are made harmless and shortened."""
+    click.echo(message(f"feltmb: {text}"), err=True)

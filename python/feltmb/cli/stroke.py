@@ -347,9 +347,9 @@ def _inputs(
     initial: dict[str, str],
 ) -> str:
     """Hash of everything that determines a run."""
-    from feltmb.files import digest_of, package_digest
+    from feltmb.files import LARGEST_FILE, digest_of, package_digest, read_input
 
-    first = None if start is None else start.read_bytes()
+    first = None if start is None else read_input(start, most=LARGEST_FILE)
     return digest_of(package_digest(), action.hash, stroke.as_dict(), options, first, initial)
 
 

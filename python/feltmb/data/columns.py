@@ -14,6 +14,7 @@ import re
 import struct
 import warnings
 import zlib
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -127,7 +128,7 @@ def _read_mat(path: Path) -> Columns:
 
     columns = Columns()
     try:
-        _check_packed(data)
+        _check_elements(data)
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # for example two arrays with the same name
             listed = whosmat(io.BytesIO(data))
@@ -151,31 +152,76 @@ def _read_mat(path: Path) -> Columns:
     return columns
 
 
-def _check_packed(data: bytes) -> None:
-    """Reject a MAT file of version 5 whose compressed variables exceed the limit when unpacked.
+_PLAIN = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}  # numbers and texts
+_MATRIX, _PACKED = 14, 15
+_NESTED = {1, 2, 3, 16, 17}  # classes of arrays that contain arrays
+MOST_ELEMENTS = 1_000_000
 
-    The size of a variable is stated several times inside the compressed data, and the statements
-    may be wrong. The data are therefore unpacked in parts and counted.
+
+def _check_elements(data: bytes) -> None:
+    """Check the elements of a MAT file of version 5 before scipy reads it.
+
+    Scipy crashes at a data type that does not exist, also in an array that is not wanted, and it
+    reads an element over the end of its array. Sizes inside compressed data may be wrong. The data
+    are therefore unpacked in parts and counted.
     """
     if len(data) < 128 or data[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
         return
     order = "<" if data[126:128] == b"IM" else ">"
+    counted = itertools.count(1)
     at, total = 128, 0
     while at + 8 <= len(data):
         kind, size = struct.unpack_from(order + "II", data, at)
         at += 8
+        content = memoryview(data)[at : at + size]
         if kind == _PACKED:
-            unpacker = zlib.decompressobj()
-            rest = data[at : at + size]
+            unpacker, rest, parts = zlib.decompressobj(), bytes(content), bytearray()
             while rest and not unpacker.eof:
-                total += len(unpacker.decompress(rest, 1 << 20))
+                parts += unpacker.decompress(rest, 1 << 20)
                 rest = unpacker.unconsumed_tail
-                if total > 8 * MOST_NUMBERS + len(data):
+                if total + len(parts) > 8 * MOST_NUMBERS + len(data):
                     raise ValueError(f"unpacks to more than {total} bytes; {limit_text()}")
+            total += len(parts)
+            if len(parts) < 8:
+                raise ValueError(f"the variable at byte {at} is damaged")
+            kind, inner = struct.unpack_from(order + "II", parts)
+            content = memoryview(parts)[8:]
+            if inner > len(content):
+                raise ValueError(f"the variable at byte {at} ends too early")
+            content = content[:inner]
+        if kind != _MATRIX:
+            raise ValueError(f"byte {at}: data type {kind}, expected an array (14)")
+        _check_array(content, order, counted, at)
         at += size
 
 
-_PACKED = 15  # miCOMPRESSED
+def _check_array(content: memoryview, order: str, counted: Iterator[int], place: int) -> None:
+    """Check the data types and sizes of the elements of an array."""
+    open_arrays = [content]
+    while open_arrays:
+        array = open_arrays.pop()
+        at, nested = 0, False
+        while at + 8 <= len(array):
+            if next(counted) > MOST_ELEMENTS:
+                raise ValueError(f"more than {MOST_ELEMENTS} elements, which is the limit")
+            kind, size = struct.unpack_from(order + "II", array, at)
+            begin = at + 8
+            if kind >> 16:  # a small element: size and type in four bytes
+                kind, size, begin = kind & 0xFFFF, kind >> 16, at + 4
+            small = begin == at + 4
+            if kind not in _PLAIN and not (kind == _MATRIX and nested and not small):
+                raise ValueError(
+                    f"variable at byte {place}: an element has data type {kind}, which does not "
+                    "exist there"
+                )
+            if begin + size > len(array) or (small and size > 4):
+                raise ValueError(f"variable at byte {place}: an element exceeds its array")
+            if at == 0 and size:
+                (flags,) = struct.unpack_from(order + "I", array, begin) if size >= 4 else (0,)
+                nested = flags & 0xFF in _NESTED
+            if kind == _MATRIX:
+                open_arrays.append(array[begin : begin + size])
+            at = at + 8 if small else begin + size + -size % 8
 
 
 # ---------------------------------------------------------------- NetCDF

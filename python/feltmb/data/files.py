@@ -44,6 +44,9 @@ from feltmb.units.quantity import fault_text, shortened, validated
 __all__ = ["read_each", "read_record", "read_records", "read_sheet", "write_record"]
 
 
+MOST_RUNS = 1000  # of a file
+
+
 def read_records(
     paths: Sequence[str | Path],
     *,
@@ -80,13 +83,20 @@ def read_records(
 
 
 def read_each(
-    paths: Sequence[str | Path], signals: Signals | None = None, options: ReadOptions | None = None
+    paths: Sequence[str | Path],
+    signals: Signals | None = None,
+    options: ReadOptions | None = None,
+    kept: Mapping[Path, Columns] | None = None,
 ) -> tuple[tuple[Record, ...], ...]:
-    """Records of each of several files; all faults are in one message."""
+    """Records of each of several files; all faults are in one message.
+
+    ``kept``: columns of files that were read before, and are not read again.
+    """
     found, faults = [], []
-    for path in paths:
+    signals, options = signals or Signals(), options or ReadOptions()
+    for path in map(Path, paths):
         try:
-            found.append(_read_file(Path(path), signals or Signals(), options or ReadOptions()))
+            found.append(_read_file(path, signals, options, (kept or {}).get(path)))
         except DataError as error:
             faults.append(str(error))
     if faults:
@@ -155,12 +165,15 @@ def read_sheet(path: Path) -> Sheet | None:
     return sheet
 
 
-def _read_file(path: Path, signals: Signals, options: ReadOptions) -> tuple[Record, ...]:
+def _read_file(
+    path: Path, signals: Signals, options: ReadOptions, columns: Columns | None = None
+) -> tuple[Record, ...]:
     if not is_file(path):
         raise DataError(f"{path}: {why_missing(path)}")
     given = read_sheet(path)
     numbered = bool(options.columns) or given is not None
-    columns = read_columns(path, numbered=numbered)
+    columns = columns or read_columns(path, numbered=numbered)
+    columns = replace(columns, notes=[*columns.notes])  # notes of this reading are added
     sheet = sheet_for(path, columns, signals, options, given)
     stated = given is not None and "likelihood" in given.model_fields_set
     if (stated or options.likelihood is not None) and not columns.likelihood:
@@ -466,9 +479,17 @@ def _runs(
     if name and (sheet.run or np.any(steps <= 0.0)):
         number = columns.values[name]
         labels = [n for n in dict.fromkeys(number.tolist()) if math.isfinite(n)]
+        if len(labels) > MOST_RUNS:
+            faults.append(
+                f"{len(labels)} runs in column {shortened(name)}; the limit is {MOST_RUNS}"
+            )
+            return []
         return [(f"{label:g}", rows[number == label]) for label in labels]
     if not again.size:
         return [("1", rows)]
+    if again.size >= MOST_RUNS:
+        faults.append(f"the clock starts {again.size + 1} times; the limit is {MOST_RUNS} runs")
+        return []
     parts = np.split(rows, again + 1)
     return [(str(k), part) for k, part in enumerate(parts, 1)]
 

@@ -9,6 +9,7 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +93,7 @@ class Columns:
     """Cells that are no numbers, by column and row; their values are NaN."""
     wrong_rows: list[tuple[int, str]] = field(default_factory=list)
     """Rows with another number of cells than the header; their values are NaN."""
+    _found: Any = field(default=None, init=False, repr=False, compare=False)
 
     def __str__(self) -> str:
         shown = [shortened(name) for name in self.values]
@@ -109,15 +111,17 @@ class Columns:
 
     def pair_likelihood(self) -> None:
         """Find columns such as ``tip_likelihood`` beside ``tip_x`` and ``tip_y``."""
+        coordinates: dict[str, list[str]] = {}
+        for column in self.values:
+            if (point := _COORDINATE.fullmatch(column)) is not None:
+                coordinates.setdefault(plain_name(point[1]), []).append(column)
         for trust, values in self.values.items():
             named = _LIKELIHOOD.fullmatch(trust)
             seen = values[np.isfinite(values)]
             if named is None or np.any((seen < 0.0) | (seen > 1.0)):
                 continue
-            for column in self.values:
-                point = _COORDINATE.fullmatch(column)
-                if point is not None and plain_name(point[1]) == plain_name(named[1]):
-                    self.likelihood[column] = trust
+            for column in coordinates.get(plain_name(named[1]), ()):
+                self.likelihood[column] = trust
 
     def take_unnamed(self, name: str) -> None:
         """Find out what the first column is, which the header does not name.
@@ -215,21 +219,32 @@ class Columns:
 
         The name may be equal, equal to the complete heading, or written in another notation.
         """
+        exact, alike, ends = self._lookup()
         for name in names:
             if name in self.values:
                 return name
-            for column, heading in self.headings.items():
-                if name.strip() == heading:
-                    return column
+            if name.strip() in exact:
+                return exact[name.strip()]
         for name in names:
-            alike = [c for c in self.values if plain_name(c) == plain_name(name)]
-            if len(alike) == 1 and plain_name(name):
-                return alike[0]
+            if plain_name(name) and len(found := alike.get(plain_name(name), [])) == 1:
+                return found[0]
         for name in names:
-            ends = [c for c in self.values if c.rpartition(".")[2] == name]
-            if len(ends) == 1:  # the only point of a tracker
-                return ends[0]
+            if len(found := ends.get(name, [])) == 1:
+                return found[0]  # the only point of a tracker
         return ""
+
+    def _lookup(self) -> tuple[dict[str, str], dict[str, list[str]], dict[str, list[str]]]:
+        """Columns by heading, by plain name, and by the end of the name; made once for a state."""
+        state = (len(self.values), len(self.headings))
+        if self._found is None or self._found[0] != state:
+            alike: dict[str, list[str]] = {}
+            ends: dict[str, list[str]] = {}
+            for column in self.values:
+                alike.setdefault(plain_name(column), []).append(column)
+                ends.setdefault(column.rpartition(".")[2], []).append(column)
+            exact = {heading: column for column, heading in reversed(self.headings.items())}
+            self._found = state, (exact, alike, ends)
+        return self._found[1]
 
 
 def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Columns:

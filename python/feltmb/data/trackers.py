@@ -5,12 +5,11 @@ The header identifies the program. A point P becomes the columns ``P.x`` and ``P
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 
-from feltmb.data.series import Columns, columns_of
+from feltmb.data.series import MOST_NUMBERS, Columns, columns_of, limit_text
 from feltmb.data.tables import Lines, read_number, read_table
 from feltmb.errors import DataError
 from feltmb.units import PIXEL, split_column
@@ -41,18 +40,17 @@ def _cells(line: str) -> list[str]:
 def _kinovea_table(path: Path, lines: Lines) -> Columns | None:
     """Columns: time, then NAME/KEY/X and NAME/KEY/Y of every point."""
     head = _cells(lines.texts[0]) if len(lines) else []
-    points = [re.fullmatch(r"(.+)/(.+)/([XY])", c) for c in head[1:]]
-    if len(head) < 3 or not all(points) or not head[0].lower().startswith("time"):
+    points = [c.rsplit("/", 2) for c in head[1:]]
+    named = all(len(p) == 3 and all(p) and p[2] in "XY" for p in points)
+    if len(head) < 3 or not named or not head[0].lower().startswith("time"):
         return None
     several: dict[str, set[str]] = {}
-    for p in points:
-        assert p is not None
-        several.setdefault(p[1], set()).add(p[2])
+    for point, key, _ in points:
+        several.setdefault(point, set()).add(key)
     names = [split_column(head[0])]
-    for p in points:
-        assert p is not None
-        point = p[1] if len(several[p[1]]) == 1 else f"{p[1]}.{p[2]}"
-        names.append((f"{point}.{p[3].lower()}", ""))
+    for point, key, axis in points:
+        name = point if len(several[point]) == 1 else f"{point}.{key}"
+        names.append((f"{name}.{axis.lower()}", ""))
     columns = columns_of(path, read_table(lines), names)
     columns.source = "Kinovea"
     if names[0][0] not in columns.units:
@@ -88,6 +86,9 @@ def _kinovea_text(path: Path, lines: Lines) -> Columns | None:
         raise DataError(f"{path}: " + "; ".join(faults[:5]))
     columns = Columns(source="Kinovea")
     clock = np.unique([row[0] for _, rows in blocks for row in rows])
+    # Points that are seen at different times need the square of their number.
+    if clock.size * (1 + 2 * len(blocks)) > MOST_NUMBERS:
+        raise DataError(f"{path}: {len(blocks)} points at {clock.size} times; {limit_text()}")
     columns.values["time"] = clock
     columns.units["time"] = "s"
     if code:

@@ -14,12 +14,16 @@ from numpy.typing import NDArray
 
 from feltmb._core import fiber as _core
 from feltmb.arguments import checked
-from feltmb.errors import DataError, FeltmbError, InvalidParameter
+from feltmb.errors import DataError, FeltmbError, InvalidParameter, shown
 from feltmb.files import check_suffix, read_npz, write_file
 
 Array = NDArray[np.float64]
 _FORMAT = 1
 _STORED = ("stretching", "bending", "repulsion", "tangential", "kinetic")
+_TABLE = (
+    *("phase", "step", "v_f", "strain", "pressure", "lateral", *_STORED, "work"),
+    *("friction_loss", "drag_loss", "contacts", "smallest_distance", "max_force"),
+)
 _STATE = (
     "positions",
     "velocities",
@@ -265,25 +269,41 @@ class FiberRun:
         """
         file = Path(path)
         stored = read_npz(file)
+        table = {k[6:]: v for k, v in stored.items() if k.startswith("table_")}
+        state = {k[6:]: v for k, v in stored.items() if k.startswith("state_")}
         try:
             header = json.loads(str(stored["header"]))
-            if header.get("format") != _FORMAT:
-                raise DataError(f"{file}: format = {header.get('format')}, expected {_FORMAT}")
-            table = {k[6:]: v.tolist() for k, v in stored.items() if k.startswith("table_")}
-            state = {k[6:]: v for k, v in stored.items() if k.startswith("state_")}
-        except DataError:
-            raise
-        except (ValueError, KeyError, AttributeError, RecursionError) as error:
-            raise DataError(f"{file}: is not a saved fiber simulation ({error})") from None
-        return cls(
-            FiberBox(**header["box"]),
-            Cycle(**header["cycle"]),
-            table,
-            header["laid"],
-            header["relaxed"],
-            state,
-            header["done"],
-        )
+            if header["format"] != _FORMAT:
+                raise ValueError(f"format = {shown(header['format'])}, expected {_FORMAT}")
+            length = np.size(table["phase"])
+            for name in (*_TABLE, *table):
+                values = table[name]
+                if (
+                    values.dtype != float
+                    or values.shape != (length,)
+                    or not np.all(np.isfinite(values))
+                ):
+                    raise ValueError(f"column {name}: expected {length} finite numbers")
+            for name in _STATE:
+                if state[name].dtype.kind not in "fiu" or state[name].ndim != 1:
+                    raise ValueError(f"state {name}: expected a list of numbers")
+            counts = [
+                {str(key): float(value) for key, value in header[name].items()}
+                for name in ("laid", "relaxed")
+            ]
+            return cls(
+                FiberBox(**header["box"]),
+                Cycle(**header["cycle"]),
+                {name: values.tolist() for name, values in table.items()},
+                *counts,
+                state,
+                header["done"] is True,
+            )
+        except KeyError as error:
+            reason = f"{error} is missing"
+        except (ValueError, TypeError, AttributeError, RecursionError) as error:
+            reason = str(error)
+        raise DataError(f"{file}: is not a saved fiber simulation: {reason}")
 
 
 def _expected(box: FiberBox, directions: Array, v_f: float, volume: float) -> dict[str, float]:

@@ -1,6 +1,7 @@
 """File access: clear errors; files are written completely or not at all; no unasked overwriting."""
 
 from feltmb.files.access import (
+    LARGEST_FILE,
     LARGEST_JSON,
     LARGEST_TABLE,
     MOST_EXTENDS,
@@ -13,6 +14,7 @@ from feltmb.files.access import (
     make_folder,
     named_file,
     open_input,
+    parse_toml,
     plain_text,
     read_input,
     read_json,
@@ -27,6 +29,7 @@ from feltmb.files.digest import digest_of, package_digest
 from feltmb.files.store import Kept, Store
 
 __all__ = [
+    "LARGEST_FILE",
     "LARGEST_JSON",
     "LARGEST_TABLE",
     "MOST_EXTENDS",
@@ -43,6 +46,7 @@ __all__ = [
     "named_file",
     "open_input",
     "package_digest",
+    "parse_toml",
     "plain_text",
     "read_input",
     "read_json",

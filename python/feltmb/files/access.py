@@ -20,6 +20,7 @@ from typing import Any
 from feltmb.errors import DataError, FeltmbError, FileExists, InvalidParameter
 
 __all__ = [
+    "LARGEST_FILE",
     "LARGEST_TABLE",
     "NPZ_FAULTS",
     "beside",
@@ -30,6 +31,7 @@ __all__ = [
     "make_folder",
     "named_file",
     "open_input",
+    "parse_toml",
     "plain_text",
     "read_input",
     "read_json",
@@ -47,9 +49,10 @@ LARGEST_FILE = 4_000_000_000  # bytes of a NetCDF file
 LARGEST_ARRAYS = 1_000_000_000  # bytes of the arrays in one .npz file
 MOST_EXTENDS = 20  # number of files that extend one another
 DEEPEST_KEY = 50  # number of parts of a dotted key
+MOST_WORDS = 300_000  # number of keys, numbers and texts of a TOML file
 #: Exceptions of numpy for a damaged file of arrays (.npz).
 NPZ_FAULTS = (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error,
-              NotImplementedError, MemoryError)  # fmt: skip
+              RuntimeError, MemoryError)  # fmt: skip
 
 
 def open_input(
@@ -162,21 +165,35 @@ def beside(folder: Path, name: str, where: str) -> Path:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Tables of a TOML file; one clear error if the file cannot be read."""
-    text = read_text(path, most=LARGEST_TOML, error=InvalidParameter)
-    depth = _longest_key(text)
+    return parse_toml(read_text(path, most=LARGEST_TOML, error=InvalidParameter), str(path))
+
+
+def parse_toml(text: str, where: str) -> dict[str, Any]:
+    """Tables of a TOML text of any origin, in time proportional to its length.
+
+    Raises
+    ------
+    InvalidParameter
+        The text is no TOML, or exceeds a limit; ``where`` names it in the message.
+    """
+    depth, words = _longest_key(text)
     if depth > DEEPEST_KEY:
         raise InvalidParameter(
-            f"{path}: tables are nested too deeply: a key has {depth} parts with dots between, "
+            f"{where}: tables are nested too deeply: a key has {depth} parts with dots between, "
             f"the limit is {DEEPEST_KEY}"
+        )
+    if words > MOST_WORDS:
+        raise InvalidParameter(
+            f"{where}: {words} keys, numbers and texts; the limit is {MOST_WORDS}"
         )
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InvalidParameter(f"{path}: is no TOML: {error}") from None
+        raise InvalidParameter(f"{where}: is no TOML: {error}") from None
     except ValueError as error:  # for example an integer with thousands of digits
-        raise InvalidParameter(f"{path}: a value cannot be read: {error}") from None
+        raise InvalidParameter(f"{where}: a value cannot be read: {error}") from None
     except RecursionError:
-        raise InvalidParameter(f"{path}: tables are nested too deeply") from None
+        raise InvalidParameter(f"{where}: tables are nested too deeply") from None
 
 
 # Strings and comments of TOML, each up to its end, or else to the end of its line or of the text.
@@ -191,18 +208,19 @@ _PARTS = re.compile(
 )
 
 
-def _longest_key(text: str) -> int:
-    """Number of parts of the longest dotted name.
+def _longest_key(text: str) -> tuple[int, int]:
+    """Number of parts of the longest dotted name, and number of all keys, numbers and texts.
 
     The time of the parser in the standard library grows with its square.
     """
-    longest = here = 0
+    longest = here = words = 0
     for match in _PARTS.finditer(text):
         here += 1
+        words += 1
         if match["dot"] is None:
             longest = max(longest, here)
             here = 0
-    return max(longest, here)
+    return max(longest, here), words
 
 
 def plain_text(value: object) -> str:

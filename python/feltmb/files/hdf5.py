@@ -32,7 +32,7 @@ HDF5_FAULTS = (OSError, ValueError, LookupError, TypeError, AttributeError, Runt
 
 MOST_NAMES = 100_000  # number of entries at the top level of a file, and of attributes of one entry
 MOST_TEXTS = 1_000_000  # number of texts in the global heaps of a file
-MOST_CHUNKS = 1_000_000  # number of chunks of one dataset
+MOST_CHUNKS, MOST_CHUNKS_OF_FILE = 100_000, 400_000  # number of chunks of one dataset, of all
 
 _SIGNATURE = b"GCOL\x01\x00\x00\x00"
 _HEADER = 16  # size in bytes of the header of a heap and of each of its objects
@@ -56,6 +56,7 @@ class Hdf5File:
     def __init__(self, file: Any, most_bytes: int):
         self._file = file
         self._room = most_bytes
+        self.chunks = 0  # of the datasets so far
         self.most_bytes = most_bytes
         self.left_out: dict[str, str] = {}
 
@@ -159,6 +160,15 @@ class Hdf5Dataset:
     def _check_chunks(self, what: str) -> None:
         """Reject chunks that unpack to more than their stated size."""
         chunk = math.prod(self._item.chunks) * self.dtype.itemsize
+        # The library makes a list of all chunks, also of those that the file does not contain.
+        shape = self.shape or ()
+        number = math.prod(-(-n // c) for n, c in zip(shape, self._item.chunks, strict=True))
+        self._file.chunks += number
+        if number > MOST_CHUNKS or self._file.chunks > MOST_CHUNKS_OF_FILE:
+            raise ValueError(
+                f"{what}: {number} chunks; the limit is {MOST_CHUNKS}, and {MOST_CHUNKS_OF_FILE} "
+                "of all datasets"
+            )
         identity = self._item.id
         recipe = identity.get_create_plist()
         filters = [recipe.get_filter(i)[0] for i in range(recipe.get_nfilters())]
@@ -166,13 +176,7 @@ class Hdf5Dataset:
         if unknown or filters.count(_DEFLATE) > 1 or len(filters) > 4:
             raise ValueError(f"{what}: packed by filters {filters}; known are {list(_FILTERS)}")
         stored: list[Any] = []
-
-        def note(info: Any) -> None:
-            if len(stored) >= MOST_CHUNKS:
-                raise ValueError(f"{what}: more than {MOST_CHUNKS} chunks, which is the limit")
-            stored.append(info)
-
-        identity.chunk_iter(note)
+        identity.chunk_iter(stored.append)
         if stored:
             # The library always holds one whole chunk in memory.
             self._file.take(max(0, chunk - math.prod(self.shape or ()) * self.dtype.itemsize), what)

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 import tomlkit
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -29,12 +29,13 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from feltmb import __version__
 from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.files import read_input
 from feltmb.graphics.viewer import script_of
 from feltmb.live.desk import Desk
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Shelf
 from feltmb.live.pictures import default_shown, outputs_of
-from feltmb.live.states import Asked, Playing, Turned
+from feltmb.live.states import Asked, Playing, Turned, fault_of
 from feltmb.mechanism import files_of, load_action
 from feltmb.params import names
 from feltmb.run.simulate import simulate
@@ -71,7 +72,7 @@ class Studio:
         self._folder = tempfile.TemporaryDirectory(prefix="feltmb-live")
         self.shelf = Shelf(Path(self._folder.name))
         for path in records:
-            self.shelf.add(path.name, path.read_bytes())
+            self.shelf.add(path.name, read_input(path, most=MOST_UPLOAD))
         path = Path(mechanism)
         self._file = path if path.is_file() else None
         self._seen = stamps(files_of(self._file)) if self._file is not None else {}
@@ -84,14 +85,15 @@ class Studio:
             if now == self._seen or now[self._file] is None:
                 continue
             loop = asyncio.get_running_loop()
-            # Files are noted before they are read: a change during reading is then detected later.
-            named = await loop.run_in_executor(self.pool, files_of, self._file)
-            self._seen = stamps(named) | {path: now[path] for path in now if path in named}
+            self._seen = now
             try:
+                # Files are noted before they are read: a change meanwhile is detected later.
+                named = await loop.run_in_executor(self.pool, files_of, self._file)
+                self._seen = stamps(named) | {path: now[path] for path in now if path in named}
                 action = await loop.run_in_executor(self.pool, load_action, str(self._file))
                 self.bench, self.faults = await loop.run_in_executor(self.pool, Bench, action), []
-            except FeltmbError as error:
-                self.faults = str(error).splitlines()
+            except Exception as error:  # otherwise the file would not be followed any more
+                self.faults = fault_of(error).splitlines()
             self.version += 1
             for page in tuple(self.pages):
                 await page.greet()
@@ -155,8 +157,8 @@ class Page:
         bench, loop = self.studio.bench, asyncio.get_running_loop()
         try:
             found = await loop.run_in_executor(self.studio.pool, greeting, bench)
-        except FeltmbError as error:
-            found = {"faults": str(error).splitlines()}
+        except Exception as error:  # otherwise the page would be empty
+            found = {"faults": fault_of(error).splitlines()}
         self.desk.again()
         self.tell(
             "hello",
@@ -180,8 +182,10 @@ class Page:
             try:
                 message = json.loads(text)
                 self._do(message)
-            except (FeltmbError, ValueError, TypeError, RecursionError) as error:
+            except (ValueError, RecursionError) as error:  # an invalid message
                 self.tell("refused", {"on": "refused", "text": str(error)[:2000]})
+            except Exception as error:  # otherwise the page would end
+                self.tell("refused", {"on": "refused", "text": fault_of(error)})
 
     def _do(self, message: Any) -> None:
         if not isinstance(message, dict):
@@ -382,6 +386,10 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
                 return await work(request)
             except FeltmbError as error:
                 return answer(str(error), 422)
+            except ClientDisconnect:
+                raise
+            except Exception as error:
+                return answer(fault_of(error), 500)
 
         return wrapped
 
@@ -398,7 +406,7 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
 
     async def stroke(request: Request) -> Response:
         given = await asked(request)
-        return answer(stroke_toml(given.playing.stroke()))
+        return answer(await in_thread(lambda: stroke_toml(given.playing.stroke())))
 
     async def toml(request: Request) -> Response:
         given = await asked(request)

@@ -16,10 +16,9 @@ from feltmb.action.regulate.measuring import CannotMeasure
 from feltmb.action.regulate.targets import MEASURES
 from feltmb.action.touch import static_touch
 from feltmb.action.touch.strikes import simulate_strike
-from feltmb.errors import FeltmbError
 from feltmb.live.knobs import Bench
 from feltmb.live.pictures import SAMPLES, describe_live
-from feltmb.live.states import Asked, Turned
+from feltmb.live.states import Asked, Turned, fault_of
 from feltmb.mechanism import Action
 from feltmb.run.results import Run
 from feltmb.run.simulate import simulate
@@ -163,10 +162,17 @@ class Desk:
     def _faults_told(self, slot: str, asked: Asked) -> Iterator[None]:
         try:
             yield
-        except FeltmbError as error:
+        except Stopped:
+            raise
+        except Exception as error:  # otherwise the page would end
             self._tell(
                 f"run {slot}",
-                {"on": "fault", "slot": slot, "id": asked.id, "faults": str(error).splitlines()},
+                {
+                    "on": "fault",
+                    "slot": slot,
+                    "id": asked.id,
+                    "faults": fault_of(error).splitlines(),
+                },
             )
 
     async def _picture(self, slot: Slot, quality: str) -> None:
@@ -182,7 +188,7 @@ class Desk:
                 return False
             return not quick or time.monotonic() - self._last_picture < PATIENCE
 
-        def work() -> dict[str, Any]:
+        def work() -> tuple[dict[str, Any], dict[str, float]]:
             begin = time.perf_counter()
             action = asked.turned.action(bench)
             run = simulated(action, asked.playing.stroke(), quick, stop)
@@ -194,17 +200,16 @@ class Desk:
                 round(1e3 * simulation, 1),
                 round(1e3 * (time.perf_counter() - begin - simulation), 1),
             ]
-            return picture
+            return picture, bench.values(asked.turned.knobs, asked.turned.numbers)
 
         self.counts["begun"] += 1
         if quick:
             self._done[slot] = asked
         with self._faults_told(slot, asked):
-            picture = await self._run(work, leave=not quick)
+            picture, values = await self._run(work, leave=not quick)
             self._last_picture = time.monotonic()
             self.counts["pictures"] += 1
             done[slot] = asked
-            values = bench.values(asked.turned.knobs, asked.turned.numbers)
             self._tell(
                 f"run {slot}",
                 {"on": "run", "slot": slot, "id": asked.id, "run": picture, "set": values},
@@ -236,8 +241,10 @@ class Desk:
 
             try:
                 found = await self._run(work, leave=True)
-            except FeltmbError as error:
-                found = {"fault": str(error)}
+            except Stopped:
+                raise
+            except Exception as error:
+                found = {"fault": fault_of(error)}
             self._extra[slot, kind] = asked
             self._tell(f"{kind} {slot}", {"on": kind, "slot": slot, "id": asked.id, **found})
 
@@ -255,8 +262,10 @@ class Desk:
 
         try:
             found = await self._run(work)
-        except FeltmbError as error:
-            found = {"fault": str(error)}
+        except Stopped:
+            raise
+        except Exception as error:
+            found = {"fault": fault_of(error)}
         self._tell("regulated", {"on": "regulated", **found})
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import logging
 import math
 import re
 import time
@@ -12,14 +11,14 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from feltmb.adapters import mechanism_model
 from feltmb.data import ReadOptions, Record
-from feltmb.data.columns import MEASURED_FILES, read_columns
+from feltmb.data.columns import MEASURED_FILES, Columns, read_columns
 from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import FeltmbError, InvalidParameter
@@ -29,15 +28,15 @@ from feltmb.gap.report import Report, plain
 from feltmb.graphics.viewer.packing import pack_columns, pack_times
 from feltmb.live.knobs import Bench
 from feltmb.live.proposals import Abandoned, propose
-from feltmb.live.states import Turned
+from feltmb.live.states import Turned, fault_of
 from feltmb.style import reader_unit
 
 __all__ = ["Measured", "Shelf"]
 
-_LOG = logging.getLogger(__name__)
-
 #: Largest number of uploaded files; the oldest one is removed.
 MOST_FILES = 12
+#: Largest number of numbers of the uploaded files, which are kept in memory.
+MOST_KEPT = 60_000_000
 #: Number of samples of a curve, number of drawn records, interval of progress messages [s].
 MOST_SAMPLES, MOST_RECORDS, TELL_EVERY = 1500, 6, 0.3
 
@@ -66,12 +65,18 @@ class _Asked(BaseModel):
     budget: Annotated[float, Field(gt=0, le=7200)] = 300.0
 
 
+class _Shelved(NamedTuple):
+    name: str
+    path: Path
+    columns: Columns
+
+
 @dataclass
 class Shelf:
-    """Uploaded files, in a separate folder with names of the server."""
+    """Uploaded files, in a separate folder with names of the server, and their columns."""
 
     folder: Path
-    _files: dict[str, tuple[str, Path]] = field(default_factory=dict)
+    _files: dict[str, _Shelved] = field(default_factory=dict)
     _numbers: Any = field(default_factory=lambda: itertools.count(1))
 
     def add(self, name: str, data: bytes) -> dict[str, Any]:
@@ -97,19 +102,24 @@ class Shelf:
         except FeltmbError as error:
             path.unlink()
             raise type(error)(str(error).replace(str(path), plain_name)) from None
-        while len(self._files) >= MOST_FILES:
+        room = MOST_KEPT - _size(columns)
+        while self._files and (
+            len(self._files) >= MOST_FILES
+            or sum(_size(f.columns) for f in self._files.values()) > room
+        ):
             self.remove(next(iter(self._files)))
-        self._files[key] = (plain_name, path)
-        return {
-            "file": key,
-            "name": plain_name,
-            "columns": [[c, columns.units.get(c, "")] for c in columns.values],
-        }
+        self._files[key] = _Shelved(plain_name, path, columns)
+        return self._entry(key)
+
+    def _entry(self, key: str) -> dict[str, Any]:
+        name, _, columns = self._files[key]
+        heads = [[c, columns.units.get(c, "")] for c in columns.values]
+        return {"file": key, "name": name, "columns": heads}
 
     def remove(self, key: str) -> None:
         """Remove a file."""
         if (found := self._files.pop(key, None)) is not None:
-            found[1].unlink(missing_ok=True)
+            found.path.unlink(missing_ok=True)
 
     @property
     def empty(self) -> bool:
@@ -118,28 +128,24 @@ class Shelf:
 
     def listing(self) -> list[dict[str, Any]]:
         """Files with their columns."""
-        out = []
-        for key, (name, path) in self._files.items():
-            columns = read_columns(path)
-            out.append(
-                {
-                    "file": key,
-                    "name": name,
-                    "columns": [[c, columns.units.get(c, "")] for c in columns.values],
-                }
-            )
-        return out
+        return [self._entry(key) for key in self._files]
 
-    def paths(self, keys: list[str]) -> list[Path]:
-        """Paths of files by key; all files if no keys are given."""
-        missing = [k for k in keys if k not in self._files]
-        if missing or not self._files:
+    def kept(self, keys: list[str]) -> dict[Path, Columns]:
+        """Paths and columns of files by key; of all files if no keys are given."""
+        files = dict(self._files)  # another thread may add one
+        missing = [k for k in keys if k not in files]
+        if missing or not files:
             raise InvalidParameter(
                 f"file {missing[0]!r} is not here any more; drop it again"
                 if missing
                 else "drop a measured file first"
             )
-        return [self._files[k][1] for k in keys or self._files]
+        return {files[k].path: files[k].columns for k in keys or files}
+
+
+def _size(columns: Columns) -> int:
+    """Number of numbers and texts."""
+    return sum(v.size for v in columns.values.values()) + sum(map(len, columns.texts.values()))
 
 
 class Measured:
@@ -203,12 +209,8 @@ class Measured:
             self._tell("measured", {"on": "measured", "id": asked.id, **found})
 
     def _fault(self, error: Exception) -> dict[str, Any]:
-        """Message of an error for the page; internal errors are written to the log."""
-        if isinstance(error, FeltmbError):
-            return {"fault": self._named(str(error))}
-        _LOG.error("feltmb live: unexpected error", exc_info=error)
-        text = self._named(f"{type(error).__name__}: {error}")[:300]
-        return {"fault": f"unexpected error, {text}; the terminal of feltmb live shows more"}
+        """Message of an error for the page."""
+        return {"fault": self._named(fault_of(error))}
 
     def _named(self, text: str) -> str:
         """A message without the folder of the files."""
@@ -222,7 +224,8 @@ class Measured:
             units=model.units if model.input_modes else {},
             names=model.input_names,
         )
-        groups = read_each(self._shelf.paths(asked.files), signals, asked.reading.options())
+        kept = self._shelf.kept(asked.files)
+        groups = read_each(list(kept), signals, asked.reading.options(), kept)
         return tuple(r for group in groups for r in group)
 
     def _overlay(self, asked: _Asked, bench: Bench) -> dict[str, Any]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from functools import cache
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from feltmb.errors import InvalidParameter
+from feltmb.errors import FeltmbError, InvalidParameter, printable
 from feltmb.live.knobs import Bench
 from feltmb.mechanism import Action
 from feltmb.params import names
@@ -23,7 +24,9 @@ from feltmb.run.stroke import (
 )
 from feltmb.units.quantity import shortened
 
-__all__ = ["Asked", "Playing", "Turned"]
+__all__ = ["Asked", "Playing", "Turned", "fault_of"]
+
+_LOG = logging.getLogger(__name__)
 
 #: Largest numbers of knots of a drawn stroke, of changed controls, and of shown outputs.
 MOST_KNOTS, MOST_TURNED, MOST_SHOWN = 400, 500, 24
@@ -39,6 +42,15 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 def _packaged(name: str) -> Stroke:
     """Read once: a page that turns asks for the same stroke many times a second."""
     return load_stroke(name)
+
+
+def fault_of(error: Exception) -> str:
+    """Message of an error for the page; internal errors are written to the log."""
+    if isinstance(error, FeltmbError):
+        return str(error)
+    _LOG.error("feltmb live: unexpected error", exc_info=error)
+    text = printable(f"{type(error).__name__}: {error}")[:300]
+    return f"unexpected error, {text}; the terminal of feltmb live shows more"
 
 
 class _Table(BaseModel):

@@ -104,7 +104,7 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
     need(_table(raw, "finger").get("body"), bodies, "finger.body", "body")
     motor = _table(raw, "motor")
     need(motor.get("coordinate"), coordinates, "motor.coordinate", "coordinate")
-    if isinstance(motor.get("contact"), int) and motor["contact"] not in numbers:
+    if isinstance(motor.get("contact"), (int, float)) and motor["contact"] not in numbers:
         faults.append(f"motor.contact: there is no contact {motor['contact']}")
     events = set(_table(raw, "events"))
     for name, node in _table(raw, "events").items():
@@ -116,7 +116,7 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
             need(node.get(key), events, f"{where}.{key}", "event")
         listed = node.get("contact")
         for number in listed if isinstance(listed, list) else [listed]:
-            if isinstance(number, int) and number not in numbers:
+            if isinstance(number, (int, float)) and number not in numbers:
                 faults.append(f"{where}.contact: there is no contact {number}")
         if ("contact" in node) == ("point" in node):
             faults.append(f"{where}: give either contact and change, or point and travel")
@@ -128,11 +128,11 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
             faults.append(f"{where}: waits for itself through 'after', 'before' or 'unless'")
     reading = _table(raw, "reading")
     for key in ("strike_contact", "let_off_contact"):
-        if isinstance(reading.get(key), int) and reading[key] not in numbers:
+        if isinstance(reading.get(key), (int, float)) and reading[key] not in numbers:
             faults.append(f"reading.{key}: there is no contact {reading[key]}")
     listed = reading.get("check_contacts")
     for number in listed if isinstance(listed, list) else []:
-        if isinstance(number, int) and number not in numbers:
+        if isinstance(number, (int, float)) and number not in numbers:
             faults.append(f"reading.check_contacts: there is no contact {number}")
     need(reading.get("key_point"), points, "reading.key_point", "point")
     need(_table(reading, "striker").get("point"), points, "reading.striker.point", "point")

@@ -6,12 +6,12 @@ import copy
 import difflib
 import math
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
 from feltmb.errors import InvalidParameter
+from feltmb.files import parse_toml
 from feltmb.units import conversion_factor, split_quantity, to_si
 from feltmb.units.quantity import (
     META_KEYS,
@@ -51,8 +51,8 @@ def parse_setting(text: str) -> tuple[str, Any]:
     name, operator = split_operator(path + sign)
     name = f"{name} {operator}=" if operator else path.strip()
     try:
-        return name, tomllib.loads(f"v = {value}")["v"]
-    except (ValueError, RecursionError):  # not TOML
+        return name, parse_toml(f"v = {value}", name)["v"]
+    except InvalidParameter:  # not TOML
         return name, value.strip()
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from feltmb.errors import InvalidParameter
+from feltmb.files import parse_toml
 from feltmb.mechanism import Action, Reading
 
 if TYPE_CHECKING:
@@ -39,8 +40,8 @@ def reading_of(run: Run | Action) -> Reading:
 @lru_cache(maxsize=8)
 def _parsed(text: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError):
+        return parse_toml(text, "run")
+    except InvalidParameter:
         return {}
 
 

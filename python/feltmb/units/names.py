@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import lru_cache
 
 from feltmb.errors import InvalidParameter
 
@@ -85,6 +86,7 @@ TEMPERATURE_SCALES = {
     ("K", "degF"): (273.15 - 32.0 / 1.8, 1.8),
 }
 
+LONGEST_UNIT = 100  # characters
 _FACTOR = re.compile(r"^(1(?=\^|$)|[A-Za-zµ%]+)(?:\^?([-+]?\d*\.?\d+))?$")
 #: Signs, and how they are written here. Letters mu and omega are not the signs of micro and ohm.
 _SIGNS = str.maketrans(
@@ -97,7 +99,10 @@ def _plain(unit: str) -> str:
     return unit.strip().translate(_SIGNS)
 
 
+@lru_cache(maxsize=10_000)
 def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
+    if len(unit) > LONGEST_UNIT:
+        raise ValueError(f"{len(unit)} characters; the limit is {LONGEST_UNIT}")
     text = _plain(unit)
     if text in ("", "-"):
         text = "1"

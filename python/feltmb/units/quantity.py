@@ -215,8 +215,20 @@ def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:
     if isinstance(node, str) or not isinstance(node, Sequence) or len(node) != length:
         raise ValueError(f"got {shown(node)}, expected {length} numbers")
     return tuple(
-        parse_scalar(v, si_unit) if isinstance(v, str) else _number(v) * factor for v in node
+        _limited(parse_scalar(v, si_unit) if isinstance(v, str) else _number(v) * factor, si_unit)
+        for v in node
     )
+
+
+#: Largest value by SI unit. Differences of longer lengths would lose the size of a felt.
+_LARGEST = {"m": 1e6}
+
+
+def _limited(value: float, si_unit: str) -> float:
+    most = _LARGEST.get(si_unit, math.inf)
+    if abs(value) > most:
+        raise ValueError(f"got {value:g} {si_unit}, expected at most {most:g} {si_unit}")
+    return value
 
 
 @dataclass(frozen=True)
@@ -229,7 +241,7 @@ class _InUnit(BeforeValidator):
 
 def SI(si_unit: str) -> BeforeValidator:
     """Annotation of a float field: any accepted form is converted to ``si_unit``."""
-    return _InUnit(lambda node: parse_scalar(node, si_unit), si_unit=si_unit)
+    return _InUnit(lambda node: _limited(parse_scalar(node, si_unit), si_unit), si_unit=si_unit)
 
 
 def _parse_count(node: object) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 from feltmb.errors import InvalidParameter
 from feltmb.units.names import ACCEPTED_UNITS, conversion_factor, to_si
@@ -73,6 +74,7 @@ _OVER = re.compile(r"(.*\S)\s+/\s+(\S.*)")
 _BARE = re.compile(r"(.*?[^\s_,/])(?:\s*[_,/]\s*|\s+|\s+in\s+)([^\s_,/]+(?:/[^\s_,/]+)?)")
 
 
+@lru_cache(maxsize=10_000)
 def spelled_unit(text: str) -> str | None:
     """The accepted notation of a unit; None if the text is not a unit."""
     text = text.strip()

@@ -7,6 +7,7 @@ presses the key, and the felt stop below the key stops it. Pressing is positive 
 from __future__ import annotations
 
 import copy
+import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ from feltmb import _core, params
 from feltmb.arguments import checked
 from feltmb.errors import IntegrationError, InvalidParameter, no_such
 from feltmb.files import is_file, write_file
+from feltmb.files.netcdf import Variable, encode
 from feltmb.mechanism import (
     LawChoice,
     Source,
@@ -486,17 +488,30 @@ class ActuatorRun:
 
     def to_dataset(self) -> xr.Dataset:
         """All outputs with their units."""
-        import json
-
         import xarray as xr
 
-        data = {
-            name: ("time", self.values[:, i], {"units": unit, "long_name": text})
-            for i, (name, unit, text) in enumerate(
-                zip(self.names, self.units, self.long_names, strict=True)
-            )
-        }
-        attributes = {
+        time, *variables = self._variables()
+        return xr.Dataset(
+            {
+                v.name: ("time", v.values, {"units": v.unit, "long_name": v.long_name})
+                for v in variables
+            },
+            coords={"time": ("time", time.values, {"units": time.unit})},
+            attrs=self._attributes(),
+        )
+
+    def _variables(self) -> list[Variable]:
+        rows = zip(self.names, self.units, self.long_names, strict=True)
+        return [
+            Variable("time", ("time",), self.time, "s", "time"),
+            *(
+                Variable(name, ("time",), self.values[:, i], unit, text)
+                for i, (name, unit, text) in enumerate(rows)
+            ),
+        ]
+
+    def _attributes(self) -> dict[str, str | int]:
+        return {
             key: json.dumps(value, sort_keys=True)
             for key, value in (
                 ("provenance", self.provenance),
@@ -504,17 +519,19 @@ class ActuatorRun:
                 ("energy", self.energy),
             )
         }
-        return xr.Dataset(
-            data, coords={"time": ("time", self.time, {"units": "s"})}, attrs=attributes
-        )
 
     @checked
     def save(self, path: str | Path, *, force: bool = False) -> Path:
         """Write a NetCDF file (``.nc``) or a CSV table."""
         path = Path(path)
         if path.suffix == ".nc":
-            dataset = self.to_dataset()
-            return write_file(path, lambda p: dataset.to_netcdf(p, engine="h5netcdf"), force=force)
+            # HDF5 fails badly on a full disk: the file is made in memory and written as bytes.
+            content = encode(self._variables(), self._attributes())
+
+            def write(target: Path) -> None:
+                target.write_bytes(content)
+
+            return write_file(path, write, force=force)
         if path.suffix != ".csv":
             raise InvalidParameter(f"{path}: expected the name of a .nc or .csv file")
         head = ",".join(

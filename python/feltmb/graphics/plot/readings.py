@@ -59,21 +59,25 @@ def run_action(run: Run) -> Action:
     Raises
     ------
     InvalidParameter
-        The run does not contain its parameters.
+        The run does not contain its parameters, or those of another mechanism.
     """
-    import tomllib
-
+    from feltmb.files import parse_toml
     from feltmb.mechanism import Action, without_paths
 
     text = run.provenance.get("toml")
     if not text:
         raise InvalidParameter("plot: the run does not hold the parameters of its mechanism")
     origin = str(run.provenance.get("action", "run"))
-    try:
-        raw = tomllib.loads(str(text))
-    except (ValueError, RecursionError) as error:
-        raise InvalidParameter(f"{origin}: the run's mechanism cannot be read: {error}") from None
-    return Action(without_paths(raw, origin), origin=origin)
+    raw = parse_toml(str(text), f"{origin}: the mechanism of the run")
+    action = Action(without_paths(raw, origin), origin=origin)
+    other = {*contact_numbers(run)} - {*action.mechanism.contact_numbers}
+    if action.coordinates != run.coordinates or other:
+        raise InvalidParameter(
+            f"{origin}: the run holds the parameters of another mechanism: coordinates "
+            f"{', '.join(action.coordinates)}, expected {', '.join(run.coordinates)}"
+            + (f"; contacts {sorted(other)} are missing" if other else "")
+        )
+    return action
 
 
 def run_name(run: Run) -> str:

@@ -97,6 +97,7 @@ def _corners(raw: bytes, tolerance: float) -> npt.NDArray[np.bool_]:
         share = np.clip(np.einsum("ij,ij->i", off, along) / square[stretch], 0.0, 1.0)
         rest = off - share[:, None] * along
         away = np.hypot(rest[:, 0], rest[:, 1])
+        away[kept[:-1]] = 0.0  # with rounding of large numbers, it would be selected for ever
         worst = np.maximum.reduceat(away, kept[:-1])
         there = np.flatnonzero((away > tolerance) & (away == worst[stretch]))
         if len(there) == 0:
