@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from feltmb.errors import InvalidParameter, shown
-from feltmb.units import si_value
 
 __all__ = ["checked"]
 
@@ -181,6 +180,8 @@ class _Checks:
 
 
 def _hint(value: object, expected: str) -> str:
+    from feltmb.units import si_value  # whose functions are checked, too
+
     number = si_value(value) if isinstance(value, str) and "number" in expected else None
     return "" if number is None else f"; numbers are SI without a unit, write {number:.12g}"
 
@@ -255,6 +256,10 @@ def _text(value: Any, where: str) -> Any:
         raise _Refused(where, value, "a text")
     if "\0" in value:  # neither a name nor a path may contain it
         raise _Refused(where, value, "a text without a zero character")
+    try:
+        value.encode()
+    except UnicodeEncodeError:  # half a surrogate pair
+        raise _Refused(where, value, "a text of valid Unicode") from None
     return value
 
 

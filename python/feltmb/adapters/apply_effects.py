@@ -6,11 +6,13 @@ from collections.abc import Sequence
 
 from feltmb.adapters.library import Entry
 from feltmb.adapters.variants import changed_config
+from feltmb.arguments import checked
 from feltmb.mechanism import Action
 
 __all__ = ["action_with_effects"]
 
 
+@checked
 def action_with_effects(
     action: Action, entries: Sequence[tuple[Entry, float, float | None]]
 ) -> Action:

@@ -8,11 +8,13 @@ from typing import Any
 
 from feltmb.adapters.library import Entry
 from feltmb.adapters.signals import excite_by, observe_by
+from feltmb.arguments import checked
 from feltmb.fit import Effect, Parameter
 
 __all__ = ["effect_of", "parameter_of"]
 
 
+@checked
 def effect_of(
     entry: Entry,
     outputs: Sequence[str],

@@ -22,6 +22,7 @@ from feltmb.adapters.effects import effect_of, parameter_of
 from feltmb.adapters.library import Entry, load_library
 from feltmb.adapters.reuse import Reuse
 from feltmb.adapters.variants import Variant, Workshop, changed_config
+from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import named_file, read_toml
@@ -49,6 +50,7 @@ BEFORE = 3e-3
 AFTER = 13e-3
 
 
+@checked
 def impact_record(
     name: str,
     stroke: str,
@@ -335,6 +337,7 @@ class _ImpactFile(Schema):
 _UNITS = {"rebound_speed": "m/s", "max_string_force": "N", "string_contact_duration": "s"}
 
 
+@checked
 def load_impacts(path: str | Path) -> tuple[ImpactModel, tuple[Effect, ...], tuple[Record, ...]]:
     """Model, effects and records of a TOML file of impacts.
 

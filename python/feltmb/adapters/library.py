@@ -21,6 +21,7 @@ from feltmb import params
 from feltmb.adapters import felt
 from feltmb.adapters.changes import Change, read_entry
 from feltmb.adapters.insertions import Insertion
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import MOST_EXTENDS, beside, is_file, read_toml
 from feltmb.mechanism import Action, MechanismFile
@@ -350,6 +351,7 @@ def _library_of(name: str) -> str:
     return max(fitting, key=len, default="mechanism")
 
 
+@checked
 def load_library(action: Action, name_or_path: str | Path | None = None) -> Library:
     """Effects and tolerances of a mechanism.
 

@@ -9,6 +9,7 @@ from feltmb.adapters.effects import effect_of
 from feltmb.adapters.library import Entry, Library, load_library
 from feltmb.adapters.model import MechanismModel
 from feltmb.adapters.signals import columns_of
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect
 from feltmb.mechanism import Action
@@ -16,6 +17,7 @@ from feltmb.mechanism import Action
 __all__ = ["mechanism_model"]
 
 
+@checked
 def mechanism_model(
     action: Action,
     *,

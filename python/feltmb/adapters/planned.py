@@ -9,6 +9,7 @@ import numpy as np
 
 from feltmb.adapters.drives import DISPLACEMENT
 from feltmb.adapters.model import MechanismModel
+from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.files import write_text
 from feltmb.fit.limits import InputLimits, Limits
@@ -35,6 +36,7 @@ RATE = 2000.0
 CAMERA, LOAD_CELL = 2e-5, 0.01
 
 
+@checked
 def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tuple[Record, ...]:
     """Packaged strokes as records without measured values, with typical commercial sensors.
 
@@ -74,6 +76,7 @@ def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tu
     return tuple(records)
 
 
+@checked
 def finger_limits(model: MechanismModel) -> Limits | None:
     """Limits of a finger on a key; None for a mechanism without a finger.
 
@@ -85,6 +88,7 @@ def finger_limits(model: MechanismModel) -> Limits | None:
     return Limits(inputs={"force": force}, duration=0.6, sample_rate=RATE, rest=2.0)
 
 
+@checked
 def write_planned_stroke(
     path: Path, kind: Kind, time: Array, value: Array, *, unit: str, about: str, force: bool = False
 ) -> Path:
@@ -126,6 +130,7 @@ def write_planned_stroke(
     return write_text(path, tomlkit.dumps(table), force=force)
 
 
+@checked
 def write_planned_torque(path: Path, time: Array, torque: Array, *, force: bool = False) -> Path:
     """Write a torque as CSV, for ``feltmb actuator`` and the controller of a key actuator.
 

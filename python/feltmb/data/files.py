@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from feltmb.arguments import checked
 from feltmb.data.columns import read_columns
 from feltmb.data.mapping import (
     Signals,
@@ -47,6 +48,7 @@ __all__ = ["read_each", "read_record", "read_records", "read_sheet", "write_reco
 MOST_RUNS = 1000  # of a file
 
 
+@checked
 def read_records(
     paths: Sequence[str | Path],
     *,
@@ -106,6 +108,7 @@ def read_each(
     return tuple(found)
 
 
+@checked
 def read_record(
     path: str | Path,
     *,
@@ -519,6 +522,7 @@ def _kept(unit: str) -> str:
     return "" if _conversion(unit, "", "") in ((0.0, 1.0, unit), (0.0, 1.0, "1")) else unit
 
 
+@checked
 def write_record(record: Record, path: str | Path, *, force: bool = False) -> Path:
     """Write a record as a CSV file and a TOML file, which :func:`read_record` can read.
 

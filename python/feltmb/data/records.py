@@ -148,6 +148,7 @@ class StartPrior:
             raise DataError("start: " + "; ".join(faults))
 
 
+@checked
 def evenly_spaced(time: Array) -> bool:
     """Whether all steps of a clock are equal to 1e-6 of the median step.
 

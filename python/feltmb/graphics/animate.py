@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import check_writable, write_file
 from feltmb.graphics.film import Film, time_window
@@ -53,6 +54,7 @@ __all__ = ["animate"]
 MOST_FRAMES = 5000
 
 
+@checked
 def animate(
     run: Run,
     path: str | Path,

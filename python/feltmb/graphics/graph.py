@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
@@ -235,6 +236,7 @@ def _point_of_string(surface: str, struck: str) -> str:
     return "string:strike point" if surface == struck else f"string:{surface}"
 
 
+@checked
 def graph(action: Action) -> LinearGraph:
     """Linear graph of a mechanism: its topology, without parts that are switched off.
 
@@ -447,6 +449,7 @@ def _spread_angles(wanted: list[tuple[float, str]]) -> list[tuple[float, str]]:
     return [(a, name) for a, (_, name) in zip(angles, order, strict=True)]
 
 
+@checked
 def draw_graph(action: Action) -> Figure:
     """Plot the linear graph: datum in the center, bodies around it; tree edges are thick.
 

@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.contact.tables import CORE_LAWS, LAWS
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism.partial import without_faults
@@ -224,6 +225,7 @@ _IN_CONTACT = list(
 )
 
 
+@checked
 def spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
     """Convert ``law = { name = ..., ... }`` to ``law = name`` and its parameters."""
     contacts = {}
@@ -313,6 +315,7 @@ def _with_radii(config: MechanismFile) -> MechanismFile:
     return config.model_copy(update={"contacts": contacts})
 
 
+@checked
 def missing_law_faults(node: Mapping[str, Any], where: str) -> list[str]:
     """Entries that the law of a raw table needs and that are missing."""
     law = node.get("law", "felt_memory")

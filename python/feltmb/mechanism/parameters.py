@@ -17,6 +17,7 @@ from typing import Any, Protocol, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, describe, expand_path, parse_setting
 from feltmb.mechanism.numbers import AXES, Parameter, numbers_below
@@ -62,6 +63,7 @@ _M = TypeVar("_M", bound=_OfFile)
 TOLD = 3
 
 
+@checked
 def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> list[str]:
     """Sentences about changes by an amount or a factor, and about numbers without a unit.
 
@@ -167,6 +169,7 @@ def _unit_in_file(raw: Mapping[str, Any], parts: Sequence[str]) -> str | None:
     return None if node is None else unit
 
 
+@checked
 def bare_numbers(model: _OfFile) -> list[tuple[Parameter, tuple[str, ...]]]:
     """Numbers of a file without a unit, which are in SI units, with other units of the file.
 
@@ -190,6 +193,7 @@ def bare_numbers(model: _OfFile) -> list[tuple[Parameter, tuple[str, ...]]]:
     return [(p, tuple(units.get(p.unit, ()))) for p in bare]
 
 
+@checked
 def told_bare_numbers(model: _OfFile) -> tuple[list[str], list[str]]:
     """Numbers without a unit as text with their SI unit, and sentences about doubtful ones.
 
@@ -206,6 +210,7 @@ def told_bare_numbers(model: _OfFile) -> tuple[list[str], list[str]]:
     return plain, doubtful
 
 
+@checked
 def with_values_told(
     model: _M, settings: Sequence[str], tell: Callable[[str], None] | None = None
 ) -> _M:
@@ -249,6 +254,7 @@ def _numbers_of(config: BaseModel) -> list[Parameter]:
     return list(numbers_below(config, config, [], [], counts=True))
 
 
+@checked
 def all_parameters(action: Action) -> list[Parameter]:
     """Every number that the equations of motion may depend on, in the order of the file.
 
@@ -265,6 +271,7 @@ def _listed(action: Action) -> tuple[Parameter, ...]:
     return tuple(out)
 
 
+@checked
 def find_parameters(action: Action, paths: str | Iterable[str]) -> list[Parameter]:
     """Parameters by path. ``*`` means any part of a name, a body's name means ``bodies.NAME``.
 
@@ -333,6 +340,7 @@ def _with(node: Any, names: list[str], value: float) -> Any:
     return type(node).model_validate({**given, fields[head].alias or head: new})
 
 
+@checked
 def mechanism_with(
     action: Action, values: Mapping[str, float], known: dict[int, Any] | None = None
 ) -> _core.Mechanism:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from feltmb import params
+from feltmb.arguments import checked
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fiber.material import load_material
 from feltmb.files import MOST_EXTENDS, beside, is_file, named_file, read_toml, why_missing
@@ -47,6 +48,7 @@ def resolve(name_or_path: str | Path) -> Path:
     )
 
 
+@checked
 def files_of(path: Path) -> tuple[Path, ...]:
     """Files of a mechanism: itself, the files that it extends, and their felts.
 
@@ -58,6 +60,7 @@ def files_of(path: Path) -> tuple[Path, ...]:
     return tuple(dict.fromkeys(opened))
 
 
+@checked
 def load_raw(
     path: Path,
     resolve: Callable[[str], Path],
@@ -108,6 +111,7 @@ def load_raw(
     return apply_values(merged, values, str(path))
 
 
+@checked
 def without_paths(raw: dict[str, Any], origin: str) -> dict[str, Any]:
     """The tables, if they refer to no file: tables of a saved run contain the felts."""
     return _felts_in_place(raw, None, origin)

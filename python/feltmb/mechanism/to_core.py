@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.contact.tables import make_core, to_core
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism.schema import (
@@ -25,6 +26,7 @@ from feltmb.mechanism.schema import (
 __all__ = ["core_law", "describe", "describe_with_faults"]
 
 
+@checked
 def core_law(contact: LawChoice | Pad) -> _core.ContactLaw:
     """Law of a contact for the core."""
     if isinstance(contact, Pad) or contact.law != "micromechanical":
@@ -104,6 +106,7 @@ def _core_point(name: str, p: Point) -> _core.TrackingPointDescription:
     return to_core(_core.TrackingPointDescription, p, name=name)
 
 
+@checked
 def describe(
     config: MechanismFile, known: dict[int, tuple[Any, Any]] | None = None
 ) -> _core.MechanismDescription:

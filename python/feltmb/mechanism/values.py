@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import parse_toml
 from feltmb.units import conversion_factor, split_quantity, to_si
@@ -40,6 +41,7 @@ def split_operator(path: str) -> tuple[str, str]:
     return (match[1].strip(), match[2]) if match else (path, "")
 
 
+@checked
 def parse_setting(text: str) -> tuple[str, Any]:
     """Split ``"string.modes=80"`` into its path and its value, which is TOML or else text.
 
@@ -56,6 +58,7 @@ def parse_setting(text: str) -> tuple[str, Any]:
         return name, value.strip()
 
 
+@checked
 def expand_path(raw: Mapping[str, Any], path: str) -> list[list[str]]:
     """Paths that match ``path``: ``*`` is any key; a body's name means bodies.NAME."""
     parts = path.split(".")
@@ -338,6 +341,7 @@ def _in_unit_of(old: Any, value: Any) -> Any:
     return f"{float(value)!r} {found[1]}".strip()
 
 
+@checked
 def apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Tables with changed values by dotted path; ``where`` is the caller's name for messages."""
     if not isinstance(values, Mapping):
@@ -389,6 +393,7 @@ def apply_numbers(
 _DEEPEST = 50  # nested tables and lists
 
 
+@checked
 def plain_data(node: Any, depth: int = 0) -> Any:
     """Copy of a file's tables without NumPy objects."""
     if depth > _DEEPEST:

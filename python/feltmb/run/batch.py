@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.errors import FeltmbError, IntegrationError, InvalidParameter, ModelError
 from feltmb.mechanism import Action
 from feltmb.run.options import ALL_OPTIONS, RunOptions, check_options
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["simulate_many"]
 
 
+@checked
 def simulate_many(
     strokes: Iterable[tuple[Action, Stroke] | tuple[Action, Stroke, Mapping[str, Any]]],
     take: Callable[[int, Run | FeltmbError], object],

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from feltmb import params
+from feltmb.arguments import checked
 from feltmb.files import read_toml
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ class Comparison:
         return None if self.simulated is None else self.simulated / self.published - 1.0
 
 
+@checked
 def compare_with_published(run: Run) -> list[Comparison]:
     """Published values for the mechanism and stroke of a run; empty if there are none."""
     action = run.provenance.get("action")

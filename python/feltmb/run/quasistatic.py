@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter, ModelError
 from feltmb.mechanism import core_law, describe
 
@@ -383,6 +384,7 @@ def _breakaway(given: _core.Friction, where: str) -> float:
     return float(max(given.amplitude, np.max(given.dry().coefficient(speeds))))
 
 
+@checked
 def slow_press(
     action: Action,
     travel: npt.ArrayLike,
@@ -501,6 +503,7 @@ class SimulatedPress:
         return float(np.interp(time, self.run.time, self.gap))
 
 
+@checked
 def simulated_press(
     action: Action,
     *,
@@ -594,6 +597,7 @@ class StaticLetOff:
 BLOCKED = 60.0
 
 
+@checked
 def static_let_off(
     action: Action,
     *,

@@ -8,6 +8,7 @@ import wave
 import numpy as np
 import numpy.typing as npt
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 
 Array = npt.NDArray[np.float64]
@@ -20,6 +21,7 @@ RATE = 44100
 FULL_SCALE = 32000
 
 
+@checked
 def sampled(time: Array, signal: Array, rate: int = RATE, slowness: float = 1.0) -> Array:
     """Signal over times [s], interpolated linearly at ``rate`` [Hz].
 
@@ -43,6 +45,7 @@ def sampled(time: Array, signal: Array, rate: int = RATE, slowness: float = 1.0)
     return np.asarray(np.interp(grid, time, signal))
 
 
+@checked
 def difference(first: Array, second: Array) -> Array:
     """First minus second signal; the shorter one is extended by zeros."""
     out = np.zeros(max(len(first), len(second)))
@@ -51,6 +54,7 @@ def difference(first: Array, second: Array) -> Array:
     return out
 
 
+@checked
 def wav(sound: Array, rate: int = RATE) -> bytes:
     """16 bit mono WAV file, scaled to the largest value."""
     top = float(np.max(np.abs(sound)))

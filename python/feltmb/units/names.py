@@ -12,6 +12,7 @@ import math
 import re
 from functools import lru_cache
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 
 __all__ = [
@@ -138,6 +139,7 @@ def _other_case(token: str) -> str:
     return f" (did you mean {' or '.join(near)}?)" if near else ""
 
 
+@checked
 def dimension_text(si_unit: str) -> str:
     """Accepted forms of a quantity with the SI unit ``si_unit``, as text."""
     try:
@@ -154,6 +156,7 @@ def dimension_text(si_unit: str) -> str:
     return ", ".join(same) if same else si_unit
 
 
+@checked
 def conversion_factor(unit: str, si_unit: str) -> float:
     """Factor that converts a value in ``unit`` to the SI unit of its field.
 
@@ -195,6 +198,7 @@ def conversion_factor(unit: str, si_unit: str) -> float:
     return factor / target
 
 
+@checked
 def weight_hint(unit: str, wanted: str) -> str:
     """The end of a message about a unit of mass in place of one of force; empty: it is another.
 
@@ -219,6 +223,7 @@ def _has_zero(unit: str) -> bool:
     return _plain(unit) in ("degC", "degF")
 
 
+@checked
 def zero_and_factor(unit: str, other: str) -> tuple[float, float]:
     """Zero and factor that convert a reading: it is (reading - zero) * factor in the other unit.
 
@@ -241,6 +246,7 @@ def _with_examples(si_unit: str) -> str:
     return si_unit if others == si_unit else f"{si_unit} ({others})"
 
 
+@checked
 def convert(value: float, unit: str, si_unit: str) -> float:
     """Convert ``value`` from ``unit`` to ``si_unit``; see :func:`conversion_factor`.
 
@@ -259,12 +265,14 @@ def convert(value: float, unit: str, si_unit: str) -> float:
 _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.{0,40})?$")
 
 
+@checked
 def number_and_unit(text: str) -> tuple[float, str] | None:
     """Number and unit of a text, whether or not the unit is known; None if there is no number."""
     match = _QUANTITY.match(text[:100])
     return None if match is None else (float(match.group(1)), (match.group(2) or "").strip())
 
 
+@checked
 def split_quantity(text: str) -> tuple[float, str] | None:
     """Number and unit of a text such as ``"300 ms"``; None if there is no known unit."""
     found = number_and_unit(text)
@@ -277,6 +285,7 @@ def split_quantity(text: str) -> tuple[float, str] | None:
     return found
 
 
+@checked
 def si_value(text: str) -> float | None:
     """Value in SI units of a text such as ``"300 ms"``, for any quantity; None if invalid."""
     found = split_quantity(text)
@@ -291,6 +300,7 @@ _USUAL = (
 )
 
 
+@checked
 def to_si(unit: str) -> tuple[float, str]:
     """Factor to SI, and the SI unit, of any accepted unit.
 
@@ -342,6 +352,7 @@ _SMALL = {
 }
 
 
+@checked
 def readable_unit(value: float, unit: str) -> tuple[float, str]:
     """Factor and unit in which people read a value: small lengths in mm, short times in ms.
 
@@ -358,6 +369,7 @@ def readable_unit(value: float, unit: str) -> tuple[float, str]:
     return 1.0, unit
 
 
+@checked
 def pretty(value: float, unit: str) -> tuple[str, str]:
     """Number with four digits and unit for people: small lengths in mm, short times in ms.
 
@@ -372,6 +384,7 @@ def pretty(value: float, unit: str) -> tuple[str, str]:
     return f"{value * factor:.4g}", name
 
 
+@checked
 def unit_suffix(unit: str) -> str:
     """Text after a number: a space and the unit, or nothing for the unit 1."""
     return "" if unit == "1" else f" {unit}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.units.names import ACCEPTED_UNITS, conversion_factor, to_si
 
@@ -93,6 +94,7 @@ def spelled_unit(text: str) -> str | None:
     return text
 
 
+@checked
 def same_unit(one: str, other: str) -> bool:
     """Whether two texts are the same unit, for example ``N*m`` and ``N m``."""
     units = [spelled_unit(text) or text for text in (one, other)]
@@ -104,6 +106,7 @@ def same_unit(one: str, other: str) -> bool:
         return False
 
 
+@checked
 def split_column(heading: str) -> tuple[str, str]:
     """Name and unit of a column in the header of an instrument; "" if there is no unit.
 

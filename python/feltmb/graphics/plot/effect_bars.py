@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from feltmb.arguments import checked
 from feltmb.style import BLUE, ORANGE, new_figure, reader_unit, style_axes
 
 if TYPE_CHECKING:
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["effects"]
 
 
+@checked
 def effects(change: pd.Series, unit: str) -> Figure:
     """Bars of the change caused by one percent more of each parameter, sorted by size.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.graphics.plot.axes import head_title, mark_events, panel_grid
 from feltmb.graphics.plot.readings import (
@@ -56,6 +57,7 @@ _STORED = (
 )
 
 
+@checked
 def energy(run: Run) -> Figure:
     """Plot energies [mJ] since the start: stored energy, work of the finger, and losses.
 
@@ -185,6 +187,7 @@ def _alone(law: _core.ContactLaw, deepest: float, lasts: float) -> tuple[Any, An
 COARSE = 0.25
 
 
+@checked
 def loops(run: Run, numbers: Sequence[int] | None = None) -> Figure:
     """Plot force over compression of contacts, compared with their laws alone.
 

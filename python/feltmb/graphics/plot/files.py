@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import check_writable, make_folder, write_file
 from feltmb.graphics.plot.energies import energy, loops
@@ -38,6 +39,7 @@ PICTURES = {
 }
 
 
+@checked
 def picture_rate(duration: float, least: float) -> float:
     """Output rate [Hz] of a run that is drawn: a contact of 1 ms has 40 samples.
 
@@ -51,6 +53,7 @@ def picture_rate(duration: float, least: float) -> float:
     return max(least, min(SMOOTH_RATE, MOST_SAMPLES / duration)) if duration > 0.0 else least
 
 
+@checked
 def save_all(run: Run, folder: str | Path, stem: str, force: bool = False) -> list[Path]:
     """Write every plot for which the run has data, as ``folder/stem_PLOT.png``.
 

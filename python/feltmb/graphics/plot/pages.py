@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.graphics.plot.axes import head_title, mark_events, set_window
 from feltmb.graphics.plot.readings import (
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
 __all__ = ["compare", "overview"]
 
 
+@checked
 def overview(run: Run) -> Figure:
     """Plot one page of a stroke: finger, motion, striker, contact forces, string, felt.
 
@@ -191,6 +193,7 @@ MOST_STRIKES = 8
 LEGEND_LETTERS = 120
 
 
+@checked
 def compare(
     runs: Sequence[Run], names: Sequence[str], labels: Sequence[str] | None = None
 ) -> Figure:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.graphics.plot.drawing import draw_bodies, draw_fixed, draw_joints
 from feltmb.graphics.plot.labels import Labels
@@ -64,6 +65,7 @@ SCALE_STRIP = 14.0
 ARROW, ARROW_LABEL = 32.0, 12.0
 
 
+@checked
 def mechanism(
     action: Action,
     q: npt.ArrayLike | None = None,

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
+from feltmb.arguments import checked
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action
@@ -40,6 +41,7 @@ __all__ = [
 Pose = tuple[float, float, float]
 
 
+@checked
 def body_poses(action: Action, q: npt.ArrayLike) -> dict[str, Pose]:
     """Origin x, y [m] and angle [rad] of every body; of a flexible beam at its clamped end.
 

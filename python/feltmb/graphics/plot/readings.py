@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.run.reading import striker_speed
 from feltmb.style import plain_text
@@ -53,6 +54,7 @@ def need_output(run: Run, name: str, picture: str) -> None:
         raise InvalidParameter(f"plot {picture}: the run has no output {name!r}")
 
 
+@checked
 def run_action(run: Run) -> Action:
     """Mechanism of a run, made from the text of its parameters.
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.graphics.plot.axes import head_title, mark_events, panel_grid, set_window
 from feltmb.graphics.plot.readings import (
@@ -161,6 +162,7 @@ def draw_motion(ax: Axes, motion: Motion, time: Array, words: str = "") -> None:
     style_axes(ax, "time [ms]", textwrap.fill(f"{motion.what}{words} [{unit}]", 28))
 
 
+@checked
 def motion(run: Run) -> Figure:
     """Plot the view ``motion`` of ``[reading]``; for the action, thesis Figs 4.12 to 4.16.
 
@@ -269,6 +271,7 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
         )
 
 
+@checked
 def striker_speed(run: Run) -> Figure:
     """Plot the speed [m/s] of the striking point in its direction; thesis Figs 4.9, 4.10.
 
@@ -290,6 +293,7 @@ def striker_speed(run: Run) -> Figure:
     return figure
 
 
+@checked
 def contact_forces(run: Run) -> Figure:
     """Plot the normal force [N] of every contact with a force, and its peak.
 
@@ -343,6 +347,7 @@ def draw_finger(ax: Axes, run: Run) -> None:
     style_axes(ax, "time [ms]", "finger force [N]")
 
 
+@checked
 def finger_force(run: Run) -> Figure:
     """Plot force [N] and travel [mm] of the finger; for a prescribed motion, also this motion.
 
@@ -398,6 +403,7 @@ def finger_force(run: Run) -> Figure:
     return figure
 
 
+@checked
 def string(run: Run) -> Figure:
     """Plot the string: displacement at the strike point, bridge force, and shape over time.
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.graphics.plot.outlines import (
     arc_points,
@@ -125,6 +126,7 @@ def _used_surfaces(action: Action) -> dict[str, Surface]:
     return {n: s for n, s in action.config.surfaces.items() if n in names}
 
 
+@checked
 def scene(action: Action, poses: Sequence[npt.ArrayLike] = ()) -> Scene:
     """Shapes of a mechanism.
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from feltmb.arguments import checked
 from feltmb.data import ReadOptions, Record
 from feltmb.data.columns import read_columns
 from feltmb.data.files import read_each, read_sheet
@@ -83,6 +84,7 @@ def _si_unit(unit: str) -> tuple[float, str]:
         return 1.0, unit
 
 
+@checked
 def read_curves(path: str | Path, options: ReadOptions | None = None) -> Curves:
     """Read a file with the columns ``time [ms]`` and, for example, ``hammer_tip.vx [m/s]``.
 
@@ -109,6 +111,7 @@ def read_curves(path: str | Path, options: ReadOptions | None = None) -> Curves:
     return found[0]
 
 
+@checked
 def read_each_run(path: Path, options: ReadOptions | None = None) -> tuple[Curves, ...]:
     """Curves of each run of a file; see :func:`read_curves`."""
     options = options or ReadOptions()

@@ -35,6 +35,7 @@ def _asset(name: str) -> str:
     return (resources.files("feltmb.graphics.viewer") / "assets" / name).read_text(encoding="utf-8")
 
 
+@checked
 def script_of(*parts: str) -> str:
     """Script of a page with viewers: the viewer, and then the script of the page."""
     texts = [*(_asset(name) for name in _SCRIPTS), *parts]
@@ -56,6 +57,7 @@ def assets() -> str:
     return f"<style>\n{_style()}</style>\n<script>\n{_script()}</script>\n"
 
 
+@checked
 def policy(*scripts: str) -> str:
     """Content security policy of a page: it loads nothing, and only its own scripts run."""
     hashes = " ".join(
@@ -73,6 +75,7 @@ def _json_text(data: Any) -> str:
     return text
 
 
+@checked
 def fragment(
     runs: Run | Curves | Sequence[Run | Curves],
     *,
@@ -180,6 +183,7 @@ def _names(runs: Sequence[Run | Curves]) -> list[str]:
     ]
 
 
+@checked
 def page(runs: Run | Curves | Sequence[Run | Curves], **options: Any) -> str:
     """The viewer as a complete HTML page that only needs a browser; see :func:`fragment`."""
     body = fragment(runs, **options)
