@@ -130,7 +130,17 @@ Looks::Found Looks::refine(const Sought& s, double low, double high) {
     if (p.end < high && i + 1 < pieces_.size()) {
       const Piece& next = pieces_[i + 1];
       const double jump = value(s, next.begin + kBeside) - value(s, p.end - kBeside);
-      offer(p.end, p.end - beside(p), next.begin + beside(next), std::fabs(jump));
+      // Straight lines meet at a kink; if only the curvature jumps, they need some distance.
+      double one = p.end - kBeside;
+      double two = next.begin + kBeside;
+      const double turn = rate(s, two) - rate(s, one);
+      const double low_end = p.end - beside(p);
+      const double high_end = next.begin + beside(next);
+      if (std::fabs(turn) < 0.1 * std::fabs(rate(s, high_end) - rate(s, low_end))) {
+        one = low_end;
+        two = high_end;
+      }
+      offer(p.end, one, two, std::fabs(jump));
     }
     if (b - a < 4.0 * kBeside) continue;
     const double ra = sign * rate(s, a);

@@ -48,6 +48,8 @@ __all__: list[str] = [
     "Profile",
     "RunResult",
     "SensitivityEvent",
+    "SensitivityLook",
+    "SensitivityLooked",
     "SensitivityOptions",
     "SensitivityParameter",
     "SensitivityResult",
@@ -1432,6 +1434,33 @@ class SensitivitySegment:
         moves: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
     ) -> None: ...
 
+class SensitivityLook:
+    def __init__(
+        self,
+        output: typing.SupportsInt | typing.SupportsIndex,
+        begin: typing.SupportsFloat | typing.SupportsIndex,
+        end: typing.SupportsFloat | typing.SupportsIndex,
+        sign: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+
+class SensitivityLooked:
+    @property
+    def derivative(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def edge(self) -> int: ...
+    @property
+    def rate(self) -> float: ...
+    @property
+    def reason(self) -> str: ...
+    @property
+    def time(self) -> float: ...
+    @property
+    def time_derivative(
+        self,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def value(self) -> float: ...
+
 class SensitivityOptions:
     simulation: SimulationOptions
     whole_models: bool
@@ -1445,6 +1474,7 @@ class SensitivityOptions:
         ],
         travel: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
+    def set_looks(self, choose: collections.abc.Callable) -> None: ...
     @property
     def output_rate(self) -> float: ...
     @output_rate.setter
@@ -1494,7 +1524,9 @@ class SensitivityResult:
     @property
     def gradient(self) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
-    def peaks(self) -> list[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]]: ...
+    def looks(self) -> list[SensitivityLooked]: ...
+    @property
+    def peaks(self) -> list[SensitivityLooked]: ...
     @property
     def run(self) -> RunResult: ...
     @property

@@ -119,7 +119,7 @@ def test_rows_of_the_reading(data, tmp_path):
         got = g.summary_gradient[name][0] * parameter.size
         assert g.summary[name] == pytest.approx(middle[name], rel=1e-3), name
         assert got == pytest.approx(by_runs, rel=0.03), name
-    assert g.summary["head_force"] == pytest.approx(g.summary[PEAK], rel=1e-6)
+    assert g.summary["head_force"] == pytest.approx(g.summary[PEAK], rel=2e-5)
     assert g.summary_gradient["head_force"] == pytest.approx(g.summary_gradient[PEAK], rel=1e-2)
 
 

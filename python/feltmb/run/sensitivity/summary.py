@@ -163,7 +163,7 @@ def summarize(
             gap = -run.event_compression[named["let_off"], column]
             put("let_off_gap", gap, -let_off.compression[column])
     unknown = np.full(result.end_state.shape[1], np.nan)
-    moved = {n: unknown if by_index[i] is None else by_index[i].time for n, i in named.items()}
+    moved = {n: getattr(by_index[i], "time", unknown) for n, i in named.items()}
     _add_rows(action, out, changes, named, moved, begin)
     looked: dict[str, list[Any]] = {}
     for (name, _), look in zip(choose(run), result.looks, strict=True):
