@@ -49,3 +49,13 @@ def test_faults(capsys, arguments, text):
     code, _, err = run(capsys, *COMMON, *arguments)
     assert code == 2
     assert text in err
+
+
+def test_number_is_a_row_of_the_reading(capsys, data):
+    machine = [str(data / "pedal.toml"), str(data / "kick.toml")]
+    code, out, err = run(
+        capsys, *machine, "--parameters", "beater.mass", "--number", "head_force", "--json"
+    )
+    assert code == 0, err
+    found = json.loads(out)["derivatives"]["head_force"]["bodies.beater.mass"]
+    assert found == pytest.approx(-242.9, rel=0.02)
