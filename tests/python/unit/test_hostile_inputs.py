@@ -138,3 +138,10 @@ def test_a_closed_pipe_ends_a_command_quietly():
     assert process.stderr.read() == b""
     process.stderr.close()
     assert process.wait(60) == 0
+
+
+@pytest.mark.parametrize("options", [{"duration": 1e6}, {"tolerance": 1e-17}])
+def test_a_gradient_without_end_is_refused(options):
+    action = feltmb.Action(parse_toml(PENDULUM, "a"))
+    with pytest.raises(InvalidParameter, match="expected at most 100 s"):
+        feltmb.gradient(action, "forte", "arm.mass", ["arm.angle"], **options)

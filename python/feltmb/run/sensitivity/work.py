@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 
 
+#: Beyond them, a gradient fills the memory or never ends [s, 1].
+LONGEST, SMALLEST_TOLERANCE = 100.0, 1e-14
+
+
 @checked
 def gradient(
     action: Action | str,
@@ -82,6 +86,11 @@ def gradient(
     action = load_action(action) if isinstance(action, str) else action
     stroke = load_stroke(stroke) if isinstance(stroke, str) else stroke
     end = float(stroke.duration if duration is None else duration)
+    if not end <= LONGEST or (tolerance is not None and tolerance < SMALLEST_TOLERANCE):
+        raise InvalidParameter(
+            f"gradient: duration = {end:g} s and tolerance = {tolerance}, expected at most "
+            f"{LONGEST:g} s and at least {SMALLEST_TOLERANCE:g}"
+        )
     return segments(
         action,
         stroke,
