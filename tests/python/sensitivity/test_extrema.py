@@ -56,7 +56,7 @@ NUMBERS = [
     *(PEAK, "max_string_force_time", "impact_time", "impact_speed", "rebound_speed"),
     *("string_contact_duration", "let_off_gap"),
 ]
-#: Known fault, cause not found: at the default tolerance the largest force has a wrong derivative by
+#: Known fault, cause not found: at default tolerance the largest force has a wrong derivative by
 #: these (-2.0 and 4.4 in place of 50.7 and 32.9 N), with some sets of parameters; with fewer
 #: parameters, or a tolerance of 3e-4, it is right within 1 %.
 UNSOLVED = {
