@@ -136,7 +136,7 @@ Looks::Found Looks::refine(const Sought& s, double low, double high) {
       const double turn = rate(s, two) - rate(s, one);
       const double low_end = p.end - beside(p);
       const double high_end = next.begin + beside(next);
-      if (std::fabs(turn) < 0.1 * std::fabs(rate(s, high_end) - rate(s, low_end))) {
+      if (std::fabs(turn) < 0.5 * std::fabs(rate(s, high_end) - rate(s, low_end))) {
         one = low_end;
         two = high_end;
       }
