@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from feltmb.errors import InvalidParameter, shown
 
-__all__ = ["checked"]
+__all__ = ["checked", "text_readers"]
 
 T = TypeVar("T")
 
@@ -168,6 +168,10 @@ class _Checks:
     def _named(self, name: str) -> _Kind | None:
         """A class or an alias, of the function's module or known by its name."""
         known = self.function.__globals__.get(name)
+        if isinstance(known, TypeVar):
+            if known.__bound__ is None:
+                return None  # any value
+            known = known.__bound__
         if isinstance(known, type) and getattr(known, "_is_protocol", False):
             parts = [part for part in vars(known) if not part.startswith("_")]
             return _instance(known.__name__, lambda value: all(hasattr(value, p) for p in parts))
@@ -179,11 +183,17 @@ class _Checks:
         return _instance(name, lambda value: any(c.__name__ == name for c in type(value).__mro__))
 
 
-def _hint(value: object, expected: str) -> str:
-    from feltmb.units import si_value  # whose functions are checked, too
+#: Functions that give the number in SI units that a text means, or None. ``feltmb.units`` adds
+#: one: its own functions are checked, and cannot be imported here.
+text_readers: list[Callable[[str], float | None]] = []
 
-    number = si_value(value) if isinstance(value, str) and "number" in expected else None
-    return "" if number is None else f"; numbers are SI without a unit, write {number:.12g}"
+
+def _hint(value: object, expected: str) -> str:
+    if isinstance(value, str) and "number" in expected:
+        for read in text_readers:
+            if (number := read(value)) is not None:
+                return f"; numbers are SI without a unit, write {number:.12g}"
+    return ""
 
 
 def _none(value: Any, where: str) -> Any:

@@ -39,8 +39,8 @@ MAY_USE = {
     # heard of a mechanism and serves any simulator; adapters are the bridge.
     "Python": {
         "errors": "",
-        "units": "errors",
-        "arguments": "errors units",
+        "arguments": "errors",
+        "units": "errors arguments",
         "files": "errors",
         "blas": "",
         "display": "",
@@ -53,7 +53,7 @@ MAY_USE = {
         "fiber": f"{GROUND} _core params data",
         "contact": f"{GROUND} _core fiber",
         "mechanism": f"{GROUND} _core params fiber contact",
-        "felt": MODEL,
+        "felt": RUN,
         "run": f"{MODEL} data",
         "fit": f"{GROUND} blas data",
         "gap": f"{GROUND} _core data fit",

@@ -114,6 +114,7 @@ def _other_units(at: Iterable[tuple[Parameter, str]]) -> str:
     return f"; the file has {', '.join(other)}" if other else ""
 
 
+@checked
 def told_paths(model: _OfFile, values: Mapping[str, Iterable[Any]]) -> list[str]:
     """Sentences about paths with numbers without a unit where the file has another unit than SI.
 

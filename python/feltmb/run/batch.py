@@ -27,7 +27,8 @@ __all__ = ["simulate_many"]
 
 @checked
 def simulate_many(
-    strokes: Iterable[tuple[Action, Stroke] | tuple[Action, Stroke, Mapping[str, Any]]],
+    strokes: Iterator[Any]  # asked for one by one
+    | Iterable[tuple[Action, Stroke] | tuple[Action, Stroke, Mapping[str, Any]]],
     take: Callable[[int, Run | FeltmbError], object],
     *,
     jobs: int | None = None,

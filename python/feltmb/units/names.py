@@ -12,7 +12,7 @@ import math
 import re
 from functools import lru_cache
 
-from feltmb.arguments import checked
+from feltmb.arguments import checked, text_readers
 from feltmb.errors import InvalidParameter
 
 __all__ = [
@@ -291,6 +291,8 @@ def si_value(text: str) -> float | None:
     found = split_quantity(text)
     return None if found is None else found[0] * _parse(found[1])[0]
 
+
+text_readers.append(si_value)
 
 #: SI units of quantities that have a usual form.
 _USUAL = (

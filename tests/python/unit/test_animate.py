@@ -84,7 +84,7 @@ def test_forces_point_into_the_bodies_that_move(run, action):
     [
         ("a.mp4", {}, r"expected a name in \.gif; feltmb view"),
         ("a.gif", {"fps": 0}, "fps = 0"),
-        ("a.gif", {"fps": float("nan")}, "fps = nan"),
+        ("a.gif", {"fps": float("nan")}, "fps: got nan"),
         ("a.gif", {"slowness": -1}, "slowness = -1"),
         ("a.gif", {"window": (1.0, 2.0)}, "holds nothing of the run"),
         ("a.gif", {"window": (0.1, 0.1)}, "holds nothing of the run"),
