@@ -402,10 +402,13 @@ def _sequence(kinds: list[_Kind | None], name: str, fixed: bool) -> _Kind:
             raise _Refused(where, value, text)
         elif any(kinds):
             each = kinds if fixed else kinds * len(items)
-            items = [
+            after = [
                 inner if kind is None else kind.check(inner, f"{where}[{i}]")
                 for i, (inner, kind) in enumerate(zip(items, each, strict=False))
             ]
+            # A list to which the function appends results remains the caller's.
+            if any(new is not old for new, old in zip(after, items, strict=False)):
+                items = after
         return tuple(items) if name == "tuple" else items
 
     return _Kind(text, check)

@@ -9,7 +9,6 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +61,10 @@ def plain_name(name: str) -> str:
     return re.sub(r"[\W_]", "", unicodedata.normalize("NFKD", name).lower())
 
 
+#: Columns by heading, by plain name, and by the end of the name.
+_Lookup = tuple[dict[str, str], dict[str, list[str]], dict[str, list[str]]]
+
+
 @dataclass
 class Columns:
     """Series of equal length by name."""
@@ -93,7 +96,9 @@ class Columns:
     """Cells that are no numbers, by column and row; their values are NaN."""
     wrong_rows: list[tuple[int, str]] = field(default_factory=list)
     """Rows with another number of cells than the header; their values are NaN."""
-    _found: Any = field(default=None, init=False, repr=False, compare=False)
+    _found: tuple[tuple[int, int], _Lookup] | None = field(
+        default=None, init=False, repr=False, compare=False
+    )
 
     def __str__(self) -> str:
         shown = [shortened(name) for name in self.values]
@@ -233,18 +238,19 @@ class Columns:
                 return found[0]  # the only point of a tracker
         return ""
 
-    def _lookup(self) -> tuple[dict[str, str], dict[str, list[str]], dict[str, list[str]]]:
+    def _lookup(self) -> _Lookup:
         """Columns by heading, by plain name, and by the end of the name; made once for a state."""
         state = (len(self.values), len(self.headings))
-        if self._found is None or self._found[0] != state:
-            alike: dict[str, list[str]] = {}
-            ends: dict[str, list[str]] = {}
-            for column in self.values:
-                alike.setdefault(plain_name(column), []).append(column)
-                ends.setdefault(column.rpartition(".")[2], []).append(column)
-            exact = {heading: column for column, heading in reversed(self.headings.items())}
-            self._found = state, (exact, alike, ends)
-        return self._found[1]
+        if self._found is not None and self._found[0] == state:
+            return self._found[1]
+        alike: dict[str, list[str]] = {}
+        ends: dict[str, list[str]] = {}
+        for column in self.values:
+            alike.setdefault(plain_name(column), []).append(column)
+            ends.setdefault(column.rpartition(".")[2], []).append(column)
+        exact = {heading: column for column, heading in reversed(self.headings.items())}
+        self._found = state, (exact, alike, ends)
+        return exact, alike, ends
 
 
 def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Columns:

@@ -287,15 +287,16 @@ class FiberRun:
             for name in _STATE:
                 if state[name].dtype.kind not in "fiu" or state[name].ndim != 1:
                     raise ValueError(f"state {name}: expected a list of numbers")
-            counts = [
-                {str(key): float(value) for key, value in header[name].items()}
+            counts = {
+                name: {str(key): float(value) for key, value in header[name].items()}
                 for name in ("laid", "relaxed")
-            ]
+            }
             return cls(
                 FiberBox(**header["box"]),
                 Cycle(**header["cycle"]),
                 {name: values.tolist() for name, values in table.items()},
-                *counts,
+                counts["laid"],
+                counts["relaxed"],
                 state,
                 header["done"] is True,
             )
