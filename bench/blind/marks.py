@@ -99,11 +99,32 @@ class Answer:
             **{
                 **plain,
                 "named": tuple(plain["named"]),
+                "parameters": _numbers(plain["parameters"]),
+                "magnitudes": _numbers(plain["magnitudes"]),
+                "seconds": math.nan if plain["seconds"] is None else plain["seconds"],
                 "classes": tuple(tuple(c) for c in plain["classes"]),
                 "moved": tuple(plain["moved"]),
                 "held_out": None if plain["held_out"] is None else tuple(plain["held_out"]),
             }
         )
+
+
+def _without_nan(value: Any) -> Any:
+    """Plain data in which a number that is not known is null."""
+    if isinstance(value, Mapping):
+        return {k: _without_nan(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(v) for v in value]
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def _numbers(told: Mapping[str, Sequence[float | None]]) -> dict[str, Interval]:
+    """Intervals from stored ones."""
+    nan = math.nan
+    return {
+        n: (nan if v is None else v, nan if a is None else a, nan if b is None else b)
+        for n, (v, a, b) in told.items()
+    }
 
 
 def _matches(names: Iterable[str], patterns: Iterable[str]) -> bool:
@@ -185,7 +206,7 @@ class Marked:
             "truth": asdict(self.truth),
             "answer": asdict(self.answer),
         }
-        return json.dumps(plain, default=list)
+        return json.dumps(_without_nan(plain))
 
 
 def read(path: Path) -> dict[tuple[str, int], Marked]:

@@ -61,7 +61,7 @@ def present(
     told = [rows[n] for n in (*report.named, *report.one_of) if n in rows]
     moved = report.calibrated
     fitted: dict[str, Interval] = {
-        n: (v, float("nan"), float("nan")) for n, v in report.fitted.parameters.items()
+        n: (v, float("nan"), float("nan")) for n, v in report.model.parameters.items()
     }
     fitted |= {c.name: (c.value, c.low, c.high) for c in moved}
     far = report.how_far
