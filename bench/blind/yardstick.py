@@ -80,17 +80,25 @@ def present(
 def new(
     model: Any, effects: Sequence[Any], records: Sequence[Any], budget: float, options: Any
 ) -> Answer:
-    """The engine of :mod:`feltmb.diagnosis`, by the names of its report."""
+    """The engine of :mod:`feltmb.diagnosis`, whose result has causes instead of names."""
     engine = importlib.import_module("feltmb.diagnosis")
-    report = engine.diagnose(model, effects, records)
-    return report if isinstance(report, Answer) else Answer(**_fields(report))
+    result = engine.diagnose(model, effects, records, options=engine.Options(seconds=budget))
 
+    def name(cause: Any) -> str:
+        return f"parameter:{cause.cause}" if cause.parameter else str(cause.cause)
 
-def _fields(report: Any) -> dict[str, Any]:
-    """Fields of an answer from a report with the same names."""
-    known = ("named", "classes", "moved", "parameters", "magnitudes", "held_out")
-    out = {n: getattr(report, n) for n in known if hasattr(report, n)}
-    return {"verdict": str(report.verdict), "said": str(report).split("\n")[0], **out}
+    told = [*result.named, *(c for group in result.classes for c in group)]
+    gain = result.held_out_gain
+    return Answer(
+        str(result.verdict.value).upper(),
+        tuple(name(c) for c in result.named),
+        tuple(tuple(name(c) for c in group) for group in result.classes),
+        tuple(p.name for p in result.parameters if not p.low <= p.tabulated <= p.high),
+        {p.name: (p.value, p.low, p.high) for p in result.parameters},
+        {c.cause: (c.magnitude, c.low, c.high) for c in told if not c.parameter},
+        held_out=None if gain is None else (1.0, float(gain[0])),
+        said=", ".join(r.value for r in result.reasons),
+    )
 
 
 ENGINES: Mapping[str, Engine] = {"present": present, "new": new}

@@ -326,6 +326,8 @@ def make(table: Table, index: int, rows: Sequence[int] | None = None) -> list[Ma
         """Magnitudes of ``which`` (by case) that make the wanted shares; they, and the shares."""
         size, best, reached = first.copy(), np.zeros_like(first), np.zeros((len(rows), 2))
         old: list[tuple[float, float] | None] = [None] * len(rows)
+        if not np.any(wanted):
+            return best, reached
         for _ in range(rounds):
             now = dict(d.plain)
             for name in {*which}:
