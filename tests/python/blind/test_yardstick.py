@@ -280,3 +280,10 @@ def test_command_stores_and_compares(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["yardstick", "--compare", *paths])
     blind.yardstick.main()
     assert "| right or quiet | 3 | 0 | 0.25 |" in capsys.readouterr().out
+
+
+def test_process_that_somebody_ends_is_no_answer(tmp_path, monkeypatch):
+    source = "import os, signal\ndef answer(*given):\n    os.kill(os.getpid(), signal.SIGTERM)\n"
+    engine = _engine(source, tmp_path, monkeypatch)
+    with pytest.raises(TimeoutError, match="signal 15"):
+        run_case(engine, "trials", 3, tmp_path, 5.0)
