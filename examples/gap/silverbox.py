@@ -7,7 +7,9 @@ from feltmb.gap import Coordinate, OdeModel, Parameter, State, library
 
 FREQUENCY = 430.0  # rad/s, a first guess of the resonance
 
-mass = Coordinate(name="mass", position="y", speed="v", inertia=1.0, unit="V/s^2")
+mass = Coordinate(
+    name="mass", position="y", speed="v", inertia=1.0, unit="V/s^2", position_unit="V"
+)
 model = OdeModel(
     name="Silverbox, linear",
     states=[

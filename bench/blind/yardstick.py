@@ -1,0 +1,279 @@
+"""The frozen yardstick of the diagnosis: runs an engine on a set and stores the answers.
+
+    python bench/blind/yardstick.py present imperfect --third --cache out/yardstick
+    python bench/blind/yardstick.py --compare present new           paired table of two files
+
+An engine is a function ``(model, effects, records, budget, options) -> Answer``; one of your own
+is ``MODULE:FUNCTION``. Each case runs in a process of its own with a limit of processor time; no
+answer within it is the answer "none". Answers are lines of
+``bench/results/yardstick/LABEL.jsonl``; a case that has an answer is not repeated. Sets: see
+:mod:`blind.yardstick_sets`; marks: see :mod:`blind.marks`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import io
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from blind.marks import Answer, Interval, Marked, Truth, compare, read, table
+from blind.yardstick_sets import ROOT, SETS, Task
+from feltmb import gap
+
+__all__ = ["ENGINES", "new", "present"]
+
+RESULTS = ROOT / "bench" / "results" / "yardstick"
+LIMIT = 120.0
+#: Wall time per processor time that a case may take, on a busy machine; beyond it, nothing is
+#: stored, because it is no fault of the engine.
+BUSY = 30.0
+#: Signals of a process that crashes.
+CRASHES = (signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL)
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+Engine = Callable[[Any, Sequence[Any], Sequence[Any], float, Any], Answer]
+
+
+# ---------------------------------------------------------------- engines
+
+
+def present(
+    model: Any, effects: Sequence[Any], records: Sequence[Any], budget: float, options: Any
+) -> Answer:
+    """The engine of :mod:`feltmb.gap`."""
+    report = gap.diagnose(model, effects, records, options=options)
+    verdict = {
+        "NO STRUCTURAL GAP, CALIBRATED": "CALIBRATED",
+        "NAMED + RESIDUAL REMAINS": "NAMED",
+        "TOO WEAK": "NO GAP",
+        "NOT COMPLETE": "none",
+    }.get(str(report.verdict), str(report.verdict))
+    rows = {r.effect: r for r in report.which.effects}
+    told = [rows[n] for n in (*report.named, *report.one_of) if n in rows]
+    moved = report.calibrated
+    fitted: dict[str, Interval] = {
+        n: (v, float("nan"), float("nan")) for n, v in report.model.parameters.items()
+    }
+    fitted |= {c.name: (c.value, c.low, c.high) for c in moved}
+    far = report.how_far
+    return Answer(
+        verdict,
+        tuple(report.named),
+        (tuple(report.one_of),) if report.one_of else (),
+        tuple(c.name for c in moved if c.sure),
+        fitted,
+        {r.effect: (r.magnitude, r.low, r.high) for r in told},
+        held_out=(float(far.before), float(far.after)) if far.records else None,
+        said=report.statement,
+    )
+
+
+def new(
+    model: Any, effects: Sequence[Any], records: Sequence[Any], budget: float, options: Any
+) -> Answer:
+    """The engine of :mod:`feltmb.diagnosis`, whose result has causes instead of names."""
+    engine = importlib.import_module("feltmb.diagnosis")
+    result = engine.diagnose(model, effects, records, options=engine.Options(seconds=budget))
+
+    def name(cause: Any) -> str:
+        return f"parameter:{cause.cause}" if cause.parameter else str(cause.cause)
+
+    told = [*result.named, *(c for group in result.classes for c in group)]
+    gain = result.held_out_gain
+    return Answer(
+        str(result.verdict.value).upper(),
+        tuple(name(c) for c in result.named),
+        tuple(tuple(name(c) for c in group) for group in result.classes),
+        tuple(p.name for p in result.parameters if not p.low <= p.tabulated <= p.high),
+        {p.name: (p.value, p.low, p.high) for p in result.parameters},
+        {c.cause: (c.magnitude, c.low, c.high) for c in told if not c.parameter},
+        held_out=None if gain is None else (1.0, float(gain[0])),
+        said=", ".join(r.value for r in result.reasons),
+    )
+
+
+ENGINES: Mapping[str, Engine] = {"present": present, "new": new}
+
+
+def _engine(name: str) -> Engine:
+    if name in ENGINES:
+        return ENGINES[name]
+    module, _, function = name.partition(":")
+    engine: Engine = getattr(importlib.import_module(module), function)
+    return engine
+
+
+# ---------------------------------------------------------------- one case
+
+
+def _spent() -> float:
+    """Processor time of this process and of the processes it has ended [s]."""
+    return sum(
+        r.ru_utime + r.ru_stime
+        for r in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    )
+
+
+def _answer(run: Engine, task: Task, limit: float) -> Answer:
+    """Answer of an engine to a case, in this process."""
+    begin = _spent()
+    try:
+        answer = run(task.model, task.effects, task.records, limit, task.options)
+    except Exception as error:  # an error is a bad answer
+        answer = Answer("none", said=f"{type(error).__name__}: {error}"[:500])
+    return replace(answer, seconds=_spent() - begin)
+
+
+def _child(engine: str, name: str, case: int, cache: Path, limit: float) -> None:
+    """Print the truth, then the answer, as JSON; the limit begins with the diagnosis."""
+    task, run = SETS[name].task(case, cache), _engine(engine)
+    print(json.dumps(asdict(task.truth), default=list), flush=True)
+    ceiling = int(time.process_time() + limit) + 2
+    resource.setrlimit(resource.RLIMIT_CPU, (ceiling, ceiling + 5))
+    shown = sys.stdout
+    with contextlib.redirect_stdout(io.StringIO()):
+        answer = _answer(run, task, limit)
+    print(json.dumps(asdict(answer), default=list), file=shown, flush=True)
+
+
+def run_case(engine: str, name: str, case: int, cache: Path, limit: float) -> tuple[Truth, Answer]:
+    """Answer of an engine to a case, in a process of its own.
+
+    Raises
+    ------
+    TimeoutError
+        Somebody else ended the process, or the machine is too busy for an answer.
+    """
+    arguments = [engine, name, "--child", str(case), "--cache", str(cache), "--limit", str(limit)]
+    try:
+        done = subprocess.run(
+            [sys.executable, str(Path(__file__).resolve()), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=BUSY * limit,
+            check=False,
+            env={**os.environ, **dict.fromkeys(THREADS, "1"), "PYTHONWARNINGS": "ignore"},
+        )
+    except subprocess.TimeoutExpired:
+        raise TimeoutError(f"{name} {case}: no answer in {BUSY * limit:g} s of the wall") from None
+    lines = done.stdout.splitlines()
+    if not lines:
+        raise RuntimeError(f"{name} {case}: cannot be loaded: {done.stderr[-1000:]}")
+    truth = Truth.of(json.loads(lines[0]))
+    if len(lines) > 1:
+        answer = Answer.of(json.loads(lines[1]))
+        if answer.seconds <= limit:
+            return truth, answer
+        return truth, Answer("none", seconds=answer.seconds, said=f"late: {answer.said}")
+    if done.returncode == -signal.SIGXCPU:
+        return truth, Answer("none", seconds=limit, said=f"no answer in {limit:g} s")
+    if done.returncode < 0 and -done.returncode not in CRASHES:  # somebody ended it
+        raise TimeoutError(f"{name} {case}: ended by signal {-done.returncode}")
+    return truth, Answer("none", said=done.stderr[-500:] or f"signal {-done.returncode}")
+
+
+# ---------------------------------------------------------------- command
+
+
+def _commit() -> str:
+    """Commit of the code, with + if files were changed since."""
+    git = ["git", "-C", str(ROOT)]
+    commit = subprocess.run(
+        [*git, "rev-parse", "--short=8", "HEAD"], capture_output=True, text=True
+    )
+    changed = subprocess.run(
+        [*git, "status", "--porcelain", "python"], capture_output=True, text=True
+    )
+    return commit.stdout.strip() + ("+" if changed.stdout.strip() else "")
+
+
+def _numbers(text: str, count: int) -> list[int]:
+    """Case numbers of "0,3,5-9"."""
+    out: list[int] = []
+    for part in text.split(","):
+        low, _, high = part.partition("-")
+        out += range(int(low), int(high or low) + 1)
+    return [n for n in out if n < count]
+
+
+def main() -> None:
+    """Run an engine on a set, or compare two files of answers."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("engine", nargs="?", help=f"{', '.join(ENGINES)}, or MODULE:FUNCTION")
+    parser.add_argument("set", nargs="*", help=", ".join(SETS))
+    parser.add_argument("--third", action="store_true", help="every third case")
+    parser.add_argument("--cases", help="some cases, such as 0,3,5-9")
+    parser.add_argument("--cache", type=Path, default=ROOT / "out" / "yardstick")
+    parser.add_argument("--limit", type=float, default=LIMIT, help="processor time of a case [s]")
+    parser.add_argument("--label", help="name of the file of answers; default: the engine")
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--compare", nargs=2, metavar=("A", "B"), help="labels or files")
+    parser.add_argument("--make", action="store_true", help="only simulate the records")
+    parser.add_argument("--child", type=int, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+
+    def file(label: str) -> Path:
+        return Path(label) if label.endswith(".jsonl") else given.results / f"{label}.jsonl"
+
+    if given.compare:
+        one, two = (read(file(label)) for label in given.compare)
+        print(f"A: {given.compare[0]}, B: {given.compare[1]}\n")
+        print(compare(one, two))
+        return
+    unknown = [s for s in given.set if s not in SETS]
+    if not given.engine or not given.set or unknown:
+        parser.error(f"expected an engine and some of the sets {', '.join(SETS)}")
+    if given.child is not None:
+        _child(given.engine, given.set[0], given.child, given.cache, given.limit)
+        return
+    path = file(given.label or given.engine.replace(":", "."))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for name in given.set:
+        cases = SETS[name]
+        numbers = cases.third() if given.third else list(range(cases.count))
+        if given.cases:
+            numbers = _numbers(given.cases, cases.count)
+        cases.make(numbers, given.cache)
+        if given.make:
+            continue
+        known = read(path) if path.exists() else {}
+        for n in numbers:
+            if (name, n) in known:
+                continue
+            try:
+                truth, answer = run_case(given.engine, name, n, given.cache, given.limit)
+            except TimeoutError as error:
+                print(f"{error}; not stored", flush=True)
+                continue
+            marked = Marked(name, n, _commit(), truth, answer)
+            with path.open("a", encoding="utf-8") as lines:
+                lines.write(marked.line + "\n")
+            told = [*answer.named, *(" | ".join(c) for c in answer.classes)]
+            print(
+                f"{name} {n}: {marked.mark}: {truth.about} -> {answer.verdict} "
+                f"{', '.join(told)}; {answer.seconds:.0f} s",
+                flush=True,
+            )
+        answered = [m for (s, n), m in read(path).items() if s == name and n in numbers]
+        print(f"\n{name}, {len(answered)} cases")
+        for row, value in table(answered).items():
+            print(f"  {row:42s} {value}")
+
+
+if __name__ == "__main__":
+    main()
