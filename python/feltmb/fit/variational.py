@@ -5,8 +5,8 @@ all of these states at once, by differences of a few calls with long arrays. The
 derivative of each step of the integrator: a linear recurrence from sample to sample, for all
 variables of differentiation simultaneously. Only this recurrence is a loop over samples.
 
-The derivative of a rate that jumps, such as np.sign, misses the jump. Therefore one more simulation
-with changed parameters and start states is compared with its prediction.
+The derivative of a rate that jumps, such as np.sign, misses the jump. Therefore the difference of
+two more simulations, with changed parameters and start states, is compared with its prediction.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ __all__ = ["variational_sensitivities"]
 
 #: Step of differences by states, relative to the state and its scale, and by changes of inputs.
 STATE_STEP, INPUT_STEP = 1e-6, 1e-2
-#: Largest difference between a simulated change and its prediction, relative to the change.
-SMALL = 0.03
+#: Largest difference between a simulated change and its prediction, relative to the change; and the
+#: size of the change in steps of finite differences.
+SMALL, CHANGE = 0.1, 2.0
 #: Numbers of a block of derivatives that are computed at once.
 BLOCK = 1_000_000
 #: A function of (t, x, u, p, magnitudes).
@@ -56,60 +57,82 @@ def variational_sensitivities(
     None: the right-hand side jumps, so that the request needs differences of simulations.
     """
     batches = [(r.record, r.jobs()) for r in requests]
-    moves = [_move(model, r) for r in requests]
-    moved = [(r.record, m.jobs()) for r, (m, _) in zip(requests, moves, strict=True)]
+    moves = [_moves(model, r) for r in requests]
+    moved = [(r.record, to.jobs()) for r, m in zip(requests, moves, strict=True) for to in m[:2]]
     count = sum(jobs.count for _, jobs in batches)
     run = integrate(model, [*batches, *moved], keep=count)
     variation = _Variation(model, requests, batches, run)
     out: list[Sensitivity | None] = []
     for i, (request, s) in enumerate(zip(requests, variation.results(), strict=True)):
-        other = run.runs[len(requests) + i].outputs
-        smooth = _predicts(request, s, other, moves[i][1])
+        at = len(requests) + 2 * i
+        changed = [other.outputs for other in run.runs[at : at + 2]]
+        smooth = _predicts(model, request, s, changed, moves[i][2])
         out.append(_asked(request, s) if smooth else None)
     return out
 
 
-def _move(model: OdeModel, request: SensitivityRequest) -> tuple[SensitivityRequest, Array]:
-    """A request with changed parameters, magnitudes and start states, and the changes.
+def _moves(
+    model: OdeModel, request: SensitivityRequest
+) -> tuple[SensitivityRequest, SensitivityRequest, Array]:
+    """Two requests with opposite changes of parameters, magnitudes and start states.
 
-    The changes follow each other in this order, as the variables of differentiation do.
+    Also returns the differences between the two, in the order of the variables of differentiation.
+    At a limit, only one of the two changes the value.
     """
     signs = np.random.default_rng(0)
-    theta, sizes = np.array(request.theta, float), np.array(request.sizes, float)
-    moves = []
-    for i in request.parameters_of(model):
-        p = model.parameters[i]
-        moves.append(_inside(signs, theta[i], model.difference_step * p.size, p.lower, p.upper))
-        theta[i] += moves[-1]
-    for k, t in enumerate(request.included):
-        step = t.effect.step * t.effect.scale
-        moves.append(_inside(signs, sizes[k], step, *t.effect.bounds))
-        sizes[k] += moves[-1]
+    more, less = (
+        [np.array(v, dtype=np.float64) for v in (request.theta, request.sizes, request.starts)]
+        for _ in range(2)
+    )
+    own = [
+        (0, i, CHANGE * model.difference_step * q.size, q.lower, q.upper)
+        for i, q in ((i, model.parameters[i]) for i in request.parameters_of(model))
+    ]
+    own += [
+        (1, k, t.effect.step * t.effect.scale, *t.effect.bounds)
+        for k, t in enumerate(request.included)
+    ]
+    changes = []
+    for what, i, step, low, high in own:
+        step = step if signs.random() < 0.5 else -step
+        more[what][i] = np.clip(more[what][i] + step, low, high)
+        less[what][i] = np.clip(less[what][i] - step, low, high)
+        changes.append(more[what][i] - less[what][i])
     scales = np.array([s.scale for s in model.states(request.included)])
-    start = 0.1 * model.difference_step * scales * signs.choice([-1.0, 1.0], scales.size)
-    changed = replace(request, theta=theta, magnitudes=sizes, starts=request.starts + start)
-    return changed, np.array([*moves, *start])
+    start = signs.choice([-1.0, 1.0], scales.size)
+    start *= 0.1 * CHANGE * model.difference_step * scales
+    one, other = (
+        replace(request, theta=theta, magnitudes=sizes, starts=request.starts + sign * start)
+        for (theta, sizes, _), sign in ((more, 1.0), (less, -1.0))
+    )
+    return one, other, np.array([*changes, *(2.0 * start)])
 
 
-def _inside(signs: np.random.Generator, at: float, step: float, low: float, high: float) -> float:
-    """A change of a number by the step, up or down, within its limits."""
-    step = step if signs.random() < 0.5 else -step
-    return step if low <= at + step <= high else -step
+def _predicts(
+    model: OdeModel,
+    request: SensitivityRequest,
+    s: Sensitivity,
+    two: Sequence[Array],
+    changes: Array,
+) -> bool:
+    """Whether the derivatives predict the difference of the outputs of two changed simulations.
 
-
-def _predicts(request: SensitivityRequest, s: Sensitivity, other: Array, moves: Array) -> bool:
-    """Whether the derivatives predict the outputs of the changed simulation."""
+    Outputs that are rates show each steep part of a rate itself. They are left out if there are
+    others.
+    """
     columns = np.concatenate([s.d_theta, s.d_magnitudes, s.d_starts], axis=-1)
     length = (request.segments[:, 1] - request.segments[:, 0])[:, None]
-    inside = np.arange(other.shape[1]) <= length
-    with np.errstate(all="ignore"):
-        change, error = other - s.outputs, other - s.outputs - columns @ moves
+    inside = np.arange(two[0].shape[1]) <= length
+    change = two[0] - two[1]
+    error = change - columns @ changes
     good = inside[..., None] & np.isfinite(change)
     if np.any(good & ~np.isfinite(error)):
         return False
     change, error, y = (np.where(good, v, 0.0) for v in (change, error, s.outputs))
     allowed = SMALL**2 * np.sum(change**2, axis=(0, 1)) + 1e-18 * np.sum(y**2, axis=(0, 1))
-    return bool(np.all(np.sum(error**2, axis=(0, 1)) <= allowed))
+    agrees = np.sum(error**2, axis=(0, 1)) <= allowed
+    steady = [o for o, of in enumerate(model._outputs.values()) if not isinstance(of, Rate)]
+    return bool(np.all(agrees[steady] if steady else agrees))
 
 
 def _asked(request: SensitivityRequest, s: Sensitivity) -> Sensitivity:
@@ -403,12 +426,12 @@ class _Variation:
         for c, (candidate, law) in enumerate(zip(self.candidates, self.laws, strict=True)):
             x = np.vstack([at.x[:base], memories[c]]) if c in memories else at.x
             step = candidate.effect.step * candidate.effect.scale
-            for size, weight in difference_offsets(0.0, step, *candidate.effect.bounds):
+            for size, factor in difference_offsets(0.0, step, *candidate.effect.bounds):
                 sizes = np.full_like(at.t, size)
                 for row, value in law.changes(at.t, x, named, at.u, at.p, sizes, candidate.shape):
                     for o, wanted in enumerate(rows):
                         if row == wanted and row < base:
-                            out[:, o, column] += weight * value
+                            out[:, o, column] += factor * value
             column += 1
         for clock in self.changes:
             added = _each(self._inputs(clock, j, shares, self.equations.p), _flat)
