@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +14,6 @@ from feltmb.fit.calling import calling
 from feltmb.fit.coordinates import Named, Rate
 from feltmb.fit.model import Batch, Candidate, Simulated
 from feltmb.fit.resolution import BETWEEN
-
-if TYPE_CHECKING:
-    from feltmb.fit.ode import OdeModel
 
 __all__ = ["GAMMA", "Clock", "Equations", "Law", "Trajectory", "advanced", "integrate", "solved"]
 
@@ -38,7 +35,7 @@ class Clock:
     @classmethod
     def of(
         cls,
-        model: OdeModel,
+        model: Any,
         batches: Sequence[Batch],
         longest: int,
         inputs: Sequence[Mapping[str, Array]] | None = None,
@@ -68,7 +65,7 @@ class Clock:
         parts = ([v[:, :jobs] for v in of] for of in (self.signals, self.bends))
         return Clock(self.time[:, :jobs], *parts)
 
-    def held(self, model: OdeModel, j: Any, share: Array, p: Named) -> list[Array]:
+    def held(self, model: Any, j: Any, share: Array, p: Named) -> list[Array]:
         """Inputs in the intervals that begin at the samples j, at these shares of the intervals.
 
         ``signal[j]`` and ``share`` are broadcast together.
@@ -88,7 +85,7 @@ class Clock:
             columns.append(value)
         return columns
 
-    def inputs(self, model: OdeModel, j: int, shares: Array, p: Named) -> list[Named]:
+    def inputs(self, model: Any, j: int, shares: Array, p: Named) -> list[Named]:
         """Inputs of the jobs between samples j and j + 1, at these shares of the interval."""
         columns = self.held(model, j, shares[:, None], p)
         if not columns:
@@ -176,7 +173,7 @@ class Equations:
     those of the second one.
     """
 
-    def __init__(self, model: OdeModel, batches: Sequence[Batch]):
+    def __init__(self, model: Any, batches: Sequence[Batch]):
         self.model = model
         self.names = [s.name for s in model._states]
         self.rows = {n: i for i, n in enumerate(self.names)}
@@ -305,7 +302,7 @@ class Trajectory:
     """States of the stages, (longest - 1, substeps, stages, states, jobs)."""
 
 
-def integrate(model: OdeModel, batches: Sequence[Batch], keep: int = 0) -> Trajectory:
+def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory:
     """Integrate with fixed steps between the samples; the class describes the methods.
 
     Parameters

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -31,9 +31,6 @@ from feltmb.fit.model import (
 from feltmb.fit.noise_of_function import difference_offsets
 from feltmb.fit.resolution import BETWEEN
 
-if TYPE_CHECKING:
-    from feltmb.fit.ode import OdeModel
-
 __all__ = ["variational_sensitivities"]
 
 #: Step of differences by states, relative to the state and its scale, and by changes of inputs.
@@ -50,7 +47,7 @@ ALL = slice(None)
 
 
 def variational_sensitivities(
-    model: OdeModel, requests: Sequence[SensitivityRequest]
+    model: Any, requests: Sequence[SensitivityRequest]
 ) -> list[Sensitivity | None]:
     """Outputs and derivatives of segments, one result per request.
 
@@ -72,7 +69,7 @@ def variational_sensitivities(
 
 
 def _moves(
-    model: OdeModel, request: SensitivityRequest
+    model: Any, request: SensitivityRequest
 ) -> tuple[SensitivityRequest, SensitivityRequest, Array]:
     """Two requests with opposite changes of parameters, magnitudes and start states.
 
@@ -109,7 +106,7 @@ def _moves(
 
 
 def _predicts(
-    model: OdeModel,
+    model: Any,
     request: SensitivityRequest,
     s: Sensitivity,
     two: Sequence[Array],
@@ -162,7 +159,7 @@ class _Variation:
 
     def __init__(
         self,
-        model: OdeModel,
+        model: Any,
         requests: Sequence[SensitivityRequest],
         batches: Sequence[Batch],
         run: Trajectory,
