@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data import Array, Record
+from feltmb.data import Record
 from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.fit.calling import calling
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
+from feltmb.fit.integrate import integrate
 from feltmb.fit.model import (
     Batch,
     Candidate,
@@ -22,10 +21,13 @@ from feltmb.fit.model import (
     Parameter,
     Port,
     Ready,
+    Sensitivity,
+    SensitivityRequest,
     Simulated,
     State,
 )
-from feltmb.fit.resolution import BETWEEN, Stepped, refined, resolved
+from feltmb.fit.resolution import Stepped, refined, resolved
+from feltmb.fit.variational import variational_sensitivities
 from feltmb.fit.watch import simulated
 from feltmb.units import to_si
 
@@ -226,7 +228,41 @@ class OdeModel(Stepped):
             return super().simulate_all(batches)
         return self._simulated(batches)
 
+    def sensitivities(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:
+        """Derivatives from the variational equations, or by differences if the rates jump."""
+        for request in requests:
+            request.check(self)
+        own = (OdeModel.simulate, OdeModel.simulate_all)
+        if (type(self).simulate, type(self).simulate_all) != own:  # a subclass overrides them
+            return super().sensitivities(requests)
+        self._check_inputs([(r.record, r.jobs()) for r in requests])
+        with np.errstate(all="ignore"):
+            found = variational_sensitivities(self, requests)
+        jump = [i for i, s in enumerate(found) if s is None]
+        if jump:
+            rest = super().sensitivities([requests[i] for i in jump])
+            for i, s in zip(jump, rest, strict=True):
+                found[i] = s
+        return [s for s in found if s is not None]
+
     def _simulated(self, batches: Sequence[Batch]) -> list[Simulated]:
+        self._check_inputs(batches)
+        groups: dict[object, list[int]] = {}
+        for i, (_, jobs) in enumerate(batches):
+            groups.setdefault(None if jobs.forces is None else jobs.forces.shape[2], []).append(i)
+        runs: dict[int, Simulated] = {}
+        with np.errstate(all="ignore"):
+            for group in groups.values():  # jobs with the same effects follow each other
+                first: dict[object, int] = {}
+                for i in group:
+                    first.setdefault(_effects_of(batches[i][1]), i)
+                group.sort(key=lambda i: first[_effects_of(batches[i][1])])
+                found = integrate(self, [batches[i] for i in group]).runs
+                runs.update(zip(group, found, strict=True))
+        return [runs[i] for i in range(len(batches))]
+
+    def _check_inputs(self, batches: Sequence[Batch]) -> None:
+        """Check that the records have the inputs, and count their simulations."""
         for record, _ in batches:
             missing = [n for n in self.inputs if n not in record.inputs]
             if missing:
@@ -237,235 +273,11 @@ class OdeModel(Stepped):
         for record, jobs in batches:
             samples = float(np.sum(jobs.segments[:, 1] - jobs.segments[:, 0]))
             simulated(samples / max(record.samples - 1, 1))
-        groups: dict[object, list[int]] = {}
-        for i, (_, jobs) in enumerate(batches):
-            included = tuple((id(t.effect), repr(t.shape)) for t in jobs.included)
-            knots = None if jobs.forces is None else jobs.forces.shape[2]
-            groups.setdefault((included, knots), []).append(i)
-        runs: dict[int, Simulated] = {}
-        with np.errstate(all="ignore"):
-            for group in groups.values():
-                runs.update(zip(group, _integrate(self, [batches[i] for i in group]), strict=True))
-        return [runs[i] for i in range(len(batches))]
 
 
-@dataclass(frozen=True, eq=False)
-class _Clock:
-    """Time and inputs of jobs by sample, (longest, B); constant after the end of a record."""
-
-    time: Array
-    signals: list[Array]
-    bends: list[Array]
-    """Second derivatives of the cubic splines through the inputs; empty: not needed."""
-
-    @classmethod
-    def of(cls, model: OdeModel, batches: Sequence[Batch], longest: int) -> _Clock:
-        """Times and inputs of all jobs of several batches."""
-        times: list[Array] = []
-        signals: list[list[Array]] = [[] for _ in model.inputs]
-        bends: list[list[Array]] = [[] for _ in model.inputs]
-        for record, jobs in batches:
-            at = np.minimum(jobs.segments[:, 0] + np.arange(longest)[:, None], record.samples - 1)
-            times.append(record.time[at])
-            values = [record.inputs[n] for n in model.inputs]
-            for k, value in enumerate(values):
-                signals[k].append(value[at])
-            if model.hold in ("spline", "between"):
-                for k, bend in enumerate(_bends(record, values)):
-                    bends[k].append(bend[at])
-        return cls(
-            np.hstack(times),
-            [np.hstack(parts) for parts in signals],
-            [np.hstack(parts) for parts in bends if parts],
-        )
-
-    def inputs(self, model: OdeModel, j: int, shares: Array, p: Named) -> list[Named]:
-        """Inputs of the jobs between samples j and j + 1, at these shares of the interval."""
-        nxt = min(j + 1, len(self.time) - 1)
-        share = shares[:, None]
-        columns = []
-        for i, (name, signal) in enumerate(zip(model.inputs, self.signals, strict=True)):
-            value = np.repeat(signal[j][None, :], len(shares), axis=0)
-            if model.hold != "zero":
-                value = value + share * (signal[nxt] - signal[j])
-            if self.bends:
-                rest, square = 1.0 - share, (self.time[nxt] - self.time[j]) ** 2 / 6.0
-                bent = square * (
-                    (rest**3 - rest) * self.bends[i][j] + (share**3 - share) * self.bends[i][nxt]
-                )
-                value = value + (p[BETWEEN + name] * bent if model.hold == "between" else bent)
-            columns.append(value)
-        if not columns:
-            return [Named._of({})] * len(shares)
-        names = model.inputs
-        return [Named._of(dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)]
-
-
-def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
-    """Integrate with fixed steps between the samples; the class describes the methods.
-
-    All batches have the same included effects, and unknown forces either with equal knots or none.
-    """
-    longest = max(jobs.longest for _, jobs in batches)
-    clock = _Clock.of(model, batches, longest)
-    theta = np.vstack([jobs.theta for _, jobs in batches])
-    segments = np.vstack([jobs.segments for _, jobs in batches])
-    included = batches[0][1].included
-    magnitudes = (
-        np.vstack([jobs.magnitudes for _, jobs in batches])
-        if included
-        else np.zeros((len(theta), 0))
-    )
-    forces = None
-    if batches[0][1].forces is not None:
-        forces = np.concatenate([jobs.forces for _, jobs in batches if jobs.forces is not None])
-    x = np.ascontiguousarray(np.vstack([jobs.starts for _, jobs in batches]).T, dtype=np.float64)
-    count = x.shape[1]
-    last = segments[:, 1] - segments[:, 0]
-    p = Named({q.name: theta[:, i] for i, q in enumerate(model.parameters)})
-    names = [s.name for s in model._states]
-    base = len(names)
-    states = model.states(included)
-    outputs = np.full((longest, count, len(model.outputs)), np.nan)
-    ends = np.full((count, len(states)), np.nan)
-    inverse = {n: i for i, n in enumerate(names)}
-    coordinates = {c.name: c for c in model.coordinates}
-    knots = 0 if forces is None else forces.shape[2]
-    job = np.arange(count)
-    begin = clock.time[0]
-    span = clock.time[last, job] - begin
-
-    ours = calling(f"model {model.name}: its rates function")
-    theirs = [calling(f"effect {t.name}: its rate") for t in included]
-    effects: list[tuple[str, Any, dict[str, int]]] = []
-    shapes = [t.shape for t in included]
-    at = base
-    for candidate in included:
-        hidden = [h.name for h in candidate.effect.hidden]
-        taken = [name for name in hidden if name in inverse]
-        if taken:
-            raise InvalidParameter(
-                f"effect {candidate.name}: its hidden state {taken[0]!r} has the name "
-                "of a state of "
-                f"model {model.name}; rename one of them"
-            )
-        rows = {name: at + j for j, name in enumerate(hidden)}
-        effects.append((candidate.name, candidate.effect.rate, rows))
-        at += len(hidden)
-
-    def view(x: Array) -> Named:
-        return Named._of(dict(zip(names, x, strict=False)))
-
-    permitted = ((), (1,), (count,))
-
-    def wrong_shape(of: str, state: str, value: Any) -> InvalidParameter:
-        return InvalidParameter(
-            f"{of}: rate of {state} has shape {np.shape(value)}, expected a number or one value a "
-            f"job, ({count},)"
-        )
-
-    def rates(t: Array, x: Array, u: Named) -> Array:
-        named = view(x)
-        out = np.empty_like(x)
-        with ours:
-            own_rates = tuple(model._rates(t, named, u, p))
-        if len(own_rates) != base:
-            raise InvalidParameter(
-                f"model {model.name}: rates returned {len(own_rates)} values, expected one for "
-                f"each state: {', '.join(names)}"
-            )
-        for i, value in enumerate(own_rates):
-            if np.shape(value) not in permitted:
-                raise wrong_shape(f"model {model.name}", names[i], value)
-            out[i] = value
-        out[base:] = 0.0
-        for k, (effect, own, memory) in enumerate(effects):
-            seen = named
-            if memory:
-                held = {name: x[row] for name, row in memory.items()}
-                seen = Named._of({**named._values, **held})
-            with theirs[k]:
-                change: Any = own(t, seen, u, p, magnitudes[:, k], shapes[k])
-            if not isinstance(change, Mapping):
-                raise InvalidParameter(
-                    f"effect {effect}: rate returned {type(change).__name__}, expected a "
-                    "dictionary of rates by name of the state"
-                )
-            for name, value in change.items():
-                row = inverse.get(name, memory.get(name))
-                if row is None:
-                    raise InvalidParameter(
-                        f"effect {effect}: rate changes {name!r}, which is no state; known are "
-                        f"{', '.join([*names, *memory])}"
-                    )
-                if np.shape(value) not in permitted:
-                    raise wrong_shape(f"effect {effect}", name, value)
-                out[row] += value
-        if forces is not None:
-            place = np.clip((t - begin) / span, 0.0, 1.0) * (knots - 1)
-            left = np.minimum(place.astype(np.intp), knots - 2)
-            share = place - left
-            for j, port in enumerate(model.ports):
-                force = (1.0 - share) * forces[job, j, left]
-                force = force + share * forces[job, j, left + 1]
-                if port.name in coordinates:
-                    pushed = coordinates[port.name]._push(force, t, named, u, p)
-                else:
-                    pushed = {model._port_states[port.name]: force}
-                for state, value in pushed.items():
-                    out[inverse[state]] += value
-        return out
-
-    shows_rates = any(isinstance(of, Rate) for of in model._outputs.values())
-    ending = set(last.tolist())
-    substeps = model.substeps or 1
-    halves = np.arange(2 * substeps + 1) / (2 * substeps)
-    for j in range(longest):
-        t = clock.time[j]
-        u = clock.inputs(model, j, halves if j < longest - 1 else halves[:1], p)
-        named = view(x)
-        slopes = rates(t, x, u[0]) if shows_rates else None
-        for o, name in enumerate(model.outputs):
-            of = model._outputs[name]
-            if isinstance(of, str):
-                outputs[j, :, o] = named[of]
-            elif isinstance(of, Rate):
-                assert slopes is not None
-                outputs[j, :, o] = slopes[inverse[of.state]]
-            else:
-                with calling(f"model {model.name}: its output {name}"):
-                    outputs[j, :, o] = of(t, named, u[0], p)
-        if j in ending:
-            ends[last == j] = x.T[last == j]
-        if j == longest - 1:
-            break
-        h = (clock.time[j + 1] - t) / substeps
-        half = 0.5 * h
-        for s in range(substeps):
-            u0, um, u1 = u[2 * s : 2 * s + 3]
-            t0 = t + s * h
-            if model.method == "rk4":
-                k1 = rates(t0, x, u0)
-                k2 = rates(t0 + half, x + half * k1, um)
-                k3 = rates(t0 + half, x + half * k2, um)
-                k4 = rates(t0 + h, x + h * k3, u1)
-                x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-            else:
-                x = _rosenbrock(rates, states, t0, h, x, u0, u1)
-    out, at = [], 0
-    for _, jobs in batches:
-        own = slice(at, at + jobs.count)
-        part = np.ascontiguousarray(np.moveaxis(outputs[: jobs.longest, own], 0, 1))
-        out.append(Simulated(outputs=part, ends=ends[own]))
-        at += jobs.count
-    return out
-
-
-def _bends(record: Record, signals: Sequence[Array]) -> list[Array]:
-    """Second derivatives, at the samples, of the cubic splines through the inputs."""
-    from scipy.interpolate import CubicSpline
-
-    return [np.asarray(CubicSpline(record.time, s)(record.time, 2)) for s in signals]
+def _effects_of(jobs: Jobs) -> tuple[tuple[int, str], ...]:
+    """Key of the included effects with their shapes."""
+    return tuple((id(t.effect), repr(t.shape)) for t in jobs.included)
 
 
 def _same_kind(one: str, other: str) -> bool:
@@ -478,39 +290,3 @@ def _same_kind(one: str, other: str) -> bool:
 
 def _per_second(unit: str) -> str:
     return f"{unit}^2" if unit.endswith("/s") else f"{unit}/s"
-
-
-GAMMA = 1.0 - np.sqrt(0.5)
-
-
-def _rosenbrock(
-    rates: Callable[[Array, Array, Named], Array],
-    states: Sequence[State],
-    t: Array,
-    h: Array,
-    x: Array,
-    u0: Named,
-    u1: Named,
-) -> Array:
-    """One step of ROS2 (Verwer et al. 1999).
-
-    It is L-stable and keeps order 2 with any approximate Jacobian; here it is computed by finite
-    differences.
-    """
-    nx, count = x.shape
-    f0 = rates(t, x, u0)
-    jacobian = np.empty((count, nx, nx))
-    for i, state in enumerate(states):
-        step = 1e-6 * (np.abs(x[i]) + state.scale)
-        moved = x.copy()
-        moved[i] += step
-        jacobian[:, :, i] = ((rates(t, moved, u0) - f0) / step).T
-    matrix = np.eye(nx) - GAMMA * h[:, None, None] * jacobian
-    bad = ~np.all(np.isfinite(matrix), axis=(1, 2))
-    matrix[bad] = np.eye(nx)
-    k1 = np.linalg.solve(matrix, f0.T[:, :, None])[:, :, 0].T
-    f1 = rates(t + h, x + h * k1, u1)
-    k2 = np.linalg.solve(matrix, (f1 - 2.0 * k1).T[:, :, None])[:, :, 0].T
-    new = x + h * (1.5 * k1 + 0.5 * k2)
-    new[:, bad] = np.nan
-    return new
