@@ -98,6 +98,8 @@ class OdeModel(Stepped):
         self.hold: Literal["auto", "linear", "zero", "spline", "between"] = hold
         self.method = method
         self._resolved = self._free_steps = False
+        #: By included effects: whether the variational equations predict changes of the outputs.
+        self._smooth: dict[object, bool] = {}
         self._states = tuple(states)
         self._rates = rates
         self._outputs = dict(outputs)

@@ -53,19 +53,24 @@ def variational_sensitivities(
 
     None: the right-hand side jumps, so that the request needs differences of simulations.
     """
+    known: dict[object, bool] = model._smooth
+    keys = [tuple((c.name, repr(c.shape)) for c in r.included) for r in requests]
+    # One request decides for all with the same included effects: the test takes two simulations.
+    tested = {key: i for i, key in reversed(list(enumerate(keys))) if key not in known}
     batches = [(r.record, r.jobs()) for r in requests]
-    moves = [_moves(model, r) for r in requests]
-    moved = [(r.record, to.jobs()) for r, m in zip(requests, moves, strict=True) for to in m[:2]]
+    moves = {key: _moves(model, requests[i]) for key, i in tested.items()}
+    moved = [(requests[tested[key]].record, to.jobs()) for key, m in moves.items() for to in m[:2]]
     count = sum(jobs.count for _, jobs in batches)
     run = integrate(model, [*batches, *moved], keep=count)
-    variation = _Variation(model, requests, batches, run)
-    out: list[Sensitivity | None] = []
-    for i, (request, s) in enumerate(zip(requests, variation.results(), strict=True)):
-        at = len(requests) + 2 * i
+    found = _Variation(model, requests, batches, run).results()
+    for k, (key, i) in enumerate(tested.items()):
+        at = len(requests) + 2 * k
         changed = [other.outputs for other in run.runs[at : at + 2]]
-        smooth = _predicts(model, request, s, changed, moves[i][2])
-        out.append(_asked(request, s) if smooth else None)
-    return out
+        known[key] = _predicts(model, requests[i], found[i], changed, moves[key][2])
+    return [
+        _asked(request, s) if known[key] else None
+        for request, s, key in zip(requests, found, keys, strict=True)
+    ]
 
 
 def _moves(
