@@ -57,6 +57,7 @@ MAY_USE = {
         "run": f"{MODEL} data",
         "fit": f"{GROUND} blas data",
         "gap": f"{GROUND} _core data fit",
+        "diagnosis": f"{GROUND} data fit gap",
         "adapters": f"{RUN} fit",
         "action": RUN,
         "graphics": RUN,

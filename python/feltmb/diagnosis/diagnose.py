@@ -1,0 +1,64 @@
+"""The diagnosis, step by step: prepare, fit, score, search, predict held-out records, judge."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from feltmb.data import Record
+from feltmb.diagnosis.options import Options
+from feltmb.diagnosis.records import prepare
+from feltmb.diagnosis.result import Result
+from feltmb.diagnosis.search import search
+from feltmb.diagnosis.variation import varies, with_variation
+from feltmb.diagnosis.verdict import judge
+from feltmb.fit.model import Effect, Model
+
+__all__ = ["diagnose"]
+
+
+def diagnose(
+    model: Model,
+    effects: Sequence[Effect],
+    records: Sequence[Record],
+    *,
+    hold_out: Sequence[str] | str | None = None,
+    options: Options | None = None,
+    tell: Callable[[str, float], None] | None = None,
+) -> Result:
+    """Find the effects that a model lacks.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    effects
+        Effects that it may lack.
+    records
+        Measured runs; at least one.
+    hold_out
+        Names of the records that are not fitted; default: those with the role "held_out", else
+        every third of three or more records, else every second block of each record.
+    options
+        Options; default: ``Options()``.
+    tell
+        Is called with the stage and the share of the work that is done [1]; default: nothing is
+        called.
+
+    Returns
+    -------
+    Result
+        Verdict with named causes or classes, magnitudes, and residuals.
+
+    Raises
+    ------
+    InvalidParameter, DataError
+        Model, effects and records do not fit together.
+    """
+    options = options or Options()
+    begun = time.monotonic()
+    problem = prepare(model, effects, records, hold_out, options)
+    if varies(problem):
+        problem = with_variation(problem)
+    searched = search(problem, options, tell)
+    return judge(searched, options, time.monotonic() - begun)

@@ -1,0 +1,317 @@
+"""Fits of sets of causes: a damped Gauss-Newton method, and the noise that a set leaves.
+
+A fit is a generator that yields the points at which it needs residuals. Several fits proceed in
+step, and the simulations of one step are one call of the model (:func:`together`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.diagnosis.evidence import (
+    Fitted,
+    Prior,
+    System,
+    estimation_share,
+    local_penalty,
+    log_odds,
+    prior_of,
+    system,
+)
+from feltmb.diagnosis.linear import Ask, Linear, Point, count_global, evaluate, local_of
+from feltmb.diagnosis.problem import Members, Observed, Problem
+
+__all__ = ["Start", "Stop", "fit_local", "fit_sets", "together"]
+
+#: Smallest gain of a step that continues a fit [log evidence].
+CONVERGED = 0.1
+#: Largest number of steps, and largest change of the logarithms of noise and share at the end.
+ROUNDS, SETTLED = 10, 0.05
+#: Largest change of a global unknown in one step, in its scale.
+LARGEST_STEP = 10.0
+#: Effective share below which a model is so wrong that it may have moved the parameters far away.
+POOR = 0.3
+
+Steps = Generator[Ask, list[Linear], "Fitted | None"]
+
+
+class Stop(Exception):
+    """The time is up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where the fit of a set begins."""
+
+    members: Members
+    points: tuple[Point, ...]
+    """Starts; the best fit of them is kept."""
+
+
+def together(
+    problem: Problem, runs: Sequence[Steps], check: Callable[[], None] = lambda: None
+) -> list[Fitted | None]:
+    """Advance fits in step until all have ended.
+
+    Parameters
+    ----------
+    problem
+        The problem of all fits.
+    runs
+        The fits.
+    check
+        Is called before each step; may raise :class:`Stop`.
+    """
+    results: list[Fitted | None] = [None] * len(runs)
+    waiting: dict[int, Ask] = {}
+
+    def advance(i: int, value: list[Linear] | None) -> None:
+        try:
+            waiting[i] = runs[i].send(value)  # type: ignore[arg-type]
+        except StopIteration as end:
+            results[i] = end.value
+
+    for i in range(len(runs)):
+        advance(i, None)
+    while waiting:
+        check()
+        asks, waiting = waiting, {}
+        answers = evaluate(problem, list(asks.values()))
+        for i, answer in zip(asks, answers, strict=True):
+            advance(i, answer)
+    return results
+
+
+def fit_sets(
+    problem: Problem, starts: Sequence[Start], check: Callable[[], None] = lambda: None
+) -> list[Fitted | None]:
+    """Fit several sets, each from all of its starts; None: a set that cannot be simulated."""
+    runs = [(i, point) for i, s in enumerate(starts) for point in s.points]
+    fits = together(problem, [_descend(problem, starts[i].members, at) for i, at in runs], check)
+    best: list[Fitted | None] = [None] * len(starts)
+    for (i, _), found in zip(runs, fits, strict=True):
+        old = best[i]
+        if found is not None and (old is None or log_odds(problem, found, old) > 0.0):
+            best[i] = found
+    return best
+
+
+def noise_left(problem: Problem, linears: Sequence[Linear], taken: float = 0.0) -> Array:
+    """Rms of what a set leaves by channel, at least the noise of the sensor (1).
+
+    ``taken``: share of the samples that the fit took as degrees of freedom.
+    """
+    squares = sum((x.residual**2).sum(axis=0) for x in linears)
+    rms = np.sqrt(squares / np.maximum(problem.samples, 1.0) / (1.0 - min(taken, 0.5)))
+    return np.asarray(np.maximum(rms, 1.0))
+
+
+def _taken(
+    problem: Problem,
+    members: Members,
+    point: Point,
+    linears: Sequence[Linear],
+    noise: Array,
+    share: float,
+) -> float:
+    """Share of the samples that the fit took as degrees of freedom of the global unknowns."""
+    own = system(problem, problem.fit, members, point, linears, noise, share)
+    weight = prior_of(problem, members).weights(point.x)
+    taken = float(np.trace(np.linalg.solve(own.matrix + np.diag(weight), own.matrix)))
+    for inner, _, _ in own.locals:
+        taken += len(inner) - float(np.trace(np.linalg.inv(inner)))
+    return max(taken, 0.0) / (share * float(problem.samples.sum()))
+
+
+def _limits(problem: Problem, members: Members) -> tuple[Array, Array]:
+    """Lower and upper limits of the global unknowns."""
+    low, high = problem.parameter_bounds
+    bounds = [c.bounds for m in members if (c := problem.causes[m.cause]).effect is not None]
+    shapes = count_global(problem, members) - len(low) - len(bounds)
+    return (
+        np.concatenate([low, [b[0] for b in bounds], np.full(shapes, -3.0)]),
+        np.concatenate([high, [b[1] for b in bounds], np.full(shapes, 3.0)]),
+    )
+
+
+def _step(
+    own: System, prior: Prior, x: Array, low: Array, high: Array, damping: float
+) -> tuple[Array, list[Array]]:
+    """Step of global and local unknowns within the limits, from normal equations."""
+    weight = prior.weights(x)
+    matrix = own.matrix + np.diag(weight * (1.0 + damping) + damping * np.diag(own.matrix))
+    right = own.right - weight * x
+    step, held = np.zeros(x.size), np.zeros(x.size, dtype=bool)
+    for _ in range(6):
+        inner = ~held
+        if inner.any():
+            target = right[inner] - matrix[np.ix_(inner, held)] @ step[held]
+            step[inner] = np.linalg.solve(matrix[np.ix_(inner, inner)], target)
+        # A limit that the step passes is reached exactly, and the others adapt to it.
+        beyond = inner & ((x + step < low) | (x + step > high))
+        if not beyond.any():
+            break
+        step[beyond] = np.clip(x + step, low, high)[beyond] - x[beyond]
+        held |= beyond
+    step = np.clip(np.clip(x + step, low, high) - x, -LARGEST_STEP, LARGEST_STEP)
+    local: list[Array] = [
+        np.asarray(np.linalg.solve(inner, target - coupling @ step))
+        for inner, coupling, target in own.locals
+    ]
+    return np.asarray(step), local
+
+
+def _cost(
+    problem: Problem,
+    records: Sequence[Observed],
+    members: Members,
+    prior: Prior,
+    point: Point,
+    linears: Sequence[Linear],
+    noise: Array,
+    share: float,
+) -> float:
+    """Half of the squared residuals and of the penalties; infinite if a simulation failed."""
+    squares = sum((x.residual**2).sum(axis=0) for x in linears)
+    total = share * float((squares / noise**2).sum())
+    total += prior.penalty(point.x) + local_penalty(problem, records, members, point)
+    return 0.5 * total if np.isfinite(total) else np.inf
+
+
+def _descend(problem: Problem, members: Members, point: Point) -> Steps:
+    """Damped Gauss-Newton steps of the unknowns; noise and share follow what the set leaves.
+
+    A step minimizes share |residual / noise|^2 and the penalties at the present noise.
+    """
+    prior = prior_of(problem, members)
+    low, high = _limits(problem, members)
+    point = replace(point, x=np.clip(point.x, low, high))
+    seen = yield Ask(members, point, problem.fit)
+    if any(x.failed for x in seen):
+        return None
+    # The share is that of what the set leaves: at the start, the motion itself is a residual.
+    noise, share, settling = noise_left(problem, seen), 1.0, False
+    damping, derivatives = 1e-3, True
+    for _ in range(ROUNDS):
+        left = noise_left(problem, seen, _taken(problem, members, point, seen, noise, share))
+        left_share = estimation_share(problem, members, point, seen, left) if settling else share
+        change = np.abs(np.log(left / noise)).max() + abs(np.log(left_share / share))
+        noise, share = left, left_share
+        now = _cost(problem, problem.fit, members, prior, point, seen, noise, share)
+        gain = 0.0
+        for _ in range(6):
+            own = system(problem, problem.fit, members, point, seen, noise, share, damping)
+            step, local = _step(own, prior, point.x, low, high, damping)
+            if change < SETTLED and _promised(own, prior, point.x, step) < CONVERGED:
+                break
+            moved = Point(
+                point.x + step,
+                tuple(a + b for a, b in zip(point.local, local, strict=True)),
+            )
+            # The first trial is mostly accepted, and the next step needs its derivatives.
+            found = yield Ask(members, moved, problem.fit, derivatives=derivatives)
+            cost = _cost(problem, problem.fit, members, prior, moved, found, noise, share)
+            if cost < now:
+                if not derivatives:
+                    found = yield Ask(members, moved, problem.fit)
+                gain, derivatives = now - cost, True
+                point, seen = moved, found
+                damping /= 6.0
+                break
+            damping, derivatives = max(damping, 1e-3) * 8.0, False
+        if gain < CONVERGED and change < SETTLED:
+            if settling:
+                break
+            settling = True
+    return Fitted(members, point, tuple(seen), noise, share)
+
+
+def _promised(own: System, prior: Prior, x: Array, step: Array) -> float:
+    """Gain that a step of the global unknowns promises, to second order; local ones follow."""
+    slope = own.right - prior.weights(x) * x
+    inner = sum(float(target @ np.linalg.solve(matrix, target)) for matrix, _, target in own.locals)
+    return float(slope @ step) - 0.5 * float(step @ own.matrix @ step) + 0.5 * inner
+
+
+def fit_local(
+    problem: Problem,
+    records: tuple[Observed, ...],
+    members: Members,
+    point: Point,
+    noise: Array,
+    share: float,
+    rounds: int = 6,
+    parts: Sequence[float] = (1.0,),
+) -> Generator[Ask, list[Linear], Fitted | None]:
+    """Fit the unknowns of records only; the global unknowns keep their values.
+
+    Parameters
+    ----------
+    problem, members
+        The problem and the set.
+    records
+        Records, which may be held-out ones.
+    point
+        Global unknowns, and the start of the local ones.
+    noise, share
+        Noise by channel and effective share of the samples.
+    rounds
+        Largest number of steps for each part.
+    parts
+        Growing parts of the records that are fitted, as shares of their length: a start state that
+        is far off is found from the beginning of a record first.
+    """
+    prior = Prior(np.zeros(0), np.zeros(0, dtype=bool))
+    none = np.zeros(0)
+
+    def cut(linears: Sequence[Linear], part: float) -> list[Linear]:
+        out = []
+        for x in linears:
+            n = max(2, round(part * len(x.residual)))
+            out.append(Linear(x.residual[:n], x.by_global[:n], x.by_local[:n], x.by_further[:n]))
+        return out
+
+    seen = yield Ask(members, point, records, by_global=False)
+    for part in parts:
+        now = cut(seen, part)
+        local_point = Point(none, point.local)
+        cost = _cost(problem, records, members, prior, local_point, now, noise, share)
+        damping = 1e-3
+        for _ in range(rounds):
+            own = system(problem, records, members, local_point, now, noise, share, damping)
+            moved = replace(
+                point,
+                local=tuple(
+                    a + np.linalg.solve(inner, target)
+                    for a, (inner, _, target) in zip(point.local, own.locals, strict=True)
+                ),
+            )
+            found = yield Ask(members, moved, records, by_global=False)
+            trial = Point(none, moved.local)
+            own_cost = _cost(
+                problem, records, members, prior, trial, cut(found, part), noise, share
+            )
+            if not own_cost < cost:
+                damping *= 30.0
+                if damping > 1e3:
+                    break
+                continue
+            gain, cost, damping = cost - own_cost, own_cost, damping / 6.0
+            point, local_point, seen, now = moved, trial, found, cut(found, part)
+            if gain < CONVERGED:
+                break
+    if any(x.failed for x in seen):
+        return None
+    return Fitted(members, point, tuple(seen), noise, share)
+
+
+def empty_point(problem: Problem, members: Members, records: Sequence[Observed]) -> Point:
+    """Tabulated parameters, no magnitudes, listed shapes, and the expected starts."""
+    return Point(
+        np.zeros(count_global(problem, members)),
+        tuple(np.zeros(len(local_of(problem, members, o))) for o in records),
+    )

@@ -1,0 +1,212 @@
+"""A diagnosis as a problem: model, causes that it may lack, records, and the noise of sensors.
+
+All values are immutable. Unknowns are counted in their prior scales: parameters in standard
+deviations, magnitudes in expected magnitudes. Unknowns that are common to all records are *global*;
+start states, errors of sensors, and noise of inputs are *local* to their record.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb.data import Array, Record
+from feltmb.fit.model import Candidate, Effect, Model
+
+__all__ = ["RELEASED", "Cause", "Local", "Member", "Members", "Observed", "Problem"]
+
+#: Expected deviation of a parameter outside its tolerance, in standard deviations of its prior.
+RELEASED = 5.0
+#: Scales of a start state that is not known: as good as any value.
+UNKNOWN_START = 1e3
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Something that the model may lack: an effect, or a parameter outside its tolerance."""
+
+    name: str
+    component: str
+    effect: Effect | None = None
+    parameter: int | None = None
+    """Index of the parameter in ``model.parameters``."""
+    log_odds: float = 0.0
+    """Log of the prior odds that it exists."""
+
+    @property
+    def of_records(self) -> bool:
+        """Whether it is an error of the records: of a sensor or of a recorded input."""
+        return self.effect is not None and self.effect.kind in ("sensor", "input")
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Limits of the magnitude in expected magnitudes [1]."""
+        if self.effect is None:
+            return -math.inf, math.inf
+        low, high = self.effect.bounds
+        return low / self.effect.scale, high / self.effect.scale
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the magnitude has one sign only."""
+        return 0.0 in self.bounds
+
+
+@dataclass(frozen=True)
+class Member:
+    """A cause as a member of a set, with the shape from which its fit starts."""
+
+    cause: int
+    """Index in ``problem.causes``."""
+    shape: Any = None
+
+
+#: A set of causes, in the order of ``problem.causes``.
+Members = tuple[Member, ...]
+
+
+@dataclass(frozen=True)
+class Local:
+    """One unknown of a single record."""
+
+    kind: str
+    """"start", "gain", "offset", "delay" or "mode"."""
+    index: int
+    """Index of the state, of the channel, or of the mode."""
+    mean: float
+    """Prior mean [unit of the unknown]."""
+    scale: float
+    """Unit in which it is counted [unit of the unknown]."""
+    weight: float = 1.0
+    """Square of the scale over the standard deviation of the prior [1]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """A record, prepared for a comparison with the outputs of the model."""
+
+    record: Record
+    measured: Array
+    """Measured values by channel of the problem, (n, m); 0 where ``valid`` is False."""
+    valid: NDArray[np.bool_]
+    """(n, m)"""
+    sd: Array
+    """Standard deviation of the noise of the sensors [units of the channels], (n, m)."""
+    local: tuple[Local, ...] = ()
+    """Unknowns of the record, besides the hidden states of included effects."""
+    modes: Array | None = None
+    """Outputs by the noise of inputs and by variation from record to record: one pattern for each
+    standard normal coefficient [units of the channels], (n, m, q)."""
+
+    @cached_property
+    def samples(self) -> Array:
+        """Number of measured values by channel, (m,)."""
+        return np.asarray(self.valid.sum(axis=0), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Model, causes, and records."""
+
+    model: Model
+    causes: tuple[Cause, ...]
+    fit: tuple[Observed, ...]
+    held_out: tuple[Observed, ...]
+    channels: tuple[int, ...]
+    """Outputs of the model that a record shows, as indices in ``model.outputs``."""
+    exact: bool = False
+    """Whether no record states the noise of its sensors, so that it was estimated."""
+    notes: tuple[str, ...] = ()
+    """Assumptions about the records, for the report."""
+
+    @cached_property
+    def free(self) -> list[int]:
+        """Indices of the parameters that are fitted."""
+        return [i for i, p in enumerate(self.model.parameters) if p.sd > 0.0]
+
+    @cached_property
+    def tabulated(self) -> Array:
+        """Values of all parameters [their units], (p,)."""
+        return np.array([p.value for p in self.model.parameters], dtype=np.float64)
+
+    @cached_property
+    def unit(self) -> Array:
+        """Units in which the free parameters are counted [their units]."""
+        return np.array([self.model.parameters[i].size for i in self.free], dtype=np.float64)
+
+    @cached_property
+    def prior(self) -> Array:
+        """Weights of the priors of the free parameters [1]: 1, and nearly 0 without a prior."""
+        sd = np.array([self.model.parameters[i].sd for i in self.free], dtype=np.float64)
+        known = np.where(np.isfinite(sd), sd, UNKNOWN_START * self.unit)
+        return np.asarray((self.unit / known) ** 2)
+
+    @cached_property
+    def parameter_bounds(self) -> tuple[Array, Array]:
+        """Lower and upper limits of the free parameters, in their units of counting."""
+        own = [self.model.parameters[i] for i in self.free]
+        at, unit = self.tabulated[self.free], self.unit
+        low = (np.array([p.lower for p in own]) - at) / unit
+        high = (np.array([p.upper for p in own]) - at) / unit
+        return low, high
+
+    @cached_property
+    def samples(self) -> Array:
+        """Number of measured values of the fitted records by channel, (m,)."""
+        return np.asarray(sum(o.samples for o in self.fit))
+
+    @cached_property
+    def motion(self) -> Array:
+        """Rms of each channel about its mean in the fitted records [its unit], (m,)."""
+        return spread(self.fit)
+
+    @cached_property
+    def noise(self) -> Array:
+        """Rms of the noise of the sensors in the fitted records [units of the channels], (m,)."""
+        total = sum((np.where(o.valid, o.sd, 0.0) ** 2).sum(axis=0) for o in self.fit)
+        return np.asarray(np.sqrt(total / np.maximum(self.samples, 1.0)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return tuple(self.model.outputs[c] for c in self.channels)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the channels."""
+        sensors = {n: s for o in self.fit for n, s in o.record.sensors.items()}
+        return tuple(self.model.units.get(n, sensors[n].unit) for n in self.names)
+
+    def candidates(self, members: Members) -> tuple[Candidate, ...]:
+        """The effects of a set as candidates of the model; parameters are none."""
+        return tuple(
+            Candidate(effect, m.shape)
+            for m in members
+            if (effect := self.causes[m.cause].effect) is not None
+        )
+
+    def effects_of(self, members: Members) -> list[Effect]:
+        """The effects of a set."""
+        return [e for m in members if (e := self.causes[m.cause].effect) is not None]
+
+    def released(self, members: Members) -> NDArray[np.bool_]:
+        """Whether a free parameter may be outside its tolerance in a set, (p,)."""
+        own = {self.causes[m.cause].parameter for m in members}
+        return np.array([i in own for i in self.free], dtype=bool)
+
+
+def spread(records: Sequence[Observed]) -> Array:
+    """Rms of each channel about its mean in each record [its unit], (m,)."""
+    total, count = np.zeros(records[0].sd.shape[1]), np.zeros(records[0].sd.shape[1])
+    for o in records:
+        n = np.maximum(o.samples, 1.0)
+        about = np.where(o.valid, o.measured - o.measured.sum(axis=0) / n, 0.0)
+        total += (about**2).sum(axis=0)
+        count += o.samples
+    return np.asarray(np.sqrt(total / np.maximum(count, 1.0)))

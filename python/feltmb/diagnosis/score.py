@@ -1,0 +1,136 @@
+"""First-order gains of causes that a set lacks, with all other unknowns projected out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.diagnosis.evidence import Fitted, prior_of, system, weights
+from feltmb.diagnosis.linear import Ask, evaluate
+from feltmb.diagnosis.problem import RELEASED, Member, Problem
+
+__all__ = ["Score", "by_record", "scores"]
+
+
+@dataclass(frozen=True)
+class Score:
+    """A cause that a set lacks."""
+
+    cause: int
+    shape: Any
+    gain: float
+    """Gain to first order [log evidence], parameters refitted."""
+    step: float
+    """Magnitude to first order, in expected magnitudes [1]; within the bounds of the cause."""
+
+
+def scores(problem: Problem, fitted: Fitted) -> list[Score]:
+    """The best shape of each cause that a set lacks, largest gain first.
+
+    The slope of a one-sided effect excludes nothing: at a fit whose parameters took up its action
+    it may have the wrong sign.
+    """
+    further = tuple(
+        Member(i, shape)
+        for i, cause in enumerate(problem.causes)
+        if cause.effect is not None and i not in fitted.causes
+        for shape in cause.effect.shapes
+    )
+    linears = evaluate(problem, [Ask(fitted.members, fitted.point, problem.fit, further)])[0]
+    own = system(
+        problem, problem.fit, fitted.members, fitted.point, linears, fitted.noise, fitted.share
+    )
+    x = fitted.point.x
+    prior = prior_of(problem, fitted.members)
+    weight = prior.weights(x)
+    inverse = np.linalg.inv(own.matrix + np.diag(weight))
+    slope = own.gain - own.further @ inverse @ (own.right - weight * x)
+    curvature = own.own + 1.25 - np.einsum("ij,jl,il->i", own.further, inverse, own.further)
+    best: dict[int, Score] = {}
+    for m, b, a in zip(further, slope, curvature, strict=True):
+        if not (np.isfinite(b) and a > 0.0):
+            continue
+        low, high = problem.causes[m.cause].bounds
+        step = float(b / a)
+        inside = low <= step <= high and step != 0.0
+        start = float(np.clip(step if inside else 1.0, max(low, -3.0), min(high, 3.0)))
+        found = Score(m.cause, m.shape, 0.5 * float(b * b / a), start)
+        if m.cause not in best or found.gain > best[m.cause].gain:
+            best[m.cause] = found
+    best |= _released(problem, fitted, own.matrix, own.right, weight)
+    return sorted(best.values(), key=lambda s: -s.gain)
+
+
+def _released(
+    problem: Problem, fitted: Fitted, matrix: Array, right: Array, weight: Array
+) -> dict[int, Score]:
+    """Scores of parameters that may be outside their tolerances."""
+    x, found = fitted.point.x, {}
+    prior = prior_of(problem, fitted.members)
+    base = _gain(matrix, right, weight, x)
+    for i, cause in enumerate(problem.causes):
+        if cause.parameter is None or i in fitted.causes:
+            continue
+        k = problem.free.index(cause.parameter)
+        wider = weight.copy()
+        wider[k] = 1.25 * prior.weight[k] / RELEASED**2
+        gain = _gain(matrix, right, wider, x) - base + 0.5 * (weight[k] - wider[k]) * x[k] ** 2
+        found[i] = Score(i, None, float(gain), 0.0)
+    return found
+
+
+def _gain(matrix: Array, right: Array, weight: Array, x: Array) -> float:
+    """Reduction of the cost by the best step, to second order."""
+    slope = right - weight * x
+    return float(0.5 * slope @ np.linalg.solve(matrix + np.diag(weight), slope))
+
+
+def by_record(problem: Problem, fitted: Fitted, k: int) -> tuple[Array, Array]:
+    """Magnitude of one effect in each record by itself, to first order, and its covariance.
+
+    A true effect has the same magnitude in every record; an imitation of something that no
+    candidate has changes with the motion. No simulation is needed.
+
+    Parameters
+    ----------
+    problem, fitted
+        The problem and a fitted set.
+    k
+        Index among the global unknowns.
+
+    Returns
+    -------
+    tuple
+        Values of the unknown in its scale, (records,), and their covariance.
+    """
+    prior = prior_of(problem, fitted.members)
+    weight = prior.weights(fitted.point.x)
+    g, count = fitted.point.x.size, len(problem.fit)
+    others = np.delete(np.arange(g), k)
+    size = g - 1 + count
+    matrix, right = np.zeros((size, size)), np.zeros(size)
+    matrix[: g - 1, : g - 1] += np.diag(weight[others])
+    right[: g - 1] -= weight[others] * fitted.point.x[others]
+    matrix[g - 1 :, g - 1 :] += 1e-3 * np.eye(count)
+    for r, (observed, linear) in enumerate(zip(problem.fit, fitted.linears, strict=True)):
+        own = system(
+            problem,
+            (observed,),
+            fitted.members,
+            type(fitted.point)(fitted.point.x, (fitted.point.local[r],)),
+            (linear,),
+            fitted.noise,
+            weights(problem, fitted, fitted),
+        )
+        at = np.append(np.arange(g - 1), g - 1 + r)
+        order = np.append(others, k)
+        matrix[np.ix_(at, at)] += own.matrix[np.ix_(order, order)]
+        right[at] += own.right[order]
+    covariance = np.linalg.inv(matrix)
+    step = covariance @ right
+    by = slice(g - 1, None)
+    values: Array = fitted.point.x[k] + step[by]
+    return values, np.array(covariance[by, by])

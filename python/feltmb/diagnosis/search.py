@@ -1,0 +1,308 @@
+"""Search for the sets of causes that explain the records: add, drop, exchange.
+
+Every smaller set gets the same chance as a larger one: it is also fitted from the parameters of the
+larger set. A cause is then never named because the fit without it had not converged.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.diagnosis.evidence import Fitted, log_odds
+from feltmb.diagnosis.fit import (
+    POOR,
+    Start,
+    Stop,
+    empty_point,
+    fit_local,
+    fit_sets,
+    noise_left,
+    together,
+)
+from feltmb.diagnosis.held_out import Predicted
+from feltmb.diagnosis.linear import Ask, Point, evaluate, local_of
+from feltmb.diagnosis.options import Options
+from feltmb.diagnosis.problem import Member, Members, Problem
+from feltmb.diagnosis.score import Score, scores
+from feltmb.errors import InvalidParameter
+
+__all__ = ["Searched", "search", "with_all_records"]
+
+#: Log evidence that a larger set must gain, and that a change must gain.
+WORTH, BETTER = 0.5, 0.1
+
+
+@dataclass(eq=False)
+class Searched:
+    """All fitted sets of a search."""
+
+    problem: Problem
+    sets: dict[tuple[int, ...], Fitted] = field(default_factory=dict)
+    tried: set[tuple[tuple[int, ...], int]] = field(default_factory=set)
+    first: list[Score] = field(default_factory=list)
+    """Scores at the fit of the model alone."""
+    complete: bool = True
+    simulations: int = 0
+
+    def ranked(self) -> tuple[list[Fitted], Array]:
+        """Sets in the order of their posterior probability, and these probabilities."""
+        return _rank(self.problem, list(self.sets.values()))
+
+
+def _rank(problem: Problem, sets: Sequence[Fitted]) -> tuple[list[Fitted], Array]:
+    """Sets in the order of their posterior probability, and these probabilities."""
+    best = _best(problem, sets)
+    values = np.array([log_odds(problem, s, best) for s in sets])
+    order = np.argsort(-values, kind="stable")
+    weight = np.exp(values[order] - values[order[0]])
+    return [sets[k] for k in order], weight / weight.sum()
+
+
+def _best(problem: Problem, sets: Sequence[Fitted]) -> Fitted:
+    """The set that no other one beats, in the order in which they were fitted."""
+    best = sets[0]
+    for s in sets[1:]:
+        if log_odds(problem, s, best) > 0.0:
+            best = s
+    return best
+
+
+def search(
+    problem: Problem,
+    options: Options,
+    tell: Callable[[str, float], None] | None = None,
+) -> Searched:
+    """Search the sets of causes.
+
+    Parameters
+    ----------
+    problem
+        Model, causes and records.
+    options
+        Options of the diagnosis.
+    tell
+        Is called with the stage and the share of the work that is done [1]; None: nothing is
+        called.
+
+    Raises
+    ------
+    InvalidParameter
+        The model alone cannot be simulated.
+    """
+    end = time.monotonic() + options.seconds
+
+    def check() -> None:
+        if time.monotonic() > end:
+            raise Stop
+
+    def told(stage: str, share: float) -> None:
+        if tell is not None:
+            tell(stage, share)
+
+    found = Searched(problem)
+    now = _model_alone(problem, found)
+    try:
+        _climb(problem, options, found, now, check, told)
+    except (Stop, KeyboardInterrupt):
+        found.complete = False
+    return found
+
+
+def _model_alone(problem: Problem, found: Searched) -> Fitted:
+    """Fit of the model without causes; start states that are not known are fitted first."""
+    point = empty_point(problem, (), problem.fit)
+    if any(q.weight < 1e-4 for o in problem.fit for q in o.local):
+        seen = evaluate(problem, [Ask((), point, problem.fit, derivatives=False)])[0]
+        if not any(x.failed for x in seen):
+            parts = (0.03, 0.1, 0.3, 1.0)
+            run = fit_local(
+                problem, problem.fit, (), point, noise_left(problem, seen), 1.0, parts=parts
+            )
+            started = together(problem, [run])[0]
+            point = point if started is None else started.point
+    fitted = fit_sets(problem, [Start((), (point,))])[0]
+    if fitted is None:
+        raise InvalidParameter(
+            f"model {problem.model.name}: its simulation gives no finite outputs for the "
+            "tabulated parameters, expected a model that can follow the records"
+        )
+    found.sets[()] = fitted
+    return fitted
+
+
+def _start(problem: Problem, members: Members, origin: Fitted, steps: dict[int, float]) -> Start:
+    """Start of the fit of a set from the fit of another one."""
+    p = len(problem.free)
+    point = empty_point(problem, members, problem.fit)
+    x, base = point.x, origin.point
+    x[:p] = base.x[:p]
+    have = [m.cause for m in origin.members if problem.causes[m.cause].effect is not None]
+    own = [m.cause for m in members if problem.causes[m.cause].effect is not None]
+    for k, cause in enumerate(own):
+        x[p + k] = base.x[p + have.index(cause)] if cause in have else steps.get(cause, 1.0)
+    shared = len(problem.model.states())
+    local = []
+    for r, (o, values) in enumerate(zip(problem.fit, base.local, strict=True)):
+        mine = values.copy() if len(values) == len(point.local[r]) else point.local[r].copy()
+        n = sum(q.kind != "start" or q.index < shared for q in local_of(problem, members, o))
+        mine[:n] = values[:n]
+        local.append(mine)
+    points = [Point(x, tuple(local))]
+    if steps and origin.share < POOR:
+        # A model that is far off moves its parameters: also from the tabulated ones, and with the
+        # expected magnitudes.
+        plain = x.copy()
+        plain[:p] = 0.0
+        for k, cause in enumerate(own):
+            if cause in steps:
+                low, high = problem.causes[cause].bounds
+                plain[p + k] = np.clip(np.sign(steps[cause]) or 1.0, low, high)
+        points.append(Point(plain, tuple(local)))
+    return Start(members, tuple(points))
+
+
+def _with(origin: Fitted, score: Score) -> Members:
+    """A set with one more cause."""
+    return tuple(sorted((*origin.members, Member(score.cause, score.shape)), key=lambda m: m.cause))
+
+
+def _refit(
+    problem: Problem,
+    found: Searched,
+    jobs: Sequence[tuple[Members, Fitted, dict[int, float]]],
+    check: Callable[[], None],
+) -> list[Fitted | None]:
+    """Fit sets from others, each once from each, and keep the best fit of every set."""
+    todo = []
+    for members, origin, steps in jobs:
+        key = tuple(m.cause for m in members)
+        if (key, id(origin)) in found.tried or found.sets.get(key) is origin:
+            continue
+        found.tried.add((key, id(origin)))
+        todo.append(_start(problem, members, origin, steps))
+    for fitted in fit_sets(problem, todo, check):
+        if fitted is None:
+            continue
+        old = found.sets.get(fitted.causes)
+        if old is None or log_odds(problem, fitted, old) > 0.0:
+            found.sets[fitted.causes] = fitted
+    return [found.sets.get(tuple(m.cause for m in members)) for members, _, _ in jobs]
+
+
+def with_all_records(
+    found: Searched, sets: Sequence[Fitted], predicted: Sequence[Predicted | None]
+) -> Searched:
+    """The sets, fitted to all records, so that the held-out ones decide by the same likelihood.
+
+    A set that cannot follow the held-out records is omitted. Then every smaller set gets the chance
+    to start from the parameters of the best one.
+    """
+    problem = found.problem
+    everything = replace(problem, fit=(*problem.fit, *problem.held_out), held_out=())
+    out = Searched(everything, first=found.first, complete=found.complete)
+    starts = [
+        Start(
+            s.members,
+            (
+                Point(s.point.x, (*s.point.local, *p.point.local)),
+                *(() if s.causes else (empty_point(everything, (), everything.fit),)),
+            ),
+        )
+        for s, p in zip(sets, predicted, strict=True)
+        if p is not None
+    ]
+    for fitted in fit_sets(everything, starts):
+        if fitted is not None:
+            out.sets[fitted.causes] = fitted
+    if () not in out.sets:
+        raise InvalidParameter(
+            f"model {problem.model.name}: its simulation of the held-out records gives no finite "
+            "outputs, expected a model that can follow all records"
+        )
+    best = _best(everything, list(out.sets.values()))
+    smaller = [s for s in out.sets.values() if set(s.causes) < set(best.causes)]
+    _refit(everything, out, [(s.members, best, {}) for s in smaller], lambda: None)
+    return out
+
+
+def _choose(problem: Problem, ranked: Sequence[Score], tries: int) -> list[Score]:
+    """The first causes by score; errors of records take at most half of the places."""
+    chosen: list[Score] = []
+    of_records = 0
+    for s in ranked:
+        if len(chosen) == tries:
+            break
+        if problem.causes[s.cause].of_records:
+            if of_records >= (tries + 1) // 2:
+                continue
+            of_records += 1
+        chosen.append(s)
+    return chosen
+
+
+def _climb(
+    problem: Problem,
+    options: Options,
+    found: Searched,
+    now: Fitted,
+    check: Callable[[], None],
+    tell: Callable[[str, float], None],
+) -> None:
+    def gain(s: Fitted, over: Fitted) -> float:
+        return log_odds(problem, s, over)
+
+    def less(origin: Fitted) -> list[Fitted]:
+        """Every set with one cause less, fitted from the parameters of the larger set."""
+        jobs = [
+            (tuple(m for m in origin.members if m is not out), origin, dict[int, float]())
+            for out in origin.members
+        ]
+        return [f for f in _refit(problem, found, jobs, check) if f is not None]
+
+    while len(now.members) < options.most:  # add
+        tell("search", len(now.members) / options.most)
+        ranked = scores(problem, now)
+        if not found.first:
+            found.first = ranked
+        jobs = [
+            (_with(now, s), now, {s.cause: s.step}) for s in _choose(problem, ranked, options.tries)
+        ]
+        fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
+        if not fits:
+            break
+        best = _best(problem, fits)
+        if gain(best, now) < WORTH:
+            break
+        before, now = now, best
+        while now.members:  # drop
+            smaller = less(now)
+            if not smaller:
+                break
+            best = _best(problem, smaller)
+            if gain(best, now) < (WORTH if best.causes == before.causes else 0.0):
+                break
+            now = best
+        if now.causes == before.causes and gain(now, before) <= 0.0:
+            break
+    improved = True
+    while improved and now.members:  # exchange
+        improved = False
+        tell("exchange", 0.9)
+        for out in now.members:
+            rest = next((f for f in less(now) if out.cause not in f.causes), None)
+            if rest is None:
+                continue
+            jobs = [
+                (_with(rest, s), rest, {s.cause: s.step})
+                for s in scores(problem, rest)[:3]
+                if s.cause != out.cause
+            ]
+            fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
+            if fits and gain(best := _best(problem, fits), now) > BETTER:
+                now, improved = best, True
+                break

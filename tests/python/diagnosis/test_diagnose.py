@@ -1,0 +1,124 @@
+"""The diagnosis of machines whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from feltmb.diagnosis.diagnose import diagnose
+from feltmb.diagnosis.options import Options
+from feltmb.diagnosis.report import statement, text
+from feltmb.diagnosis.result import Reason, Verdict
+from feltmb.errors import FeltmbError
+from feltmb.gap import Parameter, Record, Sensor
+
+from .conftest import spring_record
+
+
+def three(**effects):
+    return [
+        spring_record("a", 2, **effects),
+        spring_record("b", 5, **effects),
+        spring_record("c", 3, role="held_out", **effects),
+    ]
+
+
+def test_the_true_effect_is_named_with_its_magnitude(spring, causes):
+    result = diagnose(spring, causes, three(hardening=2000.0))
+    assert result.verdict is Verdict.NAMED
+    (named,) = result.named
+    assert named.cause == "hardening"
+    assert named.low < 2000.0 < named.high
+    assert named.probability > 0.99
+    assert len(named.by_record) == 3
+    assert result.held_out_gain[2] < 0.3
+    (channel,) = result.channels
+    assert channel.explained == pytest.approx(channel.noise, rel=0.1)
+    assert channel.calibrated > 2.0 * channel.noise
+
+
+def test_nothing_is_named_where_nothing_is_missing(spring, causes):
+    result = diagnose(spring, causes, three())
+    assert result.verdict in (Verdict.CALIBRATED, Verdict.NO_GAP)
+    assert not result.named
+    assert not result.classes
+    assert result.nothing > 0.8
+
+
+def test_two_effects_are_both_named(spring, causes):
+    result = diagnose(spring, causes, three(hardening=2000.0, preload=0.5))
+    assert {n.cause for n in result.named} == {"hardening", "preload"}
+
+
+def test_effects_that_act_alike_are_one_class(spring, causes):
+    twin = type(causes[0])(
+        name="twin",
+        component="spring",
+        unit="N/m^3",
+        scale=1000.0,
+        regressor=lambda r, _: r.inputs["x"] ** 3,
+    )
+    result = diagnose(spring, (*causes, twin), three(hardening=2000.0))
+    assert result.verdict is Verdict.ONE_OF
+    (group,) = result.classes
+    assert {n.cause for n in group} == {"hardening", "twin"}
+
+
+def test_a_cause_outside_the_list_is_unknown(spring, causes):
+    result = diagnose(spring, causes, three(foreign=2.0))
+    assert result.verdict is Verdict.UNKNOWN
+    assert not result.named
+
+
+def test_a_small_discrepancy_changes_neither_name_nor_coverage(spring, causes):
+    result = diagnose(spring, causes, three(hardening=3000.0, foreign=0.1))
+    assert [n.cause for n in result.named] == ["hardening"]
+    assert result.named[0].low < 3000.0 < result.named[0].high
+
+
+def test_a_parameter_far_outside_its_tolerance_is_told(spring, causes):
+    narrow = spring.with_parameters({"k": Parameter(name="k", value=60.0, sd=1.0, unit="N/m")})
+    result = diagnose(narrow, causes, three())
+    assert [(n.cause, n.parameter) for n in result.named] == [("k", True)]
+    assert result.named[0].low < 100.0 < result.named[0].high
+
+
+def test_noise_that_is_not_stated_is_told(spring, causes):
+    records = [
+        Record(
+            name=r.name,
+            role=r.role,
+            time=r.time,
+            inputs=r.inputs,
+            outputs=r.outputs,
+            sensors={"force": Sensor(name="force", unit="N")},
+        )
+        for r in three(hardening=2000.0)
+    ]
+    result = diagnose(spring, causes, records)
+    assert Reason.NOISE_NOT_STATED in result.reasons
+    assert np.isnan(result.channels[0].noise)
+    assert [n.cause for n in result.named] == ["hardening"]
+
+
+def test_good_enough_decides_what_matters(spring, causes):
+    result = diagnose(spring, causes, three(foreign=2.0), options=Options(good_enough={"N": 5.0}))
+    assert result.verdict is Verdict.NO_GAP
+
+
+def test_the_limit_of_time_still_answers(spring, causes):
+    result = diagnose(spring, causes, three(hardening=2000.0), options=Options(seconds=1e-6))
+    assert Reason.NOT_COMPLETE in result.reasons
+    assert not result.complete
+
+
+def test_the_text_tells_sizes_first(spring, causes):
+    result = diagnose(spring, causes, three(hardening=2000.0))
+    assert text(result).startswith(statement(result))
+    assert "hardening of " in statement(result)
+
+
+def test_faults_are_told_at_once(spring, causes):
+    other = type(causes[0])(name="stiffness", component="x", rate=dict)
+    with pytest.raises(FeltmbError, match=r"stiffness.*hardening"):
+        diagnose(spring, (*causes, causes[0], other), three())
