@@ -51,17 +51,17 @@ def test_two_effects_are_both_named(spring, causes):
 
 
 def test_effects_that_act_alike_are_one_class(spring, causes):
-    twin = type(causes[0])(
-        name="twin",
+    other = type(causes[0])(
+        name="other",
         component="spring",
         unit="N/m^3",
         scale=1000.0,
         regressor=lambda r, _: r.inputs["x"] ** 3,
     )
-    result = diagnose(spring, (*causes, twin), three(hardening=2000.0))
+    result = diagnose(spring, (*causes, other), three(hardening=2000.0))
     assert result.verdict is Verdict.ONE_OF
     (group,) = result.classes
-    assert {n.cause for n in group} == {"hardening", "twin"}
+    assert {n.cause for n in group} == {"hardening", "other"}
 
 
 def test_a_cause_outside_the_list_is_unknown(spring, causes):

@@ -32,6 +32,7 @@ PAGES = [
     "README.md",
     *TUTORIALS,
     "docs/explanation/gap.md",
+    "docs/explanation/diagnosis.md",
     "docs/reference/mechanism_files.md",
     *HOWTO,
 ]
