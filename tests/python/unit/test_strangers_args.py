@@ -1362,7 +1362,6 @@ CALLS = {
         "jobs": 1,
         "folder": None,
     },
-    "feltmb.run.sweep.value_at": lambda: {"action": pendulum(), "path": "arm.mass"},
     # study
     "feltmb.run.study.Case": lambda: {"variant": "base", "stroke": "s", "point": ()},
     "feltmb.run.study.Study": lambda: {
