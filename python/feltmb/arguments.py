@@ -410,8 +410,8 @@ def _sequence(kinds: list[_Kind | None], name: str, fixed: bool) -> _Kind:
                 for i, (inner, kind) in enumerate(zip(items, each, strict=False))
             ]
             # A list to which the function appends results remains the caller's.
-            if any(new is not old for new, old in zip(after, items, strict=False)):
-                items = after
+            same = all(new is old for new, old in zip(after, items, strict=False))
+            items = items if same and isinstance(items, list) else after
         return tuple(items) if name == "tuple" else items
 
     return _Kind(text, check)
