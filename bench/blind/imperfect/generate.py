@@ -197,7 +197,7 @@ def simulate(table: Table, given: Values, p: Values, e: Values) -> dict[str, Arr
 
 
 def _lagged_between(time: Array, y: Array, constant: Array) -> Array:
-    """Lag of a channel on a finer grid, so that it is exact between the samples as well."""
+    """Lag of a channel at eight points a sample, exact between the samples too."""
     fine = np.linspace(time[0], time[-1], 8 * (time.size - 1) + 1)
     return lagged(fine, np.asarray(CubicSpline(time, y)(fine)), constant)[::8]
 

@@ -52,7 +52,7 @@ def sweep(rng: np.random.Generator, t: Array, low: float, high: float, size: flo
 
 
 def mixed(rng: np.random.Generator, t: Array, k: int, low: float, high: float, rms: float) -> Array:
-    """Tones, steps and a sweep in turn; the fourth record has louder tones."""
+    """Tones, steps and a sweep in turn; the fourth record has larger tones."""
     if k == 1:
         return steps(rng, t, 14, -1.8 * rms, 1.8 * rms)
     if k == 2:
