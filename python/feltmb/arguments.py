@@ -126,7 +126,7 @@ class _Checks:
             where, value, expected = refused.args
             raise InvalidParameter(
                 f"{self._title()}: {where}: got {shown(value)}, expected {expected}"
-                f"{_hint(value, expected)}"
+                f"{_hint(where, value, expected)}"
             ) from None
         return tuple(checked_args), kwargs
 
@@ -188,8 +188,11 @@ class _Checks:
 text_readers: list[Callable[[str], float | None]] = []
 
 
-def _hint(value: object, expected: str) -> str:
-    if isinstance(value, str) and "number" in expected:
+def _hint(where: str, value: object, expected: str) -> str:
+    if isinstance(value, str) and expected.startswith("a sequence") and where.isidentifier():
+        if "numbers" not in expected:
+            return f"; write {where}=[{shown(value)}]"
+    elif isinstance(value, str) and "number" in expected:
         for read in text_readers:
             if (number := read(value)) is not None:
                 return f"; numbers are SI without a unit, write {number:.12g}"
@@ -407,8 +410,8 @@ def _sequence(kinds: list[_Kind | None], name: str, fixed: bool) -> _Kind:
                 for i, (inner, kind) in enumerate(zip(items, each, strict=False))
             ]
             # A list to which the function appends results remains the caller's.
-            if any(new is not old for new, old in zip(after, items, strict=False)):
-                items = after
+            same = all(new is old for new, old in zip(after, items, strict=False))
+            items = items if same and isinstance(items, list) else after
         return tuple(items) if name == "tuple" else items
 
     return _Kind(text, check)

@@ -10,7 +10,6 @@ from feltmb.adapters.library import Entry, Library, load_library
 from feltmb.adapters.model import MechanismModel
 from feltmb.adapters.signals import columns_of
 from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect
 from feltmb.mechanism import Action
 
@@ -50,12 +49,6 @@ def mechanism_model(
         A name is unknown; the message has the nearest known ones. A text is given instead of a list
         of names.
     """
-    for what, names in (("channels", channels), ("effects", effects), ("tolerances", tolerances)):
-        if isinstance(names, str):
-            raise InvalidParameter(
-                f"mechanism_model: {what} = {names!r}, expected a list of names; hint: "
-                f"{what}=[{names!r}]"
-            )
     if not isinstance(library, Library):
         library = load_library(action, library)
     estimated = _chosen(library, tolerances)

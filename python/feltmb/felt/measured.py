@@ -314,8 +314,8 @@ def _measured_loop(
     curves = monotone_curve(e[loading], f[loading], end), monotone_curve(e[back], f[back], end)
     meeting = (grid / end) ** MEETING
 
-    load, back = (curve.at(grid) for curve in curves)
-    made = _envelope(grid, load, back, meeting, name)
+    load = curves[0].at(grid)
+    made = _envelope(grid, load, curves[1].at(grid), meeting, name)
     made = replace(made, memory=_memory(made, e, f, branches))
     unsure = offset_error(curves[0]) if offset else 0.0
     cycles = complete_cycles(e, f, branches, grid, load)

@@ -188,7 +188,7 @@ class Desk:
                 return False
             return not quick or time.monotonic() - self._last_picture < PATIENCE
 
-        def work() -> tuple[dict[str, Any], dict[str, float]]:
+        def work() -> tuple[dict[str, Any], dict[str, float | str]]:
             begin = time.perf_counter()
             action = asked.turned.action(bench)
             run = simulated(action, asked.playing.stroke(), quick, stop)

@@ -407,6 +407,7 @@ def csv_compression():
 CALLS = {
     # feltmb
     "feltmb.Action": lambda: {"raw": pendulum().raw, "origin": "a"},
+    "feltmb.Action.value": lambda: (pendulum(), {"path": "arm.mass"}),
     "feltmb.Action.with_values": lambda: (pendulum(), {"values": {"arm.mass": "21 g"}}),
     "feltmb.IntegrationError": None,  # an exception: made by the program
     "feltmb.Gradient.effects": lambda: (gradient(), {"change": 0.01}),
@@ -1323,7 +1324,7 @@ CALLS = {
     },
     "feltmb.run.sweep.Axis.at": lambda: (
         sweeps().Axis("mass", (2.0,), ("arm.mass",), "scale"),
-        {"action": pendulum(), "value": 2.0},
+        {"value": 2.0},
     ),
     "feltmb.run.sweep.Extract": lambda: {
         "function": lambda *_: ({}, {}),
@@ -1361,7 +1362,6 @@ CALLS = {
         "jobs": 1,
         "folder": None,
     },
-    "feltmb.run.sweep.value_at": lambda: {"action": pendulum(), "path": "arm.mass"},
     # study
     "feltmb.run.study.Case": lambda: {"variant": "base", "stroke": "s", "point": ()},
     "feltmb.run.study.Study": lambda: {

@@ -111,7 +111,7 @@ def test_simulated_let_off(action):
     ("arguments", "message"),
     [
         ({"speed": 0.0}, "speed"),
-        ({"friction": "sticky"}, "none of"),
+        ({"friction": "sticky"}, "friction: got .sticky., expected one of"),
     ],
 )
 def test_bad_arguments_of_a_press(action, arguments, message):
