@@ -19,10 +19,13 @@ from typing import Any, TypeVar
 
 from feltmb.errors import InvalidParameter, shown
 
-__all__ = ["checked"]
+__all__ = ["HINTS", "checked"]
 
 T = TypeVar("T")
 
+#: Functions that return the end of a message about a text in place of a number, or "". The module
+#: of units adds its own: its functions are checked, so that it cannot be imported here.
+HINTS: list[Callable[[str], str]] = []
 #: Function of a value and its place that returns the checked value or raises ``_Refused``.
 Check = Callable[[Any, str], Any]
 
@@ -180,10 +183,9 @@ class _Checks:
 
 
 def _hint(value: object, expected: str) -> str:
-    from feltmb.units import si_value  # whose functions are checked, too
-
-    number = si_value(value) if isinstance(value, str) and "number" in expected else None
-    return "" if number is None else f"; numbers are SI without a unit, write {number:.12g}"
+    if not (isinstance(value, str) and "number" in expected):
+        return ""
+    return next(filter(None, (hint(value) for hint in HINTS)), "")
 
 
 def _none(value: Any, where: str) -> Any:

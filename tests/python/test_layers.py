@@ -39,8 +39,8 @@ MAY_USE = {
     # heard of a mechanism and serves any simulator; adapters are the bridge.
     "Python": {
         "errors": "",
-        "units": "errors",
-        "arguments": "errors units",
+        "arguments": "errors",
+        "units": "arguments errors",
         "files": "errors",
         "blas": "",
         "display": "",

@@ -12,7 +12,7 @@ import math
 import re
 from functools import lru_cache
 
-from feltmb.arguments import checked
+from feltmb.arguments import HINTS, checked
 from feltmb.errors import InvalidParameter
 
 __all__ = [
@@ -291,6 +291,13 @@ def si_value(text: str) -> float | None:
     found = split_quantity(text)
     return None if found is None else found[0] * _parse(found[1])[0]
 
+
+def _si_hint(text: str) -> str:
+    number = si_value(text)
+    return "" if number is None else f"; numbers are SI without a unit, write {number:.12g}"
+
+
+HINTS.append(_si_hint)
 
 #: SI units of quantities that have a usual form.
 _USUAL = (
