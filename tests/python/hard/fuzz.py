@@ -691,7 +691,7 @@ def checkpoint() -> bytes:
     """A saved fiber simulation."""
     from feltmb import fiber
 
-    box, cycle = fiber.FiberBox(n_fibers=20, n_beads=6), fiber.Cycle(0.12, 1e-3, 10, 20, 1)
+    box, cycle = fiber.FiberBox(n_fibers=40, n_beads=8), fiber.Cycle(0.12, 1e-3, 10, 20, 1)
     with tempfile.TemporaryDirectory() as name:
         run = fiber.simulate(box, cycle, max_samples=2)
         return run.save(Path(name) / "a.npz").read_bytes()
