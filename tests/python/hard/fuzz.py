@@ -677,7 +677,8 @@ def read_measured(case: Case, reader: str) -> None:
         else:
             data = mutate_bytes(data, rng)
         if rng.random() < 0.1:
-            data = data.decode("utf-8", "replace").encode(rng.choice(("utf-16", "latin-1")), "replace")  # fmt: skip
+            encoding = rng.choice(("utf-16", "latin-1"))
+            data = data.decode("utf-8", "replace").encode(encoding, "replace")
         case.shown = repr(data[:2000])
     else:
         data = rng.choice((mutate_bytes, mutate_words, mutate_words))(data, rng)
@@ -752,7 +753,8 @@ def live(case: Case) -> None:
     numbers = {rng.choice(list(studio().bench.numbers)): 1.0}  # type: ignore[attr-defined]
     seed = rng.choice([
         {"do": "simulate", "id": 1, "turned": {"knobs": {rng.choice(knobs): 1e-4},
-         "numbers": numbers}, "playing": {"kind": "free", "duration": 0.02}, "shown": ["arm.angle"]},
+         "numbers": numbers}, "shown": ["arm.angle"],
+         "playing": {"kind": "free", "duration": 0.02}},
         {"do": "simulate", "id": 1, "turned": {"numbers": numbers},
          "playing": {"kind": "drawn", "time": [0.0, 0.01], "value": [0.0, 1.0]}},
         {"do": "measure", "id": 1, "turned": {"numbers": numbers}, "files": ["a.csv"],

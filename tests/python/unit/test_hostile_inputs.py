@@ -203,7 +203,7 @@ def test_lengths_of_compression_and_rate():
 def test_an_actuator_run_is_written_as_one_text_of_bytes(tmp_path, monkeypatch):
     from feltmb.action.actuator import ActuatorRun
 
-    def full(path, data):
+    def full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(ActuatorRun, "_variables", lambda _: [])
