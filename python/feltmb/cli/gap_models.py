@@ -15,6 +15,7 @@ from feltmb.data import ReadOptions, Record
 from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import InvalidParameter
+from feltmb.files import is_file
 from feltmb.fit import Effect, Model, including
 from feltmb.fit.calling import calling
 from feltmb.gap import Limits, read_limits, read_measured, with_measured
@@ -174,7 +175,7 @@ def load_adapter(name: str, settings: Sequence[str] = (), channels: Sequence[str
 
 
 def _from_file(path: Path) -> Adapter:
-    if not path.is_file():
+    if not is_file(path):
         raise InvalidParameter(f"{path}: there is no such file")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None

@@ -320,9 +320,9 @@ def units_of(adapter: Adapter, limits: Limits) -> dict[str, str]:
 
 def _report(path: Path, model: str) -> Any:
     """The report of a diagnosis of this model."""
-    from feltmb.files import read_json
+    from feltmb.files import is_folder, read_json
 
-    file = path / "report.json" if path.is_dir() else path
+    file = path / "report.json" if is_folder(path) else path
     report = read_json(file)
     if isinstance(report, dict) and report.get("model", model) != model:
         raise InvalidParameter(

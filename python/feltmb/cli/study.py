@@ -128,12 +128,9 @@ def _page(out: Path, studies: list[Any]) -> Path:
 
 
 def _check_targets(studies: list[Study], out: Path, *, force: bool) -> None:
-    from feltmb.errors import InvalidParameter
     from feltmb.files import check_writable, make_folder
     from feltmb.run.study import study_targets
 
-    if out.exists() and not out.is_dir():
-        raise InvalidParameter(f"--out {out}: is a file, expected a folder")
     make_folder(out)
     targets = [_page(out, studies)]
     for each in studies:

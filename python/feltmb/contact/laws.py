@@ -70,10 +70,18 @@ class Law:
             Memory of the felt, a value of the attribute ``state``; None: virgin felt.
         """
         largest, own = state if state is not None else (0.0, ())
+        e, v = np.asarray(compression, dtype=float), np.asarray(rate, dtype=float)
+        try:
+            e, v = np.broadcast_arrays(e, v)
+        except ValueError:
+            raise InvalidParameter(
+                f"force: compression has the shape {e.shape} and rate {v.shape}; expected one "
+                "shape, or a number"
+            ) from None
         out: Array = np.asarray(
             self.core.force(
-                np.asarray(compression, dtype=float),
-                np.asarray(rate, dtype=float),
+                e,
+                v,
                 list(own) + [0.0] * (self.core.n_states - len(own)),
                 largest,
             )

@@ -35,7 +35,7 @@ from feltmb.felt.audit_checks import (
 )
 from feltmb.felt.envelopes import ConstantArea, FeltEnvelope, envelope, load_envelope
 from feltmb.fiber.material import FeltMaterial, load_material
-from feltmb.files import read_toml
+from feltmb.files import is_file, read_toml
 from feltmb.mechanism import Contact, core_law, load_action
 
 __all__ = ["Audit", "Cycle", "Finding", "audit", "audit_targets"]
@@ -255,10 +255,10 @@ def audit_targets(
     if not colon:
         action_name, contact = text, ""
     path = Path(action_name)
-    is_file = path.suffix == ".toml"
-    raw = read_toml(path) if is_file else {}
+    is_toml = path.suffix == ".toml"
+    raw = read_toml(path) if is_toml else {}
     if not colon and not everything:
-        felt = action_name in packaged_materials() or (is_file and "fiber" in raw)
+        felt = action_name in packaged_materials() or (is_toml and "fiber" in raw)
         if settings and (felt or "memory" in raw):
             raise InvalidParameter(
                 f"{', '.join(settings)}: {text} is {'a felt' if felt else 'an envelope'}, and "
@@ -266,14 +266,14 @@ def audit_targets(
             )
         if felt:
             return [(action_name, load_material(action_name))]
-        if is_file and "memory" in raw:
+        if is_toml and "memory" in raw:
             return [(path.stem, load_envelope(path))]
-    if not is_file and action_name not in packaged_actions():
+    if not is_toml and action_name not in packaged_actions():
         hint = "; hint: feltmb felt contact and identify read a measured loop"
         raise InvalidParameter(
             f"{text!r} is no mechanism ({', '.join(packaged_actions())}), no felt "
             f"({', '.join(packaged_materials())}) and no file ending in .toml; expected "
-            f"ACTION:CONTACT, a felt or an envelope{hint if path.is_file() else ''}"
+            f"ACTION:CONTACT, a felt or an envelope{hint if is_file(path) else ''}"
         )
     action = with_values_told(load_action(action_name), settings, tell)
     contacts = action.config.contacts

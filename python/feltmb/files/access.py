@@ -28,6 +28,7 @@ __all__ = [
     "check_suffix",
     "check_writable",
     "is_file",
+    "is_folder",
     "make_folder",
     "named_file",
     "open_input",
@@ -241,6 +242,14 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def is_folder(path: Path) -> bool:
+    """Whether a folder exists; False for an impossible name or an inaccessible folder."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
 def why_missing(path: Path) -> str:
     """Reason why a path is not a file."""
     try:
@@ -270,7 +279,7 @@ def check_suffix(path: Path, *suffixes: str) -> None:
 
 def check_folder(path: Path) -> None:
     """Raise an error if the name of a folder is the name of a file."""
-    if path.suffix.lower() in _FILES and not path.is_dir():
+    if path.suffix.lower() in _FILES and not is_folder(path):
         raise InvalidParameter(f"{path}: is the name of a file, expected that of a folder")
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, evenly_spaced
 from feltmb.errors import InvalidParameter
+from feltmb.files import is_file
 from feltmb.fit.model import Effect, Parameter
 from feltmb.fit.simulator import Exposed, SimulatorModel
 
@@ -227,7 +228,7 @@ def fmu_model(
     """
     fmpy = _fmpy()
     path = Path(path).absolute()
-    if not path.is_file():
+    if not is_file(path):
         raise InvalidParameter(f"{path}: there is no such file")
     try:
         description = fmpy.read_model_description(str(path))

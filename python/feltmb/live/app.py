@@ -29,7 +29,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from feltmb import __version__
 from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.files import read_input
+from feltmb.files import is_file, read_input
 from feltmb.graphics.viewer import script_of
 from feltmb.live.desk import Desk
 from feltmb.live.knobs import Bench
@@ -74,7 +74,7 @@ class Studio:
         for path in records:
             self.shelf.add(path.name, read_input(path, most=MOST_UPLOAD))
         path = Path(mechanism)
-        self._file = path if path.is_file() else None
+        self._file = path if is_file(path) else None
         self._seen = stamps(files_of(self._file)) if self._file is not None else {}
 
     async def follow(self) -> None:

@@ -1,10 +1,15 @@
 """Inputs that nobody intended: mutations of valid files and command lines, in a process of its own.
 
     python fuzz.py TARGET FIRST COUNT LOG
+    python fuzz.py readers FIRST COUNT
 
-Runs the cases FIRST ... FIRST + COUNT - 1 of a target. A case is known by its target and number
-alone. LOG holds the number of the case at work, so that a crash or a hang names its case. What is
-wrong is printed as one JSON object a line.
+The first runs the cases FIRST ... FIRST + COUNT - 1 of a target. A case is known by its target and
+number alone. LOG holds the number of the case at work, so that a crash or a hang names its case.
+What is wrong is printed as one JSON object a line. A case that takes more than 10 s of processor
+time, 120 s of any time, or 1 GB of memory is wrong.
+
+The second runs COUNT cases of each reader, in children of at most 100 cases each, goes on after a
+crash, and prints a line for each reader.
 """
 
 from __future__ import annotations
@@ -15,6 +20,7 @@ import json
 import os
 import random
 import resource
+import signal
 import sys
 import tempfile
 import time
@@ -28,8 +34,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))
 
 HERE = Path(__file__).resolve()
 DATA = HERE.parents[2] / "data"
-MEMORY = 6 << 30  # address space of the process: more is a fault of the case
-SLOWEST = 20.0  # s of processor time
+MEMORY = 1 << 30  # address space of the cases: more is a fault of the case
+SLOWEST = 10.0  # s of processor time
+LONGEST = 120  # s of any time, on a busy machine
+READERS = ("mat4", "mat5", "mat73", "netcdf", "npz", "csv", "toml", "live")
 
 TOKENS = [
     *(b"nan", b"inf", b"-inf", b"1e999", b"-1e308", b"1e-320", b"0", b"-0.0", b"-1", b"true"),
@@ -71,6 +79,18 @@ def mutate_bytes(data: bytes, rng: random.Random) -> bytes:
             out[at] ^= 1 << rng.randrange(8)
         elif kind == 5 and rng.random() < 0.3:
             del out[at:]
+    return bytes(out)
+
+
+def mutate_words(data: bytes, rng: random.Random) -> bytes:
+    """Other whole numbers in the headers of a binary file: types, lengths, offsets."""
+    out = bytearray(data)
+    for _ in range(rng.choice((1, 1, 2, 4))):
+        size = rng.choice((1, 2, 4, 4, 8))
+        last = max(0, len(out) - size)
+        at = rng.randrange(0, 1 + min(last, rng.choice((64, 400, last or 1))), min(size, 4))
+        number = rng.choice((0, 1, 2, 7, 8, 100, 255, 70_000, 2**31 - 1, 2**31, 2**63, 2**64 - 1))
+        out[at : at + size] = (number % 2 ** (8 * size)).to_bytes(size, "little")
     return bytes(out)
 
 
@@ -597,6 +617,196 @@ def record_file(case: Case) -> None:
 
 
 @cache
+def reader_seeds() -> dict[str, list[tuple[str, bytes, bytes]]]:
+    """Valid measured files by reader: suffix, bytes, and the TOML beside them."""
+    import h5py  # noqa: F401  (before the limit on memory)
+    import scipy.io
+
+    from feltmb.data import read_record
+
+    old = measured()
+    out = {
+        "mat5": [(".mat", *old[".mat False"]), (".mat", *old[".mat True"])],
+        "mat73": [(".mat", *old[".mat 7.3"])],
+        "netcdf": [(".nc", *old[".nc"])],
+        "toml": [(".csv", *old[".csv"])],
+    }
+    text, sheet = old[".csv"]
+    words = text.decode()
+    german = words.replace(",", ";").replace(".", ",")
+    out["csv"] = [
+        (".csv", text, sheet),
+        (".csv", german.encode(), sheet),
+        (".tsv", words.replace(",", "\t").encode(), sheet),
+        (".txt", b"# a comment\n\n" + text.replace(b"\n", b"\r\n"), sheet),
+        (".csv", b"\xef\xbb\xbf" + text, sheet),
+    ]
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "a.mat"
+        path.write_bytes(old[".mat False"][0])
+        columns = {k: v for k, v in scipy.io.loadmat(path).items() if not k.startswith("__")}
+        scipy.io.savemat(path, columns, format="4")
+        out["mat4"] = [(".mat", path.read_bytes(), old[".mat False"][1])]
+        for seeds in out.values():
+            for suffix, data, sheet in seeds:
+                path = Path(name) / f"b{suffix}"
+                path.write_bytes(data)
+                path.with_suffix(".toml").write_bytes(sheet)
+                assert read_record(path).samples == 60
+    return out
+
+
+def read_measured(case: Case, reader: str) -> None:
+    """A measured file in one format: read, and checked."""
+    from feltmb.data import read_record
+    from feltmb.gap import check_records
+
+    rng = case.rng
+    suffix, data, sheet = rng.choice(reader_seeds()[reader])
+    path = case.folder / f"given{suffix}"
+    if reader == "toml":
+        sheet = mutate_bytes(sheet, rng)
+        case.shown = repr(sheet)
+    elif reader in ("mat73", "netcdf") and rng.random() < 0.4:
+        path.write_bytes(data)
+        case.shown = change_hdf5(path, rng)
+        data = path.read_bytes()
+    elif reader == "csv":
+        if rng.random() < 0.3:
+            data = mutate_numbers(data.decode(), rng).encode()
+        else:
+            data = mutate_bytes(data, rng)
+        if rng.random() < 0.1:
+            encoding = rng.choice(("utf-16", "latin-1"))
+            data = data.decode("utf-8", "replace").encode(encoding, "replace")
+        case.shown = repr(data[:2000])
+    else:
+        data = rng.choice((mutate_bytes, mutate_words, mutate_words))(data, rng)
+    path.write_bytes(data)
+    path.with_suffix(".toml").write_bytes(sheet)
+    check_records([read_record(path)])
+
+
+@cache
+def checkpoint() -> bytes:
+    """A saved fiber simulation."""
+    from feltmb import fiber
+
+    box, cycle = fiber.FiberBox(n_fibers=40, n_beads=8), fiber.Cycle(0.12, 1e-3, 10, 20, 1)
+    with tempfile.TemporaryDirectory() as name:
+        run = fiber.simulate(box, cycle, max_samples=2)
+        return run.save(Path(name) / "a.npz").read_bytes()
+
+
+def npz(case: Case) -> None:
+    """A saved fiber simulation: bytes, an array or its header changed."""
+    import numpy as np
+
+    from feltmb import fiber
+
+    rng = case.rng
+    path = case.folder / "given.npz"
+    path.write_bytes(checkpoint())
+    if rng.random() < 0.4:
+        path.write_bytes(rng.choice((mutate_bytes, mutate_words))(checkpoint(), rng))
+    else:
+        with np.load(path) as file:
+            arrays = dict(file)
+        name = rng.choice([*arrays, "header", "header"])
+        if name == "header" and rng.random() < 0.8:
+            tree = mutate_tree(json.loads(str(arrays["header"])), rng)
+            arrays["header"] = np.array(json.dumps(tree))
+        else:
+            old = arrays.pop(name)
+            odd = rng.choice((None, 3.0, "x", [], np.zeros((2, 2, 2)), old[..., None],
+                              np.full(old.shape, 1e300), np.full(old.shape, np.nan)))  # fmt: skip
+            if odd is not None:
+                arrays[name] = np.asarray(odd)
+        case.shown = name
+        np.savez(path, **arrays)
+    fiber.FiberRun.load(path)
+
+
+@cache
+def studio() -> object:
+    """A live page's mechanism, with one measured file."""
+    import logging
+
+    from feltmb.live.app import Studio
+
+    logging.getLogger("feltmb").setLevel(logging.CRITICAL)
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "a.csv"
+        path.write_bytes(b"time [s],arm.angle [deg]\n" + b"".join(
+            b"%.3f,%.3f\n" % (0.001 * k, 0.01 * k) for k in range(40)))  # fmt: skip
+        return Studio(str(DATA / "pendulum.toml"), [path])
+
+
+def live(case: Case) -> None:
+    """A message to a live page: answered, and so is the next one."""
+    import asyncio
+
+    from feltmb.live.app import Page
+
+    rng = case.rng
+    knobs = [*studio().bench.knobs, *studio().bench.numbers, "x"]  # type: ignore[attr-defined]
+    numbers = {rng.choice(list(studio().bench.numbers)): 1.0}  # type: ignore[attr-defined]
+    seed = rng.choice([
+        {"do": "simulate", "id": 1, "turned": {"knobs": {rng.choice(knobs): 1e-4},
+         "numbers": numbers}, "shown": ["arm.angle"],
+         "playing": {"kind": "free", "duration": 0.02}},
+        {"do": "simulate", "id": 1, "turned": {"numbers": numbers},
+         "playing": {"kind": "drawn", "time": [0.0, 0.01], "value": [0.0, 1.0]}},
+        {"do": "measure", "id": 1, "turned": {"numbers": numbers}, "files": ["a.csv"],
+         "read": {"a.csv": {"columns": {"arm.angle": "arm.angle"}, "units": {}, "scales": {}}}},
+        *({"do": word} for word in ("forget", "stop")),
+    ])  # fmt: skip
+    seed = mutate_tree(seed, rng)
+    if isinstance(seed, dict) and rng.random() < 0.5 and isinstance(seed.get("turned"), dict):
+        huge = rng.choice((1e18, -1e308, 1e-300, 0.0, -1.0, 1e6, 2**63))
+        seed["turned"] = {"numbers": dict.fromkeys(numbers, huge)}
+    if isinstance(seed, dict) and seed.get("do") in ("diagnose", "plan", "regulate"):
+        return  # long when they are right
+    try:
+        text = json.dumps(seed)
+    except (TypeError, ValueError):
+        return
+    if rng.random() < 0.2:
+        text = mutate_bytes(text.encode(), rng).decode("utf-8", "replace")
+    case.shown = text[:2000]
+
+    class Socket:
+        """Sends the message and then an unknown one."""
+
+        def __init__(self) -> None:
+            self.texts = [text, '{"do": "this is the end"}']
+            self.answered = asyncio.Event()
+
+        async def receive_text(self) -> str:
+            await asyncio.sleep(0.0 if len(self.texts) == 2 else 0.3)
+            if self.texts:
+                return self.texts.pop(0)
+            await self.answered.wait()
+            raise RuntimeError("closed")
+
+        async def send_text(self, said: str) -> None:
+            json.loads(said)
+            if "this is the end" in said:
+                self.answered.set()
+
+    async def talk() -> bool:
+        socket = Socket()
+        await asyncio.wait_for(Page(studio(), socket).serve(), 60.0)  # type: ignore[arg-type]
+        return socket.answered.is_set()
+
+    assert asyncio.run(talk()), "the page did not answer the next message"
+
+
+def _reader(name: str) -> Callable[[Case], None]:
+    return lambda case: read_measured(case, name)
+
+
+@cache
 def scored_bench() -> dict[str, bytes]:
     """Files of a small bench whose cases were diagnosed, made without a diagnosis."""
     from blind.bench import Bench
@@ -776,9 +986,10 @@ TARGETS: dict[str, Callable[[Case], None]] = {
             attacked_run,
             csv_heading,
         ),
-        *(record_file, bench_folder, command_line),
+        *(record_file, bench_folder, command_line, npz, live),
     )
 }
+TARGETS |= {name: _reader(name) for name in READERS if name not in TARGETS}
 
 
 # ---------------------------------------------------------------- running
@@ -824,18 +1035,68 @@ def run_case(target: str, number: int) -> str | None:
         return None if wrong is None else f"{wrong}\n  given: {case.shown}"
 
 
+def prepare(target: str) -> None:
+    """Make the seeds, and import what a case needs, before the memory is limited."""
+    import ctypes
+
+    import scipy.io
+    import scipy.stats  # noqa: F401
+
+    with contextlib.suppress(AttributeError, OSError):  # arenas of threads take address space
+        ctypes.CDLL(None).mallopt(-8, 1)
+    if target in READERS[:3] or target in ("netcdf", "csv", "toml"):
+        reader_seeds()
+    elif target in ("npz", "live"):
+        {"npz": checkpoint, "live": studio}[target]()
+    elif target == "bench_folder":
+        scored_bench()
+
+
+def readers(first: int, count: int) -> int:
+    """Run cases of each reader in children; print the counts, and return that of faults."""
+    import subprocess
+
+    total = 0
+    with tempfile.TemporaryDirectory() as name:
+        log = Path(name) / "case"
+        for target in READERS:
+            begin, wrong, at = time.monotonic(), 0, first
+            while at < first + count:
+                most = min(100, first + count - at)
+                words = [sys.executable, str(HERE), target, str(at), str(most), str(log)]
+                log.write_text(str(at))
+                child = subprocess.run(words, capture_output=True, text=True, check=False)
+                print(child.stdout, end="", flush=True)
+                wrong += child.stdout.count('{"target"')
+                at += most
+                if child.returncode != 0:
+                    print(f"{target} {log.read_text()}: ended by {child.returncode}, "
+                          f"{child.stderr[-600:]}", flush=True)  # fmt: skip
+                    wrong += 1
+                    at = int(log.read_text()) + 1
+            seconds = time.monotonic() - begin
+            print(f"| {target} | {count} | {wrong} | {seconds:.0f} s |", flush=True)
+            total += wrong
+    return total
+
+
 def main(target: str, first: int, count: int, log: Path) -> None:
     """Run the cases and print what is wrong."""
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    # A hang in a library is ended by the system, on a busy machine too.
-    cpu = int(3 * SLOWEST + 2 * count)
-    resource.setrlimit(resource.RLIMIT_CPU, (cpu, cpu))
+    prepare(target)
+    space = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (space, space))
     for number in range(first, first + count):
         log.write_text(str(number))
+        # A hang in a library is ended by the system, on a busy machine too.
+        cpu = int(time.process_time() + 2 * SLOWEST)
+        resource.setrlimit(resource.RLIMIT_CPU, (cpu, resource.RLIM_INFINITY))
+        signal.alarm(LONGEST)
         wrong = run_case(target, number)
         if wrong is not None:
             print(json.dumps({"target": target, "case": number, "wrong": wrong}), flush=True)
 
 
 if __name__ == "__main__":
+    if sys.argv[1] == "readers":
+        sys.exit(readers(int(sys.argv[2]), int(sys.argv[3])) != 0)
     main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))

@@ -24,6 +24,8 @@ TARGETS = {  # cases of the fast set and of the slow set, together 140 000
     "record_file": (60, 8_000),
     "bench_folder": (20, 2_000),
     "command_line": (40, 5_000),
+    **dict.fromkeys(("mat4", "mat5", "mat73", "netcdf", "npz", "csv", "toml"), (10, 4_000)),
+    "live": (5, 1_000),
 }
 TIMEOUT = 3600.0  # s of wall time for one process; hangs are ended by their processor time
 

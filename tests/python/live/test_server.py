@@ -542,3 +542,13 @@ def test_an_unexpected_error_reaches_the_page_and_the_log(work, monkeypatch, cap
     assert kind == {"plan": "plan", "diagnose": "diagnosis"}[work]
     assert "KeyError: 'surprise'" in message["fault"]
     assert caplog.records[0].exc_info[0] is KeyError
+
+
+def test_impossible_numbers_of_a_knob_are_answered(serve, client, root):
+    path = next(iter(Bench(feltmb.load_action(root / "tests/data/pendulum.toml")).numbers))
+    with serve(str(root / "tests" / "data" / "pendulum.toml")) as live, client(live) as page:
+        for number, value in enumerate((1e18, -1e308)):
+            page.send("simulate", id=number, turned={"numbers": {path: value}})
+            said = page.until(lambda m: m["on"] in ("fault", "run", "refused"))
+            assert said["on"] != "run" or said["id"] == number
+        assert page.run(9, "quick", playing={"kind": "free", "duration": 0.02})["id"] == 9

@@ -16,6 +16,8 @@ import feltmb
 from feltmb.data import read_record
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import parse_toml
+from feltmb.graphics.plot.readings import run_action
+from feltmb.run.reading import strike_words
 
 PENDULUM = (Path(__file__).resolve().parents[2] / "data" / "pendulum.toml").read_text()
 
@@ -145,3 +147,80 @@ def test_a_gradient_without_end_is_refused(options):
     action = feltmb.Action(parse_toml(PENDULUM, "a"))
     with pytest.raises(InvalidParameter, match="expected at most 100 s"):
         feltmb.gradient(action, "forte", "arm.mass", ["arm.angle"], **options)
+
+
+@pytest.fixture(scope="module")
+def run():
+    stroke = feltmb.pulse_stroke(1.0, 0.0, 0.005, 0.005, duration=0.02)
+    return feltmb.simulate(feltmb.Action(parse_toml(PENDULUM, "a")), stroke, output_rate=1000.0)
+
+
+@pytest.mark.parametrize("text", [
+    "a" + ".a" * 200_000 + "=1",
+    "contacts = 5\n[reading]\nstrike_contact = 6\n",
+    "[contacts.06]\nsurfaces = 5\n[reading]\nstrike_contact = 6\n",
+])  # fmt: skip
+def test_a_strange_mechanism_in_a_run_is_refused_and_nothing_is_written(text, run, tmp_path):
+    path = run.save(tmp_path / "a.nc")
+    with h5py.File(path, "r+") as file:
+        provenance = json.loads(file.attrs["provenance"])
+        file.attrs["provenance"] = json.dumps(provenance | {"toml": text})
+    strange = feltmb.load_run(path)
+    assert strike_words(strange) == strike_words(strange)  # no exception
+    with pytest.raises(FeltmbError):
+        run_action(strange)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.nc"]
+
+
+def test_plots_are_drawn_before_one_is_written(run, tmp_path, monkeypatch):
+    from feltmb.graphics.plot import files
+
+    def refuse(_):
+        raise RuntimeError("x")
+
+    monkeypatch.setattr(files, "PICTURES", {"motion": files.motion, "energy": refuse})
+    with pytest.raises(RuntimeError):
+        files.save_all(run, tmp_path / "out", "a")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_name_longer_than_a_file_name_can_be():
+    long = "a" * 5000
+    action = feltmb.Action(parse_toml(PENDULUM, "a"))
+    with pytest.raises(FeltmbError):
+        feltmb.felt.audit_targets(long)
+    with pytest.raises(FeltmbError):
+        feltmb.sweep(action, "forte", {"arm.mass": [0.1]}, folder=long)
+
+
+def test_lengths_of_compression_and_rate():
+    law = feltmb.contact.law("stulov", stiffness=1e8, exponent=2.5, amplitude=0.3, time=1e-3)
+    with pytest.raises(InvalidParameter, match="shape"):
+        law.force([1e-3, 2e-3], [0.0, 0.0, 0.0])
+    assert law.force([1e-3, 2e-3], 0.0).shape == (2,)
+
+
+def test_an_actuator_run_is_written_as_one_text_of_bytes(tmp_path, monkeypatch):
+    from feltmb.action.actuator import ActuatorRun
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(ActuatorRun, "_variables", lambda _: [])
+    monkeypatch.setattr(ActuatorRun, "_attributes", lambda _: {})
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(FeltmbError, match="No space"):
+        ActuatorRun.__new__(ActuatorRun).save(tmp_path / "a.nc")
+    assert not list(tmp_path.iterdir())
+
+
+def test_uploaded_columns_are_read_once(tmp_path):
+    pytest.importorskip("starlette", reason="extra live is not installed")
+    from feltmb.live.measured import Shelf
+
+    shelf = Shelf(tmp_path)
+    shelf.add("a.csv", b"time [s],q [mm]\n0,0\n1,1\n2,2\n")
+    (path,) = tmp_path.rglob("a.csv")
+    path.unlink()
+    (columns,) = shelf.kept([]).values()
+    assert list(columns.values) == ["time", "q"]

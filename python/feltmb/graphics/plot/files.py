@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
-from feltmb.files import check_writable, make_folder, write_file
+from feltmb.files import check_writable, is_folder, make_folder, write_file
 from feltmb.graphics.plot.energies import energy, loops
 from feltmb.graphics.plot.pages import overview
 from feltmb.graphics.plot.portrait import moment_of_run
 from feltmb.graphics.plot.series import contact_forces, finger_force, motion, striker_speed, string
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from feltmb.run.results import Run
 
 __all__ = ["PICTURES", "picture_rate", "save_all"]
@@ -80,17 +79,21 @@ def save_all(run: Run, folder: str | Path, stem: str, force: bool = False) -> li
     InvalidParameter
         The run has no data for any plot.
     """
-    folder = make_folder(folder)
-    figures: dict[Path, Figure] = {}
+    folder = Path(folder)
+    pictures: dict[Path, bytes] = {}
     for name, draw in PICTURES.items():
         path = folder / f"{stem}_{name}.png"
-        check_writable(path, force=force)
+        if is_folder(folder):
+            check_writable(path, force=force)
+        drawn = io.BytesIO()
         try:
-            figures[path] = draw(run)
+            draw(run).savefig(drawn)
         except InvalidParameter:
             continue
-    if not figures:
+        pictures[path] = drawn.getvalue()
+    if not pictures:
         raise InvalidParameter("plot: the run has data for no picture")
-    for path, figure in figures.items():
-        write_file(path, lambda target, f=figure: f.savefig(target), force=force)  # type: ignore[misc]
-    return list(figures)
+    make_folder(folder)
+    for path, data in pictures.items():
+        write_file(path, lambda target, data=data: target.write_bytes(data), force=force)  # type: ignore[misc]
+    return list(pictures)

@@ -177,8 +177,6 @@ def sweep(
     _check_sizes(given, "options")
     check_options(given, known=OPTIONS)
     where = Path(folder) if folder is not None else None
-    if where is not None and where.exists() and not where.is_dir():
-        raise InvalidParameter(f"folder {where}: is a file")
     if where is not None:
         make_folder(where)
     if not summary_only and where is None:
