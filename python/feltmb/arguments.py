@@ -23,9 +23,6 @@ __all__ = ["checked", "text_readers"]
 
 T = TypeVar("T")
 
-#: Functions that return the end of a message about a text in place of a number, or "". The module
-#: of units adds its own: its functions are checked, so that it cannot be imported here.
-HINTS: list[Callable[[str], str]] = []
 #: Function of a value and its place that returns the checked value or raises ``_Refused``.
 Check = Callable[[Any, str], Any]
 
