@@ -5,8 +5,8 @@ held-out records; :func:`text` writes the result for a person. The engine of :mo
 replaced by this one.
 """
 
-from feltmb.diagnosis.diagnose import diagnose
 from feltmb.diagnosis.options import Options
+from feltmb.diagnosis.pipeline import diagnose
 from feltmb.diagnosis.report import statement, text
 from feltmb.diagnosis.result import (
     Channel,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feltmb.diagnosis.diagnose import diagnose
 from feltmb.diagnosis.options import Options
+from feltmb.diagnosis.pipeline import diagnose
 from feltmb.diagnosis.report import statement, text
 from feltmb.diagnosis.result import Reason, Verdict
 from feltmb.errors import FeltmbError
