@@ -192,7 +192,8 @@ void Looks::locate(Sought& s) {
   const double range = top.value - *std::min_element(values.begin(), values.end());
   for (std::size_t i = 1; i < found.size(); ++i) {
     const double behind = top.value - found[i].value;
-    if (behind > 0.0 && behind < 1e-7 * range && found[i].time != top.time) {
+    // Equal but for rounding: the quantity rests, and its derivative is the same at both times.
+    if (behind > 1e-10 * range && behind < 1e-7 * range && found[i].time != top.time) {
       s.out.reason = "two extrema are equal to seven digits";
     }
   }

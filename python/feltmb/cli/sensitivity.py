@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -201,8 +202,9 @@ def _table(
     for path in rows:
         cells = []
         for name in shown:
-            text, small = pretty(float(effects.loc[path, name]), result.summary_units[name])
-            cells.append(f"{text} {small}")
+            effect = float(effects.loc[path, name])
+            known = math.isfinite(effect)
+            cells.append(" ".join(pretty(effect, result.summary_units[name])) if known else "-")
         table.add_row(path, f"{values[path].value:.4g}", values[path].unit, *cells)
     return table
 

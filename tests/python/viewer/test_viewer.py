@@ -426,11 +426,11 @@ def test_all_faults_of_a_table_are_told_at_once(tmp_path, text, faults):
     ("options", "message"),
     [
         ({"slowness": 0}, "slowness = 0"),
-        ({"slowness": float("nan")}, "slowness = nan"),
+        ({"slowness": float("nan")}, "slowness: got nan"),
         ({"window": (1.0, 2.0)}, "holds nothing"),
         ({"align": "nope"}, "no event 'nope'.*string_contact_on"),
         ({"names": ["a", "b"]}, "2 names of 1 runs"),
-        ({"at": float("inf")}, "at = inf"),
+        ({"at": float("inf")}, "at: got inf"),
     ],
 )
 def test_wrong_arguments_are_refused(forte, tmp_path, options, message):
