@@ -45,7 +45,7 @@ def test_the_filter_is_the_solution_of_its_equation(even, constant):
         method="Radau",
         rtol=1e-9,
         atol=1e-11,
-        max_step=5e-3,
+        max_step=1e-3,
     ).y[0]
     assert np.allclose(seen, exact, atol=2e-6)
 

@@ -71,7 +71,7 @@ def test_stiff_members_are_rigid_ones(action, body):
     one = action.with_values({f"{other}.rigid": True})
     stiff = one.with_values(
         {
-            f"{body}.young_modulus": 1000.0 * one.config.bodies[body].young_modulus / 1e9,
+            f"{body}.young_modulus": 1000.0 * one.config.bodies[body].young_modulus,
             f"{body}.damping_time": 1e-6,
         }
     )

@@ -241,7 +241,10 @@ def test_a_ball_falls_past_the_end_of_a_segment(tmp_path):
     [
         ('kind = "segment"\npoint = [0.0, 0.0]', r"surfaces\.host\.end: is missing"),
         ('kind = "segment"\npoint = [0.0, 0.0]\nend = [0.0, 0.0]', "is 0 m long from point to"),
-        ('kind = "segment"\npoint = [0.0, 0.0]\nend = [0.0, 1e300]', "is inf m long from point"),
+        (
+            'kind = "segment"\npoint = [0.0, 0.0]\nend = [0.0, 1e300]',
+            "got 1e\\+300 m, expected at most",
+        ),
         (
             'kind = "concave_arc"\npoint = [0.0, 0.0]\nradius = 0.02',
             r"surfaces\.host\.arc: is missing",
