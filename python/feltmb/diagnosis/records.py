@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from feltmb.data import Array, Record
+from feltmb.data import Record
 from feltmb.data.smoothing import noise_of_record
 from feltmb.diagnosis.options import Options
 from feltmb.diagnosis.problem import UNKNOWN_START, Cause, Local, Observed, Problem
@@ -173,8 +173,3 @@ def _starts(model: Model, record: Record) -> list[Local]:
         weight = UNKNOWN_START**-2 if math.isinf(sd) else 1.0
         found.append(Local("start", i, mean, state.scale if math.isinf(sd) else sd, weight))
     return found
-
-
-def median_noise(problem: Problem) -> Array:
-    """Typical noise of each channel [its unit], (m,)."""
-    return np.asarray(np.median([np.median(o.sd, axis=0) for o in problem.fit], axis=0))

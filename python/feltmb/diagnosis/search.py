@@ -47,7 +47,6 @@ class Searched:
     first: list[Score] = field(default_factory=list)
     """Scores at the fit of the model alone."""
     complete: bool = True
-    simulations: int = 0
 
     def ranked(self) -> tuple[list[Fitted], Array]:
         """Sets in the order of their posterior probability, and these probabilities."""
