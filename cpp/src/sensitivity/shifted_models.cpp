@@ -154,6 +154,7 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
   loads_.setZero(base_->coordinates(), static_cast<Eigen::Index>(columns()));
   out.setZero(out.rows(), static_cast<Eigen::Index>(columns()));
   has_base_ = false;
+  find_pieces(*base_);
   one_.resize(base_->coordinates());
   for (std::size_t j = 0; j < parameters_.size(); ++j) {
     const Changes& changes = changes_[j];
@@ -201,14 +202,43 @@ bool ShiftedModels::told_by_parts(const Changes& changes, double t) const {
 void ShiftedModels::whole_rates(std::size_t j, double t, std::span<const double> y,
                                 std::span<const double> memory, RowMatrix& out) {
   three_.resize(static_cast<Eigen::Index>(y.size()));
-  const Node& node = nearest(parameters_[j]);
   if (!has_base_) base_rates(y);
   has_base_ = true;
-  remember(*node.system, memory);
-  node.system->rhs(t, y, {three_.data(), y.size()});
+  const Node& node = beside(j, [&](const Node& each) {
+    remember(*each.system, memory);
+    each.system->rhs(t, y, {three_.data(), y.size()});
+    return on_pieces(*each.system);
+  });
   const auto n = out.rows();
   out.col(static_cast<Eigen::Index>(j)) = (three_.head(n) - two_.head(n)) / node.shift;
+}
+
+template <class Evaluate>
+const ShiftedModels::Node& ShiftedModels::beside(std::size_t j, Evaluate&& evaluate) {
+  const Node& first = nearest(parameters_[j]);
   ++evaluations_;
+  if (evaluate(first)) return first;
+  for (const Node& node : parameters_[j]) {
+    if (&node == &first || node.shift == 0.0) continue;
+    ++evaluations_;
+    if (evaluate(node)) return node;
+  }
+  evaluate(first);
+  return first;
+}
+
+void ShiftedModels::find_pieces(const MechanismSystem& system) {
+  pieces_.clear();
+  for (std::size_t c = 0; c < mechanism_->contacts.size(); ++c) {
+    pieces_.push_back(piece_of(system, c));
+  }
+}
+
+bool ShiftedModels::on_pieces(const MechanismSystem& system) const {
+  for (std::size_t c = 0; c < pieces_.size(); ++c) {
+    if (piece_of(system, c) != pieces_[c]) return false;
+  }
+  return true;
 }
 
 /// One side is enough where the value in the middle is known: the shift is a millionth of the
@@ -235,14 +265,21 @@ void ShiftedModels::memory_rates(const Eigen::MatrixXd& memory_columns, RowMatri
     if (!s.closed && contact.law.n_states() == 0) continue;
     double force = 0.0;
     std::array<double, kMaxLawStates> rates{};
-    for (const double sign : {1.0, -1.0}) {
-      LawMemory moved = dynamics.memory(c);
-      moved.largest += sign * shift;
+    const double compression = s.closed ? s.compression : std::min(0.0, s.compression);
+    const double rate = s.closed ? s.rate : 0.0;
+    LawMemory up = dynamics.memory(c);
+    LawMemory down = up;
+    up.largest += shift;
+    down.largest -= shift;
+    const int piece = contact.law.piece(compression, rate, dynamics.memory(c));
+    const auto on = [&](const LawMemory& m) {
+      return contact.law.piece(compression, rate, m) == piece;
+    };
+    const Sides weights(on(up), on(down), shift);
+    for (const auto& [memory, weight] :
+         {std::pair{up, weights.up}, {down, weights.down}, {dynamics.memory(c), weights.middle}}) {
       LawStates states;
-      const LawValue v =
-          s.closed ? contact.law.evaluate(s.compression, s.rate, moved, &states)
-                   : contact.law.evaluate(std::min(0.0, s.compression), 0.0, moved, &states);
-      const double weight = sign * 0.5 / shift;
+      const LawValue v = contact.law.evaluate(compression, rate, memory, &states);
       if (s.closed) force += weight * v.force;
       for (std::size_t i = 0; i < contact.law.n_states(); ++i) rates[i] += weight * states.rate[i];
       ++evaluations_;
@@ -319,8 +356,11 @@ void ShiftedModels::add_contact(std::size_t j, const Changes::OfContact& of, dou
   const Contact& contact = mechanism_->contacts[c];
   const ContactState& s = dynamics.contacts()[c];
   if (!s.closed && contact.law.still_when_open()) return;
-  const Node& node = nearest(parameters_[j]);
-  ++evaluations_;
+  const Node& node = beside(j, [&](const Node& each) {
+    if (!of.geometry) return true;
+    each.system->dynamics().press(c, dynamics, base_->parts(y), each.system->drive(t));
+    return piece_of(*each.system, c) == pieces_[c];
+  });
   const double per_shift = 1.0 / node.shift;
   const auto column = static_cast<Eigen::Index>(j);
   const auto add_states = [&](const LawStates& moved) {
@@ -337,8 +377,8 @@ void ShiftedModels::add_contact(std::size_t j, const Changes::OfContact& of, dou
     }
   };
   if (of.geometry) {
-    Dynamics& other = node.system->dynamics();
-    const ContactState& moved = other.press(c, dynamics, base_->parts(y), node.system->drive(t));
+    const Dynamics& other = node.system->dynamics();
+    const ContactState& moved = other.contacts()[c];
     add_states(other.law_states(c));
     if (!s.closed) return;
     const auto force_of = [](const ContactState& at) {

@@ -1,6 +1,7 @@
 /// Workspaces of the model and of its copies with shifted parameters, one set a thread.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <span>
 #include <vector>
@@ -14,6 +15,25 @@ namespace feltmb::detail {
 struct Columns {
   RowMatrix state;         ///< (n_states, n_columns)
   Eigen::MatrixXd memory;  ///< (n_contacts, n_columns)
+};
+
+/// Smooth piece that a contact is on: of its law, and of its surface if it carries a force.
+inline int piece_of(const MechanismSystem& system, std::size_t contact) {
+  const ContactState& s = system.dynamics().contacts()[contact];
+  const ContactLaw& law = system.mechanism().contacts[contact].law;
+  const int piece = law.piece(s.compression, s.rate, system.dynamics().memory(contact));
+  // On the arc of a hybrid surface the normal turns, on its lines it does not.
+  return 4 * piece + (piece != 0 ? s.part : 0);
+}
+
+/// Weights of a difference of values at +shift, in the middle and at -shift. A value on another
+/// smooth piece says nothing about this one: near a kink, one side is left.
+struct Sides {
+  Sides(bool up_is_on, bool down_is_on, double shift)
+      : up(up_is_on == down_is_on ? 0.5 / shift : up_is_on / shift),
+        down(up_is_on == down_is_on ? -0.5 / shift : -down_is_on / shift),
+        middle(-up - down) {}
+  double up, down, middle;
 };
 
 /// The model, and its copies with shifted parameters, as workspaces.
@@ -134,6 +154,13 @@ class ShiftedModels {
   const SensitivityOptions& options_;
   std::unique_ptr<MechanismSystem> base_, probe_;
   static const Node& nearest(const std::vector<Node>& nodes);
+  /// The nearest version of a parameter for which `evaluate` says that it is on the pieces of the
+  /// model; without one, the nearest. It was evaluated last.
+  template <class Evaluate>
+  const Node& beside(std::size_t j, Evaluate&& evaluate);
+  std::vector<int> pieces_;  ///< of the contacts of the model at hand
+  void find_pieces(const MechanismSystem& system);
+  bool on_pieces(const MechanismSystem& system) const;
   bool told_by_parts(const Changes& changes, double t) const;
   void add_contact(std::size_t j, const Changes::OfContact& of, double t, std::span<const double> y,
                    RowMatrix& out);
@@ -194,6 +221,7 @@ void ShiftedModels::total(double t, std::span<const double> y, std::span<const d
   remember(*probe_, memory);
   function(*probe_, t, y, value, -1, std::size_t{0});
   here_ = one_;
+  find_pieces(*probe_);
   for (std::size_t j = 0; j < this->columns(); ++j) {
     const auto column = static_cast<Eigen::Index>(j);
     const double size = norm(columns.state.col(column));
@@ -203,6 +231,8 @@ void ShiftedModels::total(double t, std::span<const double> y, std::span<const d
       double shift = 0.0;
       for (const Node& node : nodes) shift = std::max(shift, std::fabs(node.shift));
       together = shift * size <= most;
+      bool all_on = true;
+      two_.resize(0);
       for (std::size_t k = 0; k < nodes.size(); ++k) {
         Node& node = nodes[k];
         if (node.shift == 0.0 && node.mechanism == mechanism_) {
@@ -213,18 +243,26 @@ void ShiftedModels::total(double t, std::span<const double> y, std::span<const d
         remember(*node.system, moved_memory_);
         function(*node.system, t, std::span<const double>(shifted_), value, static_cast<int>(j), k);
         out.col(column) += node.weight * one_;
+        const bool on = on_pieces(*node.system);
+        if (on && two_.size() == 0) two_ = (one_ - here_) / node.shift;
+        all_on = all_on && on;
         ++evaluations_;
       }
+      if (!all_on && two_.size() > 0) out.col(column) = two_;
     }
     if (together || size == 0.0) continue;
     const double shift = small / size;
-    for (const double sign : {1.0, -1.0}) {
-      move(column, sign * shift);
+    std::array<bool, 2> on{};
+    for (const int side : {0, 1}) {
+      move(column, side == 0 ? shift : -shift);
       remember(*probe_, moved_memory_);
       function(*probe_, t, std::span<const double>(shifted_), value, -1, std::size_t{0});
-      out.col(column) += (sign * 0.5 / shift) * one_;
+      on[static_cast<std::size_t>(side)] = on_pieces(*probe_);
+      (side == 0 ? two_ : three_) = one_;
       ++evaluations_;
     }
+    const Sides weight(on[0], on[1], shift);
+    out.col(column) += weight.up * two_ + weight.down * three_ + weight.middle * here_;
   }
   remember(*probe_, memory);
 }

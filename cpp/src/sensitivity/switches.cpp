@@ -104,9 +104,7 @@ class Finder {
     const bool slides = active_[c] && s.compression > 0.0 && friction.turns_over();
     out.zone[c] = slides ? zone(s.slip, friction.threshold_speed) : 0;
     if (!active_[c]) return;
-    const int piece = mechanism_.contacts[c].law.piece(s.compression, s.rate, dynamics.memory(c));
-    // On the arc of a hybrid surface the normal turns, on its lines it does not.
-    out.piece[c] = 4 * piece + (piece != 0 ? s.part : 0);
+    out.piece[c] = piece_of(probe_, c);
   }
 
   void look_at_state(double t, std::span<const double> y, Look& out) {

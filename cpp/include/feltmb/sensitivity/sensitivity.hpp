@@ -4,8 +4,10 @@
 /// all columns at once by the L-stable three-stage SDIRK method of order three (R. Alexander, SIAM
 /// J. Numer. Anal. 14 (1977) 1006) with its own error control. J is the exact Jacobian; a stage
 /// costs one factorization of the structured Newton matrix, shared by all columns. df/dp comes from
-/// immutable mechanisms built with shifted parameters. While no string is touched its columns are
-/// rotated exactly, mode by mode, and the rest alone is integrated. Steps end where a contact
+/// immutable mechanisms built with shifted parameters, of which those count whose contacts are on
+/// the smooth pieces of the model: just after a felt turns, a shift can take it past its top. While
+/// no string is touched its columns are rotated exactly, mode by mode, and the rest alone is
+/// integrated. Steps end where a contact
 /// closes, opens or turns from loading to unloading; where the right-hand side itself jumps there,
 /// S does too: S+ = S- + (f- - f+) dt*/dp (saltation). While a contact whose largest force is
 /// sought is closed, S + f dt/dp is integrated, with the time t of its closing: what is left of S

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 Outputs = Mapping[str, tuple[int, str]]
 _SIGNS = {"largest": (1,), "smallest": (-1,), "range": (1, -1)}
 _KEY = "key_travel"
+_FLAT = "it depends on the time of an event, or of an extremum, that is too flat for a derivative"
 
 
 @dataclass
@@ -40,12 +41,12 @@ class Summary:
     def put(
         self, name: str, value: float, derivative: Array, *, unit: str | None = None, why: str = ""
     ) -> None:
-        """Add a value; ``why``: why the derivative is NaN."""
+        """Add a value; ``why``: why the derivative is NaN, if not by an event or extremum."""
         self.values[name] = float(value)
         self.derivatives[name] = derivative
         self.units[name] = summary_unit(name) if unit is None else unit
-        if why:
-            self.unknown[name] = why
+        if why or (derivative.size and derivative[0] != derivative[0]):
+            self.unknown[name] = why or _FLAT
 
 
 def add_rules(action: Action, options: Any) -> list[str]:
@@ -190,9 +191,6 @@ def summarize(
     return out
 
 
-_GRAZING = "an event of it is too flat for a derivative"
-
-
 def _add_rows(
     action: Action,
     out: Summary,
@@ -209,8 +207,7 @@ def _add_rows(
         start, end = row.between or (None, str(row.at))
         value = when[end] + begin if start is None else when[end] - when[start]
         derivative = moved[end] if start is None else moved[end] - moved[start]
-        why = _GRAZING if derivative.size and derivative[0] != derivative[0] else ""
-        out.put(name, value, derivative, unit="s", why=why)
+        out.put(name, value, derivative, unit="s")
 
 
 def _add_look(
@@ -247,6 +244,4 @@ def _add_look(
         if row.take == "range":
             value, derivative = value - parts[1][0], derivative - parts[1][1]
     why = next((look.reason for look in looks if look.reason), "")
-    if not why and derivative.size and np.isnan(derivative[0]):
-        why = _GRAZING
     out.put(name, value, derivative, unit=outputs[str(row.output)][1], why=why)
