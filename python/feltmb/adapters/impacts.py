@@ -37,6 +37,7 @@ from feltmb.fit import (
     State,
 )
 from feltmb.mechanism import Action, load_action
+from feltmb.run.arrays import renamed
 from feltmb.run.simulate import simulate
 from feltmb.run.strikes import ONE_STRIKE
 from feltmb.run.stroke import Stroke, load_stroke
@@ -292,10 +293,10 @@ class ImpactModel(Model):
         offs = [(i, t) for i, t, d in changes if d < 0 and on[1] < t <= on[1] + ONE_STRIKE]
         if offs:
             out["rebound_speed"] = float(-approach[offs[-1][0]])
-            out["string_contact_duration"] = offs[-1][1] - on[1]
+            out["impact_duration"] = offs[-1][1] - on[1]
         for contact, force, _ in run.peaks:
             if contact == self._strike_index:
-                out["max_string_force"] = float(force)
+                out["max_impact_force"] = float(force)
         return out
 
     def _start(self, stroke: Stroke) -> float:
@@ -319,8 +320,8 @@ class _ImpactTable(Schema):
     values: dict[str, float | str | bool] = {}
     note: str = ""
     rebound_speed: dict[str, Any] | None = None
-    max_string_force: dict[str, Any] | None = None
-    string_contact_duration: dict[str, Any] | None = None
+    max_impact_force: dict[str, Any] | None = None
+    impact_duration: dict[str, Any] | None = None
 
 
 class _ImpactFile(Schema):
@@ -334,7 +335,7 @@ class _ImpactFile(Schema):
     records: list[_ImpactTable]
 
 
-_UNITS = {"rebound_speed": "m/s", "max_string_force": "N", "string_contact_duration": "s"}
+_UNITS = {"rebound_speed": "m/s", "max_impact_force": "N", "impact_duration": "s"}
 
 
 @checked
@@ -350,7 +351,7 @@ def load_impacts(path: str | Path) -> tuple[ImpactModel, tuple[Effect, ...], tup
         Faults of the file, all in one message.
     """
     path = Path(path)
-    file = validated(_ImpactFile, read_toml(path), path.name)
+    file = validated(_ImpactFile, renamed(read_toml(path)), path.name)
     action = load_action(named_file(path.parent, file.action, f"{path.name}: action"))
     if file.values:
         action = action.with_values(file.values)

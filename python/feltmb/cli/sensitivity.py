@@ -137,7 +137,7 @@ def command(
         name: text.partition(" (")[0]
         for name, (text, unit) in summary_rows(mechanism).items()
         if unit != "s"  # times have short names of their own
-    } | {"string_contact_duration": "contact duration"}
+    } | {"impact_duration": "contact duration"}
     order = effects[number].abs().sort_values(ascending=False, kind="stable").index
     if as_json:
         print_json(
@@ -184,7 +184,7 @@ def _table(
     words: Mapping[str, str],
 ) -> Any:
     shown = [number] + [
-        n for n in ("impact_time", "max_string_force", "rebound_speed") if n in effects
+        n for n in ("impact_time", "max_impact_force", "rebound_speed") if n in effects
     ]
     shown = list(dict.fromkeys(shown))[:2]  # as many as fit into 80 columns
     names = [words.get(n, n.replace("_", " ")) for n in shown]

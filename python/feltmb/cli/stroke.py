@@ -435,7 +435,7 @@ def strike_tables(run: Run, title: str) -> list[Any]:
         return []
     words = strike_words(run)
     # The exact largest force is that of the run.
-    sampled = {"max_string_force": ("sampled_string_force", " (samples)")}
+    sampled = {"max_impact_force": ("sampled_impact_force", " (samples)")}
     rows = {
         sampled.get(key, (key, ""))[0]: (text + sampled.get(key, (key, ""))[1], unit)
         for key, (text, unit) in summary_rows(run).items()
@@ -494,7 +494,7 @@ def summary_table(run: Run, title: str) -> Any:
     groups: list[tuple[float, list[tuple[str, str, str]]]] = [(-math.inf, [])]
     several = len(run.strike_list) > 1
     for key, (text, unit) in summary_rows(run).items():
-        if several and key != "max_string_force":
+        if several and key != "max_impact_force":
             continue
         if key == "let_off_time" and words and "free_flight_time" not in run.summary:
             groups[-1][1].append((words, "none", ""))

@@ -165,8 +165,8 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
 
 #: Values of a summary that follow from the roles of contacts and points.
 _OWN_ROWS = (
-    *("impact_time", "impact_speed", "rebound_speed", "string_contact_duration", "let_off_gap"),
-    *("max_string_force", "max_string_force_time", "check_gap", "check_gap_swing", "key_travel"),
+    *("impact_time", "impact_speed", "rebound_speed", "impact_duration", "let_off_gap"),
+    *("max_impact_force", "max_impact_force_time", "check_gap", "check_gap_swing", "key_travel"),
 )
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-__all__ = ["summary_unit", "table_to_dataset"]
+__all__ = ["renamed", "summary_unit", "table_to_dataset"]
 
 #: Suffix of the name of a number in ``Run.summary`` -> its SI unit; other numbers are lengths.
 ENDINGS = (
@@ -21,6 +22,25 @@ ENDINGS = (
     ("steps", "1"),
     ("rhs", "1"),
 )
+
+
+#: Numbers of ``Run.summary`` in files of earlier versions -> their present names.
+_EARLIER = {
+    "max_string_force": "max_impact_force",
+    "sampled_string_force": "sampled_impact_force",
+    "string_contact_duration": "impact_duration",
+}
+
+
+def renamed(data: Any) -> Any:
+    """Text or tables of a file, with the present names of the numbers of a summary."""
+    if isinstance(data, Mapping):
+        return {renamed(key): renamed(value) for key, value in data.items()}
+    if isinstance(data, list):
+        return [renamed(value) for value in data]
+    if not isinstance(data, str):
+        return data
+    return re.sub(rf"\b({'|'.join(_EARLIER)})(?=_time\b|\b)", lambda m: _EARLIER[m[0]], data)
 
 
 def summary_unit(name: str) -> str:

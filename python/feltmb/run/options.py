@@ -36,8 +36,8 @@ class RunOptions:
         frequencies and damping; it needs a string with modes. ``"auto"``: modal for such a string.
         The methods agree within their errors; ``run.stats["method"]`` is the method that was used.
     output_rate : float
-        Sample rate of the outputs [Hz]. Events and the largest string force are found with dense
-        output and do not depend on it.
+        Sample rate of the outputs [Hz]. Events and the largest force of the impact are found with
+        dense output and do not depend on it.
     ledger : bool
         Whether work and dissipation are integrated with the motion (``run.energy``).
     events : bool

@@ -80,8 +80,8 @@ def strike_words(run: Run | Action) -> dict[str, str]:
     checks = contact_parties(run, next(iter(reading.check_contacts), None))
     words = {
         "impact_time": "impact",
-        "max_string_force": "largest force of the impact",
-        "string_contact_duration": "contact of the impact lasts",
+        "max_impact_force": "largest force of the impact",
+        "impact_duration": "contact of the impact lasts",
         "let_off_gap": "distance at let-off",
         "key_travel": f"{key} travel",
         "key_return_time": f"{key} is back",
@@ -93,8 +93,8 @@ def strike_words(run: Run | Action) -> dict[str, str]:
         the = "the " if " - " in str(labeled or "") else ""
         words |= {
             "impact_time": f"{one} meets {the}{other}",
-            "max_string_force": f"largest {other} force",
-            "string_contact_duration": f"{other} contact lasts",
+            "max_impact_force": f"largest {other} force",
+            "impact_duration": f"{other} contact lasts",
             "let_off_gap": f"{one} - {other} distance at let-off",
         }
     return words
@@ -104,8 +104,8 @@ def strike_words(run: Run | Action) -> dict[str, str]:
 _STRIKE = {
     "impact_time": ("", "s"),
     "impact_speed": ("impact speed (of the contact)", "m/s"),
-    "max_string_force": ("", "N"),
-    "string_contact_duration": ("", "s"),
+    "max_impact_force": ("", "N"),
+    "impact_duration": ("", "s"),
     "rebound_speed": ("rebound speed (of the contact)", "m/s"),
 }
 #: Numbers that follow the time of an event of the mechanism file, by its role or name.

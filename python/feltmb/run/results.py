@@ -19,7 +19,7 @@ from feltmb.display import html_table, picture
 from feltmb.errors import DataError, InvalidParameter, no_such
 from feltmb.files import check_suffix, plain_text, write_file
 from feltmb.files.hdf5 import HDF5_FAULTS, open_hdf5
-from feltmb.run.arrays import summary_unit
+from feltmb.run.arrays import renamed, summary_unit
 from feltmb.units.quantity import shortened
 
 if TYPE_CHECKING:
@@ -605,6 +605,7 @@ def load_run(path: str | Path) -> Run:
             for key in ("coordinate_names", "summary", "energy", "stats", "provenance", "events")
         }
         meta["strikes"] = _plain(json.loads(attributes.get("strikes", "[]")))  # newer than files
+        meta |= {key: renamed(meta[key]) for key in ("summary", "strikes")}
         special = {n: arrays[n] for n in (*_SPECIAL, "values")}
         names = tuple(texts)
         faults = _run_faults(special, meta)

@@ -573,8 +573,8 @@ def _summary(
             out |= strike_numbers(changes, on, off, result, column)
         for contact, force, time in result.peaks:
             if contact == column:
-                out["max_string_force"] = float(force)
-                out["max_string_force_time"] = float(time)
+                out["max_impact_force"] = float(force)
+                out["max_impact_force_time"] = float(time)
         if "let_off" in named:
             out["let_off_gap"] = float(-result.event_compression[named["let_off"], column])
         if "check" in named:

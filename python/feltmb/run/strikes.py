@@ -52,7 +52,7 @@ def strike_numbers(
     }
     if off is not None:
         out["rebound_speed"] = float(-result.event_approach[off, column])
-        out["string_contact_duration"] = changes[off].time - changes[on].time
+        out["impact_duration"] = changes[off].time - changes[on].time
     return out
 
 
@@ -140,7 +140,7 @@ def _peak(action: Action, on: float, off: float, column: int, result: Any) -> di
     if force is None:
         return {}
     values = force[(result.time >= on) & (result.time <= off)]
-    return {"sampled_string_force": float(values.max())} if values.size else {}
+    return {"sampled_impact_force": float(values.max())} if values.size else {}
 
 
 def _ends(action: Action, part: Sequence[Change], impact: float) -> dict[str, float]:

@@ -92,8 +92,8 @@ def test_while_turning_nothing_is_built_anew(opened):
         opened.run(turn.format(0.02 * k))
         settled(opened)
         until(opened, READY)
-        peaks.append(opened.run("feltmbLive.got.a.summary.max_string_force"))
-        cell = "document.querySelector('[data-name=max_string_force] [data-value]')"
+        peaks.append(opened.run("feltmbLive.got.a.summary.max_impact_force"))
+        cell = "document.querySelector('[data-name=max_impact_force] [data-value]')"
         assert opened.run(f"Number({cell}.dataset.value)") == peaks[-1]
         assert opened.run(f"parseFloat({cell}.textContent)") == pytest.approx(peaks[-1], rel=1e-4)
     assert opened.run("built") == []

@@ -18,8 +18,8 @@ BOUNDS = {
     "impact_time": 4e-5,  # s
     "impact_speed": 6e-4,  # m/s
     "rebound_speed": 1e-3,  # m/s
-    "string_contact_duration": 2e-6,  # s
-    "max_string_force": 3e-3,  # N
+    "impact_duration": 2e-6,  # s
+    "max_impact_force": 3e-3,  # N
     "let_off_gap": 1e-5,  # m
     "check_gap": 1e-5,  # m
 }
@@ -48,7 +48,7 @@ def test_typical_error_at_the_default_tolerance(run_of, stroke):
 @pytest.mark.parametrize("stroke", STROKES)
 def test_errors_fall_with_the_tolerance(run_of, stroke):
     fine = run_of(stroke, rtol=1e-10).summary
-    names = ("impact_time", "impact_speed", "rebound_speed", "max_string_force")
+    names = ("impact_time", "impact_speed", "rebound_speed", "max_impact_force")
     errors = np.array(
         [
             [abs(run_of(stroke, rtol=rtol).summary[n] / fine[n] - 1.0) for n in names]
@@ -109,8 +109,8 @@ def test_force_of_the_string_converges_with_the_modes(run_of):
 def test_peak_force_does_not_depend_on_the_output_rate(run_of):
     coarse = run_of("forte", rtol=1e-8, output_rate=1000.0)
     fine = run_of("forte", rtol=1e-8)
-    peak = fine.summary["max_string_force"]
-    assert coarse.summary["max_string_force"] == peak
+    peak = fine.summary["max_impact_force"]
+    assert coarse.summary["max_impact_force"] == peak
     assert coarse.summary["impact_time"] == fine.summary["impact_time"]
     assert np.max(coarse["contact06.force"]) < peak
     dense = run_of("forte", rtol=1e-8, output_rate=1e6, duration=0.096)
@@ -124,4 +124,4 @@ def test_moving_and_fixed_strike_point_differ_little(run_of):
     assert fixed["impact_speed"] == pytest.approx(moving["impact_speed"], rel=1e-5)
     assert fixed["rebound_speed"] != moving["rebound_speed"]
     assert fixed["rebound_speed"] == pytest.approx(moving["rebound_speed"], rel=0.05)
-    assert fixed["max_string_force"] == pytest.approx(moving["max_string_force"], rel=0.02)
+    assert fixed["max_impact_force"] == pytest.approx(moving["max_impact_force"], rel=0.02)

@@ -81,7 +81,7 @@ def test_force_to_motion_to_force(action):
     # Where the force jumps in slope, a spline through samples of 0.1 ms rings for one of them.
     assert np.sqrt(np.mean(error**2)) < 0.05
     assert np.median(np.abs(error)) < 1e-3
-    for key, room in (("impact_speed", 2e-5), ("key_start_time", 1e-4), ("max_string_force", 2e-3)):
+    for key, room in (("impact_speed", 2e-5), ("key_start_time", 1e-4), ("max_impact_force", 2e-3)):
         assert run.summary[key] == pytest.approx(by_force.summary[key], rel=room)
     assert run.energy["work_in"] == pytest.approx(by_force.energy["work_in"], rel=1e-4)
     assert run.energy["residual_relative"] < 1e-4

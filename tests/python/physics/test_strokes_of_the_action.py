@@ -49,7 +49,7 @@ def test_numbers_of_the_rigid_action(run_of):
 ])  # fmt: skip
 def test_force_on_a_rigid_stop(run_of, stroke, law, force):
     values = {"string.kind": "rigid_stop", "contacts.*.law": law}
-    found = run_of(stroke, values=values, rtol=1e-8).summary["max_string_force"]
+    found = run_of(stroke, values=values, rtol=1e-8).summary["max_impact_force"]
     assert found == pytest.approx(force, rel=0.06)
 
 

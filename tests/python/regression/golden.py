@@ -25,7 +25,7 @@ SIGNALS = (
     "string.bridge_force",
 )
 #: Relative tolerance of the numbers of the summary; the others have 1e-6.
-LOOSER = {"rebound_speed": 1e-5, "max_string_force_time": 1e-5}
+LOOSER = {"rebound_speed": 1e-5, "max_impact_force_time": 1e-5}
 
 
 def simulate(name):

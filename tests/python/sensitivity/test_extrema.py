@@ -50,11 +50,11 @@ def run(action, stroke, parameter, shift, **options):
     return feltmb.simulate(changed, stroke, ledger=False, rtol=1e-11, **options).summary
 
 
-PEAK = "max_string_force"
+PEAK = "max_impact_force"
 #: The travel of the key is left out: a run has that of its samples, whose differences are rough.
 NUMBERS = [
-    *(PEAK, "max_string_force_time", "impact_time", "impact_speed", "rebound_speed"),
-    *("string_contact_duration", "let_off_gap"),
+    *(PEAK, "max_impact_force_time", "impact_time", "impact_speed", "rebound_speed"),
+    *("impact_duration", "let_off_gap"),
 ]
 FAST = ["pedal_90", "pedal_130", "pedal_200_stulov", "rigid_forte_hc", "flex_forte_mem"]
 SLOW = ["rigid_forte", "rigid_piano_stulov", "flex_forte", "flex_piano", "rigid_forte_mem"]

@@ -40,8 +40,8 @@ def test_blow_on_a_linear_spring(sledge):
         "impact_time": [0.0, 0.0, -1 / speed, -gap / speed**2],
         "impact_speed": [0.0, 0.0, 0.0, 1.0],
         "rebound_speed": [0.0, 0.0, 0.0, 1.0],
-        "string_contact_duration": [-half / (2 * STIFFNESS), half / (2 * MASS), 0.0, 0.0],
-        "max_string_force": [speed * root / 2, speed / (2 * root), 0.0, 1 / root * MASS],
+        "impact_duration": [-half / (2 * STIFFNESS), half / (2 * MASS), 0.0, 0.0],
+        "max_impact_force": [speed * root / 2, speed / (2 * root), 0.0, 1 / root * MASS],
     }
     scale = np.array([1 / STIFFNESS, 1 / MASS, 1 / gap, 1 / speed])  # of the columns
     for name, derivative in exact.items():
@@ -122,8 +122,8 @@ def richardson(action, path, value, step, number, **options):
 @pytest.mark.parametrize(
     ("path", "value", "names"),
     [
-        ("string.tension", 654.0, ["max_string_force", "rebound_speed"]),
-        ("contacts.06.loading.a", 23500.0, ["max_string_force", "string_contact_duration"]),
+        ("string.tension", 654.0, ["max_impact_force", "rebound_speed"]),
+        ("contacts.06.loading.a", 23500.0, ["max_impact_force", "impact_duration"]),
     ],
 )
 def test_the_blow_against_differences(action, forte, path, value, names):
@@ -394,7 +394,7 @@ def test_a_felt_of_fibers_by_its_own_numbers(rigid):
     paths = [f"{table}.{name}" for name in ("thickness", "felt.v_f0", "felt.loading.K_p",
                                             "felt.fiber.friction", "area.radius_a")]  # fmt: skip
     g = gradient(felt, "forte", paths, (), duration=0.105, rtol=1e-8, tolerance=1e-4)
-    names = ("max_string_force", "rebound_speed", "string_contact_duration")
+    names = ("max_impact_force", "rebound_speed", "impact_duration")
     found = find_parameters(felt, paths)
 
     def at(parameter, shift):

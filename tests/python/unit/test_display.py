@@ -62,9 +62,9 @@ def test_pictures_of_a_run_and_a_mechanism(run):
 
 def test_units_of_a_summary_are_those_of_its_names():
     assert summary_unit("impact_speed") == "m/s"
-    assert summary_unit("max_string_force") == "N"
+    assert summary_unit("max_impact_force") == "N"
     assert summary_unit("let_off_gap") == "m"
-    assert summary_unit("string_contact_duration") == "s"
+    assert summary_unit("impact_duration") == "s"
 
 
 def test_a_gradient_shows_what_its_parameters_do():
@@ -114,7 +114,7 @@ def test_a_study_is_an_array_and_a_picture():
     data = result.to_xarray()
     assert list(data["variant"].values) == ["a", "b"]
     assert data["impact_speed"].attrs == {"units": "m/s"}
-    assert data["string_contact_duration"].attrs == {"units": "s"}
+    assert data["impact_duration"].attrs == {"units": "s"}
     assert result.plot("tip") is result.figures["tip"]
     assert result.plot()._repr_png_().startswith(b"\x89PNG")
     assert "<table>" in result._repr_html_()

@@ -1,5 +1,6 @@
 """Runs: names and units of the data, saving, loading, never overwriting, nothing left behind."""
 
+import h5py
 import numpy as np
 import pytest
 
@@ -70,7 +71,7 @@ def test_speeds_of_points_are_the_derivative_of_their_places(run):
 
 
 def test_summary_names(run):
-    assert {"impact_speed", "rebound_speed", "max_string_force", "string_contact_duration",
+    assert {"impact_speed", "rebound_speed", "max_impact_force", "impact_duration",
             "key_travel"} <= set(run.summary)  # fmt: skip
     assert run.summary["rebound_speed"] > 0
     assert run.summary["impact_speed"] > 0
@@ -96,6 +97,26 @@ def test_round_trip(run, tmp_path):
     again = feltmb.load_run(path)
     again.save(tmp_path / "again.nc")
     same(feltmb.load_run(tmp_path / "again.nc"), run)
+
+
+#: Present names of the numbers of a strike -> those of earlier versions.
+EARLIER = {
+    "max_impact_force": "max_string_force",
+    "sampled_impact_force": "sampled_string_force",
+    "impact_duration": "string_contact_duration",
+}
+
+
+def test_a_run_with_names_of_earlier_versions(run, tmp_path):
+    path = run.save(tmp_path / "run.nc")
+    with h5py.File(path, "r+") as file:
+        for key in ("summary", "strikes"):
+            text = file.attrs[key]
+            for now, before in EARLIER.items():
+                text = text.replace(now, before)
+            file.attrs[key] = text
+        assert "max_string_force_time" in file.attrs["summary"]
+    same(feltmb.load_run(path), run)
 
 
 @pytest.mark.parametrize("values", [{"string.kind": "rigid_stop"}, {"string.modes": 1}])

@@ -54,7 +54,7 @@ def test_sensitivity_of_the_template(template):
 def test_sensitivity_orders_by_what_the_stroke_has(template):
     done = command("sensitivity", template, "piano", "--parameters", "hammer.mass")
     assert done.exit_code == 0, done.exception
-    peak = feltmb.simulate(str(template), "piano").summary["max_string_force"]
+    peak = feltmb.simulate(str(template), "piano").summary["max_impact_force"]
     assert f"is {peak:.4g} N" in done.output
     assert "impact_speed" in refusal(
         *("sensitivity", template, "piano", "--parameters", "hammer.mass"),

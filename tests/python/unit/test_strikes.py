@@ -44,7 +44,7 @@ def test_each_key_stroke_is_a_strike_with_its_own_numbers(run):
     assert list(run.strikes["impact_time"]) == list(impacts["time"])
     assert list(run.strikes["impact_speed"]) == list(impacts["approach06"])
     at = (run.time > two["impact_time"] - 1e-3) & (run.time < two["impact_time"] + 5e-3)
-    assert two["sampled_string_force"] == run["contact06.force"][at].max()
+    assert two["sampled_impact_force"] == run["contact06.force"][at].max()
     front = run["key_front.y"]
     assert two["key_travel"] == front[0] - front[run.time > PERIOD].min()
 
@@ -131,7 +131,7 @@ def test_the_command_prints_a_column_for_each_strike(run):
     assert "key is back" in text
     whole = text_of(summary_table(run, "two"))
     assert "impact speed" not in whole
-    assert f"{run.summary['max_string_force']:.4g}" in whole
+    assert f"{run.summary['max_impact_force']:.4g}" in whole
     assert strike_tables(feltmb.simulate("steinway45", "piano"), "one") == []
     output = CliRunner().invoke(command, ["steinway45", "repeated", "--json"]).output
     assert output.count('"impact_speed"') == 6

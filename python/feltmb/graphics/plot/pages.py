@@ -141,8 +141,8 @@ def _summary_line(run: Run) -> str:
         s,
         ("impact_speed", "impact speed (of the contact)", 1.0, "m/s"),
         ("rebound_speed", "rebound speed", 1.0, "m/s"),
-        ("max_string_force", force, 1.0, "N"),
-        ("string_contact_duration", contact, 1e3, "ms"),
+        ("max_impact_force", force, 1.0, "N"),
+        ("impact_duration", contact, 1e3, "ms"),
     )
     half = -(-len(parts) // 2)
     return "\n".join("   ".join(row) for row in (parts[:half], parts[half:]) if row)
@@ -154,9 +154,9 @@ def _strike_line(run: Run, number: int, s: Mapping[str, float]) -> str:
     parts = _numbers(
         s,
         ("impact_speed", "impact speed", 1.0, "m/s"),
-        ("max_string_force", force, 1.0, "N"),
-        ("sampled_string_force", force, 1.0, "N"),
-        ("string_contact_duration", contact, 1e3, "ms"),
+        ("max_impact_force", force, 1.0, "N"),
+        ("sampled_impact_force", force, 1.0, "N"),
+        ("impact_duration", contact, 1e3, "ms"),
     )
     return "   ".join([f"strike {number} at {1e3 * s['impact_time']:.1f} ms", *parts])
 
@@ -164,8 +164,8 @@ def _strike_line(run: Run, number: int, s: Mapping[str, float]) -> str:
 def _strike_texts(run: Run) -> tuple[str, str]:
     """Words for the largest force of a strike and for the duration of its contact."""
     words = strike_words(run)
-    contact = words["string_contact_duration"].removesuffix(" lasts")
-    return plain_text(words["max_string_force"]), plain_text(contact)
+    contact = words["impact_duration"].removesuffix(" lasts")
+    return plain_text(words["max_impact_force"]), plain_text(contact)
 
 
 def _numbers(s: Mapping[str, float], *rows: tuple[str, str, float, str]) -> list[str]:

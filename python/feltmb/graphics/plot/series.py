@@ -242,7 +242,7 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
         return
     # After the impact the striker moves away from what it met: there is space above zero.
     met = run.summary.get("impact_time", math.nan)
-    left = met + run.summary.get("string_contact_duration", math.nan)
+    left = met + run.summary.get("impact_duration", math.nan)
     for time, word, color, height in (
         (met, f"{other} met", BLACK, 0.97),
         (left, f"{other} left", BLUE, 0.42),

@@ -153,11 +153,11 @@ def summarize(
         if on is not None and off is not None and first is not None and last is not None:
             put("rebound_speed", -run.event_approach[off, column], -last.approach[column])
             duration = changes[off].time - changes[on].time
-            put("string_contact_duration", duration, last.time - first.time)
+            put("impact_duration", duration, last.time - first.time)
         for (contact, force, time), peak in zip(run.peaks, result.peaks, strict=True):
             if contact == column and force > 0:
-                put("max_string_force", force, peak.derivative, why=peak.reason)
-                name = "max_string_force_time"
+                put("max_impact_force", force, peak.derivative, why=peak.reason)
+                name = "max_impact_force_time"
                 put(name, time + begin, peak.time_derivative, why=peak.reason)
         let_off = by_index.get(named["let_off"]) if "let_off" in named else None
         if let_off is not None:

@@ -77,8 +77,8 @@ def gradient(
 
     Notes
     -----
-    The summary has times of events, impact and rebound speed, string contact duration, let-off
-    gap, largest string force and its time, key travel, and the rows of ``[reading]``. Extrema are
+    The summary has times of events, impact and rebound speed, duration of the impact, let-off gap,
+    largest force of the impact and its time, key travel, and the rows of ``[reading]``. Extrema are
     those of the motion itself, not of samples; a mean is that of samples at ``output_rate``. The
     derivatives include the shift of the times of their events. ``Gradient.unknown`` says why a
     derivative is NaN.

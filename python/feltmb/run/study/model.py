@@ -17,6 +17,7 @@ from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
 from feltmb.mechanism import Action
+from feltmb.run.arrays import renamed
 from feltmb.run.stroke import Stroke
 from feltmb.run.study.checks import (
     make_actions,
@@ -136,7 +137,7 @@ class Study:
         """
         faults: list[str] = []
         try:
-            spec = StudyFile.model_validate(raw)
+            spec = StudyFile.model_validate(renamed(raw))
         except ValidationError as error:
             raise refusal(origin, fault_lines(error, StudyFile)) from None
         except RecursionError:

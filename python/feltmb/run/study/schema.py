@@ -13,8 +13,8 @@ from feltmb.units.quantity import Schema
 KNOWN: dict[str, tuple[str, str]] = {
     "impact_speed": ("impact speed (of the contact)", "m/s"),
     "rebound_speed": ("rebound speed (of the contact)", "m/s"),
-    "max_string_force": ("largest string force", "N"),
-    "string_contact_duration": ("string contact lasts", "ms"),
+    "max_impact_force": ("largest force of the impact", "N"),
+    "impact_duration": ("contact of the impact lasts", "ms"),
     "let_off_gap": ("distance at let-off", "mm"),
     "check_gap": ("distance in check", "mm"),
     "check_gap_swing": ("swing in check, last 10 ms", "mm"),
