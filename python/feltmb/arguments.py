@@ -15,13 +15,16 @@ import numbers
 import os
 from collections.abc import Callable, Iterable, Mapping, Sized
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from feltmb.errors import InvalidParameter, shown
 
-__all__ = ["checked", "text_readers"]
+__all__ = ["AnyNumber", "checked", "text_readers"]
 
 T = TypeVar("T")
+
+#: Annotation of a number that need not be finite.
+AnyNumber = Annotated[float, "any"]
 
 #: Function of a value and its place that returns the checked value or raises ``_Refused``.
 Check = Callable[[Any, str], Any]
@@ -43,9 +46,10 @@ def checked(target: T) -> T:
     """Check the arguments of a function, or of the public methods of a class, by annotations.
 
     A ``float``, and each element of a ``Sequence[float]``, must be finite unless the default of the
-    parameter is not. An ``int`` must not be negative. The value of an ``Array`` is converted to an
-    array. The call raises :class:`~feltmb.errors.InvalidParameter` with function, argument, value
-    and expectation; a missing or unknown argument raises Python's ``TypeError``.
+    parameter is not, or its annotation is ``AnyNumber``. An ``int`` must not be negative. The value
+    of an ``Array`` is converted to an array. The call raises
+    :class:`~feltmb.errors.InvalidParameter` with function, argument, value and expectation; a
+    missing or unknown argument raises Python's ``TypeError``.
     """
     if not isinstance(target, type):
         wrapped: T = _wrapped(target)
@@ -156,7 +160,7 @@ class _Checks:
             kinds = [self._kind(item, finite) for item in inner]
             return _union([*kinds, _Kind("None", _none)] if name == "Optional" else kinds)
         if name == "Annotated":
-            return self._kind(inner[0], finite)
+            return self._kind(inner[0], finite and ast.unparse(inner[1]) != "'any'")
         if name in ("Mapping", "dict"):
             return _mapping([self._kind(item) for item in inner])
         if name in ("Sequence", "Iterable", "list", "tuple"):

@@ -132,7 +132,10 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
     out.name_outputs(channels);
   }
   const double interval = std::min(1.0 / options.output_rate, options.duration);
-  const auto samples = static_cast<long>(std::floor(options.duration / interval * (1.0 + 1e-12)));
+  const double count = std::floor(options.duration / interval * (1.0 + 1e-12));
+  check_samples(options.output_rate, options.duration, count,
+                static_cast<double>(1 + out.names.size() + (options.states ? y.size() : 0)));
+  const auto samples = static_cast<long>(count);
   const double rest_of_time = options.duration - static_cast<double>(samples) * interval;
   const bool partial = rest_of_time > 1e-9 * interval;
   if (options.outputs) {

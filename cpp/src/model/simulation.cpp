@@ -135,6 +135,15 @@ class PeakWatch {
 
 }  // namespace
 
+void check_samples(double output_rate, double duration, double count, double columns) {
+  constexpr double most = 5e8;  // numbers, 4 GB
+  if (count * columns <= most) return;
+  throw InvalidParameter(
+      format("output_rate = %.6g Hz over %.6g s gives %.3g samples of %.0f numbers; the limit is "
+             "%.3g samples",
+             output_rate, duration, count, columns, std::floor(most / columns)));
+}
+
 Method method_from_name(const std::string& name) {
   for (const Method m : {Method::kAuto, Method::kCvode, Method::kModal}) {
     if (name == method_name(m)) return m;
@@ -669,13 +678,7 @@ class Run {
     const double count = std::max(0.0, last - std::max(0.0, skipped));
     const auto columns =
         static_cast<double>(1 + result_.names.size() + y_.size() + result_.ledger_names.size());
-    constexpr double most = 5e8;  // numbers, 4 GB
-    if (count * columns > most) {
-      throw InvalidParameter(format(
-          "output_rate = %.6g Hz over %.6g s gives %.3g samples of %.0f numbers; the "
-          "limit is %.3g samples",
-          options_.output_rate, options_.duration, count, columns, std::floor(most / columns)));
-    }
+    check_samples(options_.output_rate, options_.duration, count, columns);
     const auto rows = static_cast<Eigen::Index>(count) + 3;
     result_.time.resize(rows);
     result_.data.resize(rows, static_cast<Eigen::Index>(result_.names.size()));

@@ -32,7 +32,8 @@ using detail::SwitchKind;
 
 Eigen::Index index(std::size_t i) { return static_cast<Eigen::Index>(i); }
 
-void check(const std::vector<SensitivitySegment>& segments, const SensitivityOptions& options) {
+void check(const std::vector<SensitivitySegment>& segments, const SensitivityOptions& options,
+           std::size_t parameters) {
   if (!(options.tolerance > 0.0 && options.tolerance <= 0.1)) {
     throw InvalidParameter(format("tolerance = %.6g, must be in (0, 0.1]", options.tolerance));
   }
@@ -45,6 +46,10 @@ void check(const std::vector<SensitivitySegment>& segments, const SensitivityOpt
       throw InvalidParameter(format("segment %zu: from %.6g s to %.6g s, must end after it begins",
                                     i, w.begin, w.end));
     }
+    const double count = (w.end - w.begin) * options.output_rate;
+    const auto columns = parameters + static_cast<std::size_t>(w.directions.cols());
+    check_samples(options.output_rate, w.end - w.begin, count,
+                  static_cast<double>(1 + options.outputs.size() * (1 + columns)));
   }
 }
 
@@ -454,7 +459,7 @@ std::vector<SensitivityResult> sensitivities(const std::shared_ptr<const Mechani
                                              const std::vector<SensitivitySegment>& segments,
                                              const SensitivityOptions& options,
                                              const Progress& progress) {
-  check(segments, options);
+  check(segments, options, parameters.size());
   std::vector<SensitivityResult> results(segments.size());
   const std::size_t threads =
       std::min(resolve_threads(options.threads), std::max<std::size_t>(1, segments.size()));

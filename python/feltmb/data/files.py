@@ -156,7 +156,7 @@ def read_record(
 
 def read_sheet(path: Path) -> Sheet | None:
     """The TOML file that describes a measured file; None if there is none."""
-    beside = path.with_suffix(".toml")
+    beside = path.with_suffix(".toml") if path.name else path
     if not is_file(beside):
         return None
     raw = read_toml(beside)

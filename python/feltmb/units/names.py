@@ -12,7 +12,7 @@ import math
 import re
 from functools import lru_cache
 
-from feltmb.arguments import checked, text_readers
+from feltmb.arguments import AnyNumber, checked, text_readers
 from feltmb.errors import InvalidParameter
 
 __all__ = [
@@ -355,7 +355,7 @@ _SMALL = {
 
 
 @checked
-def readable_unit(value: float = math.inf, unit: str = "1") -> tuple[float, str]:
+def readable_unit(value: AnyNumber, unit: str) -> tuple[float, str]:
     """Factor and unit in which people read a value: small lengths in mm, short times in ms.
 
     Parameters
@@ -372,7 +372,7 @@ def readable_unit(value: float = math.inf, unit: str = "1") -> tuple[float, str]
 
 
 @checked
-def pretty(value: float = math.inf, unit: str = "1") -> tuple[str, str]:
+def pretty(value: AnyNumber, unit: str) -> tuple[str, str]:
     """Number with four digits and unit for people: small lengths in mm, short times in ms.
 
     Parameters

@@ -294,6 +294,8 @@ def test_bad_input(action):
         segments(action, "forte", [Segment(0.0, 0.1, [0.0, 1.0, 2.0])])
     with pytest.raises(feltmb.InvalidParameter, match="cannot be shifted"):
         gradient(action, "forte", ["wire.mass"])
+    with pytest.raises(feltmb.InvalidParameter, match="the limit is"):  # filled the memory
+        gradient(action, "forte", ["key.mass"], output_rate=2.0**62)
 
 
 def test_full_state_of_the_core(action):

@@ -31,6 +31,13 @@ def test_arguments_out_of_range(action, options, message):
         feltmb.simulate(action, "forte", **options)
 
 
+def test_samples_of_a_machine_that_is_linear_between_contacts_are_limited(data):
+    hammer, still = feltmb.load_action(data / "hammer_string.toml"), feltmb.ramp_stroke(0.0)
+    options = {"events": False, "ledger": False}  # these are what a stepper of its own has
+    with pytest.raises(feltmb.InvalidParameter, match="numbers; the limit is "):
+        feltmb.simulate(hammer, still, output_rate=1e15, **options)
+
+
 def test_names_instead_of_objects():
     run = feltmb.simulate("steinway45", "forte", duration=0.01)
     assert run.provenance["action"] == "steinway45"

@@ -13,7 +13,7 @@ import pytest
 
 import feltmb
 from feltmb import actuator, contact, felt, fiber, fit, gap, sensitivity
-from feltmb.arguments import checked
+from feltmb.arguments import AnyNumber, checked
 from feltmb.errors import FeltmbError, InvalidParameter, shown
 
 MODULES = [
@@ -1626,9 +1626,10 @@ def measure(
     names: Sequence[str] = (),
     place: tuple[float, float] | None = None,
     table: Mapping[str, float] | None = None,
+    level: AnyNumber | None = None,
 ) -> tuple[object, ...]:
     """For the tests below."""
-    return length, count, reach, names, place, table
+    return length, count, reach, names, place, table, level
 
 
 @pytest.mark.parametrize(
@@ -1647,6 +1648,7 @@ def measure(
         ({"length": 1.0, "names": ["a", 1]}, r"names\[1\]: got 1, expected a text"),
         ({"length": 1.0, "place": (1.0,)}, "place: got \\(1.0,\\), expected 2 values or None"),
         ({"length": 1.0, "table": {"a": "b"}}, r"table\['a'\]: got 'b', expected a finite number"),
+        ({"length": 1.0, "level": "high"}, "level: got 'high', expected a number or None"),
         ({"length": "\x1b[31m\u202e"}, r"got '\\x1b\[31m\\u202e', expected"),
     ],
 )
@@ -1661,6 +1663,7 @@ def test_numbers_of_all_kinds_are_taken():
     for one in (1, 1.0, np.float32(1.0), np.int64(1), np.array(1.0)):
         assert measure(one, one)[:2] == (1, 1)
     assert measure(1.0, reach=math.inf)[2] == math.inf
+    assert [measure(1.0, level=x)[6] for x in (math.inf, 1)] == [math.inf, 1]
     assert measure(1.0, names=iter("ab"))[3] == ["a", "b"]
     assert measure(1.0, place=[1, 2])[4] == (1, 2)
 

@@ -40,6 +40,9 @@ const char* method_name(Method method);
 /// Throws InvalidParameter.
 double tolerance_for(double error, const Mechanism& mechanism, Method method);
 
+/// Refuses `count` samples of `columns` numbers that would not fit into 4 GB.
+void check_samples(double output_rate, double duration, double count, double columns);
+
 struct SimulationOptions {
   double duration = 0.4;       ///< [s], > 0
   double rtol = 1e-6;          ///< relative tolerance; absolute ones follow from it

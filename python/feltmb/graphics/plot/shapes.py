@@ -140,6 +140,12 @@ def scene(action: Action, poses: Sequence[npt.ArrayLike] = ()) -> Scene:
     """
     config = action.config
     rest = action.rest_pose
+    for i, pose in enumerate(poses):
+        if np.shape(pose) != np.shape(rest):
+            raise InvalidParameter(
+                f"scene: poses[{i}]: shape {np.shape(pose)}, expected {np.shape(rest)}: a number "
+                "for each coordinate"
+            )
     rest_poses = body_poses(action, rest)
     u = _unit(action, rest_poses)
     surfaces = _used_surfaces(action)

@@ -122,7 +122,7 @@ def fragment(
         raise InvalidParameter(f"view: got {len(chosen)} runs, expected 1 to {MOST_RUNS}")
     if not (math.isfinite(slowness) and 0.01 <= slowness <= 1e6):
         raise InvalidParameter(f"view: slowness = {slowness:g}, must lie in [0.01, 1e6]")
-    if at is not None and not math.isfinite(at):
+    if at is not None and not math.isfinite(1e3 * at):
         raise InvalidParameter(f"view: at = {at:g}, expected a time [s]")
     if names is not None and len(names) != len(chosen):
         raise InvalidParameter(f"view: got {len(names)} names of {len(chosen)} runs")
