@@ -493,12 +493,14 @@ def summary_table(run: Run, title: str) -> Any:
     # Events are sorted by time; entries after an event in the list stay after it.
     groups: list[tuple[float, list[tuple[str, str, str]]]] = [(-math.inf, [])]
     several = len(run.strike_list) > 1
+    rows = reading_of(run).rows
+    told = {f"{row.at}_time" for row in rows.values() if row.output is None}
     for key, (text, unit) in summary_rows(run).items():
         if several and key != "max_impact_force":
             continue
         if key == "let_off_time" and words and "free_flight_time" not in run.summary:
             groups[-1][1].append((words, "none", ""))
-        if key not in run.summary:
+        if key not in run.summary or key in told:
             continue
         value = run.summary[key]
         if key.endswith("_time"):
@@ -506,9 +508,9 @@ def summary_table(run: Run, title: str) -> Any:
             groups.append((value, [(named, f"{value:.5f}", "s")]))
         else:
             groups[-1][1].append((text, *pretty(value, unit)))
-    for row in chain.from_iterable(rows for _, rows in sorted(groups, key=lambda group: group[0])):
-        table.add_row(*row)
-    for name, each in reading_of(run).rows.items():
+    for cells in chain.from_iterable(part for _, part in sorted(groups, key=lambda g: g[0])):
+        table.add_row(*cells)
+    for name, each in rows.items():
         if name in run.summary:
             text = each.text or name.replace("_", " ")
             table.add_row(text, *pretty(run.summary[name], row_unit(run, name)))

@@ -228,7 +228,6 @@ def test_case_runs_in_a_process_of_its_own(tmp_path, monkeypatch):
     truth, answer = run_case(engine, "trials", 3, tmp_path, 20.0)
     assert truth.numbers == {"k": 2.589}
     assert mark(truth, answer) == "right"
-    assert 0.0 <= answer.seconds < 20.0
 
 
 @pytest.mark.parametrize(

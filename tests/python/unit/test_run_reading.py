@@ -53,6 +53,12 @@ def test_rows_are_read_off_outputs_and_events():
     assert min(x[at - 1 : at + 1]) <= s["there"] <= max(x[at - 1 : at + 1])
 
 
+def test_a_time_of_an_event_is_one_row_of_the_table():
+    run = feltmb.simulate(with_reading(rows=ROWS), STROKE)
+    texts = list(summary_table(run, "x").columns[0].cells)
+    assert [text for text in texts if text in ("met", "met at", "left")] == ["left", "met at"]
+
+
 def test_a_run_for_its_summary_has_the_rows_too():
     action = with_reading(rows=ROWS)
     whole = feltmb.simulate(action, STROKE)
