@@ -112,6 +112,7 @@ class SegmentRun {
     std::size_t next = 0;
     y_.resize(states);
     const auto sample = [&](double t, const Columns& now) {
+      report(t);
       take(trajectory, t, now);
       if (std::binary_search(look_times_.begin(), look_times_.end(), t)) {
         looks_->take(t, now, variational.shift(), variational.version());
@@ -123,6 +124,7 @@ class SegmentRun {
     }
     constexpr double together = 1e-13;  // s
     for (const Switch& s : switches) {
+      report(s.time);
       if (s.time > variational.time() + together) {
         variational.advance(s.time, marks_, next, sample);
       }
@@ -149,6 +151,14 @@ class SegmentRun {
   }
 
  private:
+  /// Ten times a second; simulate() has its own.
+  void report(double t) {
+    const auto now = Clock::now();
+    if (!progress_ || now - reported_ < std::chrono::milliseconds(100)) return;
+    reported_ = now;
+    if (!progress_(t)) throw Error("sensitivities: stopped");
+  }
+
   void simulate_stroke(Trajectory& trajectory, const SimulationState& start) {
     SimulationOptions o = options_.simulation;
     o.duration = segment_.end - segment_.begin;
@@ -435,6 +445,7 @@ class SegmentRun {
   const SensitivityOptions& options_;
   const SensitivitySegment& segment_;
   Progress progress_;
+  Clock::time_point reported_{};
   SensitivityResult result_;
   std::vector<double> y_;
   std::vector<double> marks_;

@@ -1,6 +1,7 @@
 """Derivatives of a stroke: closed forms, exact identities, differences, a second way round."""
 
 import copy
+import signal
 
 import numpy as np
 import pytest
@@ -296,6 +297,28 @@ def test_bad_input(action):
         gradient(action, "forte", ["wire.mass"])
     with pytest.raises(feltmb.InvalidParameter, match="the limit is"):  # filled the memory
         gradient(action, "forte", ["key.mass"], output_rate=2.0**62)
+
+
+def test_signals_are_seen_while_derivatives_are_integrated(action, monkeypatch):
+    """Ctrl-C waited for the end of the derivatives, 45 s with all parameters of the action."""
+    core, seen, counted = _core.sensitivities, [], []
+
+    def call(mechanism, drive, parameters, segments, options, *more):
+        options.set_looks(lambda _: seen.clear() or [])  # between the stroke and its derivatives
+        out = core(mechanism, drive, parameters, segments, options, *more)
+        counted.append(len(seen))
+        return out
+
+    monkeypatch.setattr(_core, "sensitivities", call)
+    monkeypatch.setattr("feltmb.run.sensitivity.work.looks_of", lambda *_: lambda _: [])
+    before = signal.signal(signal.SIGALRM, lambda *_: seen.append(1))
+    signal.setitimer(signal.ITIMER_REAL, 0.01, 0.01)
+    try:
+        gradient(action, "forte", "contacts.*.loading.*", (), duration=0.2)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert counted[0] > 3
 
 
 def test_full_state_of_the_core(action):
