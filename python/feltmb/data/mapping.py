@@ -98,10 +98,15 @@ def values_in(columns: Columns, column: str, si: str, faults: list[str]) -> Arra
         faults.append(f"column {heading} states no unit; write '{shortened(column)} [{si}]'")
         return values
     try:
-        return values * conversion_factor(unit, si)
+        factor = conversion_factor(unit, si)
     except InvalidParameter as error:
         faults.append(f"column {heading}: {error}")
         return values
+    with np.errstate(over="ignore"):
+        converted = values * factor
+    if np.any(np.isinf(converted)):
+        faults.append(f"column {heading}: holds a value beyond 1.8e308 {si}")
+    return converted
 
 
 def sheet_for(

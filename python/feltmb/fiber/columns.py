@@ -54,6 +54,8 @@ SPECIMENS = (
 _KEYS = {"column", "unit", "factor", "shift", "si"}
 #: Least samples of a specimen.
 _LEAST = 8
+#: Largest value of a sample in SI units: no test has it, and products of such values are numbers.
+_LARGEST = 1e20
 #: Quantities that decrease under load.
 _DECREASING = ("thickness",)
 
@@ -142,7 +144,14 @@ def read_test(
         quantity, column = _choose(columns, units, wanted, stated, faults, notes)
         values = values_in(columns, column, units[quantity], faults) if column else np.zeros(0)
         spec = specs.get(quantity, ColumnSpec())
-        chosen.append((quantity, column, values * spec.factor + spec.shift))
+        with np.errstate(over="ignore"):
+            values = values * spec.factor + spec.shift
+        faults += [
+            f"{columns.place(int(i))}: {shortened(column)} = {values[i]:.4g} {units[quantity]}, "
+            f"expected at most {_LARGEST:g}"
+            for i in np.flatnonzero(np.abs(values) > _LARGEST)
+        ]
+        chosen.append((quantity, column, values))
     (quantity, column, x), (load, load_column, p) = chosen
     words = next((c for c in (*columns.texts, *columns.values) if plain_name(c) == "branch"), "")
     branches = [w.strip().lower() for w in columns.texts.get(words, [])]
