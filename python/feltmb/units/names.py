@@ -339,7 +339,7 @@ def to_si(unit: str) -> tuple[float, str]:
 def _quantities_in(unit: str) -> set[tuple[float, ...]]:
     """Dimensions of the units of which a unit is composed."""
     tokens = re.findall(r"[^\s/*·()]+", _plain(unit))
-    return {_parse(re.sub(r"\^.*|\d+$", "", token))[1] for token in tokens}
+    return {ACCEPTED_UNITS[found[1]][1] for token in tokens if (found := _FACTOR.match(token))}
 
 
 def _power(name: str, power: float) -> str:

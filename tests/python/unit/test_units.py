@@ -78,6 +78,7 @@ def test_every_unit_converts_to_itself(unit):
         ("kΩ", 1e3, "ohm"),
         ("k\N{OHM SIGN}", 1e3, "ohm"),
         ("counts", 1.0, "counts"),
+        ("kPa.0", 1.0, "1"),  # a heading without its end: a power without a digit before the point
     ],
 )
 def test_si_units_of_any_unit(unit, factor, si):
