@@ -30,9 +30,16 @@ __all__ = ["Start", "Stop", "fit_local", "fit_sets", "together"]
 #: Smallest gain of a step that continues a fit [log evidence].
 CONVERGED = 0.1
 #: Largest number of steps, and largest change of the logarithms of noise and share at the end.
-ROUNDS, SETTLED = 10, 0.05
-#: Largest change of a global unknown in one step, in its scale.
-LARGEST_STEP = 10.0
+ROUNDS, SETTLED = 40, 0.05
+#: Change of the logarithm of the noise in a step below which the residual is that of the set.
+COARSE = 0.2
+#: Largest change of a global unknown in the first step, in its scale; it follows the success.
+RADIUS = 2.0
+#: A fit ends that is behind the best one by more than NEAR [log evidence], if its last step gained
+#: less than this share of the distance.
+NEAR, CATCH_UP = 3.0, 0.3
+#: Largest difference of the unknowns of two fits of one set that are the same, in their scales.
+SAME_POINT = 0.05
 #: Effective share below which a model is so wrong that it may have moved the parameters far away.
 POOR = 0.3
 
@@ -52,8 +59,27 @@ class Start:
     """Starts; the best fit of them is kept."""
 
 
+@dataclass(eq=False)
+class Descent:
+    """A fit that proceeds, and its state."""
+
+    problem: Problem
+    members: Members
+    point: Point
+    now: Fitted | None = None
+    gain: float = np.inf
+    """Gain of the last step [log evidence]."""
+
+    def steps(self) -> Steps:
+        """The steps, as points at which residuals are needed."""
+        return _descend(self)
+
+
 def together(
-    problem: Problem, runs: Sequence[Steps], check: Callable[[], None] = lambda: None
+    problem: Problem,
+    runs: Sequence[Steps],
+    check: Callable[[], None] = lambda: None,
+    hopeless: Callable[[int], bool] = lambda _: False,
 ) -> list[Fitted | None]:
     """Advance fits in step until all have ended.
 
@@ -65,6 +91,8 @@ def together(
         The fits.
     check
         Is called before each step; may raise :class:`Stop`.
+    hopeless
+        Whether a fit shall end before its next step, by its index; its result is then None.
     """
     results: list[Fitted | None] = [None] * len(runs)
     waiting: dict[int, Ask] = {}
@@ -79,7 +107,7 @@ def together(
         advance(i, None)
     while waiting:
         check()
-        asks, waiting = waiting, {}
+        asks, waiting = {i: a for i, a in waiting.items() if not hopeless(i)}, {}
         answers = evaluate(problem, list(asks.values()))
         for i, answer in zip(asks, answers, strict=True):
             advance(i, answer)
@@ -87,16 +115,38 @@ def together(
 
 
 def fit_sets(
-    problem: Problem, starts: Sequence[Start], check: Callable[[], None] = lambda: None
+    problem: Problem,
+    starts: Sequence[Start],
+    check: Callable[[], None] = lambda: None,
+    rivals: Sequence[Fitted] = (),
 ) -> list[Fitted | None]:
-    """Fit several sets, each from all of its starts; None: a set that cannot be simulated."""
-    runs = [(i, point) for i, s in enumerate(starts) for point in s.points]
-    fits = together(problem, [_descend(problem, starts[i].members, at) for i, at in runs], check)
-    best: list[Fitted | None] = [None] * len(starts)
-    for (i, _), found in zip(runs, fits, strict=True):
-        old = best[i]
-        if found is not None and (old is None or log_odds(problem, found, old) > 0.0):
-            best[i] = found
+    """Fit several sets, each from all of its starts; None: a set that cannot be simulated.
+
+    A fit ends early if it comes too slowly nearer to the best one of all and of ``rivals``, or if
+    another fit of the same set is at the same point.
+    """
+    fits = [Descent(problem, s.members, point) for s in starts for point in s.points]
+
+    def hopeless(i: int) -> bool:
+        own, others = fits[i].now, [f.now for f in fits if f.now is not None]
+        if own is None or not np.isfinite(fits[i].gain):
+            return False
+        for other in (f.now for f in fits[:i] if f.now is not None):
+            apart = other.point.x - own.point.x if other.members == own.members else np.inf
+            if np.abs(apart).max(initial=0.0) < SAME_POINT:
+                return True
+        behind = max(log_odds(problem, other, own) for other in (*others, *rivals))
+        return fits[i].gain < CATCH_UP * (behind - NEAR)
+
+    together(problem, [f.steps() for f in fits], check, hopeless)
+    best, found = [], iter(fits)
+    for s in starts:
+        own = [f.now for f in (next(found) for _ in s.points) if f.now is not None]
+        top = own[0] if own else None
+        for fitted in own[1:]:
+            if top is not None and log_odds(problem, fitted, top) > 0.0:
+                top = fitted
+        best.append(top)
     return best
 
 
@@ -157,7 +207,7 @@ def _step(
             break
         step[beyond] = np.clip(x + step, low, high)[beyond] - x[beyond]
         held |= beyond
-    step = np.clip(np.clip(x + step, low, high) - x, -LARGEST_STEP, LARGEST_STEP)
+    step = np.clip(x + step, low, high) - x
     local: list[Array] = [
         np.asarray(np.linalg.solve(inner, target - coupling @ step))
         for inner, coupling, target in own.locals
@@ -182,30 +232,42 @@ def _cost(
     return 0.5 * total if np.isfinite(total) else np.inf
 
 
-def _descend(problem: Problem, members: Members, point: Point) -> Steps:
+def _descend(fit: Descent) -> Steps:
     """Damped Gauss-Newton steps of the unknowns; noise and share follow what the set leaves.
 
     A step minimizes share |residual / noise|^2 and the penalties at the present noise.
     """
+    problem, members, point = fit.problem, fit.members, fit.point
     prior = prior_of(problem, members)
     low, high = _limits(problem, members)
     point = replace(point, x=np.clip(point.x, low, high))
-    seen = yield Ask(members, point, problem.fit)
+    first = seen = yield Ask(members, point, problem.fit)
     if any(x.failed for x in seen):
         return None
-    # The share is that of what the set leaves: at the start, the motion itself is a residual.
-    noise, share, settling = noise_left(problem, seen), 1.0, False
-    damping, derivatives = 1e-3, True
+    # The share is that of what the set leaves: at the start, the motion itself is a residual, and
+    # it would count so little that the prior could keep the parameters there.
+    noise, share, change = noise_left(problem, seen), 1.0, np.inf
+    radius, derivatives, far = RADIUS, True, False
     for _ in range(ROUNDS):
         left = noise_left(problem, seen, _taken(problem, members, point, seen, noise, share))
-        left_share = estimation_share(problem, members, point, seen, left) if settling else share
-        change = np.abs(np.log(left / noise)).max() + abs(np.log(left_share / share))
+        left_share = share
+        if share < 1.0 or (change < COARSE and not far):
+            left_share = estimation_share(problem, members, point, seen, left)
+        if seen is not first:
+            change = np.abs(np.log(left / noise)).max() + abs(np.log(left_share / share))
         noise, share = left, left_share
+        fit.now = Fitted(members, point, tuple(seen), noise, share)
         now = _cost(problem, problem.fit, members, prior, point, seen, noise, share)
         gain = 0.0
         for _ in range(6):
-            own = system(problem, problem.fit, members, point, seen, noise, share, damping)
-            step, local = _step(own, prior, point.x, low, high, damping)
+            damping = 1e-3
+            for _ in range(20):
+                own = system(problem, problem.fit, members, point, seen, noise, share, damping)
+                step, local = _step(own, prior, point.x, low, high, damping)
+                length = float(np.abs(step).max(initial=0.0))
+                if length <= 1.1 * radius:
+                    break
+                damping = max(damping, 0.03) * min(length / radius, 10.0)
             if change < SETTLED and _promised(own, prior, point.x, step) < CONVERGED:
                 break
             moved = Point(
@@ -220,14 +282,17 @@ def _descend(problem: Problem, members: Members, point: Point) -> Steps:
                     found = yield Ask(members, moved, problem.fit)
                 gain, derivatives = now - cost, True
                 point, seen = moved, found
-                damping /= 6.0
+                far = damping > 1e-3 and radius >= RADIUS
+                radius = max(radius, 2.0 * length)
                 break
-            damping, derivatives = max(damping, 1e-3) * 8.0, False
-        if gain < CONVERGED and change < SETTLED:
-            if settling:
+            if cost < now + CONVERGED:  # flat
                 break
-            settling = True
-    return Fitted(members, point, tuple(seen), noise, share)
+            radius, derivatives = 0.4 * length, False
+        fit.gain = max(gain, CONVERGED if change >= SETTLED else 0.0)
+        if fit.gain < CONVERGED:
+            break
+    fit.now = Fitted(members, point, tuple(seen), noise, share)
+    return fit.now
 
 
 def _promised(own: System, prior: Prior, x: Array, step: Array) -> float:

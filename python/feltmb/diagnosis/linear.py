@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,8 +10,15 @@ import numpy as np
 
 from feltmb.data import Array, Integers
 from feltmb.diagnosis.problem import Local, Members, Observed, Problem
-from feltmb.diagnosis.shapes import by_number, movable, moved, spread_of
-from feltmb.fit.model import Candidate, Jobs, SensitivityRequest, State
+from feltmb.diagnosis.shapes import movable, moved, spread_of
+from feltmb.fit.model import (
+    Candidate,
+    Jobs,
+    Sensitivity,
+    SensitivityRequest,
+    ShapeChange,
+    State,
+)
 from feltmb.fit.observe import machine_candidates, observe_all, observed_sensitivities
 
 __all__ = [
@@ -27,6 +34,9 @@ __all__ = [
 
 #: Values above this limit count as diverged; their squares would overflow.
 RUNAWAY = 1e100
+#: Derivatives by one scale of an unknown that exceed the motion of the channel so many times count
+#: as diverged: the integrator is near its limit of stability there.
+STEEP = 100.0
 #: Step of a difference by the logarithm of a number of a shape.
 SHAPE_STEP = 0.02
 
@@ -212,13 +222,13 @@ def _plain(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
 
 def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
     requests: list[SensitivityRequest] = []
-    shapes = [_shape_effects(problem, ask) for ask in asks]
-    for ask, own_shapes in zip(asks, shapes, strict=True):
+    for ask in asks:
         x = ask.point.x
         included = shapes_of(problem, ask.members, x)
         sizes = magnitudes_at(problem, ask.members, x)
         theta = theta_at(problem, x)
-        by_shape = tuple(c for c in own_shapes if c is not None)
+        changes = _shape_changes(problem, ask)
+        by_shape = tuple(c for c in changes if included[c.effect].effect.rate is not None)
         for r, o in enumerate(ask.records):
             requests.append(
                 SensitivityRequest(
@@ -230,13 +240,15 @@ def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
                     sizes,
                     by_theta=problem.free if ask.by_global else (),
                     by_starts=any(q.kind == "start" for q in local_of(problem, ask.members, o)),
-                    candidates=(*by_shape, *problem.candidates(ask.further)),
+                    candidates=problem.candidates(ask.further),
+                    shape_changes=by_shape,
                 )
             )
-    found = iter(observed_sensitivities(problem.model, requests) if requests else ())
-    differences = iter(_by_shapes(problem, asks, shapes))
+    found_all = observed_sensitivities(problem.model, requests) if requests else []
+    by_shapes = iter(_by_shapes(problem, asks, found_all))
+    found = iter(found_all)
     out = []
-    for ask, own_shapes in zip(asks, shapes, strict=True):
+    for ask in asks:
         scales = np.array([e.scale for e in problem.effects_of(ask.members)])
         further = np.array([e.scale for e in problem.effects_of(ask.further)])
         own = []
@@ -244,11 +256,7 @@ def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
             s, columns = next(found), list(problem.channels)
             readings, by_sensor = _sensed(problem, ask, r, s.outputs[0][:, columns])
             n, m = readings.shape
-            exact = sum(c is not None for c in own_shapes)
-            shape_columns = next(differences)[:, columns]
-            shape_columns[..., [c is not None for c in own_shapes]] = s.d_candidates[0][
-                :, columns, :exact
-            ]
+            shape_columns = next(by_shapes)[:, columns]
             if ask.by_global:
                 by_global = np.concatenate(
                     [
@@ -270,68 +278,68 @@ def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
                     by_local[:, :, j] = o.modes[:, :, q.index]
                 else:
                     by_local[:, q.index, j] = by_sensor[j]
-            by_further = s.d_candidates[0][:, columns, exact:] * further
+            by_further = s.d_candidates[0][:, columns] * further
             own.append(
                 Linear(
                     _residual(o, readings),
-                    _scaled(o, by_global),
-                    _scaled(o, by_local),
-                    _scaled(o, by_further),
+                    _scaled(problem, o, by_global),
+                    _scaled(problem, o, by_local),
+                    _scaled(problem, o, by_further),
                 )
             )
         out.append(own)
     return out
 
 
-def _shape_effects(problem: Problem, ask: Ask) -> list[Candidate | None]:
-    """For each fitted number of a shape, an effect whose magnitude is this unknown."""
+def _shape_changes(problem: Problem, ask: Ask) -> list[ShapeChange]:
+    """Central differences by the unknowns of shapes."""
     if not ask.by_global:
         return []
+    out, effects = [], problem.effects_of(ask.members)
     included = shapes_of(problem, ask.members, ask.point.x)
-    sizes = magnitudes_at(problem, ask.members, ask.point.x)
-    return [
-        by_number(included[k], place, float(sizes[k])) for k, place in _places(problem, ask.members)
-    ]
+    for k, place in _places(problem, ask.members):
+        effect, shape = effects[k], included[k].shape
+        lower, upper = (moved(effect, shape, {place: sign * SHAPE_STEP}) for sign in (-1.0, 1.0))
+        out.append(ShapeChange(k, lower, upper, 2.0 * SHAPE_STEP / spread_of(effect, place)))
+    return out
 
 
 def _by_shapes(
-    problem: Problem, asks: Sequence[Ask], shapes: Sequence[Sequence[Candidate | None]]
-) -> list[Array]:
-    """Outputs by the unknowns of shapes that need differences, (n, ny, s), by request and record.
+    problem: Problem, asks: Sequence[Ask], found: Sequence[Sensitivity]
+) -> Iterator[Array]:
+    """Outputs by the unknowns of shapes, (n, ny, s), by request and record.
 
-    Those of the others are 0.
+    Those that the model does not differentiate are differences of simulations.
     """
-    batches, steps, counts = [], [], []
-    for ask, own_shapes in zip(asks, shapes, strict=True):
-        x = ask.point.x
-        at = len(problem.free) + len(problem.effects_of(ask.members))
-        places = _places(problem, ask.members) if ask.by_global else []
+    batches, given = [], iter(found)
+    known: list[tuple[Array | None, list[ShapeChange], list[bool]]] = []
+    for ask in asks:
+        x, changes = ask.point.x, _shape_changes(problem, ask)
+        included = shapes_of(problem, ask.members, x)
         theta, sizes = theta_at(problem, x), magnitudes_at(problem, ask.members, x)
-        lacking = [j for j, c in enumerate(own_shapes) if c is None]
         for r, o in enumerate(ask.records):
-            counts.append((len(places), lacking, o.record.samples))
-            for j in lacking:
-                k, place = places[j]
-                start = start_states(problem, ask, r)[None, :]
-                step = SHAPE_STEP / spread_of(problem.effects_of(ask.members)[k], place)
-                for sign in (1.0, -1.0):
-                    moved_x = x.copy()
-                    moved_x[at + j] += sign * step
-                    included = shapes_of(problem, ask.members, moved_x)
-                    jobs = Jobs.at_point(theta, _whole(o), start, included, sizes)
+            d_shapes = next(given).d_shapes
+            exact = [
+                d_shapes is not None and included[c.effect].effect.rate is not None for c in changes
+            ]
+            known.append((d_shapes, changes, exact))
+            start = start_states(problem, ask, r)[None, :]
+            for change in (c for c, done in zip(changes, exact, strict=True) if not done):
+                for shape in (change.upper, change.lower):
+                    other = list(included)
+                    other[change.effect] = Candidate(included[change.effect].effect, shape)
+                    jobs = Jobs.at_point(theta, _whole(o), start, tuple(other), sizes)
                     batches.append((o.record, jobs))
-                steps.append(step)
-    runs = iter(observe_all(problem.model, batches))
-    taken = iter(steps)
-    ny = len(problem.model.outputs)
-    out = []
-    for count, lacking, samples in counts:
-        columns = np.zeros((samples, ny, count))
-        for j in lacking:
-            up, down = next(runs).outputs[0], next(runs).outputs[0]
-            columns[:, :, j] = (up - down) / (2.0 * next(taken))
-        out.append(columns)
-    return out
+    runs = iter(observe_all(problem.model, batches) if batches else [])
+    for s, (d_shapes, changes, exact) in zip(found, known, strict=True):
+        columns = np.zeros((*s.outputs[0].shape, len(changes)))
+        if d_shapes is not None:
+            columns[..., exact] = d_shapes[0]
+        for j, change in enumerate(changes):
+            if not exact[j]:
+                up, down = next(runs).outputs[0], next(runs).outputs[0]
+                columns[..., j] = (up - down) / change.width
+        yield columns
 
 
 def _sensed(problem: Problem, ask: Ask, r: int, outputs: Array) -> tuple[Array, dict[int, Array]]:
@@ -366,7 +374,8 @@ def _residual(observed: Observed, readings: Array) -> Array:
     )
 
 
-def _scaled(observed: Observed, columns: Array) -> Array:
+def _scaled(problem: Problem, observed: Observed, columns: Array) -> Array:
     """Derivatives in units of the noise, 0 where nothing was measured or the values diverge."""
-    tame = np.where(np.abs(columns) < RUNAWAY, columns, 0.0)
-    return np.asarray(np.where(observed.valid[..., None], tame / observed.sd[..., None], 0.0))
+    limit = STEEP * np.maximum(problem.motion, problem.noise)[:, None]
+    good = observed.valid[..., None] & (np.abs(columns) < limit)
+    return np.where(good, columns / observed.sd[..., None], 0.0)

@@ -184,7 +184,8 @@ def _refit(
             continue
         found.tried.add((key, id(origin)))
         todo.append(_start(problem, members, origin, steps))
-    for fitted in fit_sets(problem, todo, check):
+    rivals = [_best(problem, list(found.sets.values()))] if found.sets else []
+    for fitted in fit_sets(problem, todo, check, rivals):
         if fitted is None:
             continue
         old = found.sets.get(fitted.causes)

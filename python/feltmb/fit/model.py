@@ -40,6 +40,7 @@ __all__ = [
     "Ready",
     "Sensitivity",
     "SensitivityRequest",
+    "ShapeChange",
     "Simulated",
     "State",
 ]
@@ -378,6 +379,19 @@ class Simulated:
     """States at sample i1, (B, nx)."""
 
 
+@dataclass(frozen=True)
+class ShapeChange:
+    """A change of the shape of an included effect, as a variable of differentiation."""
+
+    effect: int
+    """Index of the effect among the included ones."""
+    lower: Any
+    upper: Any
+    """The two shapes of a central difference."""
+    width: float
+    """Difference of the variable between the two shapes."""
+
+
 @checked
 @dataclass(frozen=True, eq=False)
 class SensitivityRequest:
@@ -409,6 +423,9 @@ class SensitivityRequest:
     """Changes of the recorded inputs, {input: (n,)} [unit of the input]. The derivative by h of a
     simulation with ``inputs + h * change`` is requested, at zero. Each segment is changed by
     itself: a sensor with memory keeps its state from the segment before."""
+    shape_changes: tuple[ShapeChange, ...] = ()
+    """Changes of the shapes of included effects whose derivatives are requested. Only models with
+    ``d_shapes`` in their results compute them."""
 
     @property
     def sizes(self) -> Array:
@@ -484,6 +501,8 @@ class Sensitivity:
     and they are computed from differences of simulations."""
     d_inputs_ends: Array | None = None
     """(W, nx, d)"""
+    d_shapes: Array | None = None
+    """(W, L, ny, s) by the requested changes of shapes; None: the model does not compute them."""
 
 
 @checked

@@ -239,6 +239,10 @@ def _of_machine(request: SensitivityRequest) -> SensitivityRequest:
         magnitudes=np.array(sizes),
         candidates=machine_candidates(request.candidates),
         input_changes=(*changes, *by_size),
+        shape_changes=tuple(
+            replace(c, effect=machine.index(request.included[c.effect]))
+            for c in request.shape_changes
+        ),
     )
 
 
@@ -437,6 +441,7 @@ def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sens
         d_candidates_ends=d_candidates_ends,
         d_inputs=push_alone(s.d_inputs[..., :own]),
         d_inputs_ends=s.d_inputs_ends[..., :own],
+        d_shapes=None if s.d_shapes is None else push(s.d_shapes),
     )
 
 

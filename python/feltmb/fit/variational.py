@@ -11,6 +11,7 @@ two more simulations, with changed parameters and start states, is compared with
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -54,7 +55,13 @@ def variational_sensitivities(
     None: the right-hand side jumps, so that the request needs differences of simulations.
     """
     known: dict[object, bool] = model._smooth
-    keys = [tuple((c.name, repr(c.shape)) for c in r.included) for r in requests]
+    keys = [tuple((c.effect.name, _octaves(c.shape)) for c in r.included) for r in requests]
+    steady = [i for i, key in enumerate(keys) if known.get(key, True)]
+    if len(steady) < len(requests):
+        rest = iter(variational_sensitivities(model, [requests[i] for i in steady]))
+        return [next(rest) if i in steady else None for i in range(len(requests))]
+    if not requests:
+        return []
     # One request decides for all with the same included effects: the test takes two simulations.
     tested = {key: i for i, key in reversed(list(enumerate(keys))) if key not in known}
     batches = [(r.record, r.jobs()) for r in requests]
@@ -71,6 +78,14 @@ def variational_sensitivities(
         _asked(request, s) if known[key] else None
         for request, s, key in zip(requests, found, keys, strict=True)
     ]
+
+
+def _octaves(shape: Any) -> tuple[object, ...]:
+    """A shape with its numbers rounded to powers of two: those of a fit change little."""
+    row = shape if isinstance(shape, tuple) else (shape,)
+    return tuple(
+        (v > 0.0, round(math.log2(abs(v)))) if isinstance(v, float) and v != 0.0 else v for v in row
+    )
 
 
 def _moves(
@@ -209,7 +224,8 @@ class _Variation:
         self.at_starts = len(self.theta) + self.equations.most
         self.at_candidates = self.at_starts + self.size
         self.at_changes = self.at_candidates + len(self.laws)
-        self.columns = self.at_changes + len(self.changes)
+        self.at_shapes = self.at_changes + len(self.changes)
+        self.columns = self.at_shapes + max((len(r.shape_changes) for r in requests), default=0)
         self.memories = self._memories()
 
     # -------------------------------------------------------------------------- points
@@ -449,7 +465,29 @@ class _Variation:
             )
             out[:, :, column] = ((up - down) / (2.0 * INPUT_STEP)).T
             column += 1
+        self._by_shapes(at, times, rows, out[:, :, column:])
         return out.reshape(self.count, len(j), *shares.shape, *out.shape[1:])
+
+    def _by_shapes(self, at: _Points, times: int, rows: Sequence[int], out: Array) -> None:
+        """Add the derivatives of rates by the shapes of included effects, (n, values, changes)."""
+        for r, jobs in zip(self.requests, self.jobs, strict=True):
+            if not r.shape_changes:
+                continue
+            own = slice(jobs.start * times, jobs.stop * times)
+            t, x, u, p = at.t[own], at.x[:, own], _part(at.u, own), _part(at.p, own)
+            named = self.equations.view(x)
+            for c, change in enumerate(r.shape_changes):
+                law = next(
+                    law
+                    for k, law in self.equations.laws
+                    if k == change.effect and law.jobs[0] <= jobs.start < law.jobs[1]
+                )
+                size = at.magnitudes[change.effect, own]
+                for shape, sign in ((change.upper, 1.0), (change.lower, -1.0)):
+                    for row, value in law.changes(t, x, named, u, p, size, shape):
+                        for o, wanted in enumerate(rows):
+                            if row == wanted:
+                                out[own, o, c] += sign * value / change.width
 
     def _offsets(self, limits: Sequence[tuple[float, float, float, float]]) -> list[list[Array]]:
         """Two changes of a variable and their weights, (jobs,) each, from its values and limits."""
@@ -571,6 +609,7 @@ class _Variation:
                     d_candidates_ends=by_candidates[1],
                     d_inputs=by_inputs[0],
                     d_inputs_ends=by_inputs[1],
+                    d_shapes=following(self.at_shapes, len(request.shape_changes))[0],
                 )
             )
         return out
@@ -579,6 +618,10 @@ class _Variation:
 def _flat(values: Array) -> Array:
     """Values by job, (..., jobs), as one axis with those of a job together."""
     return np.moveaxis(values, -1, 0).reshape(-1)
+
+
+def _part(values: Named, own: slice) -> Named:
+    return _each(values, lambda v: v[own])
 
 
 def _each(values: Named, change: Callable[[Array], Array]) -> Named:
