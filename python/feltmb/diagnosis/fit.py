@@ -247,11 +247,12 @@ def _descend(fit: Descent) -> Steps:
     # The share is that of what the set leaves: at the start, the motion itself is a residual, and
     # it would count so little that the prior could keep the parameters there.
     noise, share, change = noise_left(problem, seen), 1.0, np.inf
-    radius, derivatives, far = RADIUS, True, False
+    radius, derivatives, far, settled = RADIUS, True, False, False
     for _ in range(ROUNDS):
         left = noise_left(problem, seen, _taken(problem, members, point, seen, noise, share))
+        settled = settled or (change < COARSE and not far)
         left_share = share
-        if share < 1.0 or (change < COARSE and not far):
+        if settled:
             left_share = estimation_share(problem, members, point, seen, left)
         if seen is not first:
             change = np.abs(np.log(left / noise)).max() + abs(np.log(left_share / share))
@@ -288,9 +289,10 @@ def _descend(fit: Descent) -> Steps:
             if cost < now + CONVERGED:  # flat
                 break
             radius, derivatives = 0.4 * length, False
-        fit.gain = max(gain, CONVERGED if change >= SETTLED else 0.0)
+        fit.gain = gain if settled and change < SETTLED else max(gain, CONVERGED)
         if fit.gain < CONVERGED:
             break
+        settled = settled or gain < CONVERGED
     fit.now = Fitted(members, point, tuple(seen), noise, share)
     return fit.now
 

@@ -134,7 +134,7 @@ def theta_at(problem: Problem, x: Array) -> Array:
 
 
 def local_of(problem: Problem, members: Members, observed: Observed) -> tuple[Local, ...]:
-    """Unknowns of a record, with the start of the hidden states of the effects of a set."""
+    """Unknowns of a record, with those of a set and the start of its hidden states."""
     own = len(problem.model.states())
     states = problem.model.states(machine_candidates(problem.candidates(members)))
     hidden = [
@@ -142,7 +142,9 @@ def local_of(problem: Problem, members: Members, observed: Observed) -> tuple[Lo
         for i, s in enumerate(states)
         if i >= own and not _starts_at_rest(observed, s)
     ]
-    return (*observed.local, *hidden)
+    shown = observed.valid.any(axis=0)
+    further = (q for q in problem.locals_of(members) if shown[q.index])
+    return (*observed.local, *further, *hidden)
 
 
 def _starts_at_rest(observed: Observed, state: State) -> bool:

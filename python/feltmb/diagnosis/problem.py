@@ -28,21 +28,44 @@ UNKNOWN_START = 1e3
 
 
 @dataclass(frozen=True)
+class Local:
+    """One unknown of a single record."""
+
+    kind: str
+    """"start", "gain", "offset", "delay" or "mode"."""
+    index: int
+    """Index of the state, of the channel, or of the mode."""
+    mean: float
+    """Prior mean [unit of the unknown]."""
+    scale: float
+    """Unit in which it is counted [unit of the unknown]."""
+    weight: float = 1.0
+    """Square of the scale over the standard deviation of the prior [1]."""
+
+
+@dataclass(frozen=True)
 class Cause:
-    """Something that the model may lack: an effect, or a parameter outside its tolerance."""
+    """Something that the model may lack.
+
+    It is an effect, a parameter outside its tolerance, or an unknown of each record.
+    """
 
     name: str
     component: str
     effect: Effect | None = None
     parameter: int | None = None
     """Index of the parameter in ``model.parameters``."""
+    local: Local | None = None
+    """Unknown that each record has: an error of a sensor that differs from record to record."""
     log_odds: float = 0.0
     """Log of the prior odds that it exists."""
 
     @property
     def of_records(self) -> bool:
         """Whether it is an error of the records: of a sensor or of a recorded input."""
-        return self.effect is not None and self.effect.kind in ("sensor", "input")
+        if self.effect is None:
+            return self.local is not None
+        return self.effect.kind in ("sensor", "input")
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -69,22 +92,6 @@ class Member:
 
 #: A set of causes, in the order of ``problem.causes``.
 Members = tuple[Member, ...]
-
-
-@dataclass(frozen=True)
-class Local:
-    """One unknown of a single record."""
-
-    kind: str
-    """"start", "gain", "offset", "delay" or "mode"."""
-    index: int
-    """Index of the state, of the channel, or of the mode."""
-    mean: float
-    """Prior mean [unit of the unknown]."""
-    scale: float
-    """Unit in which it is counted [unit of the unknown]."""
-    weight: float = 1.0
-    """Square of the scale over the standard deviation of the prior [1]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +197,10 @@ class Problem:
             for m in members
             if (effect := self.causes[m.cause].effect) is not None
         )
+
+    def locals_of(self, members: Members) -> tuple[Local, ...]:
+        """The unknowns of each record that a set adds."""
+        return tuple(q for m in members if (q := self.causes[m.cause].local) is not None)
 
     def effects_of(self, members: Members) -> list[Effect]:
         """The effects of a set."""

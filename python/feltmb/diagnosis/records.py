@@ -11,16 +11,27 @@ import numpy as np
 from feltmb.data import Record
 from feltmb.data.smoothing import noise_of_record
 from feltmb.diagnosis.options import Options
-from feltmb.diagnosis.problem import UNKNOWN_START, Cause, Local, Observed, Problem
+from feltmb.diagnosis.problem import (
+    UNKNOWN_START,
+    Cause,
+    Local,
+    Observed,
+    Problem,
+    spread,
+)
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.model import Effect, Model
 from feltmb.fit.noise import Noise, noise_of
+from feltmb.gap.library import clock_rate
 from feltmb.gap.split import split_records
 
 __all__ = ["causes_of", "prepare"]
 
-#: Prior probability that one of the tolerances of parameters is stated too small [1].
-WRONG_TOLERANCE = 0.05
+#: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
+#: zero of a sensor in each record [1].
+WRONG_STATEMENT = 0.05
+#: Expected offset of a sensor in each record, as a share of the motion [1].
+OFFSET = 0.1
 
 
 def prepare(
@@ -63,10 +74,12 @@ def prepare(
         )
     names = [model.outputs[c] for c in channels]
     sensors = [r.sensors[n] for r in fitted for n in names if n in r.outputs]
+    observed = tuple(_observed(model, r, names) for r in fitted)
+    of_records = _errors(model, effects, observed, names)
     return Problem(
         model=model,
-        causes=causes_of(model, effects, options.missing),
-        fit=tuple(_observed(model, r, names) for r in fitted),
+        causes=causes_of(model, effects, options.missing, of_records),
+        fit=observed,
         held_out=tuple(_observed(model, r, names) for r in held),
         channels=channels,
         exact=all(s.sigma is None for s in sensors),
@@ -74,8 +87,30 @@ def prepare(
     )
 
 
-def causes_of(model: Model, effects: Sequence[Effect], missing: float) -> tuple[Cause, ...]:
-    """Effects, and parameters that may be outside their tolerances, with their prior odds.
+def _errors(
+    model: Model, effects: Sequence[Effect], records: Sequence[Observed], names: Sequence[str]
+) -> list[Cause]:
+    """Errors of the records that every diagnosis considers, unless the list or a sheet has them."""
+    rms, found = spread(records), []
+    clock = clock_rate(model.outputs)
+    if model.accepts(clock) and clock.name not in {e.name for e in effects}:
+        found.append(Cause(clock.name, clock.component, clock))
+    stated = {q.index for o in records for q in o.local if q.kind == "offset"}
+    for c, name in enumerate(names):
+        if len(records) > 1 and rms[c] > 0.0 and c not in stated:
+            offset = Local("offset", c, 0.0, OFFSET * float(rms[c]))
+            label = f"offset of sensor {name} in each record"
+            found.append(Cause(label, f"sensor {name}", local=offset))
+    return found
+
+
+def causes_of(
+    model: Model,
+    effects: Sequence[Effect],
+    missing: float,
+    of_records: Sequence[Cause] = (),
+) -> tuple[Cause, ...]:
+    """Effects, errors of each record, and parameters outside their tolerances, with prior odds.
 
     Parameters
     ----------
@@ -85,6 +120,8 @@ def causes_of(model: Model, effects: Sequence[Effect], missing: float) -> tuple[
         Effects that it may lack.
     missing
         Prior probability that one of these causes exists [1].
+    of_records
+        Errors of the records.
     """
     covered = {e.tolerance_parameter for e in effects}
     free = [
@@ -93,23 +130,22 @@ def causes_of(model: Model, effects: Sequence[Effect], missing: float) -> tuple[
         if 0.0 < p.sd < math.inf and p.of_the_machine and p.name not in covered
     ]
     total = sum(e.weight for e in effects)
-    odds = [math.log(missing * e.weight / (total - missing * e.weight)) for e in effects]
-    share = WRONG_TOLERANCE / max(len(free), 1)
-    odds += [math.log(share / (1.0 - share))] * len(free)
+    share = WRONG_STATEMENT / max(len(free) + len(of_records), 1)
+    wrong = math.log(share / (1.0 - share))
     by_effect = [
-        Cause(e.name, e.component, e, None, value) for e, value in zip(effects, odds, strict=False)
+        Cause(
+            e.name,
+            e.component,
+            e,
+            log_odds=math.log(missing * e.weight / (total - missing * e.weight)),
+        )
+        for e in effects
     ]
     by_parameter = [
-        Cause(
-            model.parameters[i].name,
-            model.parameters[i].component or model.parameters[i].title,
-            None,
-            i,
-            value,
-        )
-        for i, value in zip(free, odds[len(effects) :], strict=True)
+        Cause(p.name, p.component or p.title, parameter=i, log_odds=wrong)
+        for i, p in ((i, model.parameters[i]) for i in free)
     ]
-    return (*by_effect, *by_parameter)
+    return (*by_effect, *(replace(c, log_odds=wrong) for c in of_records), *by_parameter)
 
 
 def _check_effects(model: Model, effects: Sequence[Effect]) -> None:
@@ -137,13 +173,13 @@ def _observed(model: Model, record: Record, names: Sequence[str]) -> Observed:
             continue
         sensor = record.sensors[name]
         sd[:, c] = _noise(record, name).sd_of_measured(record.time, values[:, c])
-        for kind, spread in (
+        for kind, scale in (
             ("gain", sensor.gain_sd),
             ("offset", sensor.offset_sd),
             ("delay", sensor.delay_sd),
         ):
-            if spread > 0.0:
-                local.append(Local(kind, c, 0.0, spread))
+            if scale > 0.0:
+                local.append(Local(kind, c, 0.0, scale))
     return Observed(record, np.where(valid, values, 0.0), valid, sd, tuple(local))
 
 

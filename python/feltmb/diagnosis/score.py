@@ -40,9 +40,9 @@ def scores(problem: Problem, fitted: Fitted) -> list[Score]:
         for shape in cause.effect.shapes
     )
     linears = evaluate(problem, [Ask(fitted.members, fitted.point, problem.fit, further)])[0]
-    own = system(
-        problem, problem.fit, fitted.members, fitted.point, linears, fitted.noise, fitted.share
-    )
+    # All samples count: the rank is that of the residual that a cause takes away, and where few
+    # samples are effective, the prior of its magnitude would hide it.
+    own = system(problem, problem.fit, fitted.members, fitted.point, linears, fitted.noise, 1.0)
     x = fitted.point.x
     prior = prior_of(problem, fitted.members)
     weight = prior.weights(x)
@@ -61,6 +61,7 @@ def scores(problem: Problem, fitted: Fitted) -> list[Score]:
         if m.cause not in best or found.gain > best[m.cause].gain:
             best[m.cause] = found
     best |= _released(problem, fitted, own.matrix, own.right, weight)
+    best |= _in_each_record(problem, fitted)
     return sorted(best.values(), key=lambda s: -s.gain)
 
 
@@ -79,6 +80,21 @@ def _released(
         wider[k] = 1.25 * prior.weight[k] / RELEASED**2
         gain = _gain(matrix, right, wider, x) - base + 0.5 * (weight[k] - wider[k]) * x[k] ** 2
         found[i] = Score(i, None, float(gain), 0.0)
+    return found
+
+
+def _in_each_record(problem: Problem, fitted: Fitted) -> dict[int, Score]:
+    """Scores of offsets of each record: at most their gain, the other unknowns fixed."""
+    found = {}
+    for i, cause in enumerate(problem.causes):
+        if cause.local is None or i in fitted.causes:
+            continue
+        c, gain = cause.local.index, 0.0
+        for o, linear in zip(problem.fit, fitted.linears, strict=True):
+            column = np.where(o.valid[:, c], cause.local.scale / o.sd[:, c], 0.0) / fitted.noise[c]
+            slope = float(column @ linear.residual[:, c]) / fitted.noise[c]
+            gain += 0.5 * slope**2 / (float(column @ column) + 1.0)
+        found[i] = Score(i, None, gain, 0.0)
     return found
 
 

@@ -27,7 +27,7 @@ from feltmb.diagnosis.fit import (
 from feltmb.diagnosis.held_out import Predicted
 from feltmb.diagnosis.linear import Ask, Point, evaluate, local_of
 from feltmb.diagnosis.options import Options
-from feltmb.diagnosis.problem import Member, Members, Problem
+from feltmb.diagnosis.problem import Member, Members, Observed, Problem
 from feltmb.diagnosis.score import Score, scores
 from feltmb.errors import InvalidParameter
 
@@ -144,13 +144,10 @@ def _start(problem: Problem, members: Members, origin: Fitted, steps: dict[int, 
     own = [m.cause for m in members if problem.causes[m.cause].effect is not None]
     for k, cause in enumerate(own):
         x[p + k] = base.x[p + have.index(cause)] if cause in have else steps.get(cause, 1.0)
-    shared = len(problem.model.states())
-    local = []
-    for r, (o, values) in enumerate(zip(problem.fit, base.local, strict=True)):
-        mine = values.copy() if len(values) == len(point.local[r]) else point.local[r].copy()
-        n = sum(q.kind != "start" or q.index < shared for q in local_of(problem, members, o))
-        mine[:n] = values[:n]
-        local.append(mine)
+    local = [
+        _carried(problem, o, (origin.members, values), (members, mine))
+        for o, values, mine in zip(problem.fit, base.local, point.local, strict=True)
+    ]
     points = [Point(x, tuple(local))]
     if steps and origin.share < POOR:
         # A model that is far off moves its parameters: also from the tabulated ones, and with the
@@ -163,6 +160,24 @@ def _start(problem: Problem, members: Members, origin: Fitted, steps: dict[int, 
                 plain[p + k] = np.clip(np.sign(steps[cause]) or 1.0, low, high)
         points.append(Point(plain, tuple(local)))
     return Start(members, tuple(points))
+
+
+def _carried(
+    problem: Problem, observed: Observed, old: tuple[Members, Array], new: tuple[Members, Array]
+) -> Array:
+    """Unknowns of a record in a set, with the values that they have in another set."""
+    own = len(problem.model.states())
+
+    def keys(members: Members) -> list[tuple[str, int]]:
+        # Hidden states have the numbers of their set, in the order of its effects.
+        hidden = members if members == new[0] else ()
+        return [
+            (q.kind, q.index if q.kind != "start" or q.index < own or hidden else -1 - q.index)
+            for q in local_of(problem, members, observed)
+        ]
+
+    known = dict(zip(keys(old[0]), old[1], strict=True))
+    return np.array([known.get(k, v) for k, v in zip(keys(new[0]), new[1], strict=True)])
 
 
 def _with(origin: Fitted, score: Score) -> Members:

@@ -13,7 +13,14 @@ from feltmb.data import Array
 from feltmb.diagnosis.evidence import Fitted, prior_of, system, weights
 from feltmb.diagnosis.fit import empty_point
 from feltmb.diagnosis.held_out import Predicted, compare, predict
-from feltmb.diagnosis.linear import Ask, evaluate, magnitudes_at, shapes_of, theta_at
+from feltmb.diagnosis.linear import (
+    Ask,
+    evaluate,
+    local_of,
+    magnitudes_at,
+    shapes_of,
+    theta_at,
+)
 from feltmb.diagnosis.options import Options
 from feltmb.diagnosis.problem import Problem
 from feltmb.diagnosis.result import (
@@ -232,9 +239,11 @@ def _named(
 ) -> Named:
     """A cause with its magnitude in a set."""
     found = problem.causes[cause]
+    probability = float(sum(w for s, w in zip(sets, weight, strict=True) if cause in s.causes))
+    if found.local is not None:
+        return _in_each_record(problem, fitted, cause, probability)
     k = _index(problem, fitted, cause)
     x, sd = fitted.point.x[k], math.sqrt(max(_covariance(problem, fitted)[k, k], 0.0))
-    probability = float(sum(w for s, w in zip(sets, weight, strict=True) if cause in s.causes))
     values, same = _by_record(problem, fitted, cause)
     if found.effect is None:
         assert found.parameter is not None
@@ -268,6 +277,31 @@ def _named(
         parameter=found.effect is None,
         mechanism=mechanism,
         remedy=remedy,
+    )
+
+
+def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: float) -> Named:
+    """An error of a sensor in each record; its magnitude is the rms over the records."""
+    found = problem.causes[cause]
+    assert found.local is not None
+    key = (found.local.kind, found.local.index)
+    values = [
+        found.local.scale * float(v)
+        for o, local in zip(problem.fit, fitted.point.local, strict=True)
+        for q, v in zip(local_of(problem, fitted.members, o), local, strict=True)
+        if (q.kind, q.index) == key
+    ]
+    return Named(
+        cause=found.name,
+        component=found.component,
+        unit=problem.units[found.local.index],
+        magnitude=float(np.sqrt(np.mean(np.square(values)))),
+        low=float(np.min(np.abs(values))),
+        high=float(np.max(np.abs(values))),
+        probability=probability,
+        by_record=tuple(values),
+        mechanism="The sensor has another zero in each record.",
+        remedy="Zero the sensor before each record.",
     )
 
 

@@ -53,6 +53,7 @@ from feltmb.gap.library.levels import (
     power_outflow,
 )
 from feltmb.gap.library.sensors import (
+    clock_rate,
     sensor_bend,
     sensor_delay,
     sensor_gain,
@@ -65,6 +66,7 @@ from feltmb.units import same_unit, weight_hint
 __all__ = [
     "backlash",
     "bent_input",
+    "clock_rate",
     "constant_rate",
     "creep",
     "damper_clearance",

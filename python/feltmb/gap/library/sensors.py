@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from feltmb.data import Array, Record
 from feltmb.fit import Effect
@@ -172,6 +173,44 @@ def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
         scale=scale,
         mechanism="The sensor is late.",
         remedy="Synchronize the clocks.",
+    )
+
+
+def clock_rate(outputs: Sequence[str]) -> Effect:
+    """The clock of all channels runs by another rate than that of the model and its inputs.
+
+    At the time t of a record, counted from its first sample, the channels show the outputs at the
+    time (1 + magnitude) t.
+
+    Parameters
+    ----------
+    outputs
+        Outputs of the model.
+    """
+    del outputs
+
+    def observe(
+        record: Record, values: Array, segments: Array, magnitudes: Array, shape: Any
+    ) -> Array:
+        del shape
+        out, time = values.copy(), record.time
+        for b, ((i, j), size) in enumerate(zip(segments, magnitudes, strict=True)):
+            own = slice(0, j - i + 1)
+            if size != 0.0 and np.all(np.isfinite(values[b, own])):
+                path = CubicSpline(time[i : j + 1], values[b, own])
+                at = time[i : j + 1] + size * (time[i : j + 1] - time[0])
+                inside = np.clip(at, time[i], time[j])
+                out[b, own] = path(inside) + (at - inside)[:, None] * path(inside, 1)
+        return out
+
+    return Effect(
+        name="clock of the sensors",
+        component="clock",
+        kind="sensor",
+        observe=observe,
+        scale=0.01,
+        mechanism="The clock of the records runs by another rate than the time of the model.",
+        remedy="Compare the clock with another one over a long time.",
     )
 
 
