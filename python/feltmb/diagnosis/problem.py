@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -110,6 +110,12 @@ class Observed:
     modes: Array | None = None
     """Outputs by the noise of inputs and by variation from record to record: one pattern for each
     standard normal coefficient [units of the channels], (n, m, q)."""
+
+    def first(self, share: float) -> Observed:
+        """The record with the measured values of the first share of its duration only."""
+        time = self.record.time
+        inside = time - time[0] <= share * (time[-1] - time[0])
+        return self if share >= 1.0 else replace(self, valid=self.valid & inside[:, None])
 
     @cached_property
     def samples(self) -> Array:

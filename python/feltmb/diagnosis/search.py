@@ -19,13 +19,10 @@ from feltmb.diagnosis.fit import (
     Start,
     Stop,
     empty_point,
-    fit_local,
     fit_sets,
-    noise_left,
-    together,
 )
 from feltmb.diagnosis.held_out import Predicted
-from feltmb.diagnosis.linear import Ask, Point, evaluate, local_of
+from feltmb.diagnosis.linear import Point, local_of
 from feltmb.diagnosis.options import Options
 from feltmb.diagnosis.problem import Member, Members, Observed, Problem
 from feltmb.diagnosis.score import Score, scores
@@ -35,6 +32,8 @@ __all__ = ["Searched", "search", "with_all_records"]
 
 #: Log evidence that a larger set must gain, and that a change must gain.
 WORTH, BETTER = 0.5, 0.1
+#: Growing parts of the records to which the model alone is fitted, as shares of their durations.
+PARTS = (0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
 
 
 @dataclass(eq=False)
@@ -113,18 +112,17 @@ def search(
 
 
 def _model_alone(problem: Problem, found: Searched) -> Fitted:
-    """Fit of the model without causes; start states that are not known are fitted first."""
-    point = empty_point(problem, (), problem.fit)
-    if any(q.weight < 1e-4 for o in problem.fit for q in o.local):
-        seen = evaluate(problem, [Ask((), point, problem.fit, derivatives=False)])[0]
-        if not any(x.failed for x in seen):
-            parts = (0.03, 0.1, 0.3, 1.0)
-            run = fit_local(
-                problem, problem.fit, (), point, noise_left(problem, seen), 1.0, parts=parts
-            )
-            started = together(problem, [run])[0]
-            point = point if started is None else started.point
-    fitted = fit_sets(problem, [Start((), (point,))])[0]
+    """Fit of the model without causes, to growing parts of the records.
+
+    The end of a record depends more strongly on the unknowns than its beginning, so that a fit of
+    whole records from poor values may end far from the best one.
+    """
+    point, fitted = empty_point(problem, (), problem.fit), None
+    for part in PARTS:
+        cut = replace(problem, fit=tuple(o.first(part) for o in problem.fit))
+        fitted = fit_sets(cut, [Start((), (point,))])[0]
+        if fitted is not None:
+            point = fitted.point
     if fitted is None:
         raise InvalidParameter(
             f"model {problem.model.name}: its simulation gives no finite outputs for the "
@@ -223,10 +221,7 @@ def with_all_records(
     starts = [
         Start(
             s.members,
-            (
-                Point(s.point.x, (*s.point.local, *p.point.local)),
-                *(() if s.causes else (empty_point(everything, (), everything.fit),)),
-            ),
+            (Point(s.point.x, (*s.point.local, *p.point.local)),),
         )
         for s, p in zip(sets, predicted, strict=True)
         if p is not None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,17 @@ from feltmb.diagnosis.pipeline import diagnose
 from feltmb.diagnosis.report import statement, text
 from feltmb.diagnosis.result import Reason, Verdict
 from feltmb.errors import FeltmbError
-from feltmb.gap import Parameter, Record, Sensor
+from feltmb.gap import (
+    Coordinate,
+    Jobs,
+    OdeModel,
+    Parameter,
+    Record,
+    Sensor,
+    StartPrior,
+    State,
+    library,
+)
 
 from .conftest import spring_record
 
@@ -122,3 +134,59 @@ def test_faults_are_told_at_once(spring, causes):
     other = type(causes[0])(name="stiffness", component="x", rate=dict)
     with pytest.raises(FeltmbError, match=r"stiffness.*hardening"):
         diagnose(spring, (*causes, causes[0], other), three())
+
+
+def test_an_offset_of_each_record_is_named_with_its_values(spring, causes):
+    offsets = (0.4, -0.9, 0.6)
+    records = [
+        replace(r, outputs={"force": r.outputs["force"] + b})
+        for r, b in zip(three(), offsets, strict=True)
+    ]
+    result = diagnose(spring, causes, records)
+    (named,) = result.named
+    assert named.cause == "offset of sensor force in each record"
+    assert named.by_record == pytest.approx(offsets, abs=0.03)
+    stiffness = result.parameters[0]
+    assert stiffness.low < 100.0 < stiffness.high
+
+
+def swing_rates(t, x, u, p):
+    del t, u
+    return x.v, -40.0 * np.sin(x.q) - p.d * x.v
+
+
+def test_a_slow_clock_is_told_as_the_clock(causes):
+    del causes
+    model = OdeModel(
+        name="swing",
+        states=[State(name="q", unit="rad", scale=0.3), State(name="v", unit="rad/s", scale=2.0)],
+        parameters=[Parameter(name="d", value=0.1, sd=0.05, unit="1/s")],
+        inputs={},
+        rates=swing_rates,
+        outputs={"angle": "q"},
+        coordinates=[Coordinate(name="swing", position="q", speed="v", unit="N m")],
+    )
+    time = np.linspace(0.0, 8.0, 401)
+    records = []
+    for k, start in enumerate((0.3, 0.7, 1.1)):
+        true = Record(
+            name=f"run {k}",
+            time=1.02 * time,
+            inputs={},
+            outputs={"angle": np.zeros_like(time)},
+            sensors={"angle": Sensor(name="angle", unit="rad", sigma=1e-3)},
+            start=StartPrior(mean={"q": start, "v": 0.0}, sd={"q": 0.01, "v": 0.01}),
+        )
+        job = Jobs(
+            theta=np.array([[0.12]]), segments=np.array([[0, 400]]), starts=np.array([[start, 0.0]])
+        )
+        angle = model.simulate(true, job).outputs[0]
+        angle = angle + np.random.default_rng(k).normal(0.0, 1e-3, angle.shape)
+        records.append(replace(true, time=time, outputs={"angle": angle[:, 0]}))
+    effects = library.for_coordinate(model.coordinates[0], force=5.0, travel=1.0, speed=3.0)
+    wanted = ("dry friction", "quadratic friction", "cubic stiffness")
+    effects = [e for e in effects if e.name.startswith(wanted)]
+    result = diagnose(model, effects, records)
+    (named,) = result.named
+    assert named.cause == "clock of the sensors"
+    assert named.low < 0.02 < named.high

@@ -257,6 +257,11 @@ def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
     )
 
 
+#: Largest deflection of a slip, in that of full slip: above 1, where rounding takes it, the slip
+#: is faster than the motion and brings it back, so that the law is smooth there.
+BEYOND = 1.2
+
+
 def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
     """Rate-independent hysteresis: a spring in series with a slip z (hidden state).
 
@@ -280,7 +285,7 @@ def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
         b, n = shape
         q, v = c._motion(x)
         deflection = (q - x["hysteresis.slip"]) / b
-        force = -size * np.clip(deflection, -1.0, 1.0)
+        force = -size * np.clip(deflection, -BEYOND, BEYOND)
         return {
             **c._push(force, t, x, u, p),
             "hysteresis.slip": _slip_rate(deflection, v, n),
@@ -304,7 +309,7 @@ def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
 
 def _slip_rate(deflection: Any, v: Any, n: float) -> Any:
     """Rate of a slip: the share ``|deflection|^n`` of the speed while the deflection grows."""
-    share = np.minimum(np.abs(deflection), 1.0) ** n
+    share = np.minimum(np.abs(deflection), BEYOND) ** n
     return np.where(deflection * v > 0.0, share, 0.0) * v
 
 
