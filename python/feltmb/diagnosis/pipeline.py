@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from feltmb.data import Record
 from feltmb.diagnosis.options import Options
 from feltmb.diagnosis.records import prepare
-from feltmb.diagnosis.result import Result
+from feltmb.diagnosis.report import Report
 from feltmb.diagnosis.search import search
 from feltmb.diagnosis.variation import varies, with_variation
 from feltmb.diagnosis.verdict import judge
@@ -25,7 +25,7 @@ def diagnose(
     hold_out: Sequence[str] | str | None = None,
     options: Options | None = None,
     tell: Callable[[str, float], None] | None = None,
-) -> Result:
+) -> Report:
     """Find the effects that a model lacks.
 
     Parameters
@@ -47,7 +47,7 @@ def diagnose(
 
     Returns
     -------
-    Result
+    Report
         Verdict with named causes or classes, magnitudes, and residuals.
 
     Raises
@@ -61,4 +61,4 @@ def diagnose(
     if varies(problem):
         problem = with_variation(problem)
     searched = search(problem, options, tell)
-    return judge(searched, options, time.monotonic() - begun)
+    return Report.of(judge(searched, options, time.monotonic() - begun, tell or (lambda *_: None)))

@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
-from typing import Any
+from functools import cached_property
+from types import UnionType
+from typing import Any, Self, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from feltmb.data import Array
+from feltmb.errors import DataError
 
 __all__ = [
+    "Cell",
     "Channel",
+    "Event",
     "Named",
     "ParameterValue",
+    "Place",
     "Reason",
     "Result",
     "SetOfCauses",
+    "Trace",
     "Verdict",
 ]
+
+#: Version of the JSON form of a result.
+VERSION = 1
 
 
 class Verdict(Enum):
@@ -68,6 +82,10 @@ class Channel:
     held_out_explained: float = float("nan")
     good_enough: float = 0.0
     """Residual that does not matter."""
+
+    def share(self, residual: float) -> float:
+        """A residual as a share of the motion [1]."""
+        return residual / self.motion if self.motion > 0.0 else math.nan
 
     @property
     def material(self) -> bool:
@@ -128,6 +146,69 @@ class SetOfCauses:
     magnitudes: tuple[float, ...] = ()
 
 
+@dataclass(frozen=True)
+class Cell:
+    """Residual of one channel in a part of a record, as rms in the unit of the channel."""
+
+    record: str
+    channel: str
+    start: float
+    """[s]"""
+    end: float
+    """[s]"""
+    since: str
+    """Event of the model with which the part begins; "" if there is none."""
+    calibrated: float
+    explained: float
+
+
+@dataclass(frozen=True)
+class Event:
+    """Time and speed of one channel at an event of the model, measured less simulated."""
+
+    record: str
+    event: str
+    channel: str
+    time: float
+    """[s]"""
+    delay: float
+    """Delay of the record against the calibrated model [s]."""
+    delay_explained: float
+    """With the told causes [s]."""
+    delay_sd: float
+    speed: float
+    """Difference of the slopes near the event [unit of the channel / s]."""
+    speed_explained: float
+    speed_sd: float
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place where something unknown would explain the residual that the told causes leave."""
+
+    name: str
+    """A port of the model, or a component of the listed effects."""
+    port: bool
+    """Port: any force that depends on time; component: its effects, other ones in each record."""
+    left: tuple[float, ...]
+    """Residual that would remain, by channel, corrected for the freedom of the force [its unit]."""
+    gain: float
+    """Gain of log evidence."""
+    resembles: tuple[tuple[str, float], ...] = ()
+    """Laws that the force resembles, with the shares of the force that they explain [1]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Residual of the worst channel over time in one record [its unit]; NaN: not measured."""
+
+    record: str
+    held_out: bool
+    time: Array
+    calibrated: Array
+    explained: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Result:
     """Result of a diagnosis."""
@@ -152,5 +233,106 @@ class Result:
     complete: bool = True
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
+    records: tuple[str, ...] = ()
+    """Names of the records in the order of ``Named.by_record``."""
+    cells: tuple[Cell, ...] = ()
+    """Ledger of the residual."""
+    events: tuple[Event, ...] = ()
+    places: tuple[Place, ...] = ()
+    """Best explanation of what remains first; () if what remains does not matter."""
+    apart: tuple[str, ...] = ()
+    """For each class, the record in which its first two members differ most."""
+    unknowns: tuple[str, ...] = ()
+    """Fitted parameters, magnitudes and numbers of shapes of the told set."""
+    correlation: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    """Correlation of the unknowns."""
+    traces: tuple[Trace, ...] = field(default=(), repr=False)
     residuals: tuple[Array, ...] = field(default=(), repr=False)
-    """Residual of the told set by fitted record [units of the channels], (n, m)."""
+    """Residual of the told set by record [units of the channels], (n, m); not a part of JSON."""
+
+    @cached_property
+    def worst(self) -> Channel:
+        """The channel of whose motion the calibrated model misses most."""
+        return max(self.channels, key=lambda c: np.nan_to_num(c.share(c.calibrated), nan=-1.0))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Codes and numbers as JSON types: NaN is None, an infinite number is a text."""
+        own = {f.name: _plain(getattr(self, f.name)) for f in fields(self) if f.name != "residuals"}
+        return {"format": "feltmb diagnosis", "version": VERSION} | own
+
+    def to_json(self) -> str:
+        """The result as a JSON text; computation time apart, equal input gives equal text."""
+        return json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """The result of a JSON text.
+
+        Parameters
+        ----------
+        text
+            Text that :meth:`to_json` returned.
+
+        Raises
+        ------
+        DataError
+            It is no such text, or of another version.
+        """
+        try:
+            found = json.loads(text)
+            version = found.pop("version"), found.pop("format")
+        except (ValueError, AttributeError, KeyError, TypeError) as fault:
+            raise DataError("from_json: the text is no JSON of a diagnosis") from fault
+        if version != (VERSION, "feltmb diagnosis"):
+            raise DataError(
+                f"from_json: format {version[1]!r}, version {version[0]!r}, expected "
+                f"'feltmb diagnosis', version {VERSION}"
+            )
+        try:
+            out = _built(cls, found)
+        except (AttributeError, KeyError, TypeError, ValueError) as fault:
+            raise DataError(f"from_json: a field is missing or has another type: {fault}") from fault
+        assert isinstance(out, cls)
+        return out
+
+
+def _plain(value: Any) -> Any:
+    """Value as JSON types; numbers to 9 digits."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, tuple | list | np.ndarray):
+        return [_plain(v) for v in value]
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        if math.isnan(value):
+            return None
+        return float(f"{value:.9g}") if math.isfinite(value) else str(float(value))
+    return str(value)
+
+
+def _built(kind: Any, value: Any) -> Any:
+    """Value of a type from JSON types; inverse of :func:`_plain`."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if is_dataclass(kind):
+        assert isinstance(kind, type)
+        hints = get_type_hints(kind)
+        return kind(**{name: _built(hints[name], v) for name, v in value.items()})
+    if origin is np.ndarray:
+        return np.array(value, dtype=np.float64).reshape(np.shape(value) or (0, 0))
+    if origin is tuple:
+        types = inner if inner[-1] is not Ellipsis else inner[:1] * len(value)
+        return tuple(_built(t, v) for t, v in zip(types, value, strict=True))
+    if origin is UnionType:
+        return None if value is None else _built(inner[0], value)
+    if kind is float:
+        return math.nan if value is None else float(value)
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return kind[value]
+    return tuple(value) if kind is Any and isinstance(value, list) else value

@@ -74,6 +74,7 @@ def search(
     problem: Problem,
     options: Options,
     tell: Callable[[str, float], None] | None = None,
+    step: Callable[[], None] = lambda: None,
 ) -> Searched:
     """Search the sets of causes.
 
@@ -86,6 +87,8 @@ def search(
     tell
         Is called with the stage and the share of the work that is done [1]; None: nothing is
         called.
+    step
+        Is called before each simulation of all fits that proceed together.
 
     Raises
     ------
@@ -95,6 +98,7 @@ def search(
     end = time.monotonic() + options.seconds
 
     def check() -> None:
+        step()
         if time.monotonic() > end:
             raise Stop
 

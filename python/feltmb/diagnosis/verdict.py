@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from feltmb.diagnosis.linear import (
     shapes_of,
     theta_at,
 )
+from feltmb.diagnosis.locate import cells, events, most_different, places
 from feltmb.diagnosis.options import Options
 from feltmb.diagnosis.problem import Problem
 from feltmb.diagnosis.result import (
@@ -30,6 +31,7 @@ from feltmb.diagnosis.result import (
     Reason,
     Result,
     SetOfCauses,
+    Trace,
     Verdict,
 )
 from feltmb.diagnosis.score import by_record
@@ -49,10 +51,29 @@ GOOD_ENOUGH = 0.01
 HALF = 1.96
 
 
-def judge(searched: Searched, options: Options, seconds: float) -> Result:
-    """The result of a search."""
+def judge(
+    searched: Searched,
+    options: Options,
+    seconds: float,
+    tell: Callable[[str, float], None] = lambda stage, share: None,
+) -> Result:
+    """The result of a search.
+
+    Parameters
+    ----------
+    searched
+        Fitted sets of causes.
+    options
+        Options of the diagnosis.
+    seconds
+        Time that preparation and search took [s].
+    tell
+        Is called with the stage and the share of it that is done [1].
+    """
     shown = searched.problem
+    tell("held_out", 0.0)
     problem, sets, weight, predicted = _posterior(searched)
+    tell("judge", 0.0)
     told, classes, refused = _told(problem, sets, weight, options.credibility)
     best = _representative(sets, told, classes)
     alone = next(s for s in sets if not s.causes)
@@ -79,6 +100,8 @@ def judge(searched: Searched, options: Options, seconds: float) -> Result:
         if gain[0] >= 1.0:
             reasons.append(Reason.NO_HELD_OUT_GAIN)
     tried = {i for s in searched.sets.values() for i in s.causes}
+    tell("locate", 0.0)
+    unknowns, correlation = _correlation(problem, best)
     return Result(
         verdict=verdict,
         reasons=tuple(dict.fromkeys(reasons)),
@@ -106,6 +129,16 @@ def judge(searched: Searched, options: Options, seconds: float) -> Result:
         complete=searched.complete,
         notes=problem.notes,
         seconds=seconds,
+        records=tuple(o.record.name for o in problem.fit),
+        cells=cells(problem, alone, best),
+        events=events(problem, alone, best),
+        places=places(problem, best) if material else (),
+        apart=tuple(
+            most_different(problem, _where(sets, a), _where(sets, b)) for a, b, *_ in classes
+        ),
+        unknowns=unknowns,
+        correlation=correlation,
+        traces=_traces(problem, shown, alone, best, channels),
         residuals=tuple(x.residual * o.sd for x, o in zip(best.linears, problem.fit, strict=True)),
     )
 
@@ -326,6 +359,35 @@ def _parameters(problem: Problem, fitted: Fitted) -> tuple[ParameterValue, ...]:
                 float(min(theta[i] + half, p.upper)),
             )
         )
+    return tuple(out)
+
+
+def _correlation(problem: Problem, fitted: Fitted) -> tuple[tuple[str, ...], Array]:
+    """Names of the unknowns of the machine in a set, and their correlation."""
+    covariance = _covariance(problem, fitted)
+    free = [problem.model.parameters[i] for i in problem.free]
+    names = [*(p.name for p in free), *(e.name for e in problem.effects_of(fitted.members))]
+    kept = [k for k in range(len(names)) if k >= len(free) or free[k].of_the_machine]
+    part = covariance[np.ix_(kept, kept)]
+    sd = np.sqrt(np.maximum(np.diag(part), 1e-300))
+    return tuple(names[k] for k in kept), part / np.outer(sd, sd)
+
+
+def _traces(
+    problem: Problem, shown: Problem, alone: Fitted, best: Fitted, channels: Sequence[Channel]
+) -> tuple[Trace, ...]:
+    """Residuals of the channel of whose motion the calibrated model misses most."""
+    c = int(np.argmax([np.nan_to_num(k.share(k.calibrated), nan=-1.0) for k in channels]))
+    held = {o.record.name for o in shown.held_out}
+    out = []
+    for r, o in enumerate(problem.fit):
+        if not o.valid[:, c].any():
+            continue
+        pair = [
+            np.where(o.valid[:, c], s.linears[r].residual[:, c] * o.sd[:, c], np.nan)
+            for s in (alone, best)
+        ]
+        out.append(Trace(o.record.name, o.record.name in held, o.record.time, *pair))
     return tuple(out)
 
 
