@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import re
 from html import escape
 from typing import TYPE_CHECKING
@@ -96,7 +97,7 @@ def waterfall(result: Result) -> Figure:
     bars = [(levels[0][0], 0.0, levels[0][1], GRAY)]
     bars += [
         (name, value, before - value, BLUE)
-        for (_, before), (name, value) in zip(levels[:-1], levels[1:], strict=True)
+        for (_, before), (name, value) in itertools.pairwise(levels)
     ]
     bars.append(("remains", 0.0, levels[-1][1], RED))
     if np.isfinite(c.noise):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,8 +37,13 @@ class Predicted:
         return np.asarray(np.sqrt(squares / np.maximum(samples, 1.0)))
 
 
-def predict(problem: Problem, sets: Sequence[Fitted]) -> list[Predicted | None]:
-    """Predict the held-out records with fitted sets; None: the simulation fails."""
+def predict(
+    problem: Problem, sets: Sequence[Fitted], step: Callable[[], None] = lambda: None
+) -> list[Predicted | None]:
+    """Predict the held-out records with fitted sets; None: the simulation fails.
+
+    ``step`` is called before each simulation of all fits.
+    """
     runs = []
     for s in sets:
         start = Point(
@@ -51,7 +56,7 @@ def predict(problem: Problem, sets: Sequence[Fitted]) -> list[Predicted | None]:
         )
     return [
         None if f is None else Predicted(f.point, tuple(x.residual for x in f.linears))
-        for f in together(problem, runs)
+        for f in together(problem, runs, step)
     ]
 
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.diagnosis.evidence import Fitted, log_evidence, prior_of, system, weights
+from feltmb.diagnosis.evidence import Fitted, log_evidence, prior_of, system
 from feltmb.diagnosis.fit import noise_left
 from feltmb.diagnosis.linear import (
     Ask,
@@ -36,11 +36,11 @@ __all__ = ["cells", "events", "most_different", "places"]
 #: Number of parts of a record of a model without events, and smallest number of samples of a part.
 PARTS, SHORTEST = 6, 8
 #: Knots of a force over a record, and the length of its correlation [spacings of the knots].
-KNOTS, LENGTH = 60, 3.0
+KNOTS, LENGTH = 40, 1.5
 #: Expected sizes of a force that are tried, as multiples of the scale of its port.
-SIZES = tuple(10.0**k for k in range(-4, 3))
-#: Number of places that are kept, and of laws that a force may resemble.
-PLACES, LAWS = 4, 2
+SIZES = (0.01, 0.1, 1.0, 10.0)
+#: Number of places that are kept, and smallest share of a force that a law which it resembles has.
+PLACES, ALIKE = 4, 0.3
 
 
 def _measured(observed: Observed) -> Array:
@@ -67,9 +67,9 @@ def cells(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Cell, ...]:
         time, n = o.record.time, o.record.samples
         marks = [("", 0)]
         for name, moment in _events_of(problem, o):
-            at = int(np.searchsorted(time, moment))
-            if marks[-1][1] + SHORTEST <= at <= n - SHORTEST:
-                marks.append((name, at))
+            index = int(np.searchsorted(time, moment))
+            if marks[-1][1] + SHORTEST <= index <= n - SHORTEST:
+                marks.append((name, index))
         if len(marks) == 1:
             marks = [("", k * n // PARTS) for k in range(PARTS)]
         pair = [s.linears[r].residual * o.sd for s in (alone, best)]
@@ -79,8 +79,8 @@ def cells(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Cell, ...]:
                 if good.sum() < 2:
                     continue
                 rms = [float(np.sqrt(np.mean(x[first:last, c][good] ** 2))) for x in pair]
-                at, end = float(time[first]), float(time[last - 1])
-                out.append(Cell(o.record.name, channel, at, end, since, *rms))
+                span = float(time[first]), float(time[last - 1])
+                out.append(Cell(o.record.name, channel, *span, since, *rms))
     return tuple(out)
 
 
@@ -96,37 +96,38 @@ def events(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Event, ...]:
     """
     out = []
     for r, o in enumerate(problem.fit):
-        time, found = o.record.time, _events_of(problem, o)
-        at = [int(np.clip(np.searchsorted(time, t), 0, time.size - 1)) for _, t in found]
-        for k, (event, moment) in enumerate(found):
-            others = [abs(at[k] - j) for j in at if j != at[k]]
-            reach = min([time.size // 20, *(d // 2 for d in others)])
-            if reach < SHORTEST // 2:
-                continue
-            near = slice(max(0, at[k] - reach), at[k] + reach + 1)
+        time, known = o.record.time, _events_of(problem, o)
+        at = np.searchsorted(time, [t for _, t in known]).clip(0, time.size - 1)
+        for k, (name, moment) in enumerate(known):
+            apart = np.abs(np.delete(at, k) - at[k]) // 2
+            reach = int(min([time.size // 20, *apart[apart > 0]]))
+            near = slice(max(0, int(at[k]) - reach), int(at[k]) + reach + 1)
             for c, channel in enumerate(problem.names):
                 good = o.valid[near, c]
                 if good.sum() < SHORTEST:
                     continue
-                t = time[near][good] - moment
-                t = t - t.mean()
-                sigma = float(np.sqrt(np.mean(o.sd[near, c][good] ** 2)))
-                delays, speeds, power = [], [], 0.0
-                for s in (alone, best):
-                    e = s.linears[r].residual[near, c][good] * o.sd[near, c][good]
-                    slope = np.gradient(o.measured[near, c][good] - e, t)
-                    power = float(slope @ slope)
-                    delays.append(-float(e @ slope) / power if power > 0.0 else np.nan)
-                    speeds.append(float(e @ t) / float(t @ t))
-                if not np.all(np.isfinite(delays)):
+                t = time[near][good] - time[near][good].mean()
+                sd = float(np.sqrt(np.mean(o.sd[near, c][good] ** 2)))
+                e, x = (s.linears[r].residual[near, c][good] * o.sd[near, c][good]
+                        for s in (alone, best))  # fmt: skip
+                slope = np.gradient(o.measured[near, c][good] - x, t)
+                if not (power := float(slope @ slope)) > 0.0:
                     continue
-                sds = sigma / np.sqrt(power), sigma / np.sqrt(float(t @ t))
+                own = float(t @ t)
                 out.append(
                     Event(
-                        o.record.name, event, channel, moment,
-                        *delays, float(sds[0]), *speeds, float(sds[1]),
+                        record=o.record.name,
+                        event=name,
+                        channel=channel,
+                        time=moment,
+                        delay=-float(e @ slope) / power,
+                        delay_explained=-float(x @ slope) / power,
+                        delay_sd=sd / power**0.5,
+                        speed=float(e @ t) / own,
+                        speed_explained=float(x @ t) / own,
+                        speed_sd=sd / own**0.5,
                     )
-                )  # fmt: skip
+                )
     return tuple(out)
 
 
@@ -255,6 +256,7 @@ def _tested(
         ),
     )
     best: tuple[float, Array, list[Array]] | None = None
+    every = np.ones(len(problem.channels))
     for size in sizes:
         wider = replace(
             problem,
@@ -264,8 +266,7 @@ def _tested(
             ),
         )
         forced, taken = _explained(wider, replace(fitted, point=point, linears=linears))
-        weight = weights(problem, forced, fitted)
-        gain = log_evidence(wider, forced, weight) - log_evidence(problem, fitted, weight)
+        gain = log_evidence(wider, forced, every) - log_evidence(problem, fitted, every)
         if np.isfinite(gain) and (best is None or gain > best[0]):
             squares = sum(
                 ((x.residual * o.sd) ** 2).sum(axis=0)
@@ -282,15 +283,15 @@ def _tested(
     return Place(name, port, tuple(float(v) for v in best[1]), float(best[0])), best[2]
 
 
-def _explained(problem: Problem, fitted: Fitted, rounds: int = 6) -> tuple[Fitted, float]:
-    """Fit of the unknowns to first order, and the share of the samples that it took."""
+def _explained(problem: Problem, fitted: Fitted, rounds: int = 4) -> tuple[Fitted, float]:
+    """Fit of the unknowns to first order, and the share of the samples that it took.
+
+    It begins as if the place explained everything but the noise of the sensors.
+    """
     prior, base, taken = prior_of(problem, fitted.members), fitted, 0.0
-    now = fitted
+    now, noise = fitted, np.ones_like(fitted.noise)
     for _ in range(rounds):
-        share = now.effective
-        own = system(
-            problem, problem.fit, base.members, base.point, base.linears, now.noise, share
-        )
+        own = system(problem, problem.fit, base.members, base.point, base.linears, noise, 1.0)
         weight = prior.weights(base.point.x)
         matrix = own.matrix + np.diag(weight)
         step = np.linalg.solve(matrix, own.right - weight * base.point.x)
@@ -299,17 +300,18 @@ def _explained(problem: Problem, fitted: Fitted, rounds: int = 6) -> tuple[Fitte
             replace(x, residual=x.residual - x.by_global @ step - x.by_local @ d)
             for x, d in zip(base.linears, local, strict=True)
         )
-        free = float(np.trace(np.linalg.solve(matrix, own.matrix)))
+        free = float(step.size)
         for (inner, _, _), o, values in zip(own.locals, problem.fit, base.point.local, strict=True):
             weights_of = np.zeros(values.size)
             weights_of[: len(o.local)] = [q.weight for q in o.local]
             free += values.size - float(np.diag(np.linalg.inv(inner)) @ weights_of)
-        taken = min(max(free, 0.0) / (share * float(problem.samples.sum())), 0.5)
+        taken = min(max(free, 0.0) / float(problem.samples.sum()), 0.5)
         point = Point(
             base.point.x + step,
             tuple(v + d for v, d in zip(base.point.local, local, strict=True)),
         )
-        now = Fitted(base.members, point, linears, noise_left(problem, linears, taken), share)
+        now = Fitted(base.members, point, linears, noise_left(problem, linears, taken), 1.0)
+        noise = now.noise
     return now, taken
 
 
@@ -324,7 +326,7 @@ def _likeness(
     names = [s.name for s in problem.model.states()]
     seen = []
     for r, (o, force) in enumerate(zip(problem.fit, forces, strict=True)):
-        stops = np.unique(np.linspace(0, o.record.samples - 1, KNOTS).astype(int))[1:]
+        stops = sorted({*np.linspace(0, o.record.samples - 1, KNOTS).astype(int).tolist()} - {0})
         x = observe_all(problem.model, [(o.record, _jobs(problem, fitted, r, stops))])[0].ends
         there = [x[:, names.index(n)] if n in names else 0.0 * x[:, 0]
                  for n in (port.position, port.speed)]  # fmt: skip
@@ -349,4 +351,4 @@ def _likeness(
         own = rest(values)
         if (size := float(own @ own)) > 1e-9 * float(values @ values):
             shares.append((law, float(own @ goal) ** 2 / (size * float(goal @ goal))))
-    return tuple(sorted(shares, key=lambda s: -s[1])[:LAWS])
+    return tuple(s for s in sorted(shares, key=lambda s: -s[1])[:2] if s[1] > ALIKE)

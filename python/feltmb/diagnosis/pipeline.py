@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 
 from feltmb.data import Record
 from feltmb.diagnosis.options import Options
+from feltmb.diagnosis.progress import Meter, Progress
 from feltmb.diagnosis.records import prepare
 from feltmb.diagnosis.report import Report
 from feltmb.diagnosis.search import search
@@ -24,7 +24,7 @@ def diagnose(
     *,
     hold_out: Sequence[str] | str | None = None,
     options: Options | None = None,
-    tell: Callable[[str, float], None] | None = None,
+    tell: Callable[[Progress], None] | None = None,
 ) -> Report:
     """Find the effects that a model lacks.
 
@@ -42,8 +42,8 @@ def diagnose(
     options
         Options; default: ``Options()``.
     tell
-        Is called with the stage and the share of the work that is done [1]; default: nothing is
-        called.
+        Is called with the stage, the share of the work that is done, and the time that is left;
+        default: nothing is called.
 
     Returns
     -------
@@ -56,9 +56,14 @@ def diagnose(
         Model, effects and records do not fit together.
     """
     options = options or Options()
-    begun = time.monotonic()
+    meter = Meter(tell, options.seconds, options.tries)
+    meter.stage("prepare")
     problem = prepare(model, effects, records, hold_out, options)
     if varies(problem):
         problem = with_variation(problem)
-    searched = search(problem, options, tell)
-    return Report.of(judge(searched, options, time.monotonic() - begun, tell or (lambda *_: None)))
+    meter.stage("fit")
+    searched = search(problem, options, meter.stage, meter.step)
+    seconds = meter.progress.elapsed
+    result = judge(searched, options, seconds, meter.stage, meter.step)
+    meter.stage("done")
+    return Report.of(result)

@@ -8,18 +8,27 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from html import escape
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data import Record
-from feltmb.diagnosis.figures import correlation, residuals, svg, told_set, waterfall
-from feltmb.diagnosis.result import Cell, Channel, Named, Place, Reason, Result, Verdict
+from feltmb.diagnosis.figures import correlation, residuals, svg, waterfall
+from feltmb.diagnosis.result import (
+    Cell,
+    Channel,
+    Named,
+    ParameterValue,
+    Place,
+    Reason,
+    Result,
+    Verdict,
+)
 from feltmb.files import make_folder, write_text
 from feltmb.tables import Screen, new_table
 from feltmb.units import readable_unit
@@ -28,7 +37,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["Report", "Section", "sections", "statement", "text", "write"]
+__all__ = ["Report"]
 
 #: Words of reasons that a user must know beside the verdict.
 TOLD = {
@@ -51,167 +60,146 @@ VERDICTS = {
     Verdict.ONE_OF: "One of several",
     Verdict.UNKNOWN: "Unknown",
 }
-#: Largest multiple of the noise that counts as the noise.
-NOISE = 1.3
+#: Largest multiple of the noise that counts as the noise, and multiple of its standard deviation
+#: from which a delay is told.
+NOISE, LATE = 1.3, 4.0
 #: Correlation above which two unknowns are hardly separated [1].
 TOGETHER = 0.95
-#: Largest numbers of parameters on the first screen, sets and causes in tables, next steps.
-PARAMETERS, SETS, STEPS = 6, 8, 3
+#: Largest numbers of parameters on the first screen, of rows of a table, and of next steps.
+PARAMETERS, ROWS, STEPS = 6, 8, 3
 
 
 @dataclass(frozen=True)
-class Section:
+class _Section:
     """A part of the report."""
 
     title: str
-    lines: tuple[str, ...] = ()
-    items: tuple[str, ...] = ()
-    head: tuple[str, ...] = ()
+    lines: Sequence[str] = ()
+    items: Sequence[str] = ()
+    head: Sequence[str] = ()
     """Head of the table; its first column is text, the others are numbers."""
-    rows: tuple[tuple[str, ...], ...] = ()
-    details: bool = False
+    rows: Sequence[Sequence[str]] = ()
 
 
-# ---------------------------------------------------------------- numbers
+# ---------------------------------------------------------------- numbers and lists
 
 
-def _number(value: float, uncertainty: float) -> str:
-    """A number with the digits that its uncertainty supports, two of the uncertainty."""
+def _number(value: float, uncertainty: float = 0.0) -> str:
+    """A number with the digits that its uncertainty supports: two of the uncertainty."""
     if not math.isfinite(value):
         return "-"
     if not math.isfinite(uncertainty) or uncertainty <= 0.0:
         return f"{value:.4g}"
     places = 1 - math.floor(math.log10(uncertainty))
-    return f"{value:.{places}f}" if 0 <= places <= 6 else f"{float(f'{value:.{max(0, places)}f}'):.6g}"
+    return f"{value:.{places}f}" if 0 <= places <= 6 else f"{round(value, places):.6g}"
 
 
-def _sized(unit: str, *values: float, uncertainty: float = 0.0) -> tuple[list[str], str]:
-    """Numbers in a unit that people read, and the unit with a space before it."""
-    factor, name = readable_unit(max((abs(v) for v in values if math.isfinite(v)), default=1), unit)
-    numbers = [_number(factor * v, factor * uncertainty) for v in values]
-    return numbers, "" if name == "1" else f" {name}"
-
-
-def _magnitude(n: Named) -> str:
-    """Magnitude with its 95 % interval."""
-    (value, low, high), unit = _sized(
-        n.unit, n.magnitude, n.low, n.high, uncertainty=0.5 * (n.high - n.low)
+def _interval(x: Named | ParameterValue) -> str:
+    """Value with its unit and 95 % interval."""
+    value = x.magnitude if isinstance(x, Named) else x.value
+    factor, unit = _scale(x)
+    low, middle, high = (
+        _number(factor * v, 0.5 * factor * (x.high - x.low)) for v in (x.low, value, x.high)
     )
-    return f"{value}{unit} ({low} to {high})"
+    return f"{middle}{unit} ({low} to {high})"
+
+
+def _scale(x: Named | ParameterValue) -> tuple[float, str]:
+    """Factor and unit in which a value is told, the unit with a space before it."""
+    if isinstance(x, ParameterValue) and x.relative:
+        return 100.0, " %"
+    factor, unit = readable_unit(max(abs(x.low), abs(x.high)), x.unit)
+    return factor, "" if unit == "1" else f" {unit}"
+
+
+def _tabulated(p: ParameterValue) -> str:
+    factor, unit = _scale(p)
+    return f"{_number(factor * p.tabulated)}{unit}"
 
 
 def _size(value: float, unit: str) -> str:
-    (number,), name = _sized(unit, float(f"{value:.3g}"))
-    return number + name
+    factor, name = readable_unit(value, unit)
+    return f"{float(f'{factor * value:.3g}'):.6g}{'' if name == '1' else f' {name}'}"
 
 
 def _percent(value: float) -> str:
-    return f"{100.0 * value:.2g} %" if math.isfinite(value) else "-"
+    return f"{float(f'{100.0 * value:.2g}'):g} %" if math.isfinite(value) else "-"
+
+
+def _times(c: Channel) -> str:
+    """What remains as a multiple of the noise of the sensor; empty: it is not stated."""
+    return (
+        "" if math.isnan(c.noise) else f"{float(f'{c.explained / c.noise:.2g}'):g} times the noise"
+    )
 
 
 def _name(n: Named) -> str:
-    """Name of a cause as the subject of a sentence."""
     return f"{n.cause} outside its tolerance" if n.parameter else n.cause
 
 
 def _listed(words: Sequence[str], last: str = "and") -> str:
-    return f" {last} ".join(filter(None, [", ".join(words[:-1]), words[-1]])) if words else ""
+    return f" {last} ".join([*filter(None, [", ".join(words[:-1])]), *words[-1:]])
 
 
 # ---------------------------------------------------------------- what a user reads first
 
 
-def statement(result: Result) -> str:
-    """What the model misses, what takes it away, what remains, and whether that matters.
-
-    Parameters
-    ----------
-    result
-        Result of a diagnosis.
-    """
+def _statement(result: Result) -> str:
+    """What the model misses, what takes it away, what remains, and whether that matters."""
     c = result.worst
     tabulated, calibrated = (_percent(c.share(v)) for v in (c.tabulated, c.calibrated))
     misses = f"The model misses {tabulated} of the motion of {c.name}"
     if not math.isfinite(c.tabulated):
-        misses = f"The tabulated model fails; the fitted one misses {calibrated} of the motion"
-        misses += f" of {c.name}"
+        misses = f"The tabulated model fails. With fitted parameters, it misses {calibrated} of the"
+        misses += f" motion of {c.name}"
     elif c.calibrated < 0.9 * c.tabulated:
         misses += f", and {calibrated} with fitted parameters"
-    if result.verdict is Verdict.NO_GAP:
-        return f"{misses}: there is no gap. {_remains(result)}"
-    if result.verdict is Verdict.CALIBRATED:
-        return f"{misses}. No cause is missing. {_remains(result)}"
-    if result.verdict is Verdict.UNKNOWN:
-        return f"{misses}. No cause of the list explains it. {_remains(result)}"
-    told = [f"{_name(n)} of {_magnitude(n)}" for n in result.named]
+    told = [f"{_name(n)} of {_interval(n)}" for n in result.named]
     told += [f"one of {_listed([_name(n) for n in g], 'or')}" for g in result.classes]
     takes = "takes" if len(told) == 1 else "take"
-    to = _percent(c.share(c.explained))
-    return f"{misses}. {_listed(told)} {takes} it to {to}. {_remains(result)}"
+    found = {
+        Verdict.NO_GAP: ": there is no gap",
+        Verdict.CALIBRATED: ". No cause is missing",
+        Verdict.UNKNOWN: ". No cause of the list explains it",
+    }.get(result.verdict, f". {_listed(told)} {takes} it to {_percent(c.share(c.explained))}")
+    return f"{misses}{found}. {_remains(result)}"
 
 
 def _remains(result: Result) -> str:
-    material = sorted(
-        (c for c in result.channels if c.material), key=lambda c: -c.explained / c.good_enough
-    )
+    material = [c for c in result.channels if c.material]
     if not material:
         c = result.worst
         if c.explained <= NOISE * c.noise:
             return "Nothing but the noise of the sensor remains."
-        times = f"{c.explained / c.noise:.2g} times the noise of the sensor, "
-        return (
-            f"The rest, {'' if math.isnan(c.noise) else times}{_percent(c.share(c.explained))} of "
-            "the motion, does not matter."
-        )
-    c = material[0]
-    times = "" if math.isnan(c.noise) else f", {c.explained / c.noise:.2g} times its noise"
-    more = f", and {len(material) - 1} more" if len(material) > 1 else ""
+        return f"The rest, {_times(c) or _percent(c.share(c.explained))}, does not matter."
+    c = max(material, key=lambda c: c.explained / c.good_enough)
+    more = f" (and {len(material) - 1} more)" if len(material) > 1 else ""
+    enough = _percent(c.share(c.good_enough))
     return (
-        f"The rest matters: {_percent(c.share(c.explained))} of {c.name}{times}{more}, where "
-        f"{_percent(c.share(c.good_enough))} is good enough."
+        f"The rest matters: {_percent(c.share(c.explained))} of {c.name}{more}"
+        f"{', ' * bool(_times(c))}{_times(c)}; {enough} would be good enough."
     )
 
 
-def sections(result: Result) -> list[Section]:
-    """The parts of the report, those of the first screen first.
-
-    Parameters
-    ----------
-    result
-        Result of a diagnosis.
-    """
-    first = [_missing(result), _calibration(result), _held_out(result), _where(result)]
-    return [s for s in (*first, _next(result), *_details(result)) if s.lines or s.items or s.rows]
-
-
-def _missing(result: Result) -> Section:
-    lines, items = [], []
+def _missing(result: Result) -> _Section:
+    lines, items = [TOLD[r] for r in result.reasons if r in TOLD], []
     for n in result.named:
-        unit = n.unit
-        half = 0.5 * (n.high - n.low)
-        each = ""
+        item = f"{_name(n)} [{n.component}]: {_interval(n)}"
         if len(n.by_record) > 1:
-            values, name = _sized(unit, *n.by_record, uncertainty=half)
-            each = f"; in each record {', '.join(values)}{name}"
+            factor, _ = _scale(n)
+            each = [_number(factor * v, 0.5 * factor * (n.high - n.low)) for v in n.by_record]
+            item += f"; in each record {', '.join(each)}"
         numbers = n.shape if isinstance(n.shape, tuple) else (n.shape,)
-        shape = [f"{a} {v:.3g}" for a, v in zip(n.shape_names, numbers, strict=False)]
-        items.append(
-            f"{_name(n)} [{n.component}]: {_magnitude(n)}{each}"
-            + "".join(f"; {s}" for s in shape)
-            + (f". {n.mechanism}" if n.mechanism else "")
-        )
+        for name, value in zip(n.shape_names, numbers, strict=False):
+            item += f"; {name} {value if isinstance(value, str) else f'{value:.3g}'}"
+        items.append(item + (f". {n.mechanism}" if n.mechanism else ""))
     for group in result.classes:
-        members = [f"{_name(n)} [{n.component}] of {_magnitude(n)}" for n in group]
-        items.append(
-            f"One of these, which the records do not tell apart: {_listed(members, 'or')}."
-        )
-    if not items and result.verdict is Verdict.UNKNOWN:
-        best = _probabilities(result)[:2]
-        if best:
-            tested = _listed([f"{name} ({_percent(p)})" for name, p in best])
-            lines.append(f"Nothing is named. Most probable of those tested: {tested}.")
-    lines += [TOLD[r] for r in result.reasons if r in TOLD]
-    return Section("What is missing", tuple(lines), tuple(items))
+        members = [f"{_name(n)} [{n.component}] of {_interval(n)}" for n in group]
+        items.append(f"One of these, which the records do not tell apart: {_listed(members, 'or')}")
+    if result.verdict is Verdict.UNKNOWN and (best := _probabilities(result)[:2]):
+        tested = _listed([f"{name} ({_percent(p)})" for name, p in best])
+        lines.append(f"Nothing is named. Most probable of those tested: {tested}.")
+    return _Section("What is missing", lines, items)
 
 
 def _probabilities(result: Result) -> list[tuple[str, float]]:
@@ -223,251 +211,160 @@ def _probabilities(result: Result) -> list[tuple[str, float]]:
     return sorted(((k, v) for k, v in found.items() if v >= 0.01), key=lambda f: -f[1])
 
 
-def _calibration(result: Result) -> Section:
+def _moved(result: Result) -> list[ParameterValue]:
+    """Parameters whose interval excludes the tabulated value, the surest first."""
     moved = [p for p in result.parameters if not p.low <= p.tabulated <= p.high]
-    moved.sort(key=lambda p: -abs(p.value - p.tabulated) / (p.high - p.low or 1.0))
-    items = []
+    return sorted(moved, key=lambda p: -abs(p.value - p.tabulated) / (p.high - p.low or 1e-300))
+
+
+def _calibration(result: Result) -> _Section:
+    moved, items = _moved(result), []
     for p in moved[:PARAMETERS]:
-        (value, low, high), unit = _sized(
-            p.unit, p.value, p.low, p.high, uncertainty=0.5 * (p.high - p.low)
-        )
-        sd = abs(p.value - p.tabulated) / p.sd if 0.0 < p.sd < math.inf else math.nan
-        far = f", {sd:.2g} tolerances away" if math.isfinite(sd) else ""
-        items.append(
-            f"{p.title}: {value}{unit} ({low} to {high}), tabulated {_size(p.tabulated, p.unit)}{far}"
-        )
-    if more := len(moved) - PARAMETERS:
-        items += [f"{more} more parameters, see the details"] if more > 0 else []
+        far = abs(p.value - p.tabulated) / p.sd if p.sd > 0.0 else 0.0
+        ratio = f", a change of {far:.2g} tolerances" if far >= 0.01 else ""
+        items.append(f"{p.title}: {_interval(p)}; tabulated {_tabulated(p)}{ratio}")
+    if len(moved) > PARAMETERS:
+        items.append(f"{len(moved) - PARAMETERS} more parameters are in the details")
     lines = [] if items or not result.parameters else ["No parameter left its tabulated value."]
-    return Section("Calibration", tuple(lines), tuple(items))
+    return _Section("Calibration", lines, items)
 
 
-def _held_out(result: Result) -> Section:
+def _held_out(result: Result) -> _Section:
     if result.held_out_gain is None:
-        return Section("Held-out records")
+        return _Section("Held-out records")
     value, low, high = (100.0 * (1.0 - g) for g in result.held_out_gain)
     what = f"shrinks by {value:.0f} %" if value >= 0.0 else f"grows by {-value:.0f} %"
-    return Section(
-        "Held-out records",
-        (f"Where nothing was fitted, the residual {what} with these causes ({high:.0f} to "
-         f"{low:.0f} %).",),
-    )  # fmt: skip
+    line = f"Where nothing was fitted, the residual {what} with the causes"
+    return _Section("Held-out records", [f"{line} ({high:.0f} to {low:.0f} %)."])
 
 
-def _worst_cell(result: Result, attribute: str) -> tuple[Cell, Channel] | None:
-    channels = {c.name: c for c in result.channels}
-    rows = [(cell, channels[cell.channel]) for cell in result.cells]
-    rows = [r for r in rows if math.isfinite(r[1].share(getattr(r[0], attribute)))]
-    return max(rows, key=lambda r: r[1].share(getattr(r[0], attribute)), default=None)
-
-
-def _within(cell: Cell) -> str:
+def _worst_cell(result: Result, attribute: str) -> tuple[Cell, str] | None:
+    """The part of a record with the largest residual that matters, and its place as words."""
+    limits = {c.name: c.limit for c in result.channels}
+    ratios = [getattr(c, attribute) / limits[c.channel] for c in result.cells]
+    if not max(ratios, default=0.0) > 1.0:
+        return None
+    cell = result.cells[int(np.argmax(ratios))]
     since = f", after {cell.since}" if cell.since else ""
-    return f"{cell.channel} of {cell.record}, {cell.start:.3g} to {cell.end:.3g} s{since}"
+    return cell, f"{cell.channel} of {cell.record}, {cell.start:.3g} to {cell.end:.3g} s{since}"
 
 
-def _where(result: Result) -> Section:
-    lines = []
-    told = bool(result.named or result.classes)
-    if (worst := _worst_cell(result, "calibrated")) and result.verdict is not Verdict.NO_GAP:
-        cell, channel = worst
-        after = f", {_size(cell.explained, channel.unit)} with the causes" if told else ""
-        lines.append(
-            f"Without further causes, the residual is largest in {_within(cell)}: "
-            f"{_size(cell.calibrated, channel.unit)} rms{after}."
-        )
+def _where(result: Result) -> _Section:
+    lines, told = [], bool(result.named or result.classes)
     units = {c.name: c.unit for c in result.channels}
-    late = sorted(result.events, key=lambda e: -abs(e.delay) / e.delay_sd)
-    for e in [e for e in late if abs(e.delay) > 3.0 * e.delay_sd][:1]:
-        way = "late" if e.delay > 0.0 else "early"
+    worst = None if result.verdict is Verdict.NO_GAP else _worst_cell(result, "calibrated")
+    if worst is not None:
+        cell, words = worst
+        unit = units[cell.channel]
+        rms = _size(cell.calibrated, unit)
+        after = f", {_size(cell.explained, unit)} with the causes" if told else ""
+        before = "Without the causes, the" if told else "The"
+        lines.append(f"{before} residual is largest in {words}: {rms} rms{after}.")
+    late = [e for e in result.events if abs(e.delay) > LATE * e.delay_sd]
+    if late and result.verdict is not Verdict.NO_GAP:
+        e = max(late, key=lambda e: abs(e.delay) / e.delay_sd)
         after = f" ({_size(abs(e.delay_explained), 's')} with the causes)" if told else ""
         lines.append(
             f"At the event {e.event} of {e.record}, {e.channel} comes {_size(abs(e.delay), 's')} "
-            f"too {way}{after}; its speed differs by {_size(e.speed, f'{units[e.channel]}/s')}."
+            f"{'later' if e.delay > 0.0 else 'earlier'} than in the model{after}."
         )
-    lines += [_place(result, p) for p in result.places[:2]]
-    return Section("Where", tuple(lines))
+    return _Section("Where", [*lines, *(_place(result, p) for p in result.places[:2])])
 
 
 def _place(result: Result, place: Place) -> str:
-    k = result.channels.index(result.worst)
-    c = result.worst
     what = "An unknown force" if place.port else "Unlisted changes from record to record"
-    like = ""
-    if place.resembles and place.resembles[0][1] > 0.3:
-        law, share = place.resembles[0]
-        like = f"; it would resemble the {law} ({_percent(share)} of it)"
+    shares = [c.share(v) for c, v in zip(result.channels, place.left, strict=True)]
+    now = max(c.share(c.explained) for c in result.channels)
+    like = [f"; it would resemble the {law} ({_percent(v)} of it)" for law, v in place.resembles]
     return (
-        f"{what} at {place.name} would take the rest from {_percent(c.share(c.explained))} to "
-        f"{_percent(c.share(place.left[k]))} of {c.name}{like}."
+        f"{what} at {place.name} would take what remains in the worst channel from {_percent(now)} "
+        f"to {_percent(max(shares))}{''.join(like[:1])}."
     )
 
 
-def _next(result: Result) -> Section:
-    steps: list[str] = []
-    for n in result.named:
-        steps.append(f"{_name(n)}: {n.remedy or 'correct the model, and measure it by itself.'}")
+def _next(result: Result) -> list[str]:
+    """Actions, the most useful first."""
+    steps = [
+        f"{_name(n)}: {n.remedy or 'measure it by itself, and correct the model.'}"
+        for n in result.named
+    ]
     for group, record in zip(result.classes, result.apart, strict=False):
-        one, other = group[:2]
-        remedies = [f"{_name(n)}: {n.remedy}" for n in group if n.remedy][:1]
-        measure = [f"measure {n.cause} by itself" for n in group if n.parameter][:1]
-        steps.append(
-            f"To tell {_name(one)} from {_name(other)}: "
-            + "; ".join([*measure, f"record more motions like {record}, where they differ most"])
-            + "."
-        )
-        steps += remedies if not measure else []
+        names = f"{_name(group[0])} from {_name(group[1])}"
+        steps += [f"To tell {names}, measure {n.cause} by itself." for n in group if n.parameter]
+        steps.append(f"To tell {names}, record more motions like {record}: they differ most there.")
+        steps += [f"{_name(n)}: {n.remedy}" for n in group if n.remedy]
     if Reason.NOT_COMPLETE in result.reasons:
-        steps.append(
-            f"Diagnose again with a larger limit of time (seconds): {len(result.not_tried)} causes "
-            "were not tried."
-        )
+        untried = len(result.not_tried)
+        steps.append(f"Diagnose again with more seconds: {untried} causes were not tried.")
     if any(c.material for c in result.channels):
+        worst = _worst_cell(result, "explained")
         if result.places:
             p = result.places[0]
             law = f" that resembles the {p.resembles[0][0]}" if p.resembles else ""
             steps.append(f"Inspect {p.name}, and add an effect there{law} to the list.")
-        elif worst := _worst_cell(result, "explained"):
-            steps.append(f"Look at {_within(worst[0])}: the rest is largest there.")
+        elif worst is not None:
+            steps.append(f"Look at {worst[1]}: what remains is largest there.")
     steps += [
         f"Measure {a} by itself: the records hardly separate it from {b}."
-        for a, b, _ in _pairs(result)
+        for a, b in _together(result)
     ]
     if Reason.NOISE_NOT_STATED in result.reasons:
         steps.append("Record the machine at rest, and state the noise of the sensors.")
     if not steps:
-        steps.append("Nothing: the model can be used for motions like the recorded ones.")
-    return Section("Next", (), tuple(dict.fromkeys(steps))[:STEPS])
+        steps.append("None: the model can be used for motions like the recorded ones.")
+    return list(dict.fromkeys(steps))[:STEPS]
 
 
-def _pairs(result: Result) -> list[tuple[str, str, float]]:
-    """Pairs of a moved parameter and another unknown that the records hardly separate."""
-    moved = {p.name for p in result.parameters if not p.low <= p.tabulated <= p.high}
-    found = []
-    for i, j in np.argwhere(np.abs(np.triu(result.correlation, 1)) > TOGETHER):
+def _together(result: Result) -> Iterator[tuple[str, str]]:
+    """Moved parameters, each with an unknown from which the records hardly separate it."""
+    moved = {p.name for p in _moved(result)}
+    high = np.argwhere(np.abs(np.triu(result.correlation, 1)) > TOGETHER)
+    for i, j in sorted(high, key=lambda k: -abs(result.correlation[tuple(k)])):
         a, b = result.unknowns[i], result.unknowns[j]
         if {a, b} & moved:
-            first, second = (a, b) if a in moved else (b, a)
-            found.append((first, second, float(result.correlation[i, j])))
-    return sorted(found, key=lambda f: -abs(f[2]))
+            yield (a, b) if a in moved else (b, a)
 
 
 # ---------------------------------------------------------------- details
 
 
-def _details(result: Result) -> Iterator[Section]:
-    cells = []
+def _details(result: Result) -> Iterator[_Section]:
+    rows: list[list[str]] = []
     for c in result.channels:
+        factor, unit = readable_unit(c.motion, c.unit)
         values = (c.noise, c.tabulated, c.calibrated, c.explained, c.held_out_calibrated,
                   c.held_out_explained)  # fmt: skip
-        cells.append(
-            (
-                f"{c.name} [{c.unit}]",
-                *(f"{v:.3g}" if math.isfinite(v) else "-" for v in values),
-                _percent(c.share(c.explained)),
-            )
-        )
-    head = ("rms residual", "noise", "tabulated", "calibrated", "explained", "held out, calibrated",
-            "held out, explained", "of motion")  # fmt: skip
-    yield Section("Residuals", head=head, rows=tuple(cells), details=True)
-    sets = []
+        numbers = [f"{factor * v:.3g}" if math.isfinite(v) else "-" for v in values]
+        rows.append([f"{c.name} [{unit}]", *numbers, _percent(c.share(c.explained))])
+    head = ("rms residual", "noise", "tabulated", "calibrated", "explained", "held out, before",
+            "held out, after", "of motion")  # fmt: skip
+    yield _Section("Residuals", head=head, rows=rows)
     k = result.channels.index(result.worst)
-    for s in result.sets[:SETS]:
-        share = result.worst.share(s.residual[k])
-        sets.append((_listed(s.causes) or "nothing", f"{s.probability:.3f}", _percent(share)))
-    head = ("set of causes", "probability", f"of {result.worst.name} left")
-    yield Section("Fitted sets", head=head, rows=tuple(sets), details=True)
-    causes = [(name, f"{p:.3f}") for name, p in _probabilities(result)[:SETS]]
-    head = ("cause", "probability")
-    yield Section("Causes", head=head, rows=tuple(causes), details=True)
-    rows = []
-    for p in result.parameters:
-        (value, low, high), unit = _sized(
-            p.unit, p.value, p.low, p.high, uncertainty=0.5 * (p.high - p.low)
-        )
-        rows.append((f"{p.name}{f' [{unit[1:]}]' if unit else ''}",
-                     _sized(p.unit, p.tabulated, p.value, p.low, p.high)[0][0], value,
-                     f"{low} to {high}"))  # fmt: skip
-    head = ("parameter", "tabulated", "fitted", "95 % interval")
-    yield Section("Parameters", head=head, rows=tuple(rows), details=True)
+    rows = [
+        [_listed(s.causes) or "nothing", f"{s.probability:.3f}",
+         _percent(result.worst.share(s.residual[k]))]
+        for s in result.sets[:ROWS]
+    ]  # fmt: skip
+    yield _Section("Sets", head=("set", "probability", f"left of {result.worst.name}"), rows=rows)
+    rows = [[name, f"{p:.3f}"] for name, p in _probabilities(result)[:ROWS]]
+    yield _Section("Causes", head=("cause", "probability"), rows=rows)
+    rows = [[p.name, _tabulated(p), _interval(p)] for p in result.parameters]
+    yield _Section("Parameters", head=("parameter", "tabulated", "fitted, 95 %"), rows=rows)
     notes = list(result.notes)
     if result.not_tried:
-        listed = ", ".join(result.not_tried[:SETS])
-        more = len(result.not_tried) - SETS
+        more = len(result.not_tried) - ROWS
         notes.append(
-            f"Not refitted, because their first-order gain is small: {listed}"
-            + (f" and {more} more." if more > 0 else ".")
+            f"Not fitted, {'because the first-order gain is small' if result.complete else 'yet'}: "
+            f"{', '.join(result.not_tried[:ROWS])}{f' and {more} more' if more > 0 else ''}."
         )
-    yield Section("Notes", items=tuple(notes), details=True)
+    yield _Section("Notes", items=notes)
 
 
-# ---------------------------------------------------------------- forms
-
-
-def text(result: Result, width: int = 100) -> str:
-    """The report as plain text.
-
-    Parameters
-    ----------
-    result
-        Result of a diagnosis.
-    width
-        Largest number of characters of a line.
-    """
-    out = io.StringIO()
-    screen = Screen(file=out, width=width, highlight=False, markup=False, emoji=False)
-    screen.print(statement(result))
-    for s in sections(result):
-        screen.print(f"\n{s.title}" + (" (details)" if s.details else ""))
-        for line in s.lines:
-            screen.print(f"  {line}")
-        for item in s.items:
-            screen.print(f"- {item}")
-        if s.rows:
-            table = new_table("", *s.head, right=tuple(range(1, len(s.head))), whole=(0,))
-            for row in s.rows:
-                table.add_row(*row)
-            screen.print(table)
-    lines = [line.rstrip() for line in out.getvalue().splitlines()]
-    return "\n".join(a for a, b in zip(lines, ["x", *lines], strict=False) if a or b)
-
-
-def page(result: Result, title: str = "Diagnosis") -> str:
-    """The report as one HTML page that loads nothing; all texts are escaped.
-
-    Parameters
-    ----------
-    result
-        Result of a diagnosis.
-    title
-        Title of the page, for example the name of the model.
-    """
-    import jinja2
-    from markupsafe import Markup
-
-    template = (resources.files("feltmb.diagnosis") / "report.html").read_text(encoding="utf-8")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    figures = {
-        "Where": svg(residuals(result), "residuals of the records"),
-        "Parameters": svg(correlation(result), "correlation of the unknowns"),
-    }
-    parts = sections(result)
-    return environment.from_string(template).render(
-        title=title,
-        result=result,
-        verdict=VERDICTS[result.verdict],
-        statement=statement(result),
-        waterfall=Markup(svg(waterfall(result), "waterfall of the gap")),
-        first=[s for s in parts if not s.details],
-        details=[s for s in parts if s.details],
-        figures={k: Markup(v) for k, v in figures.items()},
-    )
+# ---------------------------------------------------------------- the report
 
 
 class Report(Result):
-    """Result of :func:`feltmb.diagnosis.diagnose`, with its texts, tables and figures."""
+    """Result of :func:`feltmb.diagnosis.diagnose`, with its texts, table and figures."""
 
     @classmethod
     def of(cls, result: Result) -> Report:
@@ -481,52 +378,91 @@ class Report(Result):
         return cls(**{f.name: getattr(result, f.name) for f in fields(result)})
 
     def __str__(self) -> str:
-        return text(self)
+        return self.text()
 
     def __repr__(self) -> str:
         return f"Report({self.verdict.name}: {self.summary()})"
 
     def _repr_html_(self) -> str:
-        from html import escape
-
-        frame = self.frame.to_html(float_format=lambda v: f"{v:.4g}", na_rep="")
-        steps = "".join(f"<li>{escape(s)}</li>" for s in _next(self).items)
-        return f"<p><b>{VERDICTS[self.verdict]}.</b> {escape(self.summary())}</p>{frame}<ul>{steps}</ul>"
+        table = self.frame.to_html(float_format=lambda v: f"{v:.4g}", na_rep="")
+        steps = "".join(f"<li>{escape(s)}</li>" for s in _next(self))
+        lead = f"<b>{VERDICTS[self.verdict]}.</b> {escape(self.summary())}"
+        return f"<p>{lead}</p>{table}<ul>{steps}</ul>"
 
     def summary(self) -> str:
-        """The first lines: what is missed, what takes it away, what remains."""
-        return statement(self)
+        """What the model misses, what takes it away, what remains, and whether that matters."""
+        return _statement(self)
+
+    def _first(self) -> list[_Section]:
+        parts = [_missing(self), _calibration(self), _held_out(self), _where(self)]
+        return [s for s in (*parts, _Section("Next", items=_next(self))) if s.lines or s.items]
 
     @checked
     def text(self, width: int = 100) -> str:
-        """The whole report as text.
+        """The whole report as plain text.
 
         Parameters
         ----------
         width
             Largest number of characters of a line.
         """
-        return text(self, width)
+        file = io.StringIO()
+        screen = Screen(file=file, width=width, highlight=False, markup=False, emoji=False)
+        screen.print(f"{VERDICTS[self.verdict]}. {self.summary()}")
+        first = self._first()
+        for s in (*first, *(s for s in _details(self) if s.rows or s.items)):
+            screen.print(f"\n{s.title}{'' if s in first else ' (details)'}")
+            for line in (*s.lines, *(f"- {item}" for item in s.items)):
+                screen.print(line)
+            if s.rows:
+                table = new_table("", *s.head, right=tuple(range(1, len(s.head))), whole=(0,))
+                for row in s.rows:
+                    table.add_row(*row)
+                screen.print(table)
+        lines = [line.rstrip() for line in file.getvalue().splitlines()]
+        double = zip(lines, ["-", *lines], strict=False)
+        return "\n".join(line for line, before in double if line or before).rstrip()
+
+    @checked
+    def html(self, title: str = "Diagnosis") -> str:
+        """The report as one page that loads nothing; all texts are escaped.
+
+        Parameters
+        ----------
+        title
+            Title of the page, for example the name of the model.
+        """
+        import jinja2
+        from markupsafe import Markup
+
+        template = (resources.files("feltmb.diagnosis") / "report.html").read_text(encoding="utf-8")
+        environment = jinja2.Environment(
+            autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        )
+        return environment.from_string(template).render(
+            title=title,
+            result=self,
+            verdict=VERDICTS[self.verdict],
+            first=self._first(),
+            details=[s for s in _details(self) if s.rows or s.items],
+            figures={
+                "": Markup(svg(waterfall(self), "waterfall of the gap")),
+                "Where": Markup(svg(residuals(self), "residuals of the records")),
+                "Parameters": Markup(svg(correlation(self), "correlation of the unknowns")),
+            },
+        )
 
     @property
     def frame(self) -> pd.DataFrame:
-        """Named causes, members of classes and parameters; one row each."""
+        """Named causes, members of classes, and parameters; one row each."""
         import pandas as pd
 
         told = [("named", n) for n in self.named]
         told += [(f"class {k + 1}", n) for k, g in enumerate(self.classes) for n in g]
-        rows: list[Mapping[str, Any]] = [
-            {"name": n.cause, "kind": kind, "component": n.component, "unit": n.unit,
-             "value": n.magnitude, "low": n.low, "high": n.high, "probability": n.probability}
-            for kind, n in told
-        ]  # fmt: skip
-        rows += [
-            {"name": p.name, "kind": "parameter", "unit": p.unit, "value": p.value, "low": p.low,
-             "high": p.high, "tabulated": p.tabulated, "tolerance": p.sd}
-            for p in self.parameters
-        ]  # fmt: skip
+        rows = [asdict(n) | {"name": n.cause, "kind": k, "value": n.magnitude} for k, n in told]
+        rows += [asdict(p) | {"kind": "parameter"} for p in self.parameters]
         columns = ["name", "kind", "component", "unit", "value", "low", "high", "probability",
-                   "tabulated", "tolerance"]  # fmt: skip
+                   "tabulated", "sd"]  # fmt: skip
         return pd.DataFrame(rows, columns=columns).set_index("name")
 
     def plot(self) -> Figure:
@@ -546,24 +482,7 @@ class Report(Result):
         force
             False: existing files are not overwritten.
         """
-        return write(self, Path(folder), title=title, force=force)
-
-
-def write(result: Result, folder: Path, *, title: str = "Diagnosis", force: bool = False) -> Path:
-    """Write report.txt, report.html and report.json to a folder; returns the path of the page.
-
-    Parameters
-    ----------
-    result
-        Result of a diagnosis.
-    folder
-        Folder; it is made if it does not exist.
-    title
-        Title of the page.
-    force
-        False: existing files are not overwritten.
-    """
-    make_folder(folder)
-    write_text(folder / "report.json", result.to_json(), force=force)
-    write_text(folder / "report.txt", text(result) + "\n", force=force)
-    return write_text(folder / "report.html", page(result, title), force=force)
+        at = make_folder(folder)
+        write_text(at / "report.json", self.to_json(), force=force)
+        write_text(at / "report.txt", self.text() + "\n", force=force)
+        return write_text(at / "report.html", self.html(title), force=force)

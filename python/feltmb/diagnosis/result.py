@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from functools import cached_property
-from types import UnionType
-from typing import Any, Self, get_args, get_origin, get_type_hints
+from typing import Any
 
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.errors import DataError
 
 __all__ = [
     "Cell",
@@ -28,6 +26,7 @@ __all__ = [
     "SetOfCauses",
     "Trace",
     "Verdict",
+    "worst_of",
 ]
 
 #: Version of the JSON form of a result.
@@ -88,10 +87,32 @@ class Channel:
         return residual / self.motion if self.motion > 0.0 else math.nan
 
     @property
+    def limit(self) -> float:
+        """Largest residual that does not matter: twice the noise, or good_enough."""
+        return max(2.0 * float(np.nan_to_num(self.noise)), self.good_enough, 1e-300)
+
+    @property
     def material(self) -> bool:
-        """Whether the unexplained residual matters: beyond the noise and good_enough."""
-        known = 0.0 if math.isnan(self.noise) else self.noise
-        return self.explained > max(2.0 * known, self.good_enough)
+        """Whether the unexplained residual matters."""
+        return self.explained > self.limit
+
+
+def worst_of(channels: Sequence[Channel]) -> int:
+    """Index of the channel that the calibrated model misses most, else the tabulated model.
+
+    A channel of which only the noise is missed is the worst one only if all are so.
+
+    Parameters
+    ----------
+    channels
+        All channels.
+    """
+
+    def badness(c: Channel) -> tuple[float, float]:
+        calibrated, tabulated = c.calibrated / c.limit, c.tabulated / c.limit
+        return max(calibrated, 1.0), tabulated if math.isfinite(tabulated) else math.inf
+
+    return max(range(len(channels)), key=lambda k: badness(channels[k]))
 
 
 @dataclass(frozen=True)
@@ -108,6 +129,8 @@ class ParameterValue:
     low: float
     """Lower end of the 95 % interval."""
     high: float
+    relative: bool = False
+    """Whether the value is a relative deviation."""
 
 
 @dataclass(frozen=True)
@@ -243,7 +266,7 @@ class Result:
     apart: tuple[str, ...] = ()
     """For each class, the record in which its first two members differ most."""
     unknowns: tuple[str, ...] = ()
-    """Fitted parameters, magnitudes and numbers of shapes of the told set."""
+    """Fitted parameters and magnitudes of the told set."""
     correlation: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     """Correlation of the unknowns."""
     traces: tuple[Trace, ...] = field(default=(), repr=False)
@@ -252,8 +275,8 @@ class Result:
 
     @cached_property
     def worst(self) -> Channel:
-        """The channel of whose motion the calibrated model misses most."""
-        return max(self.channels, key=lambda c: np.nan_to_num(c.share(c.calibrated), nan=-1.0))
+        """The channel that the calibrated model misses most."""
+        return self.channels[worst_of(self.channels)]
 
     def as_dict(self) -> dict[str, Any]:
         """Codes and numbers as JSON types: NaN is None, an infinite number is a text."""
@@ -261,39 +284,8 @@ class Result:
         return {"format": "feltmb diagnosis", "version": VERSION} | own
 
     def to_json(self) -> str:
-        """The result as a JSON text; computation time apart, equal input gives equal text."""
+        """The result as a JSON text; ``seconds`` apart, equal input gives equal text."""
         return json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n"
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """The result of a JSON text.
-
-        Parameters
-        ----------
-        text
-            Text that :meth:`to_json` returned.
-
-        Raises
-        ------
-        DataError
-            It is no such text, or of another version.
-        """
-        try:
-            found = json.loads(text)
-            version = found.pop("version"), found.pop("format")
-        except (ValueError, AttributeError, KeyError, TypeError) as fault:
-            raise DataError("from_json: the text is no JSON of a diagnosis") from fault
-        if version != (VERSION, "feltmb diagnosis"):
-            raise DataError(
-                f"from_json: format {version[1]!r}, version {version[0]!r}, expected "
-                f"'feltmb diagnosis', version {VERSION}"
-            )
-        try:
-            out = _built(cls, found)
-        except (AttributeError, KeyError, TypeError, ValueError) as fault:
-            raise DataError(f"from_json: a field is missing or has another type: {fault}") from fault
-        assert isinstance(out, cls)
-        return out
 
 
 def _plain(value: Any) -> Any:
@@ -315,24 +307,3 @@ def _plain(value: Any) -> Any:
             return None
         return float(f"{value:.9g}") if math.isfinite(value) else str(float(value))
     return str(value)
-
-
-def _built(kind: Any, value: Any) -> Any:
-    """Value of a type from JSON types; inverse of :func:`_plain`."""
-    origin, inner = get_origin(kind), get_args(kind)
-    if is_dataclass(kind):
-        assert isinstance(kind, type)
-        hints = get_type_hints(kind)
-        return kind(**{name: _built(hints[name], v) for name, v in value.items()})
-    if origin is np.ndarray:
-        return np.array(value, dtype=np.float64).reshape(np.shape(value) or (0, 0))
-    if origin is tuple:
-        types = inner if inner[-1] is not Ellipsis else inner[:1] * len(value)
-        return tuple(_built(t, v) for t, v in zip(types, value, strict=True))
-    if origin is UnionType:
-        return None if value is None else _built(inner[0], value)
-    if kind is float:
-        return math.nan if value is None else float(value)
-    if isinstance(kind, type) and issubclass(kind, Enum):
-        return kind[value]
-    return tuple(value) if kind is Any and isinstance(value, list) else value

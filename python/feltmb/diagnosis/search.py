@@ -107,7 +107,7 @@ def search(
             tell(stage, share)
 
     found = Searched(problem)
-    now = _model_alone(problem, found)
+    now = _model_alone(problem, found, step)
     try:
         _climb(problem, options, found, now, check, told)
     except (Stop, KeyboardInterrupt):
@@ -115,7 +115,7 @@ def search(
     return found
 
 
-def _model_alone(problem: Problem, found: Searched) -> Fitted:
+def _model_alone(problem: Problem, found: Searched, step: Callable[[], None]) -> Fitted:
     """Fit of the model without causes, to growing parts of the records.
 
     The end of a record depends more strongly on the unknowns than its beginning, so that a fit of
@@ -124,7 +124,7 @@ def _model_alone(problem: Problem, found: Searched) -> Fitted:
     point, fitted = empty_point(problem, (), problem.fit), None
     for part in PARTS:
         cut = replace(problem, fit=tuple(o.first(part) for o in problem.fit))
-        fitted = fit_sets(cut, [Start((), (point,))])[0]
+        fitted = fit_sets(cut, [Start((), (point,))], step)[0]
         if fitted is not None:
             point = fitted.point
     if fitted is None:
@@ -212,7 +212,10 @@ def _refit(
 
 
 def with_all_records(
-    found: Searched, sets: Sequence[Fitted], predicted: Sequence[Predicted | None]
+    found: Searched,
+    sets: Sequence[Fitted],
+    predicted: Sequence[Predicted | None],
+    step: Callable[[], None] = lambda: None,
 ) -> Searched:
     """The sets, fitted to all records, so that the held-out ones decide by the same likelihood.
 
@@ -230,7 +233,7 @@ def with_all_records(
         for s, p in zip(sets, predicted, strict=True)
         if p is not None
     ]
-    for fitted in fit_sets(everything, starts):
+    for fitted in fit_sets(everything, starts, step):
         if fitted is not None:
             out.sets[fitted.causes] = fitted
     if () not in out.sets:
@@ -240,7 +243,7 @@ def with_all_records(
         )
     best = _best(everything, list(out.sets.values()))
     smaller = [s for s in out.sets.values() if set(s.causes) < set(best.causes)]
-    _refit(everything, out, [(s.members, best, {}) for s in smaller], lambda: None)
+    _refit(everything, out, [(s.members, best, {}) for s in smaller], step)
     return out
 
 

@@ -33,6 +33,7 @@ from feltmb.diagnosis.result import (
     SetOfCauses,
     Trace,
     Verdict,
+    worst_of,
 )
 from feltmb.diagnosis.score import by_record
 from feltmb.diagnosis.search import Searched, with_all_records
@@ -55,7 +56,8 @@ def judge(
     searched: Searched,
     options: Options,
     seconds: float,
-    tell: Callable[[str, float], None] = lambda stage, share: None,
+    tell: Callable[[str, float], None] = lambda *_: None,
+    step: Callable[[], None] = lambda: None,
 ) -> Result:
     """The result of a search.
 
@@ -69,10 +71,12 @@ def judge(
         Time that preparation and search took [s].
     tell
         Is called with the stage and the share of it that is done [1].
+    step
+        Is called before each simulation of all fits that proceed together.
     """
     shown = searched.problem
     tell("held_out", 0.0)
-    problem, sets, weight, predicted = _posterior(searched)
+    problem, sets, weight, predicted = _posterior(searched, step)
     tell("judge", 0.0)
     told, classes, refused = _told(problem, sets, weight, options.credibility)
     best = _representative(sets, told, classes)
@@ -144,7 +148,7 @@ def judge(
 
 
 def _posterior(
-    searched: Searched,
+    searched: Searched, step: Callable[[], None]
 ) -> tuple[Problem, list[Fitted], Array, dict[tuple[int, ...], Predicted | None]]:
     """Sets by posterior probability, given fitted and held-out records.
 
@@ -156,8 +160,8 @@ def _posterior(
         return problem, ranked, weight, {}
     some = [s for s, w in zip(ranked, weight, strict=True) if w > UNLIKELY or not s.causes]
     some = [*some[:PREDICTED], *(s for s in some[PREDICTED:] if not s.causes)]
-    predicted = predict(problem, some)
-    everything = with_all_records(searched, some, predicted)
+    predicted = predict(problem, some, step)
+    everything = with_all_records(searched, some, predicted, step)
     sets, weight = everything.ranked()
     return (
         everything.problem,
@@ -357,6 +361,7 @@ def _parameters(problem: Problem, fitted: Fitted) -> tuple[ParameterValue, ...]:
                 float(theta[i]),
                 float(max(theta[i] - half, p.lower)),
                 float(min(theta[i] + half, p.upper)),
+                p.relative,
             )
         )
     return tuple(out)
@@ -376,8 +381,8 @@ def _correlation(problem: Problem, fitted: Fitted) -> tuple[tuple[str, ...], Arr
 def _traces(
     problem: Problem, shown: Problem, alone: Fitted, best: Fitted, channels: Sequence[Channel]
 ) -> tuple[Trace, ...]:
-    """Residuals of the channel of whose motion the calibrated model misses most."""
-    c = int(np.argmax([np.nan_to_num(k.share(k.calibrated), nan=-1.0) for k in channels]))
+    """Residuals of the channel that the calibrated model misses most."""
+    c = worst_of(channels)
     held = {o.record.name for o in shown.held_out}
     out = []
     for r, o in enumerate(problem.fit):

@@ -9,7 +9,6 @@ import pytest
 
 from feltmb.diagnosis.options import Options
 from feltmb.diagnosis.pipeline import diagnose
-from feltmb.diagnosis.report import statement, text
 from feltmb.diagnosis.result import Reason, Verdict
 from feltmb.errors import FeltmbError
 from feltmb.gap import (
@@ -122,12 +121,6 @@ def test_the_limit_of_time_still_answers(spring, causes):
     result = diagnose(spring, causes, three(hardening=2000.0), options=Options(seconds=1e-6))
     assert Reason.NOT_COMPLETE in result.reasons
     assert not result.complete
-
-
-def test_the_text_tells_sizes_first(spring, causes):
-    result = diagnose(spring, causes, three(hardening=2000.0))
-    assert text(result).startswith(statement(result))
-    assert "hardening of " in statement(result)
 
 
 def test_faults_are_told_at_once(spring, causes):
