@@ -321,7 +321,7 @@ def _likeness(
     """Laws of position and speed that a force resembles, with the share that each explains.
 
     Parts that are proportional to position or speed are removed from force and law first: the
-    parameters of the model have taken them up.
+    parameters of the model have taken them up. A law of the speed must act against the motion.
     """
     names = [s.name for s in problem.model.states()]
     seen = []
@@ -349,6 +349,8 @@ def _likeness(
     goal, shares = rest(force), []
     for law, values in laws.items():
         own = rest(values)
-        if (size := float(own @ own)) > 1e-9 * float(values @ values):
-            shares.append((law, float(own @ goal) ** 2 / (size * float(goal @ goal))))
+        size, product = float(own @ own), float(own @ goal)
+        # Without their linear parts, the laws of the speed differ in their sign only.
+        if size > 1e-9 * float(values @ values) and ("speed" not in law or product < 0.0):
+            shares.append((law, product**2 / (size * float(goal @ goal))))
     return tuple(s for s in sorted(shares, key=lambda s: -s[1])[:2] if s[1] > ALIKE)

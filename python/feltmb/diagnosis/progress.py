@@ -21,7 +21,7 @@ STEPS, STEPS_AFTER = 9.0, 24.0
 COST_AFTER = 2.5
 #: Expected further work in durations of a round: after the first round, after later ones, and of
 #: the exchange; and of the comparison with held-out records [1].
-FIRST, LATER, EXCHANGE, AFTER = 0.4, 0.9, 0.5, 0.45
+FIRST, LATER, EXCHANGE, AFTER = 0.35, 0.9, 0.5, 0.45
 #: Expected growth of the duration from one round to the next, because sets become larger [1].
 GROWTH = 1.25
 #: Share of the expected duration of a stage that is left when it takes longer than expected [1].

@@ -30,7 +30,7 @@ from feltmb.diagnosis.result import (
     Verdict,
 )
 from feltmb.files import make_folder, write_text
-from feltmb.tables import Screen, new_table
+from feltmb.tables import Screen, folded_text, new_table
 from feltmb.units import readable_unit
 
 if TYPE_CHECKING:
@@ -354,7 +354,7 @@ def _details(result: Result) -> Iterator[_Section]:
     if result.not_tried:
         more = len(result.not_tried) - ROWS
         notes.append(
-            f"Not fitted, {'because the first-order gain is small' if result.complete else 'yet'}: "
+            f"Not fitted{', because the first-order gain is small' * result.complete}: "
             f"{', '.join(result.not_tried[:ROWS])}{f' and {more} more' if more > 0 else ''}."
         )
     yield _Section("Notes", items=notes)
@@ -412,8 +412,10 @@ class Report(Result):
         first = self._first()
         for s in (*first, *(s for s in _details(self) if s.rows or s.items)):
             screen.print(f"\n{s.title}{'' if s in first else ' (details)'}")
-            for line in (*s.lines, *(f"- {item}" for item in s.items)):
+            for line in s.lines:
                 screen.print(line)
+            for item in s.items:
+                screen.print("- " + folded_text(item, width - 2).replace("\n", "\n  "))
             if s.rows:
                 table = new_table("", *s.head, right=tuple(range(1, len(s.head))), whole=(0,))
                 for row in s.rows:
