@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.diagnosis.figures import correlation, residuals, svg, waterfall
+from feltmb.diagnosis.figures import correlation, residuals, svg, told_set, waterfall
 from feltmb.diagnosis.result import (
     Cell,
     Channel,
@@ -43,10 +43,10 @@ __all__ = ["Report"]
 TOLD = {
     Reason.NOISE_NOT_STATED: "No noise of a sensor is stated, so that only the share of the motion "
     "decides what matters.",
-    Reason.DIFFERS_BETWEEN_RECORDS: "A probable cause has another magnitude in each record, as an "
-    "imitation of something that is not in the list has. It is not named.",
-    Reason.BELOW_RESIDUAL: "A probable cause acts less than what remains unexplained. It is not "
-    "named.",
+    Reason.DIFFERS_BETWEEN_RECORDS: "A probable cause is not named{which}: it has another "
+    "magnitude in each record, as an imitation of something that is not in the list has.",
+    Reason.BELOW_RESIDUAL: "A probable cause is not named{which}: it acts less than what remains "
+    "unexplained.",
     Reason.NO_HELD_OUT_GAIN: "The causes do not improve the prediction of held-out records.",
     Reason.NOT_COMPLETE: "The search ended at its limit of time, or was interrupted.",
     Reason.CALIBRATION_PREDICTS_WORSE: "The calibrated model predicts the held-out records worse "
@@ -156,6 +156,7 @@ def _statement(result: Result) -> str:
         misses += f", and {calibrated} with fitted parameters"
     told = [f"{_name(n)} of {_interval(n)}" for n in result.named]
     told += [f"one of {_listed([_name(n) for n in g], 'or')}" for g in result.classes]
+    told += ["what is not named"] if _unnamed(result) else []
     takes = "takes" if len(told) == 1 else "take"
     found = {
         Verdict.NO_GAP: ": there is no gap",
@@ -181,8 +182,16 @@ def _remains(result: Result) -> str:
     )
 
 
+def _unnamed(result: Result) -> list[str]:
+    """Causes that are a part of the fit, but are not told."""
+    told = {n.cause for g in (result.named, *result.classes) for n in g}
+    return [name for name in told_set(result) if name not in told]
+
+
 def _missing(result: Result) -> _Section:
-    lines, items = [TOLD[r] for r in result.reasons if r in TOLD], []
+    which = f" ({_listed(unnamed)}, a part of the fit)" if (unnamed := _unnamed(result)) else ""
+    lines = [TOLD[r].format(which=which) for r in result.reasons if r in TOLD]
+    items = []
     for n in result.named:
         item = f"{_name(n)} [{n.component}]: {_interval(n)}"
         if len(n.by_record) > 1:
@@ -246,7 +255,8 @@ def _worst_cell(result: Result, attribute: str) -> tuple[Cell, str] | None:
         return None
     cell = result.cells[int(np.argmax(ratios))]
     since = f", after {cell.since}" if cell.since else ""
-    return cell, f"{cell.channel} of {cell.record}, {cell.start:.3g} to {cell.end:.3g} s{since}"
+    span = f"{_size(cell.start, '1')} to {_size(cell.end, '1')} s"
+    return cell, f"{cell.channel} of {cell.record}, {span}{since}"
 
 
 def _where(result: Result) -> _Section:
@@ -272,7 +282,7 @@ def _where(result: Result) -> _Section:
 
 
 def _place(result: Result, place: Place) -> str:
-    what = "An unknown force" if place.port else "Unlisted changes from record to record"
+    what = "An unknown action" if place.port else "Unlisted changes from record to record"
     shares = [c.share(v) for c, v in zip(result.channels, place.left, strict=True)]
     now = max(c.share(c.explained) for c in result.channels)
     like = [f"; it would resemble the {law} ({_percent(v)} of it)" for law, v in place.resembles]

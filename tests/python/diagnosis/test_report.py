@@ -106,7 +106,7 @@ Without the causes, the residual is largest in angle of fast, 0.5 to 1 s, after
 impact: 0.07 rad rms, 0.012 rad with the causes.
 At the event impact of fast, angle comes 3 ms later than in the model (0.1 ms
 with the causes).
-An unknown force at tip joint would take what remains in the worst channel from
+An unknown action at tip joint would take what remains in the worst channel from
 2.2 % to 0.5 %; it would resemble the sign of the speed (80 % of it).
 
 Next
@@ -178,6 +178,14 @@ def test_without_causes_no_cause_is_told(report, verdict):
     assert isinstance(bare, Report)
     assert "friction" not in bare.text()
     assert "Held-out records" not in bare.text()
+
+
+def test_a_cause_that_is_fitted_but_not_named_is_told(report):
+    sets = (SetOfCauses(("dry friction", "delay", "wear"), 1.0, (0.011, 0.05)), *report.sets)
+    refused = replace(report, sets=sets, reasons=(Reason.DIFFERS_BETWEEN_RECORDS,))
+    assert "wear" in refused.text().split("\nCalibration")[0]
+    assert "not named" in refused.summary()
+    assert "not named" not in report.summary()
 
 
 def test_no_statistics_on_the_first_screen(report):
