@@ -85,7 +85,7 @@ def cells(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Cell, ...]:
 
 
 def events(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Event, ...]:
-    """Delays and differences of speed near the events of the model, by local regression.
+    """Delays of the records near the events of the model, by local regression.
 
     Parameters
     ----------
@@ -106,14 +106,12 @@ def events(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Event, ...]:
                 good = o.valid[near, c]
                 if good.sum() < SHORTEST:
                     continue
-                t = time[near][good] - time[near][good].mean()
                 sd = float(np.sqrt(np.mean(o.sd[near, c][good] ** 2)))
                 e, x = (s.linears[r].residual[near, c][good] * o.sd[near, c][good]
                         for s in (alone, best))  # fmt: skip
-                slope = np.gradient(o.measured[near, c][good] - x, t)
+                slope = np.gradient(o.measured[near, c][good] - x, time[near][good])
                 if not (power := float(slope @ slope)) > 0.0:
                     continue
-                own = float(t @ t)
                 out.append(
                     Event(
                         record=o.record.name,
@@ -123,9 +121,6 @@ def events(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Event, ...]:
                         delay=-float(e @ slope) / power,
                         delay_explained=-float(x @ slope) / power,
                         delay_sd=sd / power**0.5,
-                        speed=float(e @ t) / own,
-                        speed_explained=float(x @ t) / own,
-                        speed_sd=sd / own**0.5,
                     )
                 )
     return tuple(out)

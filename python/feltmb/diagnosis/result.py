@@ -187,7 +187,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Event:
-    """Time and speed of one channel at an event of the model, measured less simulated."""
+    """Delay of one channel at an event of the model."""
 
     record: str
     event: str
@@ -199,10 +199,6 @@ class Event:
     delay_explained: float
     """With the told causes [s]."""
     delay_sd: float
-    speed: float
-    """Difference of the slopes near the event [unit of the channel / s]."""
-    speed_explained: float
-    speed_sd: float
 
 
 @dataclass(frozen=True)
@@ -270,8 +266,6 @@ class Result:
     correlation: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     """Correlation of the unknowns."""
     traces: tuple[Trace, ...] = field(default=(), repr=False)
-    residuals: tuple[Array, ...] = field(default=(), repr=False)
-    """Residual of the told set by record [units of the channels], (n, m); not a part of JSON."""
 
     @cached_property
     def worst(self) -> Channel:
@@ -280,7 +274,7 @@ class Result:
 
     def as_dict(self) -> dict[str, Any]:
         """Codes and numbers as JSON types: NaN is None, an infinite number is a text."""
-        own = {f.name: _plain(getattr(self, f.name)) for f in fields(self) if f.name != "residuals"}
+        own: dict[str, Any] = _plain(self)
         return {"format": "feltmb diagnosis", "version": VERSION} | own
 
     def to_json(self) -> str:

@@ -143,7 +143,6 @@ def judge(
         unknowns=unknowns,
         correlation=correlation,
         traces=_traces(problem, shown, alone, best, channels),
-        residuals=tuple(x.residual * o.sd for x, o in zip(best.linears, problem.fit, strict=True)),
     )
 
 

@@ -46,6 +46,14 @@ def test_the_true_effect_is_named_with_its_magnitude(spring, causes):
     (channel,) = result.channels
     assert channel.explained == pytest.approx(channel.noise, rel=0.1)
     assert channel.calibrated > 2.0 * channel.noise
+    assert result.records == ("a", "b", "c")
+    assert [t.held_out for t in result.traces] == [False, False, True]
+    squares = np.concatenate([t.explained**2 for t in result.traces])
+    assert np.mean(squares) == pytest.approx(channel.explained**2)
+    assert result.unknowns == ("k", "hardening")
+    # A cubic and a linear force of the same motion are similar.
+    assert -1.0 < result.correlation[0, 1] < -0.7
+    assert np.diag(result.correlation) == pytest.approx(1.0)
 
 
 def test_nothing_is_named_where_nothing_is_missing(spring, causes):
@@ -73,6 +81,7 @@ def test_effects_that_act_alike_are_one_class(spring, causes):
     assert result.verdict is Verdict.ONE_OF
     (group,) = result.classes
     assert {n.cause for n in group} == {"hardening", "other"}
+    assert result.apart[0] in result.records
 
 
 def test_a_cause_outside_the_list_is_unknown(spring, causes):

@@ -68,7 +68,7 @@ def report():
             Cell("slow", "angle", 0.0, 0.5, "", 0.03, 0.01),
             Cell("fast", "angle", 0.5, 1.0, "impact", 0.07, 0.012),
         ),
-        events=(Event("fast", "impact", "angle", 0.5, 0.003, 0.0001, 1e-4, 0.2, 0.0, 0.01),),
+        events=(Event("fast", "impact", "angle", 0.5, 0.003, 0.0001, 1e-4),),
         places=(Place("tip joint", True, (0.002, 0.05), 80.0, (("sign of the speed", 0.8),)),),
         apart=("fast",),
         unknowns=("c", "k", "dry friction"),
