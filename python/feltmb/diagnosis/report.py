@@ -91,7 +91,8 @@ def _number(value: float, uncertainty: float = 0.0) -> str:
     if not math.isfinite(uncertainty) or uncertainty <= 0.0:
         return f"{value:.4g}"
     places = 1 - math.floor(math.log10(uncertainty))
-    return f"{value:.{places}f}" if 0 <= places <= 6 else f"{round(value, places):.6g}"
+    value = round(value, places) + 0.0  # no negative zero
+    return f"{value:.{places}f}" if 0 <= places <= 6 else f"{value:.6g}"
 
 
 def _interval(x: Named | ParameterValue) -> str:
@@ -158,10 +159,11 @@ def _statement(result: Result) -> str:
     told += [f"one of {_listed([_name(n) for n in g], 'or')}" for g in result.classes]
     told += ["what is not named"] if _unnamed(result) else []
     takes = "takes" if len(told) == 1 else "take"
+    of_list = "of the list" if result.complete else "that was tried"
     found = {
         Verdict.NO_GAP: ": there is no gap",
         Verdict.CALIBRATED: ". No cause is missing",
-        Verdict.UNKNOWN: ". No cause of the list explains it",
+        Verdict.UNKNOWN: f". No cause {of_list} explains it",
     }.get(result.verdict, f". {_listed(told)} {takes} it to {_percent(c.share(c.explained))}")
     return f"{misses}{found}. {_remains(result)}"
 
@@ -278,7 +280,8 @@ def _where(result: Result) -> _Section:
             f"At the event {e.event} of {e.record}, {e.channel} comes {_size(abs(e.delay), 's')} "
             f"{'later' if e.delay > 0.0 else 'earlier'} than in the model{after}."
         )
-    return _Section("Where", [*lines, *(_place(result, p) for p in result.places[:2])])
+    lines += [_place(result, p) for p in result.places[:2]]
+    return _Section("Where", lines or ["No part of a record differs by more than what matters."])
 
 
 def _place(result: Result, place: Place) -> str:
