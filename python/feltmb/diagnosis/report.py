@@ -65,6 +65,8 @@ VERDICTS = {
 NOISE, LATE = 1.3, 4.0
 #: Correlation above which two unknowns are hardly separated [1].
 TOGETHER = 0.95
+#: Largest share that remains with an action at a place that is told [1].
+USEFUL = 0.8
 #: Largest numbers of parameters on the first screen, of rows of a table, and of next steps.
 PARAMETERS, ROWS, STEPS = 6, 8, 3
 
@@ -127,6 +129,11 @@ def _percent(value: float) -> str:
     return f"{float(f'{100.0 * value:.2g}'):g} %" if math.isfinite(value) else "-"
 
 
+def _part(c: Channel, residual: float) -> str:
+    """A residual as a share of the motion, or in its unit if nothing moves."""
+    return _percent(c.share(residual)) if c.motion > 0.0 else _size(residual, c.unit)
+
+
 def _times(c: Channel) -> str:
     """What remains as a multiple of the noise of the sensor; empty: it is not stated."""
     return (
@@ -148,7 +155,7 @@ def _listed(words: Sequence[str], last: str = "and") -> str:
 def _statement(result: Result) -> str:
     """What the model misses, what takes it away, what remains, and whether that matters."""
     c = result.worst
-    tabulated, calibrated = (_percent(c.share(v)) for v in (c.tabulated, c.calibrated))
+    tabulated, calibrated = (_part(c, v) for v in (c.tabulated, c.calibrated))
     misses = f"The model misses {tabulated} of the motion of {c.name}"
     if not math.isfinite(c.tabulated):
         misses = f"The tabulated model fails. With fitted parameters, it misses {calibrated} of the"
@@ -164,7 +171,7 @@ def _statement(result: Result) -> str:
         Verdict.NO_GAP: ": there is no gap",
         Verdict.CALIBRATED: ". No cause is missing",
         Verdict.UNKNOWN: f". No cause {of_list} explains it",
-    }.get(result.verdict, f". {_listed(told)} {takes} it to {_percent(c.share(c.explained))}")
+    }.get(result.verdict, f". {_listed(told)} {takes} it to {_part(c, c.explained)}")
     return f"{misses}{found}. {_remains(result)}"
 
 
@@ -174,12 +181,12 @@ def _remains(result: Result) -> str:
         c = result.worst
         if c.explained <= NOISE * c.noise:
             return "Nothing but the noise of the sensor remains."
-        return f"The rest, {_times(c) or _percent(c.share(c.explained))}, does not matter."
+        return f"The rest, {_times(c) or _part(c, c.explained)}, does not matter."
     c = max(material, key=lambda c: c.explained / c.good_enough)
     more = f" (and {len(material) - 1} more)" if len(material) > 1 else ""
-    enough = _percent(c.share(c.good_enough))
+    enough = _part(c, c.good_enough)
     return (
-        f"The rest matters: {_percent(c.share(c.explained))} of {c.name}{more}"
+        f"The rest matters: {_part(c, c.explained)} of {c.name}{more}"
         f"{', ' * bool(_times(c))}{_times(c)}; {enough} would be good enough."
     )
 
@@ -243,10 +250,10 @@ def _calibration(result: Result) -> _Section:
 def _held_out(result: Result) -> _Section:
     if result.held_out_gain is None:
         return _Section("Held-out records")
-    value, low, high = (100.0 * (1.0 - g) for g in result.held_out_gain)
-    what = f"shrinks by {value:.0f} %" if value >= 0.0 else f"grows by {-value:.0f} %"
+    value, low, high = (round(100.0 * (1.0 - g)) for g in result.held_out_gain)
+    what = f"shrinks by {value} %" if value > 0 else f"grows by {-value} %"
     line = f"Where nothing was fitted, the residual {what} with the causes"
-    return _Section("Held-out records", [f"{line} ({high:.0f} to {low:.0f} %)."])
+    return _Section("Held-out records", [f"{line} ({high} to {low} %)."])
 
 
 def _worst_cell(result: Result, attribute: str) -> tuple[Cell, str] | None:
@@ -280,24 +287,37 @@ def _where(result: Result) -> _Section:
             f"At the event {e.event} of {e.record}, {e.channel} comes {_size(abs(e.delay), 's')} "
             f"{'later' if e.delay > 0.0 else 'earlier'} than in the model{after}."
         )
-    lines += [_place(result, p) for p in result.places[:2]]
+    lines += [_place(result, p) for p in _useful(result)[:2]]
     return _Section("Where", lines or ["No part of a record differs by more than what matters."])
+
+
+def _left(result: Result, place: Place) -> tuple[float, float]:
+    """Largest share of the motion that remains, without and with an action at a place."""
+    shares = [c.share(v) for c, v in zip(result.channels, place.left, strict=True)]
+    return float(np.nanmax([c.share(c.explained) for c in result.channels])), max(shares)
+
+
+def _useful(result: Result) -> list[Place]:
+    """Places that take away a good part of what remains."""
+    sizes = [(p, *_left(result, p)) for p in result.places]
+    return [p for p, now, left in sizes if left < USEFUL * now]
 
 
 def _place(result: Result, place: Place) -> str:
     what = "An unknown action" if place.port else "Unlisted changes from record to record"
-    shares = [c.share(v) for c, v in zip(result.channels, place.left, strict=True)]
-    now = max(c.share(c.explained) for c in result.channels)
+    now, left = _left(result, place)
     like = [f"; it would resemble the {law} ({_percent(v)} of it)" for law, v in place.resembles]
     return (
         f"{what} at {place.name} would take what remains in the worst channel from {_percent(now)} "
-        f"to {_percent(max(shares))}{''.join(like[:1])}."
+        f"to {_percent(left)}{''.join(like[:1])}."
     )
 
 
 def _next(result: Result) -> list[str]:
     """Actions, the most useful first."""
-    steps = [
+    first = ["Check units, signs and columns: a constant would be nearer to the records."]
+    steps = first if result.worst.tabulated > result.worst.motion > 0.0 else []
+    steps += [
         f"{_name(n)}: {n.remedy or 'measure it by itself, and correct the model.'}"
         for n in result.named
     ]
@@ -311,8 +331,8 @@ def _next(result: Result) -> list[str]:
         steps.append(f"Diagnose again with more seconds: {untried} causes were not tried.")
     if any(c.material for c in result.channels):
         worst = _worst_cell(result, "explained")
-        if result.places:
-            p = result.places[0]
+        if useful := _useful(result):
+            p = useful[0]
             law = f" that resembles the {p.resembles[0][0]}" if p.resembles else ""
             steps.append(f"Inspect {p.name}, and add an effect there{law} to the list.")
         elif worst is not None:

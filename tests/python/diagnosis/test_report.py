@@ -216,6 +216,22 @@ def test_the_page_is_self_contained_and_escaped(report):
     assert page == other.html(title="a & b")
 
 
+def test_a_model_that_is_worse_than_a_constant_is_told_first(report):
+    steps = report.text().split("\nNext\n")[1]
+    far = (replace(report.channels[0], tabulated=0.6), report.channels[1])
+    assert replace(report, channels=far).text().split("\nNext\n")[1].splitlines()[0] not in steps
+
+
+def test_a_place_that_explains_little_is_not_told(report):
+    weak = (replace(report.places[0], left=(0.0109, 0.05)),)
+    assert "tip joint" not in replace(report, places=weak).text()
+
+
+def test_a_channel_that_does_not_move_is_told_in_its_unit(report):
+    still = replace(report, channels=(replace(report.channels[0], motion=0.0),), places=())
+    assert " deg" in still.summary() or " rad" in still.summary()
+
+
 def test_the_worst_channel_is_the_one_that_matters(report):
     noisy = Channel("noisy", "rad", 0.1, 0.12, 0.1, 0.1, 0.1, good_enough=1e-3)
     assert replace(report, channels=(noisy, *report.channels)).worst.name == "angle"
