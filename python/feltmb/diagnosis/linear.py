@@ -142,7 +142,7 @@ def local_of(problem: Problem, members: Members, observed: Observed) -> tuple[Lo
         for i, s in enumerate(states)
         if i >= own and not _starts_at_rest(observed, s)
     ]
-    shown = observed.valid.any(axis=0)
+    shown = np.atleast_1d(observed.valid.any(axis=0))
     further = (q for q in problem.locals_of(members) if shown[q.index])
     return (*observed.local, *further, *hidden)
 

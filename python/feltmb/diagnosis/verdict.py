@@ -210,7 +210,7 @@ def _told(
 def _against(problem: Problem, sets: Sequence[Fitted], cause: int) -> Reason | None:
     """Why a probable cause is not named, or None."""
     fitted = _where(sets, cause)
-    if problem.causes[cause].effect is None:
+    if problem.causes[cause].local is not None:
         return None
     _, same = _by_record(problem, fitted, cause)
     return Reason.DIFFERS_BETWEEN_RECORDS if same < SAME else None
