@@ -102,6 +102,8 @@ def together(
             waiting[i] = runs[i].send(value)  # type: ignore[arg-type]
         except StopIteration as end:
             results[i] = end.value
+        except np.linalg.LinAlgError:  # its derivatives are of no use: it ends where it is
+            pass
 
     for i in range(len(runs)):
         advance(i, None)

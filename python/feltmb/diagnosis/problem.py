@@ -112,10 +112,19 @@ class Observed:
     standard normal coefficient [units of the channels], (n, m, q)."""
 
     def first(self, share: float) -> Observed:
-        """The record with the measured values of the first share of its duration only."""
+        """The first share of the record; at least ten samples."""
         time = self.record.time
-        inside = time - time[0] <= share * (time[-1] - time[0])
-        return self if share >= 1.0 else replace(self, valid=self.valid & inside[:, None])
+        count = max(int((time - time[0] <= share * (time[-1] - time[0])).sum()), 10)
+        if count >= self.record.samples:
+            return self
+        return replace(
+            self,
+            record=self.record.cut(0, count),
+            measured=self.measured[:count],
+            valid=self.valid[:count],
+            sd=self.sd[:count],
+            modes=None if self.modes is None else self.modes[:count],
+        )
 
     @cached_property
     def samples(self) -> Array:
