@@ -104,7 +104,7 @@ def values_in(columns: Columns, column: str, si: str, faults: list[str]) -> Arra
         return values
     with np.errstate(over="ignore"):
         converted = values * factor
-    if np.any(np.isinf(converted)):
+    if np.any(np.isinf(converted) & np.isfinite(values)):
         faults.append(f"column {heading}: holds a value beyond 1.8e308 {si}")
     return converted
 

@@ -47,7 +47,17 @@ Steps = Generator[Ask, list[Linear], "Fitted | None"]
 
 
 class Stop(Exception):
-    """The time is up."""
+    """The time is up, or the user interrupts.
+
+    Parameters
+    ----------
+    fits
+        The fits as far as they are, one for each set; None: there is none.
+    """
+
+    def __init__(self, fits: Sequence[Fitted | None] = ()) -> None:
+        super().__init__()
+        self.fits = fits
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +136,11 @@ def fit_sets(
 
     A fit ends early if it comes too slowly nearer to the best one of all and of ``rivals``, or if
     another fit of the same set is at the same point.
+
+    Raises
+    ------
+    Stop
+        With the fits as far as they are.
     """
     fits = [Descent(problem, s.members, point) for s in starts for point in s.points]
 
@@ -140,7 +155,11 @@ def fit_sets(
         behind = max(log_odds(problem, other, own) for other in (*others, *rivals))
         return fits[i].gain < CATCH_UP * (behind - NEAR)
 
-    together(problem, [f.steps() for f in fits], check, hopeless)
+    stopped = False
+    try:
+        together(problem, [f.steps() for f in fits], check, hopeless)
+    except (Stop, KeyboardInterrupt):
+        stopped = True
     best, found = [], iter(fits)
     for s in starts:
         own = [f.now for f in (next(found) for _ in s.points) if f.now is not None]
@@ -149,6 +168,8 @@ def fit_sets(
             if top is not None and log_odds(problem, fitted, top) > 0.0:
                 top = fitted
         best.append(top)
+    if stopped:
+        raise Stop(best)
     return best
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 
 from feltmb.data import Record
+from feltmb.diagnosis.fit import Stop
 from feltmb.diagnosis.options import Options
 from feltmb.diagnosis.progress import Meter, Progress
 from feltmb.diagnosis.records import prepare
 from feltmb.diagnosis.report import Report
-from feltmb.diagnosis.search import search
+from feltmb.diagnosis.search import SEARCH, search
 from feltmb.diagnosis.variation import varies, with_variation
 from feltmb.diagnosis.verdict import judge
 from feltmb.fit.model import Effect, Model
@@ -56,7 +58,14 @@ def diagnose(
         Model, effects and records do not fit together.
     """
     options = options or Options()
-    meter = Meter(tell, options.seconds, options.tries)
+    end = time.monotonic() + options.seconds
+    meter = Meter(tell, SEARCH * options.seconds, options.tries)
+
+    def check() -> None:
+        meter.step()
+        if time.monotonic() > end:
+            raise Stop
+
     meter.stage("prepare")
     problem = prepare(model, effects, records, hold_out, options)
     if varies(problem):
@@ -64,6 +73,6 @@ def diagnose(
     meter.stage("fit")
     searched = search(problem, options, meter.stage, meter.step)
     seconds = meter.progress.elapsed
-    result = judge(searched, options, seconds, meter.stage, meter.step)
+    result = judge(searched, options, seconds, meter.stage, check)
     meter.stage("done")
     return Report.of(result)

@@ -45,8 +45,6 @@ TOLD = {
     "decides what matters.",
     Reason.DIFFERS_BETWEEN_RECORDS: "A probable cause is not named{which}: it has another "
     "magnitude in each record, as an imitation of something that is not in the list has.",
-    Reason.BELOW_RESIDUAL: "A probable cause is not named{which}: it acts less than what remains "
-    "unexplained.",
     Reason.NO_HELD_OUT_GAIN: "The causes do not improve the prediction of held-out records.",
     Reason.NOT_COMPLETE: "The search ended at its limit of time, or was interrupted.",
     Reason.CALIBRATION_PREDICTS_WORSE: "The calibrated model predicts the held-out records worse "

@@ -51,11 +51,8 @@ class Verdict(Enum):
 class Reason(Enum):
     """Why a verdict is what it is."""
 
-    WITHIN_NOISE = "residual within twice the noise of the sensor"
-    WITHIN_GOOD_ENOUGH = "residual within what is good enough"
     NOISE_NOT_STATED = "no noise of the sensor is stated"
     DIFFERS_BETWEEN_RECORDS = "the magnitude differs between records"
-    BELOW_RESIDUAL = "the action is smaller than the unexplained residual"
     NO_HELD_OUT_GAIN = "held-out records are not predicted better"
     CALIBRATION_PREDICTS_WORSE = "the calibrated model predicts held-out records worse"
     NOT_COMPLETE = "the search was ended before its end"

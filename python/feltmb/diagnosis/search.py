@@ -32,6 +32,8 @@ __all__ = ["Searched", "search", "with_all_records"]
 
 #: Log evidence that a larger set must gain, and that a change must gain.
 WORTH, BETTER = 0.5, 0.1
+#: Share of the limit of time after which the search ends; the rest is for the held-out records.
+SEARCH = 0.6
 #: Growing parts of the records to which the model alone is fitted, as shares of their durations.
 PARTS = (0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
 
@@ -95,7 +97,7 @@ def search(
     InvalidParameter
         The model alone cannot be simulated.
     """
-    end = time.monotonic() + options.seconds
+    end = time.monotonic() + SEARCH * options.seconds
 
     def check() -> None:
         step()
@@ -115,6 +117,16 @@ def search(
     return found
 
 
+def _keep(found: Searched, fits: Sequence[Fitted | None]) -> None:
+    """Keep the best fit of every set."""
+    for fitted in fits:
+        if fitted is None:
+            continue
+        old = found.sets.get(fitted.causes)
+        if old is None or log_odds(found.problem, fitted, old) > 0.0:
+            found.sets[fitted.causes] = fitted
+
+
 def _model_alone(problem: Problem, found: Searched, step: Callable[[], None]) -> Fitted:
     """Fit of the model without causes, to growing parts of the records.
 
@@ -124,7 +136,10 @@ def _model_alone(problem: Problem, found: Searched, step: Callable[[], None]) ->
     point, fitted = empty_point(problem, (), problem.fit), None
     for part in PARTS:
         cut = replace(problem, fit=tuple(o.first(part) for o in problem.fit))
-        fitted = fit_sets(cut, [Start((), (point,))], step)[0]
+        try:
+            fitted = fit_sets(cut, [Start((), (point,))], step)[0]
+        except Stop:  # there is nothing to answer with
+            raise KeyboardInterrupt from None
         if fitted is not None:
             point = fitted.point
     if fitted is None:
@@ -202,12 +217,11 @@ def _refit(
         found.tried.add((key, id(origin)))
         todo.append(_start(problem, members, origin, steps))
     rivals = [_best(problem, list(found.sets.values()))] if found.sets else []
-    for fitted in fit_sets(problem, todo, check, rivals):
-        if fitted is None:
-            continue
-        old = found.sets.get(fitted.causes)
-        if old is None or log_odds(problem, fitted, old) > 0.0:
-            found.sets[fitted.causes] = fitted
+    try:
+        _keep(found, fit_sets(problem, todo, check, rivals))
+    except Stop as stop:
+        _keep(found, stop.fits)
+        raise
     return [found.sets.get(tuple(m.cause for m in members)) for members, _, _ in jobs]
 
 
@@ -215,12 +229,17 @@ def with_all_records(
     found: Searched,
     sets: Sequence[Fitted],
     predicted: Sequence[Predicted | None],
-    step: Callable[[], None] = lambda: None,
+    check: Callable[[], None] = lambda: None,
 ) -> Searched:
     """The sets, fitted to all records, so that the held-out ones decide by the same likelihood.
 
     A set that cannot follow the held-out records is omitted. Then every smaller set gets the chance
-    to start from the parameters of the best one.
+    to start from the parameters of the best one. If the time is up, the fits are used as they are.
+
+    Raises
+    ------
+    Stop
+        The time is up before the model alone was compared with all records.
     """
     problem = found.problem
     everything = replace(problem, fit=(*problem.fit, *problem.held_out), held_out=())
@@ -233,9 +252,14 @@ def with_all_records(
         for s, p in zip(sets, predicted, strict=True)
         if p is not None
     ]
-    for fitted in fit_sets(everything, starts, step):
-        if fitted is not None:
-            out.sets[fitted.causes] = fitted
+    try:
+        _keep(out, fit_sets(everything, starts, check))
+    except Stop as stop:
+        _keep(out, stop.fits)
+        if () not in out.sets:
+            raise
+        out.complete = False
+        return out
     if () not in out.sets:
         raise InvalidParameter(
             f"model {problem.model.name}: its simulation of the held-out records gives no finite "
@@ -243,7 +267,10 @@ def with_all_records(
         )
     best = _best(everything, list(out.sets.values()))
     smaller = [s for s in out.sets.values() if set(s.causes) < set(best.causes)]
-    _refit(everything, out, [(s.members, best, {}) for s in smaller], step)
+    try:
+        _refit(everything, out, [(s.members, best, {}) for s in smaller], check)
+    except Stop:
+        out.complete = False
     return out
 
 

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from feltmb.data import Array
 from feltmb.diagnosis.evidence import Fitted, prior_of, system, weights
-from feltmb.diagnosis.fit import empty_point
+from feltmb.diagnosis.fit import Stop, empty_point
 from feltmb.diagnosis.held_out import Predicted, compare, predict
 from feltmb.diagnosis.linear import (
     Ask,
@@ -57,7 +57,7 @@ def judge(
     options: Options,
     seconds: float,
     tell: Callable[[str, float], None] = lambda *_: None,
-    step: Callable[[], None] = lambda: None,
+    check: Callable[[], None] = lambda: None,
 ) -> Result:
     """The result of a search.
 
@@ -71,12 +71,12 @@ def judge(
         Time that preparation and search took [s].
     tell
         Is called with the stage and the share of it that is done [1].
-    step
-        Is called before each simulation of all fits that proceed together.
+    check
+        Is called before each simulation of all fits that proceed together; may raise ``Stop``.
     """
     shown = searched.problem
     tell("held_out", 0.0)
-    problem, sets, weight, predicted = _posterior(searched, step)
+    problem, sets, weight, predicted, worse = _posterior(searched, check)
     tell("judge", 0.0)
     told, classes, refused = _told(problem, sets, weight, options.credibility)
     best = _representative(sets, told, classes)
@@ -87,6 +87,8 @@ def judge(
         reasons.append(Reason.NOT_COMPLETE)
     if problem.exact:
         reasons.append(Reason.NOISE_NOT_STATED)
+    if worse:
+        reasons.append(Reason.CALIBRATION_PREDICTS_WORSE)
     material = any(c.material for c in channels)
     verdict = Verdict.CALIBRATED
     if told:
@@ -147,27 +149,35 @@ def judge(
 
 
 def _posterior(
-    searched: Searched, step: Callable[[], None]
-) -> tuple[Problem, list[Fitted], Array, dict[tuple[int, ...], Predicted | None]]:
+    searched: Searched, check: Callable[[], None]
+) -> tuple[Problem, list[Fitted], Array, dict[tuple[int, ...], Predicted | None], bool]:
     """Sets by posterior probability, given fitted and held-out records.
 
-    The most probable sets are fitted to all records; the model alone is among them.
+    The most probable sets are fitted to all records; the model alone is among them. The last value
+    is whether the calibrated model predicts the held-out records surely worse than the tabulated
+    one.
     """
     problem = searched.problem
     ranked, weight = searched.ranked()
     if not problem.held_out:
-        return problem, ranked, weight, {}
+        return problem, ranked, weight, {}, False
     some = [s for s, w in zip(ranked, weight, strict=True) if w > UNLIKELY or not s.causes]
     some = [*some[:PREDICTED], *(s for s in some[PREDICTED:] if not s.causes)]
-    predicted = predict(problem, some, step)
-    everything = with_all_records(searched, some, predicted, step)
+    alone = next(s for s in ranked if not s.causes)
+    tabulated = replace(alone, point=replace(alone.point, x=np.zeros_like(alone.point.x)))
+    try:
+        *predicted, before = predict(problem, [*some, tabulated], check)
+        everything = with_all_records(searched, some, predicted, check)
+    except (Stop, KeyboardInterrupt):
+        searched.complete = False
+        return problem, ranked, weight, {}, False
+    searched.complete = everything.complete
     sets, weight = everything.ranked()
-    return (
-        everything.problem,
-        sets,
-        weight,
-        {s.causes: p for s, p in zip(some, predicted, strict=True)},
-    )
+    known = {s.causes: p for s, p in zip(some, predicted, strict=True)}
+    after, worse = known[()], False
+    if after is not None and before is not None:
+        worse = compare(after, before, alone.noise, alone.effective)[1] > 0.0
+    return everything.problem, sets, weight, known, worse
 
 
 def _told(

@@ -192,3 +192,19 @@ def test_a_slow_clock_is_told_as_the_clock(causes):
     (named,) = result.named
     assert named.cause == "clock of the sensors"
     assert named.low < 0.02 < named.high
+
+
+@pytest.mark.parametrize("stage", ["search", "held_out"])
+def test_an_interrupted_diagnosis_answers_with_what_is_done(spring, causes, stage):
+    seen = []
+
+    def interrupt(progress):
+        seen.append(progress.stage)
+        if progress.stage == stage and seen.count(stage) == 4:
+            raise KeyboardInterrupt
+
+    result = diagnose(spring, causes, three(hardening=3000.0), tell=interrupt)
+    assert Reason.NOT_COMPLETE in result.reasons
+    assert not result.complete
+    best = result.sets[0]
+    assert best.causes == ("hardening",)
