@@ -249,6 +249,8 @@ def _emps() -> Task:
             (Cause(("dry friction",), ("Stribeck friction",)),),
             {"mass": 95.1, "viscous": 203.5},
             {"dry friction": 20.4},
+            # The published model has an offset of -3.16 N, too.
+            free=("constant force", "one-sided friction"),
             about="EMPS, dry friction of 20.4 N (published)",
         ),
     )
