@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -48,10 +50,17 @@ NAMES = {
 #: Usual names of a column that tells specimens apart.
 SPECIMENS = (
     "specimen, specimen no, specimen number, sample, run, test, trial, Probe, Probe Nr, "
-    "Probennummer, Prüfkörper, Muster, éprouvette, échantillon, essai, 试样"
+    "Probennummer, Proben, Prüfkörper, Muster, Versuch, material, éprouvette, échantillon, essai, "
+    "试样"
 )
 #: Keys of the description of a column that are used.
 _KEYS = {"column", "unit", "factor", "shift", "si"}
+#: Words beside the name of a specimen.
+_NUMBERED = ("id", "no", "nr", "number", "nummer", "name", "label", "numéro")
+#: Columns of texts that divide the test of one specimen.
+_PARTS_OF_A_TEST = ("branch", "phase", "step", "segment", "cycle", "direction", "stage", "state")
+#: Texts of parts of the test of one specimen.
+_PARTS = {"loading", "unloading", "up", "down", "forward", "back", "hold", "preload"}
 #: Least samples of a specimen.
 _LEAST = 8
 #: Largest value of a sample in SI units: no test has it, and products of such values are numbers.
@@ -192,8 +201,7 @@ def _specimen(columns: Columns, stated: str, wanted: str, faults: list[str]) -> 
         faults.append(f"no column {shortened(stated)!r} for specimen; there are {columns}")
         return np.arange(size)
     for name in () if column else named:
-        several = len(set(named[name]))
-        if plain_name(name) in _plain(SPECIMENS) and several * _LEAST <= size:
+        if _tells_specimens(name, named[name]) and len(set(named[name])) * _LEAST <= size:
             column = column or name
     where = f"column {shortened(column)}"
     clock = columns.called("time")
@@ -214,6 +222,23 @@ def _specimen(columns: Columns, stated: str, wanted: str, faults: list[str]) -> 
     elif wanted and wanted not in found:
         faults.append(f"no specimen {shortened(wanted)!r} ({where}); there are {', '.join(found)}")
     return np.flatnonzero(np.array(labels) == (wanted or found[0]))
+
+
+def _tells_specimens(name: str, cells: Sequence[float | str]) -> bool:
+    """Whether a column tells specimens apart.
+
+    It is called so (``Sample ID``, ``Test No.``), or it has texts, each in one block of rows.
+    """
+    words = re.findall(r"[^\W\d_]+", name)
+    stem = plain_name("".join(w for w in words if w.lower() not in _NUMBERED))
+    parts = {str(c).strip().lower() for c in cells} & _PARTS
+    if parts or not words:
+        return False
+    if stem in ("", *_plain(SPECIMENS)):
+        return True
+    blocks = 1 + sum(a != b for a, b in pairwise(cells))
+    texts = all(isinstance(c, str) for c in cells)
+    return texts and plain_name(name) not in _PARTS_OF_A_TEST and blocks == len(set(cells)) > 1
 
 
 def _named(columns: Columns, quantity: str) -> list[str]:

@@ -143,6 +143,29 @@ def test_several_specimens_are_told_and_chosen(tmp_path, labels):
 
 
 @pytest.mark.parametrize(
+    ("name", "labels"),
+    [
+        *((n, ("1", "2")) for n in ("Specimen ID", "sample_no", "Test No.", "Proben-Nr", "ID")),
+        ("Felt", ("hard", "soft")),
+    ],
+)
+def test_other_names_of_specimens_and_texts_in_blocks_are_asked_about(tmp_path, name, labels):
+    x, force = plain()
+    cells = [np.tile(x, 2), np.concatenate([force, 1.5 * force]), np.repeat(labels, x.size)]
+    path = write(tmp_path / "two.csv", [f"displacement [mm],force [N],{name}"], cells)
+    with pytest.raises(DataError, match="2 specimens"):
+        read_measured_loop(path, zero=0.0)
+
+
+@pytest.mark.parametrize("name", ["phase", "ID"])
+def test_words_of_loading_and_unloading_are_no_specimens(tmp_path, name):
+    x, force = plain()
+    words = np.where(np.arange(x.size) <= np.argmax(x), "loading", "unloading")
+    path = write(tmp_path / "one.csv", [f"displacement [mm],force [N],{name}"], [x, force, words])
+    assert read_measured_loop(path, zero=0.0).envelope.loading[-1] > 0.0
+
+
+@pytest.mark.parametrize(
     ("head", "encoding"),
     [
         (('"Time";"Compressive extension";"Compressive load"', '"(s)";"(mm)";"(N)"'), "utf-8"),
