@@ -28,6 +28,7 @@ __all__ = [
     "Fitted",
     "Prior",
     "System",
+    "best_of",
     "effective_share",
     "estimation_share",
     "local_penalty",
@@ -256,6 +257,15 @@ def log_odds(problem: Problem, one: Fitted, other: Fitted) -> float:
         return 0.0
     weight = weights(problem, one, other)
     return log_evidence(problem, one, weight) - log_evidence(problem, other, weight)
+
+
+def best_of(problem: Problem, sets: Sequence[Fitted]) -> Fitted:
+    """The set that no other one beats, in the order in which they were fitted."""
+    best = sets[0]
+    for s in sets[1:]:
+        if log_odds(problem, s, best) > 0.0:
+            best = s
+    return best
 
 
 def log_evidence(problem: Problem, fitted: Fitted, weight: Array) -> float:

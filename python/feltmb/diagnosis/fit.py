@@ -16,6 +16,7 @@ from feltmb.diagnosis.evidence import (
     Fitted,
     Prior,
     System,
+    best_of,
     estimation_share,
     local_penalty,
     log_odds,
@@ -79,10 +80,6 @@ class Descent:
     now: Fitted | None = None
     gain: float = np.inf
     """Gain of the last step [log evidence]."""
-
-    def steps(self) -> Steps:
-        """The steps, as points at which residuals are needed."""
-        return _descend(self)
 
 
 def together(
@@ -157,17 +154,13 @@ def fit_sets(
 
     stopped = False
     try:
-        together(problem, [f.steps() for f in fits], check, hopeless)
+        together(problem, [_descend(f) for f in fits], check, hopeless)
     except (Stop, KeyboardInterrupt):
         stopped = True
     best, found = [], iter(fits)
     for s in starts:
         own = [f.now for f in (next(found) for _ in s.points) if f.now is not None]
-        top = own[0] if own else None
-        for fitted in own[1:]:
-            if top is not None and log_odds(problem, fitted, top) > 0.0:
-                top = fitted
-        best.append(top)
+        best.append(best_of(problem, own) if own else None)
     if stopped:
         raise Stop(best)
     return best

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.diagnosis.evidence import Fitted, log_odds
+from feltmb.diagnosis.evidence import Fitted, best_of, log_odds
 from feltmb.diagnosis.fit import (
     POOR,
     Start,
@@ -56,20 +56,11 @@ class Searched:
 
 def _rank(problem: Problem, sets: Sequence[Fitted]) -> tuple[list[Fitted], Array]:
     """Sets in the order of their posterior probability, and these probabilities."""
-    best = _best(problem, sets)
+    best = best_of(problem, sets)
     values = np.array([log_odds(problem, s, best) for s in sets])
     order = np.argsort(-values, kind="stable")
     weight = np.exp(values[order] - values[order[0]])
     return [sets[k] for k in order], weight / weight.sum()
-
-
-def _best(problem: Problem, sets: Sequence[Fitted]) -> Fitted:
-    """The set that no other one beats, in the order in which they were fitted."""
-    best = sets[0]
-    for s in sets[1:]:
-        if log_odds(problem, s, best) > 0.0:
-            best = s
-    return best
 
 
 def search(
@@ -216,7 +207,7 @@ def _refit(
             continue
         found.tried.add((key, id(origin)))
         todo.append(_start(problem, members, origin, steps))
-    rivals = [_best(problem, list(found.sets.values()))] if found.sets else []
+    rivals = [best_of(problem, list(found.sets.values()))] if found.sets else []
     try:
         _keep(found, fit_sets(problem, todo, check, rivals))
     except Stop as stop:
@@ -265,7 +256,7 @@ def with_all_records(
             f"model {problem.model.name}: its simulation of the held-out records gives no finite "
             "outputs, expected a model that can follow all records"
         )
-    best = _best(everything, list(out.sets.values()))
+    best = best_of(everything, list(out.sets.values()))
     smaller = [s for s in out.sets.values() if set(s.causes) < set(best.causes)]
     try:
         _refit(everything, out, [(s.members, best, {}) for s in smaller], check)
@@ -319,7 +310,7 @@ def _climb(
         fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
         if not fits:
             break
-        best = _best(problem, fits)
+        best = best_of(problem, fits)
         if gain(best, now) < WORTH:
             break
         before, now = now, best
@@ -327,7 +318,7 @@ def _climb(
             smaller = less(now)
             if not smaller:
                 break
-            best = _best(problem, smaller)
+            best = best_of(problem, smaller)
             if gain(best, now) < (WORTH if best.causes == before.causes else 0.0):
                 break
             now = best
@@ -347,6 +338,6 @@ def _climb(
                 if s.cause != out.cause
             ]
             fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
-            if fits and gain(best := _best(problem, fits), now) > BETTER:
+            if fits and gain(best := best_of(problem, fits), now) > BETTER:
                 now, improved = best, True
                 break

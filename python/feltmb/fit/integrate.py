@@ -15,7 +15,17 @@ from feltmb.fit.coordinates import Named, Rate
 from feltmb.fit.model import Batch, Candidate, Simulated
 from feltmb.fit.resolution import BETWEEN
 
-__all__ = ["GAMMA", "Clock", "Equations", "Law", "Trajectory", "advanced", "integrate", "solved"]
+__all__ = [
+    "GAMMA",
+    "Clock",
+    "Equations",
+    "Law",
+    "Trajectory",
+    "advanced",
+    "integrate",
+    "selected",
+    "solved",
+]
 
 #: Number of evaluations of the rates in a step, by method.
 STAGES = {"rk4": 4, "rosenbrock": 2}
@@ -257,8 +267,8 @@ class Equations:
                 t[own],
                 y,
                 self.view(y),
-                _part(u, own),
-                _part(p, own),
+                selected(u, own),
+                selected(p, own),
                 magnitudes[k, own],
                 law.candidate.shape,
             ):
@@ -284,7 +294,8 @@ class Equations:
         return out
 
 
-def _part(values: Named, own: slice) -> Named:
+def selected(values: Named, own: slice) -> Named:
+    """Values of some instants or jobs."""
     return Named._of({name: value[own] for name, value in values._values.items()})
 
 

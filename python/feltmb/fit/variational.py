@@ -22,7 +22,16 @@ from feltmb.data import Array, Integers
 from feltmb.errors import FeltmbError
 from feltmb.fit.calling import calling
 from feltmb.fit.coordinates import Named, Rate
-from feltmb.fit.integrate import GAMMA, Clock, Equations, Trajectory, advanced, integrate, solved
+from feltmb.fit.integrate import (
+    GAMMA,
+    Clock,
+    Equations,
+    Trajectory,
+    advanced,
+    integrate,
+    selected,
+    solved,
+)
 from feltmb.fit.model import (
     Batch,
     Candidate,
@@ -474,7 +483,7 @@ class _Variation:
             if not r.shape_changes:
                 continue
             own = slice(jobs.start * times, jobs.stop * times)
-            t, x, u, p = at.t[own], at.x[:, own], _part(at.u, own), _part(at.p, own)
+            t, x, u, p = at.t[own], at.x[:, own], selected(at.u, own), selected(at.p, own)
             named = self.equations.view(x)
             for c, change in enumerate(r.shape_changes):
                 law = next(
@@ -618,10 +627,6 @@ class _Variation:
 def _flat(values: Array) -> Array:
     """Values by job, (..., jobs), as one axis with those of a job together."""
     return np.moveaxis(values, -1, 0).reshape(-1)
-
-
-def _part(values: Named, own: slice) -> Named:
-    return _each(values, lambda v: v[own])
 
 
 def _each(values: Named, change: Callable[[Array], Array]) -> Named:
