@@ -84,8 +84,8 @@ def present(
 def new(
     model: Any, effects: Sequence[Any], records: Sequence[Any], budget: float, options: Any
 ) -> Answer:
-    """The engine of :mod:`feltmb.diagnosis`, whose result has causes instead of names."""
-    engine = importlib.import_module("feltmb.diagnosis")
+    """The engine of :mod:`feltmb.gap`, whose result has causes instead of names."""
+    engine = importlib.import_module("feltmb.gap")
     result = engine.diagnose(model, effects, records, options=engine.Options(seconds=budget))
 
     def name(cause: Any) -> str:

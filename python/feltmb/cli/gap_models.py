@@ -19,8 +19,8 @@ from feltmb.files import is_file
 from feltmb.fit import Effect, Model, including
 from feltmb.fit.calling import calling
 from feltmb.gap import Limits, read_limits, read_measured, with_measured
-from feltmb.gap.designs import sensors_now
-from feltmb.gap.information import planned
+from feltmb.experiment.design import sensors_now
+from feltmb.experiment.information import planned
 
 if TYPE_CHECKING:
     from feltmb.run.stroke.strokes import Kind

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from feltmb.cli.gap_models import Adapter
     from feltmb.data import Record
     from feltmb.gap import Design, DesignedExperiment, Limits
-    from feltmb.gap.plan_files import InputFiles
+    from feltmb.experiment.files import InputFiles
     from feltmb.gap.visibility import Visible
 
 __all__ = [
@@ -198,7 +198,7 @@ def command(
         return
     from feltmb.files import check_writable, make_folder
     from feltmb.gap import Belief, design
-    from feltmb.gap.plan_files import design_json, write_design
+    from feltmb.experiment.files import design_json, write_design
 
     if output is not None:
         make_folder(output)

@@ -64,7 +64,7 @@ class InputLimits:
     def shortest(self, change: float) -> float:
         """Shortest duration of a smooth step of this height [s].
 
-        See :func:`~feltmb.gap.profiles.ease`.
+        See :func:`~feltmb.experiment.profiles.ease`.
         """
         height = abs(change)
         return max(1.875 * height / self.rate, math.sqrt(5.7735 * height / self.acceleration))

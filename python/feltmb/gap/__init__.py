@@ -1,6 +1,8 @@
-"""Diagnosis of the gap between a model and measurements: where, which cause, how far it shrinks.
+"""Diagnosis of the gap between a model and measurements, by one likelihood for imperfect models.
 
-It knows time series and parameters, not any particular machine.
+:func:`diagnose` fits the parameters of a model, searches the effects that it lacks, and compares
+held-out records; its :class:`Report` is a text, a page, a table, and JSON. It knows time series and
+parameters, not any particular machine.
 """
 
 from feltmb.data import Record, Sensor, StartPrior
@@ -25,115 +27,65 @@ from feltmb.fit import (
     State,
     including,
 )
-from feltmb.fit.limits import FurtherSensor, InputLimits, Limits, PartTest
-from feltmb.gap.checks import DataChecks, check_records
-from feltmb.gap.designs import Design, DesignedExperiment, design, draw_experiment
-from feltmb.gap.diagnosis import diagnose, fit_model
-from feltmb.gap.findings import (
-    Advice,
-    AsItIs,
-    Calibrated,
-    Closest,
-    ComponentRow,
-    EventRow,
-    GapRow,
-    HowFar,
-    LedgerCell,
-    ModelWithEffects,
-    NotTested,
-    Profile,
-    Ranked,
-    RankedSet,
-    RecordError,
-    VaryingLaw,
-    Verdict,
-    Where,
-    Which,
-)
-from feltmb.gap.information import Belief
-from feltmb.gap.limits import read_limits
+from feltmb.gap.diagnose import diagnose
 from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured
 from feltmb.gap.options import Options
-from feltmb.gap.overlay import GapBefore, GapBeforeRow, check
-from feltmb.gap.plan_files import write_design
-from feltmb.gap.planning import Plan, plan
+from feltmb.gap.progress import Progress
 from feltmb.gap.report import Report
-from feltmb.gap.sessions import Session, SessionStep, session
-from feltmb.gap.withholding import OUTCOMES, Withheld, WithheldCase, withhold
+from feltmb.gap.result import (
+    Cell,
+    Channel,
+    Event,
+    Named,
+    ParameterValue,
+    Place,
+    Reason,
+    Result,
+    SetOfCauses,
+    Trace,
+    Verdict,
+)
 
 __all__ = [
-    "OUTCOMES",
-    "Advice",
-    "AsItIs",
-    "Belief",
-    "Calibrated",
     "Candidate",
-    "Closest",
-    "ComponentRow",
+    "Cell",
+    "Channel",
     "Coordinate",
     "Coupling",
-    "DataChecks",
-    "Design",
-    "DesignedExperiment",
     "Effect",
-    "EventRow",
+    "Event",
     "Exposed",
     "FunctionModel",
-    "FurtherSensor",
-    "GapBefore",
-    "GapBeforeRow",
-    "GapRow",
-    "HowFar",
-    "InputLimits",
     "Jobs",
-    "LedgerCell",
-    "Limits",
     "LinearModel",
     "Measured",
     "Model",
-    "ModelWithEffects",
-    "NotTested",
+    "Named",
     "OdeModel",
     "Options",
     "Parameter",
-    "PartTest",
-    "Plan",
+    "ParameterValue",
+    "Place",
     "Port",
-    "Profile",
-    "Ranked",
-    "RankedSet",
+    "Progress",
     "Rate",
+    "Reason",
     "Record",
-    "RecordError",
     "Report",
+    "Result",
     "Sensitivity",
     "SensitivityRequest",
     "Sensor",
-    "Session",
-    "SessionStep",
+    "SetOfCauses",
     "Simulated",
     "SimulatorModel",
     "StartPrior",
     "State",
-    "VaryingLaw",
+    "Trace",
     "Verdict",
-    "Where",
-    "Which",
-    "Withheld",
-    "WithheldCase",
-    "check",
-    "check_records",
-    "design",
     "diagnose",
-    "draw_experiment",
-    "fit_model",
     "including",
     "measured_toml",
-    "plan",
-    "read_limits",
     "read_measured",
-    "session",
     "with_measured",
-    "withhold",
-    "write_design",
 ]

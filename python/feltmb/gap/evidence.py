@@ -1,183 +1,313 @@
-"""Log evidence of a fit with effects, whose laws are not exactly those of the machine.
+"""Evidence of a set of causes, if every model is a little wrong.
 
-The law of an effect in the library is rarely that of the cause in the machine. An effect whose law
-differs from it needs another magnitude in every part of a record. The error of form of the effect k
-is therefore represented by deviations from its magnitude s that are independent between segments,
+The noise of a channel is the larger one of that of its sensor and the rms of what the set leaves.
+What a wrong model leaves is correlated, so that the log likelihood counts *effective* samples:
 
-    s_w = s + q |s| d_w,    d_w ~ N(0, 1),
+    log E = -sum_c w_c n_c (log f_c + mean(r_c^2) / (2 f_c^2))
+            - P(x) / 2 - log det(J'(w/f^2)J + W) / 2
 
-where the law is exact (q = 0) or not (q = ``criteria.FORM_ERROR``), with equal probability. The log
-evidence is averaged over these alternatives for all effects. The gain over exact laws is computed
-in the linear model at the fit. Without such an allowance, an effect of the wrong kind can be
-preferred to one of the right kind whose law is not exact, and the residual of a strong effect seems
-to need a second effect.
-
-A cause that the library does not have may act like one of its effects. It then needs deviations
-that are larger (``criteria.OTHER_LAW``).
+with the residuals r in units of the noise of the sensors, the noise f of each channel in the same
+unit, the weights w of a sample (:func:`weights`), and the prior P with the weights W. It is a
+tempered likelihood with Laplace's approximation. With a right model and white noise w is 1.
 """
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import log_ndtr
 
 from feltmb.data import Array
-from feltmb.fit.latest import cached_for_first
-from feltmb.fit.linearize import Linear
-from feltmb.fit.model import Candidate
-from feltmb.fit.problem import Normal, Point, Problem
-from feltmb.fit.solve import Fit, evidence_at, relaxed
-from feltmb.gap.criteria import FORM_ERROR, OTHER_LAW
-from feltmb.gap.score import prior_of
+from feltmb.gap.linear import Linear, Point, count_global, local_of
+from feltmb.gap.problem import RELEASED, Members, Observed, Problem
 
-__all__ = ["Forms", "forms_of", "full_evidence", "linear_evidence", "other_laws", "with_form"]
+__all__ = [
+    "Fitted",
+    "Prior",
+    "System",
+    "best_of",
+    "effective_share",
+    "estimation_share",
+    "local_penalty",
+    "log_evidence",
+    "log_odds",
+    "prior_of",
+    "system",
+    "weights",
+]
 
-
-def full_evidence(fit: Fit, total_weight: float) -> float:
-    """Log evidence of a fit, including the prior of its set of effects.
-
-    States, parameters and magnitudes are integrated out. The prior of a magnitude is N(0,
-    max(scale, magnitude)^2). The laws of the effects may have errors of form (:func:`forms_of`).
-    """
-    value = fit.log_evidence
-    for candidate, size in zip(fit.included, fit.point.magnitudes, strict=True):
-        width = _width(candidate, size)
-        value -= float(np.log(width)) + 0.5 * (float(size) / width) ** 2
-        if candidate.effect.sign != 0:
-            value += float(np.log(2.0))
-    # All fits to the same records have the same priors of the parameters.
-    volume = _posterior_volume(fit.problem, fit.point, fit.normal)
-    return value + volume + prior_of(fit.included, total_weight) + forms_of(fit).gain
+#: Degrees of freedom of the Student t prior of magnitudes.
+DEGREES = 4.0
+#: Number of samples as which a discrepancy of the model counts in each channel [1].
+DISCREPANCY = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Forms:
-    """Alternatives for the laws of the effects in a fit: exact, or with an error of form."""
+class Fitted:
+    """A set of causes, fitted together with the parameters."""
 
-    inexact: tuple[NDArray[np.intp], ...]
-    """Indices of the effects with an error of form, for each alternative; the first: none."""
-    gains: Array
-    """Log Bayes factor of each alternative to exact laws [1]."""
-
-    @property
-    def gain(self) -> float:
-        """Log Bayes factor of the average over all alternatives [1]."""
-        return float(logsumexp(self.gains)) - math.log(len(self.gains))
+    members: Members
+    point: Point
+    linears: tuple[Linear, ...]
+    noise: Array
+    """Noise of each channel in units of the noise of its sensor [1], (m,), at least 1."""
+    share: float
+    """Effective share of the samples for the estimates [1]."""
 
     @property
-    def log_weights(self) -> Array:
-        """Log posterior probability of each alternative [1]."""
-        return np.asarray(self.gains - logsumexp(self.gains))
+    def causes(self) -> tuple[int, ...]:
+        """Indices of the causes."""
+        return tuple(m.cause for m in self.members)
+
+    @cached_property
+    def effective(self) -> float:
+        """Effective share of the samples for the likelihood [1]."""
+        return effective_share(
+            [x.residual[:, c] / self.noise[c] for x in self.linears for c in range(self.noise.size)]
+        )
+
+    @cached_property
+    def squares(self) -> Array:
+        """Sum of the squared residuals by channel, (m,)."""
+        return np.asarray(sum((x.residual**2).sum(axis=0) for x in self.linears))
 
 
-@cached_for_first
-def forms_of(fit: Fit) -> Forms:
-    """Compare errors of form of the effects in a fit with exact laws.
+def effective_share(series: Sequence[Array]) -> float:
+    """Share of independent samples of series of unit size (one for each record and channel).
 
-    Only exact laws are considered if nothing can vary between segments: without effects, or with
-    one segment. A model without states has one segment a record.
+    1 / (1 + 2 max(a, b)): a, sum of the autocorrelations up to the first pair that is not positive
+    (Geyer, Statistical Science 7, 1992, 473), for slow residuals; b, sum of their squares
+    (Bartlett 1946), for narrow bands, where the autocorrelation changes its sign.
+
+    Parameters
+    ----------
+    series
+        Residuals, each (n,).
     """
-    segments = sum(s.count for s in fit.problem.segmented_records)
-    exact = Forms((np.zeros(0, dtype=np.intp),), np.zeros(1))
-    if not fit.included or segments < 2:
-        return exact
-    if not np.isfinite(fit.log_evidence):
-        return exact
-    flags = itertools.product((False, True), repeat=len(fit.included))
-    inexact = tuple(np.flatnonzero(f) for f in flags)
-    values = np.array([_evidence_with(fit, which, FORM_ERROR) for which in inexact])
-    return Forms(inexact, values - values[0]) if np.all(np.isfinite(values)) else exact
+    longest = max((len(x) for x in series), default=0)
+    power = sum(float(x @ x) for x in series)
+    if power == 0.0 or longest < 4:
+        return 1.0
+    size = 1 << int(2 * longest - 1).bit_length()
+    spectrum = sum(np.abs(np.fft.rfft(x, size)) ** 2 for x in series)
+    rho = np.fft.irfft(spectrum, size)[1 : max(2, longest // 2)] / power
+    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
+    ends = np.flatnonzero(pairs <= 0.0)
+    slow = float(pairs[: ends[0] if len(ends) else None].sum())
+    band = float(np.maximum(rho**2 - 1.0 / sum(len(x) for x in series), 0.0).sum())
+    return 1.0 / (1.0 + 2.0 * max(slow, band, 0.0))
 
 
-def other_laws(fit: Fit) -> Array:
-    """Log Bayes factor of another law in the place of each effect of a fit, over the effect.
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Prior of the global unknowns of a set: normal, or Student t for causes."""
 
-    Another law is that of a cause that the library does not have and that acts like the effect. The
-    laws of the other effects are exact. Minus infinity if nothing can vary between segments.
-    """
-    forms = forms_of(fit)
-    if len(forms.gains) == 1:
-        return np.full(len(fit.included), -np.inf)
-    exact = _evidence_with(fit, forms.inexact[0], 0.0)
-    return np.array(
-        [
-            logsumexp([_evidence_with(fit, np.array([k]), q) for q in OTHER_LAW])
-            - math.log(len(OTHER_LAW))
-            - exact
-            - forms.gain
-            for k in range(len(fit.included))
-        ]
+    weight: Array
+    """Square of the unit over the scale of the prior, (g,)."""
+    heavy: Array
+    """Whether the prior is Student t, (g,)."""
+
+    def penalty(self, x: Array) -> float:
+        """-2 log density, up to a constant."""
+        z = self.weight * x**2
+        heavy = (DEGREES + 1.0) * np.log1p(z / DEGREES)
+        return float(np.where(self.heavy, heavy, z).sum())
+
+    def weights(self, x: Array) -> Array:
+        """Weights w with half the gradient of the penalty = w x."""
+        z = self.weight * x**2
+        softer = (DEGREES + 1.0) / DEGREES / (1.0 + z / DEGREES)
+        return np.asarray(self.weight * np.where(self.heavy, softer, 1.0))
+
+
+def prior_of(problem: Problem, members: Members) -> Prior:
+    """Prior of the global unknowns of a set."""
+    released = problem.released(members)
+    effects = len(problem.effects_of(members))
+    shapes = count_global(problem, members) - len(problem.free) - effects
+    weight = np.where(released, problem.prior / RELEASED**2, problem.prior)
+    return Prior(
+        np.concatenate([weight, np.ones(effects + shapes)]),
+        np.concatenate([released, np.ones(effects, bool), np.zeros(shapes, bool)]),
     )
 
 
-def _evidence_with(fit: Fit, inexact: NDArray[np.intp], share: float) -> float:
-    """Log evidence in the linear model of a fit whose effects deviate by a share."""
-    problem, point = fit.problem, fit.point
-    linears = with_form(problem, point, problem.linear(point), inexact, share)
-    return linear_evidence(problem, point, linears, fit.defect_sd)
+@dataclass(frozen=True, eq=False)
+class System:
+    """Normal equations of the global unknowns, with the local ones eliminated."""
+
+    matrix: Array
+    """Without the prior, (g, g)."""
+    right: Array
+    """(g,)"""
+    further: Array
+    """Products of further effects and global unknowns, (c, g)."""
+    own: Array
+    """Products of further effects with themselves, (c,)."""
+    gain: Array
+    """Products of further effects and the residual, (c,)."""
+    locals: tuple[tuple[Array, Array, Array], ...]
+    """By record: matrix with prior, its coupling to global unknowns, right side."""
+    log_det: float
+    """Log determinant of the matrices of the local unknowns."""
 
 
-def with_form(
+def system(
     problem: Problem,
+    records: Sequence[Observed],
+    members: Members,
     point: Point,
-    linears: list[Linear],
-    inexact: NDArray[np.intp],
-    share: float,
-) -> list[Linear]:
-    """Derivatives with the deviations of the magnitudes of inexact effects between segments.
+    linears: Sequence[Linear],
+    noise: Array,
+    share: float | Array,
+    damping: float = 0.0,
+) -> System:
+    """Normal equations at a point: share J'J / noise^2 and the priors of the local unknowns.
 
-    ``share``: standard deviation of the deviations, relative to the magnitude [1].
+    ``share``: weight of a sample, for all channels or by channel.
     """
-    if not inexact.size:
-        return linears
-    columns = len(problem.free) + inexact
-    sd = share * np.abs(point.magnitudes[inexact])
+    g = linears[0].by_global.shape[2]
+    c = linears[0].by_further.shape[2]
+    matrix, right = np.zeros((g, g)), np.zeros(g)
+    further, own, gain = np.zeros((c, g)), np.zeros(c), np.zeros(c)
+    blocks, log_det = [], 0.0
+    for r, (observed, linear) in enumerate(zip(records, linears, strict=True)):
+        gram = np.tensordot(share / noise**2, linear.gram, axes=1)
+        n = linear.by_local.shape[2]
+        a, b, e = slice(0, g), slice(g, g + n), slice(g + n, g + n + c)
+        weight = np.array([q.weight for q in local_of(problem, members, observed)])
+        inner = gram[b, b] + np.diag(weight * (1.0 + damping) + damping * np.diag(gram[b, b]))
+        target = gram[b, -1] - weight * point.local[r]
+        coupling = np.concatenate([gram[b, a], gram[b, e]], axis=1)
+        solved = np.linalg.solve(inner, np.column_stack([coupling, target]))
+        matrix += gram[a, a] - coupling[:, :g].T @ solved[:, :g]
+        right += gram[a, -1] - coupling[:, :g].T @ solved[:, -1]
+        further += gram[e, a] - coupling[:, g:].T @ solved[:, :g]
+        own += np.diag(gram[e, e]) - np.einsum("ij,ij->j", coupling[:, g:], solved[:, g:-1])
+        gain += gram[e, -1] - coupling[:, g:].T @ solved[:, -1]
+        blocks.append((inner, coupling[:, :g], target))
+        log_det += float(np.linalg.slogdet(inner)[1]) - float(np.log(weight).sum())
+    return System(matrix, right, further, own, gain, tuple(blocks), log_det)
 
-    def added(by_input: Array, by_global: Array) -> Array:
-        return np.concatenate([by_input, by_global[..., columns] * sd], axis=-1)
 
-    return [
-        replace(
-            x,
-            by_input=added(x.by_input, x.by_global),
-            ends_by_input=added(x.ends_by_input, x.ends_by_global),
-        )
-        for x in linears
-    ]
-
-
-def linear_evidence(
-    problem: Problem, point: Point, linears: Sequence[Linear], defect_sd: Array
+def local_penalty(
+    problem: Problem, records: Sequence[Observed], members: Members, point: Point
 ) -> float:
-    """Log evidence in a linear model of the records, up to the prior of its effects.
+    """Penalty of the unknowns of all records."""
+    return float(
+        sum(
+            (np.array([q.weight for q in local_of(problem, members, o)]) * values**2).sum()
+            for o, values in zip(records, point.local, strict=True)
+        )
+    )
 
-    Parameters and magnitudes are integrated out.
+
+def estimation_share(
+    problem: Problem, members: Members, point: Point, linears: Sequence[Linear], noise: Array
+) -> float:
+    """Effective share of the samples for the estimates of the global unknowns.
+
+    The estimates depend on the residual through its products with the derivatives, so that the
+    correlation of these products counts. It is the mean over the directions that the records
+    determine, each scaled by its prior.
     """
-    normal = problem.normal(point, linears, defect_sd)
-    gain = normal.gain(problem.newton(point, normal))
-    cost = relaxed(problem, point, normal) - gain
-    volume = _posterior_volume(problem, point, normal)
-    return evidence_at(problem, normal, cost, defect_sd, linears) + volume
+    prior = prior_of(problem, members).weights(point.x)
+    scaled = [x.by_global / noise[:, None] for x in linears]
+    hessian = sum(np.tensordot(j, j, axes=([0, 1], [0, 1])) for j in scaled)
+    root = 1.0 / np.sqrt(np.maximum(prior, 1e-6))
+    size, directions = np.linalg.eigh(root[:, None] * hessian * root)
+    worth = np.maximum(size, 0.0) / (1.0 + np.maximum(size, 0.0))
+    products = [
+        np.einsum("tcg,tc->tg", j, x.residual / noise) @ (root[:, None] * directions)
+        for j, x in zip(scaled, linears, strict=True)
+    ]
+    shares = np.array([effective_share([p[:, i] for p in products]) for i in range(len(size))])
+    return float(worth.sum() / (worth / shares).sum()) if worth.sum() > 0.0 else 1.0
 
 
-def _posterior_volume(problem: Problem, point: Point, normal: Normal) -> float:
-    """Log of the volume of the posterior of parameters and magnitudes, up to a constant."""
-    matrix = normal.matrix.copy()
-    at = len(problem.free)
-    for k, candidate in enumerate(problem.included):
-        matrix[at + k, at + k] += 1.0 / _width(candidate, point.magnitudes[k]) ** 2
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    eigen = np.linalg.eigvalsh(matrix / np.outer(size, size))
-    log_det = float(np.sum(np.log(np.maximum(eigen, 1e-12)))) + 2.0 * float(np.sum(np.log(size)))
-    return -0.5 * log_det
+def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
+    """Weight of a sample by channel in the comparison of two sets, (m,).
+
+    A set leaves noise, and a discrepancy that no cause of the list has. The noise is random, and
+    counts the effective share of its samples. The discrepancy is not: another record of the same
+    motion repeats it. It counts as :data:`DISCREPANCY` samples, however long the records are, so
+    that small differences between models that are both wrong decide nothing (a coarsened
+    likelihood: Miller and Dunson, Journal of the American Statistical Association 114, 2019,
+    1113). The variances of an estimate by both add, so that the effective number N of samples is
+
+        f^2 / N = 1 / (q n) + d^2 / DISCREPANCY
+
+    with the noise f that the better set leaves, in units of the noise of the sensor, and the
+    discrepancy d^2 = f^2 - 1, less what is possible by chance.
+    """
+    share = max(one.effective, other.effective)
+    samples = np.maximum(problem.samples, 1.0)
+    random = 1.0 / (share * samples)
+    square = np.minimum(one.noise, other.noise) ** 2
+    discrepancy = np.maximum(square - 1.0 - 2.0 * np.sqrt(2.0 * random), 0.0)
+    return np.asarray(square / (random + discrepancy / DISCREPANCY) / samples)
 
 
-def _width(candidate: Candidate, magnitude: float) -> float:
-    """Prior standard deviation of a magnitude [unit of the effect]."""
-    return max(candidate.effect.scale, abs(float(magnitude)))
+def log_odds(problem: Problem, one: Fitted, other: Fitted) -> float:
+    """Log of the posterior odds of two sets."""
+    if one is other:
+        return 0.0
+    weight = weights(problem, one, other)
+    return log_evidence(problem, one, weight) - log_evidence(problem, other, weight)
+
+
+def best_of(problem: Problem, sets: Sequence[Fitted]) -> Fitted:
+    """The set that no other one beats, in the order in which they were fitted."""
+    best = sets[0]
+    for s in sets[1:]:
+        if log_odds(problem, s, best) > 0.0:
+            best = s
+    return best
+
+
+def log_evidence(problem: Problem, fitted: Fitted, weight: Array) -> float:
+    """Log evidence of a fitted set and its prior odds, up to a constant of the records.
+
+    Parameters
+    ----------
+    problem, fitted
+        The problem and the set.
+    weight
+        Weight of a sample by channel, (m,).
+    """
+    members, point = fitted.members, fitted.point
+    misfit = problem.samples * np.log(fitted.noise) + 0.5 * fitted.squares / fitted.noise**2
+    prior, x = prior_of(problem, members), point.x
+    own = system(problem, problem.fit, members, point, fitted.linears, fitted.noise, weight)
+    hessian = own.matrix + np.diag(prior.weights(x))
+    known = prior.weight > 1e-4
+    occam = own.log_det + float(np.linalg.slogdet(hessian)[1])
+    occam -= float(np.log(prior.weight[known]).sum())
+    penalty = prior.penalty(x) + local_penalty(problem, problem.fit, members, point)
+    odds = sum(problem.causes[m.cause].log_odds for m in members)
+    return float(
+        odds
+        - weight @ misfit
+        - 0.5 * penalty
+        - 0.5 * occam
+        + _one_sided(problem, members, point, hessian)
+    )
+
+
+def _one_sided(problem: Problem, members: Members, point: Point, hessian: Array) -> float:
+    """Log of the share of the posterior on the permitted side, over that of the prior, one half."""
+    covariance = np.linalg.inv(hessian)
+    at, total = len(problem.free), 0.0
+    for m in members:
+        cause = problem.causes[m.cause]
+        if cause.effect is None:
+            continue
+        if cause.one_sided:
+            sign = 1.0 if cause.bounds[0] == 0.0 else -1.0
+            z = sign * point.x[at] / np.sqrt(max(covariance[at, at], 1e-300))
+            total += float(np.log(2.0) + log_ndtr(z))
+        at += 1
+    return total

@@ -1,176 +1,521 @@
-"""Report of a diagnosis and its files, JSON and HTML; equal input gives equal bytes."""
+"""The report of a diagnosis: all sentences, as text, as an HTML page, and as files.
+
+The first screen says what the model misses, what explains it, what is left, and what to do. Numbers
+for specialists are in the tables of details, which follow.
+"""
 
 from __future__ import annotations
 
-import dataclasses
-import json
+import io
 import math
-from collections.abc import Mapping
-from enum import Enum
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from html import escape
+from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from feltmb._core import __version__
 from feltmb.arguments import checked
-from feltmb.display import html_table
-from feltmb.errors import InvalidParameter
+from feltmb.gap.figures import correlation, residuals, svg, told_set, waterfall
+from feltmb.gap.result import (
+    Cell,
+    Channel,
+    Named,
+    ParameterValue,
+    Place,
+    Reason,
+    Result,
+    Verdict,
+)
 from feltmb.files import make_folder, write_text
-from feltmb.fit.solve import NOT_CONVERGED
-from feltmb.gap.findings import Findings
-from feltmb.gap.page import page, percent
+from feltmb.tables import Screen, folded_text, new_table
+from feltmb.units import readable_unit
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["Report", "plain", "report_json", "write_report"]
+__all__ = ["Report"]
+
+#: Words of reasons that a user must know beside the verdict.
+TOLD = {
+    Reason.NOISE_NOT_STATED: "No noise of a sensor is stated, so that only the share of the motion "
+    "decides what matters.",
+    Reason.DIFFERS_BETWEEN_RECORDS: "A probable cause is not named{which}: it has another "
+    "magnitude in each record, as an imitation of something that is not in the list has.",
+    Reason.NO_HELD_OUT_GAIN: "The causes do not improve the prediction of held-out records.",
+    Reason.NOT_COMPLETE: "The search ended at its limit of time, or was interrupted.",
+    Reason.CALIBRATION_PREDICTS_WORSE: "The calibrated model predicts the held-out records worse "
+    "than the tabulated one.",
+}
+#: Verdicts as words.
+VERDICTS = {
+    Verdict.NO_GAP: "No gap",
+    Verdict.CALIBRATED: "Calibrated",
+    Verdict.NAMED: "Named",
+    Verdict.ONE_OF: "One of several",
+    Verdict.UNKNOWN: "Unknown",
+}
+#: Largest multiple of the noise that counts as the noise, and multiple of its standard deviation
+#: from which a delay is told.
+NOISE, LATE = 1.3, 4.0
+#: Correlation above which two unknowns are hardly separated [1].
+TOGETHER = 0.95
+#: Largest share that remains with an action at a place that is told [1].
+USEFUL = 0.8
+#: Largest numbers of parameters on the first screen, of rows of a table, and of next steps.
+PARAMETERS, ROWS, STEPS = 6, 8, 3
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
-class Report(Findings):
-    """Result of :func:`feltmb.gap.diagnose`."""
+@dataclass(frozen=True)
+class _Section:
+    """A part of the report."""
 
-    def __repr__(self) -> str:
-        names = ", ".join(self.named or self.one_of) or "nothing"
-        far = self.how_far
-        gap = (
-            "no gap above noise" if far.no_gap else f"closes {far.closed_text} of the held-out gap"
+    title: str
+    lines: Sequence[str] = ()
+    items: Sequence[str] = ()
+    head: Sequence[str] = ()
+    """Head of the table; its first column is text, the others are numbers."""
+    rows: Sequence[Sequence[str]] = ()
+
+
+# ---------------------------------------------------------------- numbers and lists
+
+
+def _number(value: float, uncertainty: float = 0.0) -> str:
+    """A number with the digits that its uncertainty supports: two of the uncertainty."""
+    if not math.isfinite(value):
+        return "-"
+    if not math.isfinite(uncertainty) or uncertainty <= 0.0:
+        return f"{value:.4g}"
+    places = 1 - math.floor(math.log10(uncertainty))
+    value = round(value, places) + 0.0  # no negative zero
+    return f"{value:.{places}f}" if 0 <= places <= 6 else f"{value:.6g}"
+
+
+def _interval(x: Named | ParameterValue) -> str:
+    """Value with its unit and 95 % interval."""
+    value = x.magnitude if isinstance(x, Named) else x.value
+    factor, unit = _scale(x)
+    low, middle, high = (
+        _number(factor * v, 0.5 * factor * (x.high - x.low)) for v in (x.low, value, x.high)
+    )
+    return f"{middle}{unit} ({low} to {high})"
+
+
+def _scale(x: Named | ParameterValue) -> tuple[float, str]:
+    """Factor and unit in which a value is told, the unit with a space before it."""
+    if isinstance(x, ParameterValue) and x.relative:
+        return 100.0, " %"
+    factor, unit = readable_unit(max(abs(x.low), abs(x.high)), x.unit)
+    return factor, "" if unit == "1" else f" {unit}"
+
+
+def _tabulated(p: ParameterValue) -> str:
+    factor, unit = _scale(p)
+    return f"{_number(factor * p.tabulated)}{unit}"
+
+
+def _size(value: float, unit: str) -> str:
+    factor, name = readable_unit(value, unit)
+    return f"{float(f'{factor * value:.3g}'):.6g}{'' if name == '1' else f' {name}'}"
+
+
+def _percent(value: float) -> str:
+    return f"{float(f'{100.0 * value:.2g}'):g} %" if math.isfinite(value) else "-"
+
+
+def _part(c: Channel, residual: float) -> str:
+    """A residual as a share of the motion, or in its unit if nothing moves."""
+    return _percent(c.share(residual)) if c.motion > 0.0 else _size(residual, c.unit)
+
+
+def _times(c: Channel) -> str:
+    """What remains as a multiple of the noise of the sensor; empty: it is not stated."""
+    return (
+        "" if math.isnan(c.noise) else f"{float(f'{c.explained / c.noise:.2g}'):g} times the noise"
+    )
+
+
+def _name(n: Named) -> str:
+    return f"{n.cause} outside its tolerance" if n.parameter else n.cause
+
+
+def _listed(words: Sequence[str], last: str = "and") -> str:
+    return f" {last} ".join([*filter(None, [", ".join(words[:-1])]), *words[-1:]])
+
+
+# ---------------------------------------------------------------- what a user reads first
+
+
+def _statement(result: Result) -> str:
+    """What the model misses, what takes it away, what remains, and whether that matters."""
+    c = result.worst
+    tabulated, calibrated = (_part(c, v) for v in (c.tabulated, c.calibrated))
+    misses = f"The model misses {tabulated} of the motion of {c.name}"
+    if not math.isfinite(c.tabulated):
+        misses = f"The tabulated model fails. With fitted parameters, it misses {calibrated} of the"
+        misses += f" motion of {c.name}"
+    elif c.calibrated < 0.9 * c.tabulated:
+        misses += f", and {calibrated} with fitted parameters"
+    told = [f"{_name(n)} of {_interval(n)}" for n in result.named]
+    told += [f"one of {_listed([_name(n) for n in g], 'or')}" for g in result.classes]
+    told += ["what is not named"] if _unnamed(result) else []
+    takes = "takes" if len(told) == 1 else "take"
+    of_list = "of the list" if result.complete else "that was tried"
+    found = {
+        Verdict.NO_GAP: ": there is no gap",
+        Verdict.CALIBRATED: ". No cause is missing",
+        Verdict.UNKNOWN: f". No cause {of_list} explains it",
+    }.get(result.verdict, f". {_listed(told)} {takes} it to {_part(c, c.explained)}")
+    return f"{misses}{found}. {_remains(result)}"
+
+
+def _remains(result: Result) -> str:
+    material = [c for c in result.channels if c.material]
+    if not material:
+        c = result.worst
+        if c.explained <= NOISE * c.noise:
+            return "Nothing but the noise of the sensor remains."
+        return f"The rest, {_times(c) or _part(c, c.explained)}, does not matter."
+    c = max(material, key=lambda c: c.explained / c.good_enough)
+    more = f" (and {len(material) - 1} more)" if len(material) > 1 else ""
+    enough = _part(c, c.good_enough)
+    return (
+        f"The rest matters: {_part(c, c.explained)} of {c.name}{more}"
+        f"{', ' * bool(_times(c))}{_times(c)}; {enough} would be good enough."
+    )
+
+
+def _unnamed(result: Result) -> list[str]:
+    """Causes that are a part of the fit, but are not told."""
+    told = {n.cause for g in (result.named, *result.classes) for n in g}
+    return [name for name in told_set(result) if name not in told]
+
+
+def _missing(result: Result) -> _Section:
+    which = f" ({_listed(unnamed)}, a part of the fit)" if (unnamed := _unnamed(result)) else ""
+    lines = [TOLD[r].format(which=which) for r in result.reasons if r in TOLD]
+    items = []
+    for n in result.named:
+        item = f"{_name(n)} [{n.component}]: {_interval(n)}"
+        if len(n.by_record) > 1:
+            factor, _ = _scale(n)
+            each = [_number(factor * v, 0.5 * factor * (n.high - n.low)) for v in n.by_record]
+            item += f"; in each record {', '.join(each)}"
+        numbers = n.shape if isinstance(n.shape, tuple) else (n.shape,)
+        for name, value in zip(n.shape_names, numbers, strict=False):
+            item += f"; {name} {value if isinstance(value, str) else f'{value:.3g}'}"
+        items.append(item + (f". {n.mechanism}" if n.mechanism else ""))
+    for group in result.classes:
+        members = [f"{_name(n)} [{n.component}] of {_interval(n)}" for n in group]
+        items.append(f"One of these, which the records do not tell apart: {_listed(members, 'or')}")
+    if result.verdict is Verdict.UNKNOWN and (best := _probabilities(result)[:2]):
+        tested = _listed([f"{name} ({_percent(p)})" for name, p in best])
+        lines.append(f"Nothing is named. Most probable of those tested: {tested}.")
+    return _Section("What is missing", lines, items)
+
+
+def _probabilities(result: Result) -> list[tuple[str, float]]:
+    """Probability of each cause over all sets, largest first."""
+    found: dict[str, float] = {}
+    for s in result.sets:
+        for name in s.causes:
+            found[name] = found.get(name, 0.0) + s.probability
+    return sorted(((k, v) for k, v in found.items() if v >= 0.01), key=lambda f: -f[1])
+
+
+def _moved(result: Result) -> list[ParameterValue]:
+    """Parameters whose interval excludes the tabulated value, the surest first."""
+    moved = [p for p in result.parameters if not p.low <= p.tabulated <= p.high]
+    return sorted(moved, key=lambda p: -abs(p.value - p.tabulated) / (p.high - p.low or 1e-300))
+
+
+def _calibration(result: Result) -> _Section:
+    moved, items = _moved(result), []
+    for p in moved[:PARAMETERS]:
+        far = abs(p.value - p.tabulated) / p.sd if p.sd > 0.0 else 0.0
+        ratio = f", a change of {far:.2g} tolerances" if far >= 0.01 else ""
+        items.append(f"{p.title}: {_interval(p)}; tabulated {_tabulated(p)}{ratio}")
+    if len(moved) > PARAMETERS:
+        items.append(f"{len(moved) - PARAMETERS} more parameters are in the details")
+    lines = [] if items or not result.parameters else ["No parameter left its tabulated value."]
+    return _Section("Calibration", lines, items)
+
+
+def _held_out(result: Result) -> _Section:
+    if result.held_out_gain is None:
+        return _Section("Held-out records")
+    value, low, high = (round(100.0 * (1.0 - g)) for g in result.held_out_gain)
+    what = f"shrinks by {value} %" if value > 0 else f"grows by {-value} %"
+    line = f"Where nothing was fitted, the residual {what} with the causes"
+    return _Section("Held-out records", [f"{line} ({high} to {low} %)."])
+
+
+def _worst_cell(result: Result, attribute: str) -> tuple[Cell, str] | None:
+    """The part of a record with the largest residual that matters, and its place as words."""
+    limits = {c.name: c.limit for c in result.channels}
+    ratios = [getattr(c, attribute) / limits[c.channel] for c in result.cells]
+    if not max(ratios, default=0.0) > 1.0:
+        return None
+    cell = result.cells[int(np.argmax(ratios))]
+    since = f", after {cell.since}" if cell.since else ""
+    span = f"{_size(cell.start, '1')} to {_size(cell.end, '1')} s"
+    return cell, f"{cell.channel} of {cell.record}, {span}{since}"
+
+
+def _where(result: Result) -> _Section:
+    lines, told = [], bool(result.named or result.classes)
+    units = {c.name: c.unit for c in result.channels}
+    worst = None if result.verdict is Verdict.NO_GAP else _worst_cell(result, "calibrated")
+    if worst is not None:
+        cell, words = worst
+        unit = units[cell.channel]
+        rms = _size(cell.calibrated, unit)
+        after = f", {_size(cell.explained, unit)} with the causes" if told else ""
+        before = "Without the causes, the" if told else "The"
+        lines.append(f"{before} residual is largest in {words}: {rms} rms{after}.")
+    late = [e for e in result.events if abs(e.delay) > LATE * e.delay_sd]
+    if late and result.verdict is not Verdict.NO_GAP:
+        e = max(late, key=lambda e: abs(e.delay) / e.delay_sd)
+        after = f" ({_size(abs(e.delay_explained), 's')} with the causes)" if told else ""
+        lines.append(
+            f"At the event {e.event} of {e.record}, {e.channel} comes {_size(abs(e.delay), 's')} "
+            f"{'later' if e.delay > 0.0 else 'earlier'} than in the model{after}."
         )
-        return (
-            f"Report({self.verdict.value}: {names}; {gap}, confidence {percent(self.confidence)})"
+    lines += [_place(result, p) for p in _useful(result)[:2]]
+    return _Section("Where", lines or ["No part of a record differs by more than what matters."])
+
+
+def _left(result: Result, place: Place) -> tuple[float, float]:
+    """Largest share of the motion that remains, without and with an action at a place."""
+    shares = [c.share(v) for c, v in zip(result.channels, place.left, strict=True)]
+    return float(np.nanmax([c.share(c.explained) for c in result.channels])), max(shares)
+
+
+def _useful(result: Result) -> list[Place]:
+    """Places that take away a good part of what remains."""
+    sizes = [(p, *_left(result, p)) for p in result.places]
+    return [p for p, now, left in sizes if left < USEFUL * now]
+
+
+def _place(result: Result, place: Place) -> str:
+    what = "An unknown action" if place.port else "Unlisted changes from record to record"
+    now, left = _left(result, place)
+    like = [f"; it would resemble the {law} ({_percent(v)} of it)" for law, v in place.resembles]
+    return (
+        f"{what} at {place.name} would take what remains in the worst channel from {_percent(now)} "
+        f"to {_percent(left)}{''.join(like[:1])}."
+    )
+
+
+def _next(result: Result) -> list[str]:
+    """Actions, the most useful first."""
+    first = ["Check units, signs and columns: a constant would be nearer to the records."]
+    steps = first if result.worst.tabulated > result.worst.motion > 0.0 else []
+    steps += [
+        f"{_name(n)}: {n.remedy or 'measure it by itself, and correct the model.'}"
+        for n in result.named
+    ]
+    for group, record in zip(result.classes, result.apart, strict=False):
+        names = f"{_name(group[0])} from {_name(group[1])}"
+        steps += [f"To tell {names}, measure {n.cause} by itself." for n in group if n.parameter]
+        steps.append(f"To tell {names}, record more motions like {record}: they differ most there.")
+        steps += [f"{_name(n)}: {n.remedy}" for n in group if n.remedy]
+    if Reason.NOT_COMPLETE in result.reasons:
+        untried = len(result.not_tried)
+        steps.append(f"Diagnose again with more seconds: {untried} causes were not tried.")
+    if any(c.material for c in result.channels):
+        worst = _worst_cell(result, "explained")
+        if useful := _useful(result):
+            p = useful[0]
+            law = f" that resembles the {p.resembles[0][0]}" if p.resembles else ""
+            steps.append(f"Inspect {p.name}, and add an effect there{law} to the list.")
+        elif worst is not None:
+            steps.append(f"Look at {worst[1]}: what remains is largest there.")
+    steps += [
+        f"Measure {a} by itself: the records hardly separate it from {b}."
+        for a, b in _together(result)
+    ]
+    if Reason.NOISE_NOT_STATED in result.reasons:
+        steps.append("Record the machine at rest, and state the noise of the sensors.")
+    if not steps:
+        steps.append("None: the model can be used for motions like the recorded ones.")
+    return list(dict.fromkeys(steps))[:STEPS]
+
+
+def _together(result: Result) -> Iterator[tuple[str, str]]:
+    """Moved parameters, each with an unknown from which the records hardly separate it."""
+    moved = {p.name for p in _moved(result)}
+    high = np.argwhere(np.abs(np.triu(result.correlation, 1)) > TOGETHER)
+    for i, j in sorted(high, key=lambda k: -abs(result.correlation[tuple(k)])):
+        a, b = result.unknowns[i], result.unknowns[j]
+        if {a, b} & moved:
+            yield (a, b) if a in moved else (b, a)
+
+
+# ---------------------------------------------------------------- details
+
+
+def _details(result: Result) -> Iterator[_Section]:
+    rows: list[list[str]] = []
+    for c in result.channels:
+        factor, unit = readable_unit(c.motion, c.unit)
+        values = (c.noise, c.tabulated, c.calibrated, c.explained, c.held_out_calibrated,
+                  c.held_out_explained)  # fmt: skip
+        numbers = [f"{factor * v:.3g}" if math.isfinite(v) else "-" for v in values]
+        rows.append([f"{c.name} [{unit}]", *numbers, _percent(c.share(c.explained))])
+    head = ("rms residual", "noise", "tabulated", "calibrated", "explained", "held out, before",
+            "held out, after", "of motion")  # fmt: skip
+    yield _Section("Residuals", head=head, rows=rows)
+    k = result.channels.index(result.worst)
+    rows = [
+        [_listed(s.causes) or "nothing", f"{s.probability:.3f}",
+         _percent(result.worst.share(s.residual[k]))]
+        for s in result.sets[:ROWS]
+    ]  # fmt: skip
+    yield _Section("Sets", head=("set", "probability", f"left of {result.worst.name}"), rows=rows)
+    rows = [[name, f"{p:.3f}"] for name, p in _probabilities(result)[:ROWS]]
+    yield _Section("Causes", head=("cause", "probability"), rows=rows)
+    rows = [[p.name, _tabulated(p), _interval(p)] for p in result.parameters]
+    yield _Section("Parameters", head=("parameter", "tabulated", "fitted, 95 %"), rows=rows)
+    notes = list(result.notes)
+    if result.not_tried:
+        more = len(result.not_tried) - ROWS
+        notes.append(
+            f"Not fitted{', because the first-order gain is small' * result.complete}: "
+            f"{', '.join(result.not_tried[:ROWS])}{f' and {more} more' if more > 0 else ''}."
         )
+    yield _Section("Notes", items=notes)
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (
-                r.effect,
-                r.magnitude,
-                *((r.low, r.high) if r.converged else (NOT_CONVERGED, "")),
-                r.unit,
-                f"{r.posterior:.0%}",
-            )
-            for r in self.which.effects
-            if r.refitted
-        ]
-        head = ("effect", "magnitude", "95 % from", "to", "unit", "probability")
-        return html_table(f"{self.verdict.value}: {self.statement}", head, rows)
 
-    @checked
-    def text(self, width: int = 80) -> str:
-        """Everything that ``feltmb gap diagnose`` prints; ``print(report)`` prints it too.
+# ---------------------------------------------------------------- the report
+
+
+class Report(Result):
+    """Result of :func:`feltmb.gap.diagnose`, with its texts, table and figures."""
+
+    @classmethod
+    def of(cls, result: Result) -> Report:
+        """The report of a result.
 
         Parameters
         ----------
-        width
-            Largest number of characters of a line, >= 40.
+        result
+            Result of a diagnosis.
         """
-        from feltmb.gap.text import report_text
-
-        if width < 40:
-            raise InvalidParameter(f"width = {width}, expected at least 40 characters")
-        return report_text(self, width)
+        return cls(**{f.name: getattr(result, f.name) for f in fields(result)})
 
     def __str__(self) -> str:
         return self.text()
 
-    def plot(self) -> Figure:
-        """Draw the held-out gap of each channel: as tabulated, calibrated, and with the effects.
+    def __repr__(self) -> str:
+        return f"Report({self.verdict.name}: {self.summary()})"
 
-        Returns
-        -------
-        Figure
-            Figure of matplotlib. The gaps are in units of the noise of the channel.
-        """
-        from feltmb.gap.picture import held_out_gaps
+    def _repr_html_(self) -> str:
+        table = self.frame.to_html(float_format=lambda v: f"{v:.4g}", na_rep="")
+        steps = "".join(f"<li>{escape(s)}</li>" for s in _next(self))
+        lead = f"<b>{VERDICTS[self.verdict]}.</b> {escape(self.summary())}"
+        return f"<p>{lead}</p>{table}<ul>{steps}</ul>"
 
-        return held_out_gaps(self)
+    def summary(self) -> str:
+        """What the model misses, what takes it away, what remains, and whether that matters."""
+        return _statement(self)
+
+    def _first(self) -> list[_Section]:
+        parts = [_missing(self), _calibration(self), _held_out(self), _where(self)]
+        return [s for s in (*parts, _Section("Next", items=_next(self))) if s.lines or s.items]
 
     @checked
-    def write(self, folder: str | Path, *, force: bool = False) -> tuple[Path, Path]:
-        """Write report.html and report.json to a folder."""
-        return write_report(self, Path(folder), force=force)
+    def text(self, width: int = 100) -> str:
+        """The whole report as plain text.
 
+        Parameters
+        ----------
+        width
+            Largest number of characters of a line.
+        """
+        file = io.StringIO()
+        screen = Screen(file=file, width=width, highlight=False, markup=False, emoji=False)
+        screen.print(f"{VERDICTS[self.verdict]}. {self.summary()}")
+        first = self._first()
+        for s in (*first, *(s for s in _details(self) if s.rows or s.items)):
+            screen.print(f"\n{s.title}{'' if s in first else ' (details)'}")
+            for line in s.lines:
+                screen.print(line)
+            for item in s.items:
+                screen.print("- " + folded_text(item, width - 2).replace("\n", "\n  "))
+            if s.rows:
+                table = new_table("", *s.head, right=tuple(range(1, len(s.head))), whole=(0,))
+                for row in s.rows:
+                    table.add_row(*row)
+                screen.print(table)
+        lines = [line.rstrip() for line in file.getvalue().splitlines()]
+        double = zip(lines, ["-", *lines], strict=False)
+        return "\n".join(line for line, before in double if line or before).rstrip()
 
-#: Fields that are null where nothing is large enough to show.
-NEVER = ("smallest", "smallest_before")
+    @checked
+    def html(self, title: str = "Diagnosis") -> str:
+        """The report as one page that loads nothing; all texts are escaped.
 
+        Parameters
+        ----------
+        title
+            Title of the page, for example the name of the model.
+        """
+        import jinja2
+        from markupsafe import Markup
 
-def plain(value: Any) -> Any:
-    """Value as JSON types: numbers to 9 digits, infinities as texts, but null in ``NEVER``."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        out = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-        return {k: None if k in NEVER and v == "inf" else v for k, v in out.items()}
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [plain(v) for v in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        number = float(value)
-        if math.isnan(number):
-            return None
-        if math.isinf(number):
-            return "inf" if number > 0 else "-inf"
-        return float(f"{number:.9g}")
-    return None if value is None else str(value)
+        template = (resources.files("feltmb.gap") / "report.html").read_text(encoding="utf-8")
+        environment = jinja2.Environment(
+            autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        )
+        return environment.from_string(template).render(
+            title=title,
+            result=self,
+            verdict=VERDICTS[self.verdict],
+            first=self._first(),
+            details=[s for s in _details(self) if s.rows or s.items],
+            figures={
+                "": Markup(svg(waterfall(self), "waterfall of the gap")),
+                "Where": Markup(svg(residuals(self), "residuals of the records")),
+                "Parameters": Markup(svg(correlation(self), "correlation of the unknowns")),
+            },
+        )
 
+    @property
+    def frame(self) -> pd.DataFrame:
+        """Named causes, members of classes, and parameters; one row each."""
+        import pandas as pd
 
-def report_json(report: Findings) -> dict[str, Any]:
-    """Report as one JSON object in the order of the page; computation times are omitted."""
-    fit = report.fit
-    return {
-        "feltmb": __version__,
-        "model": report.model.original.name,
-        "verdict": report.verdict.value,
-        "stopped": report.stopped,
-        "statement": report.statement,
-        "confidence": plain(report.confidence),
-        "as_it_is": plain(report.as_it_is),
-        "calibrated": plain(report.calibrated),
-        "given": plain(report.given),
-        "named": list(report.named),
-        "one_of": list(report.one_of),
-        "closest": plain(report.closest),
-        "which": plain(report.which),
-        "profiles": plain(report.profiles),
-        "how_far": plain(report.how_far),
-        "where": plain(report.where),
-        "next": plain(report.next),
-        "not_tested": plain(report.not_tested),
-        "refused": plain(report.refused),
-        "with_effects": {
-            "parameters": plain(report.model.parameters),
-            "effects": plain(report.model.effects),
-            "shapes": {t.name: plain(t.shape) for t in report.model.included},
-        },
-        "fit": {
-            "intervals": plain(fit.intervals()),
-            "chi2": plain(fit.chi2),
-            "dof": plain(fit.dof),
-            "level": plain(fit.level),
-            "converged": fit.converged,
-            "notes": list(fit.notes),
-        },
-        "data checks": plain(report.checks),
-    }
+        told = [("named", n) for n in self.named]
+        told += [(f"class {k + 1}", n) for k, g in enumerate(self.classes) for n in g]
+        rows = [asdict(n) | {"name": n.cause, "kind": k, "value": n.magnitude} for k, n in told]
+        rows += [asdict(p) | {"kind": "parameter"} for p in self.parameters]
+        columns = ["name", "kind", "component", "unit", "value", "low", "high", "probability",
+                   "tabulated", "sd"]  # fmt: skip
+        return pd.DataFrame(rows, columns=columns).set_index("name")
 
+    def plot(self) -> Figure:
+        """Waterfall of the gap: tabulated, calibrated, with each cause, and the noise."""
+        return waterfall(self)
 
-def write_report(
-    report: Findings, folder: Path, *, force: bool = False, viewers: str = ""
-) -> tuple[Path, Path]:
-    """Write report.html and report.json to a folder.
+    @checked
+    def write(self, folder: str | Path, *, title: str = "Diagnosis", force: bool = False) -> Path:
+        """Write report.txt, report.html and report.json; returns the path of the page.
 
-    ``viewers`` is HTML that shows the records beside the model, see :func:`feltmb.gap.page.page`.
-    """
-    make_folder(folder)
-    text = json.dumps(report_json(report), indent=1, ensure_ascii=False)
-    return (
-        write_text(folder / "report.html", page(report, viewers), force=force),
-        write_text(folder / "report.json", text + "\n", force=force),
-    )
+        Parameters
+        ----------
+        folder
+            Folder; it is made if it does not exist.
+        title
+            Title of the page.
+        force
+            False: existing files are not overwritten.
+        """
+        at = make_folder(folder)
+        write_text(at / "report.json", self.to_json(), force=force)
+        write_text(at / "report.txt", self.text() + "\n", force=force)
+        return write_text(at / "report.html", self.html(title), force=force)

@@ -251,7 +251,7 @@ def test_result_of_the_new_engine_as_an_answer(monkeypatch):
         parameters=(fitted,), held_out_gain=(0.4, 0.3, 0.5),
     )  # fmt: skip
     engine = SimpleNamespace(Options=lambda seconds: seconds, diagnose=lambda *_, **__: result)
-    monkeypatch.setitem(sys.modules, "feltmb.diagnosis", engine)
+    monkeypatch.setitem(sys.modules, "feltmb.gap", engine)
     answer = blind.yardstick.new(None, (), (), 120.0, None)
     assert (answer.verdict, answer.named, answer.classes) == (
         "NAMED",

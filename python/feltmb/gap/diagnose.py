@@ -1,0 +1,78 @@
+"""The diagnosis, step by step: prepare, fit, score, search, predict held-out records, judge."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from feltmb.data import Record
+from feltmb.gap.fit import Stop
+from feltmb.gap.options import Options
+from feltmb.gap.progress import Meter, Progress
+from feltmb.gap.records import prepare
+from feltmb.gap.report import Report
+from feltmb.gap.search import SEARCH, search
+from feltmb.gap.variation import varies, with_variation
+from feltmb.gap.verdict import judge
+from feltmb.fit.model import Effect, Model
+
+__all__ = ["diagnose"]
+
+
+def diagnose(
+    model: Model,
+    effects: Sequence[Effect],
+    records: Sequence[Record],
+    *,
+    hold_out: Sequence[str] | str | None = None,
+    options: Options | None = None,
+    tell: Callable[[Progress], None] | None = None,
+) -> Report:
+    """Find the effects that a model lacks.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    effects
+        Effects that it may lack.
+    records
+        Measured runs; at least one.
+    hold_out
+        Names of the records that are not fitted; default: those with the role "held_out", else
+        every third of three or more records, else every second block of each record.
+    options
+        Options; default: ``Options()``.
+    tell
+        Is called with the stage, the share of the work that is done, and the time that is left;
+        default: nothing is called.
+
+    Returns
+    -------
+    Report
+        Verdict with named causes or classes, magnitudes, and residuals.
+
+    Raises
+    ------
+    InvalidParameter, DataError
+        Model, effects and records do not fit together.
+    """
+    options = options or Options()
+    end = time.monotonic() + options.seconds
+    meter = Meter(tell, SEARCH * options.seconds, options.tries)
+
+    def check() -> None:
+        meter.step()
+        if time.monotonic() > end:
+            raise Stop
+
+    meter.stage("prepare")
+    problem = prepare(model, effects, records, hold_out, options)
+    if varies(problem):
+        problem = with_variation(problem)
+    meter.stage("fit")
+    searched = search(problem, options, meter.stage, meter.step)
+    seconds = meter.progress.elapsed
+    result = judge(searched, options, seconds, meter.stage, check)
+    meter.stage("done")
+    return Report.of(result)

@@ -1,0 +1,400 @@
+"""Fits of sets of causes: a damped Gauss-Newton method, and the noise that a set leaves.
+
+A fit is a generator that yields the points at which it needs residuals. Several fits proceed in
+step, and the simulations of one step are one call of the model (:func:`together`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.gap.evidence import (
+    Fitted,
+    Prior,
+    System,
+    best_of,
+    estimation_share,
+    local_penalty,
+    log_odds,
+    prior_of,
+    system,
+)
+from feltmb.gap.linear import Ask, Linear, Point, count_global, evaluate, local_of
+from feltmb.gap.problem import Members, Observed, Problem
+
+__all__ = ["Start", "Stop", "fit_local", "fit_sets", "together"]
+
+#: Smallest gain of a step that continues a fit [log evidence].
+CONVERGED = 0.1
+#: Largest number of steps, and largest change of the logarithms of noise and share at the end.
+ROUNDS, SETTLED = 40, 0.05
+#: Change of the logarithm of the noise in a step below which the residual is that of the set.
+COARSE = 0.2
+#: Largest change of a global unknown in the first step, in its scale; it follows the success.
+RADIUS = 2.0
+#: A fit ends that is behind the best one by more than NEAR [log evidence], if its last step gained
+#: less than this share of the distance.
+NEAR, CATCH_UP = 3.0, 0.3
+#: Largest difference of the unknowns of two fits of one set that are the same, in their scales.
+SAME_POINT = 0.05
+#: Effective share below which a model is so wrong that it may have moved the parameters far away.
+POOR = 0.3
+
+Steps = Generator[Ask, list[Linear], "Fitted | None"]
+
+
+class Stop(Exception):
+    """The time is up, or the user interrupts.
+
+    Parameters
+    ----------
+    fits
+        The fits as far as they are, one for each set; None: there is none.
+    """
+
+    def __init__(self, fits: Sequence[Fitted | None] = ()) -> None:
+        super().__init__()
+        self.fits = fits
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where the fit of a set begins."""
+
+    members: Members
+    points: tuple[Point, ...]
+    """Starts; the best fit of them is kept."""
+
+
+@dataclass(eq=False)
+class Descent:
+    """A fit that proceeds, and its state."""
+
+    problem: Problem
+    members: Members
+    point: Point
+    now: Fitted | None = None
+    gain: float = np.inf
+    """Gain of the last step [log evidence]."""
+
+
+def together(
+    problem: Problem,
+    runs: Sequence[Steps],
+    check: Callable[[], None] = lambda: None,
+    hopeless: Callable[[int], bool] = lambda _: False,
+) -> list[Fitted | None]:
+    """Advance fits in step until all have ended.
+
+    Parameters
+    ----------
+    problem
+        The problem of all fits.
+    runs
+        The fits.
+    check
+        Is called before each step; may raise :class:`Stop`.
+    hopeless
+        Whether a fit shall end before its next step, by its index; its result is then None.
+    """
+    results: list[Fitted | None] = [None] * len(runs)
+    waiting: dict[int, Ask] = {}
+
+    def advance(i: int, value: list[Linear] | None) -> None:
+        try:
+            waiting[i] = runs[i].send(value)  # type: ignore[arg-type]
+        except StopIteration as end:
+            results[i] = end.value
+        except np.linalg.LinAlgError:  # its derivatives are of no use: it ends where it is
+            pass
+
+    for i in range(len(runs)):
+        advance(i, None)
+    while waiting:
+        check()
+        asks, waiting = {i: a for i, a in waiting.items() if not hopeless(i)}, {}
+        answers = evaluate(problem, list(asks.values()))
+        for i, answer in zip(asks, answers, strict=True):
+            advance(i, answer)
+    return results
+
+
+def fit_sets(
+    problem: Problem,
+    starts: Sequence[Start],
+    check: Callable[[], None] = lambda: None,
+    rivals: Sequence[Fitted] = (),
+) -> list[Fitted | None]:
+    """Fit several sets, each from all of its starts; None: a set that cannot be simulated.
+
+    A fit ends early if it comes too slowly nearer to the best one of all and of ``rivals``, or if
+    another fit of the same set is at the same point.
+
+    Raises
+    ------
+    Stop
+        With the fits as far as they are.
+    """
+    fits = [Descent(problem, s.members, point) for s in starts for point in s.points]
+
+    def hopeless(i: int) -> bool:
+        own, others = fits[i].now, [f.now for f in fits if f.now is not None]
+        if own is None or not np.isfinite(fits[i].gain):
+            return False
+        for other in (f.now for f in fits[:i] if f.now is not None):
+            apart = other.point.x - own.point.x if other.members == own.members else np.inf
+            if np.abs(apart).max(initial=0.0) < SAME_POINT:
+                return True
+        behind = max(log_odds(problem, other, own) for other in (*others, *rivals))
+        return fits[i].gain < CATCH_UP * (behind - NEAR)
+
+    stopped = False
+    try:
+        together(problem, [_descend(f) for f in fits], check, hopeless)
+    except (Stop, KeyboardInterrupt):
+        stopped = True
+    best, found = [], iter(fits)
+    for s in starts:
+        own = [f.now for f in (next(found) for _ in s.points) if f.now is not None]
+        best.append(best_of(problem, own) if own else None)
+    if stopped:
+        raise Stop(best)
+    return best
+
+
+def noise_left(problem: Problem, linears: Sequence[Linear], taken: float = 0.0) -> Array:
+    """Rms of what a set leaves by channel, at least the noise of the sensor (1).
+
+    ``taken``: share of the samples that the fit took as degrees of freedom.
+    """
+    squares = sum((x.residual**2).sum(axis=0) for x in linears)
+    rms = np.sqrt(squares / np.maximum(problem.samples, 1.0) / (1.0 - min(taken, 0.5)))
+    return np.asarray(np.maximum(rms, 1.0))
+
+
+def _taken(
+    problem: Problem,
+    members: Members,
+    point: Point,
+    linears: Sequence[Linear],
+    noise: Array,
+    share: float,
+) -> float:
+    """Share of the samples that the fit took as degrees of freedom of the global unknowns."""
+    own = system(problem, problem.fit, members, point, linears, noise, share)
+    weight = prior_of(problem, members).weights(point.x)
+    taken = float(np.trace(np.linalg.solve(own.matrix + np.diag(weight), own.matrix)))
+    for inner, _, _ in own.locals:
+        taken += len(inner) - float(np.trace(np.linalg.inv(inner)))
+    return max(taken, 0.0) / (share * float(problem.samples.sum()))
+
+
+def _limits(problem: Problem, members: Members) -> tuple[Array, Array]:
+    """Lower and upper limits of the global unknowns."""
+    low, high = problem.parameter_bounds
+    bounds = [c.bounds for m in members if (c := problem.causes[m.cause]).effect is not None]
+    shapes = count_global(problem, members) - len(low) - len(bounds)
+    return (
+        np.concatenate([low, [b[0] for b in bounds], np.full(shapes, -3.0)]),
+        np.concatenate([high, [b[1] for b in bounds], np.full(shapes, 3.0)]),
+    )
+
+
+def _step(
+    own: System, prior: Prior, x: Array, low: Array, high: Array, damping: float
+) -> tuple[Array, list[Array]]:
+    """Step of global and local unknowns within the limits, from normal equations."""
+    weight = prior.weights(x)
+    matrix = own.matrix + np.diag(weight * (1.0 + damping) + damping * np.diag(own.matrix))
+    right = own.right - weight * x
+    step, held = np.zeros(x.size), np.zeros(x.size, dtype=bool)
+    for _ in range(6):
+        inner = ~held
+        if inner.any():
+            target = right[inner] - matrix[np.ix_(inner, held)] @ step[held]
+            step[inner] = np.linalg.solve(matrix[np.ix_(inner, inner)], target)
+        # A limit that the step passes is reached exactly, and the others adapt to it.
+        beyond = inner & ((x + step < low) | (x + step > high))
+        if not beyond.any():
+            break
+        step[beyond] = np.clip(x + step, low, high)[beyond] - x[beyond]
+        held |= beyond
+    step = np.clip(x + step, low, high) - x
+    local: list[Array] = [
+        np.asarray(np.linalg.solve(inner, target - coupling @ step))
+        for inner, coupling, target in own.locals
+    ]
+    return np.asarray(step), local
+
+
+def _cost(
+    problem: Problem,
+    records: Sequence[Observed],
+    members: Members,
+    prior: Prior,
+    point: Point,
+    linears: Sequence[Linear],
+    noise: Array,
+    share: float,
+) -> float:
+    """Half of the squared residuals and of the penalties; infinite if a simulation failed."""
+    squares = sum((x.residual**2).sum(axis=0) for x in linears)
+    total = share * float((squares / noise**2).sum())
+    total += prior.penalty(point.x) + local_penalty(problem, records, members, point)
+    return 0.5 * total if np.isfinite(total) else np.inf
+
+
+def _descend(fit: Descent) -> Steps:
+    """Damped Gauss-Newton steps of the unknowns; noise and share follow what the set leaves.
+
+    A step minimizes share |residual / noise|^2 and the penalties at the present noise.
+    """
+    problem, members, point = fit.problem, fit.members, fit.point
+    prior = prior_of(problem, members)
+    low, high = _limits(problem, members)
+    point = replace(point, x=np.clip(point.x, low, high))
+    first = seen = yield Ask(members, point, problem.fit)
+    if any(x.failed for x in seen):
+        return None
+    # The share is that of what the set leaves: at the start, the motion itself is a residual, and
+    # it would count so little that the prior could keep the parameters there.
+    noise, share, change = noise_left(problem, seen), 1.0, np.inf
+    radius, derivatives, far, settled = RADIUS, True, False, False
+    for _ in range(ROUNDS):
+        left = noise_left(problem, seen, _taken(problem, members, point, seen, noise, share))
+        settled = settled or (change < COARSE and not far)
+        left_share = share
+        if settled:
+            left_share = estimation_share(problem, members, point, seen, left)
+        if seen is not first:
+            change = np.abs(np.log(left / noise)).max() + abs(np.log(left_share / share))
+        noise, share = left, left_share
+        fit.now = Fitted(members, point, tuple(seen), noise, share)
+        now = _cost(problem, problem.fit, members, prior, point, seen, noise, share)
+        gain = 0.0
+        for _ in range(6):
+            damping = 1e-3
+            for _ in range(20):
+                own = system(problem, problem.fit, members, point, seen, noise, share, damping)
+                step, local = _step(own, prior, point.x, low, high, damping)
+                length = float(np.abs(step).max(initial=0.0))
+                if length <= 1.1 * radius:
+                    break
+                damping = max(damping, 0.03) * min(length / radius, 10.0)
+            if change < SETTLED and _promised(own, prior, point.x, step) < CONVERGED:
+                break
+            moved = Point(
+                point.x + step,
+                tuple(a + b for a, b in zip(point.local, local, strict=True)),
+            )
+            # The first trial is mostly accepted, and the next step needs its derivatives.
+            found = yield Ask(members, moved, problem.fit, derivatives=derivatives)
+            cost = _cost(problem, problem.fit, members, prior, moved, found, noise, share)
+            if cost < now:
+                if not derivatives:
+                    found = yield Ask(members, moved, problem.fit)
+                gain, derivatives = now - cost, True
+                point, seen = moved, found
+                far = damping > 1e-3 and radius >= RADIUS
+                radius = max(radius, 2.0 * length)
+                break
+            if cost < now + CONVERGED:  # flat
+                break
+            radius, derivatives = 0.4 * length, False
+        fit.gain = gain if settled and change < SETTLED else max(gain, CONVERGED)
+        if fit.gain < CONVERGED:
+            break
+        settled = settled or gain < CONVERGED
+    fit.now = Fitted(members, point, tuple(seen), noise, share)
+    return fit.now
+
+
+def _promised(own: System, prior: Prior, x: Array, step: Array) -> float:
+    """Gain that a step of the global unknowns promises, to second order; local ones follow."""
+    slope = own.right - prior.weights(x) * x
+    inner = sum(float(target @ np.linalg.solve(matrix, target)) for matrix, _, target in own.locals)
+    return float(slope @ step) - 0.5 * float(step @ own.matrix @ step) + 0.5 * inner
+
+
+def fit_local(
+    problem: Problem,
+    records: tuple[Observed, ...],
+    members: Members,
+    point: Point,
+    noise: Array,
+    share: float,
+    rounds: int = 6,
+    parts: Sequence[float] = (1.0,),
+) -> Generator[Ask, list[Linear], Fitted | None]:
+    """Fit the unknowns of records only; the global unknowns keep their values.
+
+    Parameters
+    ----------
+    problem, members
+        The problem and the set.
+    records
+        Records, which may be held-out ones.
+    point
+        Global unknowns, and the start of the local ones.
+    noise, share
+        Noise by channel and effective share of the samples.
+    rounds
+        Largest number of steps for each part.
+    parts
+        Growing parts of the records that are fitted, as shares of their length: a start state that
+        is far off is found from the beginning of a record first.
+    """
+    prior = Prior(np.zeros(0), np.zeros(0, dtype=bool))
+    none = np.zeros(0)
+
+    def cut(linears: Sequence[Linear], part: float) -> list[Linear]:
+        out = []
+        for x in linears:
+            n = max(2, round(part * len(x.residual)))
+            out.append(Linear(x.residual[:n], x.by_global[:n], x.by_local[:n], x.by_further[:n]))
+        return out
+
+    seen = yield Ask(members, point, records, by_global=False)
+    for part in parts:
+        now = cut(seen, part)
+        local_point = Point(none, point.local)
+        cost = _cost(problem, records, members, prior, local_point, now, noise, share)
+        damping = 1e-3
+        for _ in range(rounds):
+            own = system(problem, records, members, local_point, now, noise, share, damping)
+            moved = replace(
+                point,
+                local=tuple(
+                    a + np.linalg.solve(inner, target)
+                    for a, (inner, _, target) in zip(point.local, own.locals, strict=True)
+                ),
+            )
+            found = yield Ask(members, moved, records, by_global=False)
+            trial = Point(none, moved.local)
+            own_cost = _cost(
+                problem, records, members, prior, trial, cut(found, part), noise, share
+            )
+            if not own_cost < cost:
+                damping *= 30.0
+                if damping > 1e3:
+                    break
+                continue
+            gain, cost, damping = cost - own_cost, own_cost, damping / 6.0
+            point, local_point, seen, now = moved, trial, found, cut(found, part)
+            if gain < CONVERGED:
+                break
+    if any(x.failed for x in seen):
+        return None
+    return Fitted(members, point, tuple(seen), noise, share)
+
+
+def empty_point(problem: Problem, members: Members, records: Sequence[Observed]) -> Point:
+    """Tabulated parameters, no magnitudes, listed shapes, and the expected starts."""
+    return Point(
+        np.zeros(count_global(problem, members)),
+        tuple(np.zeros(len(local_of(problem, members, o))) for o in records),
+    )

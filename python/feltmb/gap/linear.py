@@ -1,0 +1,383 @@
+"""Residuals of records and their derivatives at a point, for several sets of causes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from feltmb.data import Array, Integers
+from feltmb.gap.problem import Local, Members, Observed, Problem
+from feltmb.gap.shapes import movable, moved, spread_of
+from feltmb.fit.model import (
+    Candidate,
+    Jobs,
+    Sensitivity,
+    SensitivityRequest,
+    ShapeChange,
+    State,
+)
+from feltmb.fit.observe import machine_candidates, observe_all, observed_sensitivities
+
+__all__ = [
+    "Ask",
+    "Linear",
+    "Point",
+    "evaluate",
+    "local_of",
+    "magnitudes_at",
+    "shapes_of",
+    "start_states",
+]
+
+#: Values above this limit count as diverged; their squares would overflow.
+RUNAWAY = 1e100
+#: Derivatives by one scale of an unknown that exceed the motion of the channel so many times count
+#: as diverged: the integrator is near its limit of stability there.
+STEEP = 100.0
+#: Step of a difference by the logarithm of a number of a shape.
+SHAPE_STEP = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Values of the unknowns of a set, counted in their scales."""
+
+    x: Array
+    """Global unknowns: free parameters, magnitudes of effects, numbers of shapes (logarithm)."""
+    local: tuple[Array, ...]
+    """Unknowns of each record."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ask:
+    """A point at which residuals are wanted, with or without derivatives."""
+
+    members: Members
+    point: Point
+    records: tuple[Observed, ...]
+    further: Members = ()
+    """Effects that are not in the set: derivatives by their magnitudes at zero."""
+    derivatives: bool = True
+    by_global: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Residual of one record and its derivatives, in units of the noise of the sensors.
+
+    A step d of the unknowns changes the residual to ``residual - J d``. Values that were not
+    measured are 0.
+    """
+
+    residual: Array
+    """(n, m)"""
+    by_global: Array
+    """(n, m, g)"""
+    by_local: Array
+    """(n, m, l)"""
+    by_further: Array
+    """(n, m, c)"""
+
+    @cached_property
+    def gram(self) -> Array:
+        """Products of all columns and the residual by channel, (m, k, k), k = g + l + c + 1."""
+        columns = np.concatenate(
+            [self.by_global, self.by_local, self.by_further, self.residual[..., None]], axis=2
+        )
+        by_channel = np.moveaxis(columns, 1, 0)
+        return np.asarray(np.swapaxes(by_channel, 1, 2) @ by_channel)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the simulation has failed."""
+        return not bool(np.all(np.isfinite(self.residual)))
+
+
+def magnitudes_at(problem: Problem, members: Members, x: Array) -> Array:
+    """Magnitudes of the effects of a set [their units]."""
+    effects = problem.effects_of(members)
+    at = len(problem.free)
+    return np.array([e.scale for e in effects]) * x[at : at + len(effects)]
+
+
+def _places(problem: Problem, members: Members) -> list[tuple[int, int]]:
+    """Effect of the set and number of its shape, for each fitted number of a shape."""
+    return [(k, p) for k, e in enumerate(problem.effects_of(members)) for p in movable(e)]
+
+
+def shapes_of(problem: Problem, members: Members, x: Array) -> tuple[Candidate, ...]:
+    """The effects of a set with their fitted shapes."""
+    candidates = problem.candidates(members)
+    at = len(problem.free) + len(candidates)
+    steps: list[dict[int, float]] = [{} for _ in candidates]
+    for j, (k, place) in enumerate(_places(problem, members)):
+        steps[k][place] = float(x[at + j]) * spread_of(candidates[k].effect, place)
+    return tuple(
+        Candidate(c.effect, moved(c.effect, c.shape, step))
+        for c, step in zip(candidates, steps, strict=True)
+    )
+
+
+def count_global(problem: Problem, members: Members) -> int:
+    """Number of global unknowns of a set."""
+    return len(problem.free) + len(problem.effects_of(members)) + len(_places(problem, members))
+
+
+def theta_at(problem: Problem, x: Array) -> Array:
+    """Values of all parameters [their units], (p,)."""
+    theta = problem.tabulated.copy()
+    theta[problem.free] += problem.unit * x[: len(problem.free)]
+    return theta
+
+
+def local_of(problem: Problem, members: Members, observed: Observed) -> tuple[Local, ...]:
+    """Unknowns of a record, with those of a set and the start of its hidden states."""
+    own = len(problem.model.states())
+    states = problem.model.states(machine_candidates(problem.candidates(members)))
+    hidden = [
+        Local("start", i, s.start, s.scale, _weight_of(s))
+        for i, s in enumerate(states)
+        if i >= own and not _starts_at_rest(observed, s)
+    ]
+    shown = np.atleast_1d(observed.valid.any(axis=0))
+    further = (q for q in problem.locals_of(members) if shown[q.index])
+    return (*observed.local, *further, *hidden)
+
+
+def _starts_at_rest(observed: Observed, state: State) -> bool:
+    """Whether the start of a hidden state is known: the record begins where the model begins."""
+    start = observed.record.start
+    return state.start_sd == 0.0 and (start is None or start.known)
+
+
+def _weight_of(state: State) -> float:
+    sd = state.start_sd if 0.0 < state.start_sd < np.inf else state.scale
+    return float((state.scale / sd) ** 2)
+
+
+def evaluate(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
+    """Residuals, and derivatives where they are wanted, by record of each request.
+
+    All simulations of all requests are one call of the model, so that a model that simulates many
+    jobs together is called once.
+    """
+    derived = [ask for ask in asks if ask.derivatives]
+    plain = [ask for ask in asks if not ask.derivatives]
+    found: dict[int, list[Linear]] = {}
+    with np.errstate(all="ignore"):
+        for ask, own in zip(derived, _derived(problem, derived), strict=True):
+            found[id(ask)] = own
+        for ask, own in zip(plain, _plain(problem, plain), strict=True):
+            found[id(ask)] = own
+    return [found[id(ask)] for ask in asks]
+
+
+def start_states(problem: Problem, ask: Ask, r: int) -> Array:
+    """Start states of the model and of the effects of a set [their units], (nx,)."""
+    observed, values = ask.records[r], ask.point.local[r]
+    states = problem.model.states(machine_candidates(problem.candidates(ask.members)))
+    known = observed.record.start
+    start = np.array([s.start for s in states], dtype=np.float64)
+    if known is not None:
+        for i, s in enumerate(states):
+            start[i] = known.mean.get(s.name, start[i])
+    for local, value in zip(local_of(problem, ask.members, observed), values, strict=True):
+        if local.kind == "start":
+            start[local.index] = local.mean + local.scale * value
+    return start
+
+
+def _whole(observed: Observed) -> Integers:
+    return np.array([[0, observed.record.samples - 1]], dtype=np.intp)
+
+
+def _plain(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
+    batches = []
+    for ask in asks:
+        included = shapes_of(problem, ask.members, ask.point.x)
+        theta = theta_at(problem, ask.point.x)
+        sizes = magnitudes_at(problem, ask.members, ask.point.x)
+        batches += [
+            (
+                o.record,
+                Jobs.at_point(
+                    theta, _whole(o), start_states(problem, ask, r)[None, :], included, sizes
+                ),
+            )
+            for r, o in enumerate(ask.records)
+        ]
+    runs = iter(observe_all(problem.model, batches))
+    out = []
+    for ask in asks:
+        own = []
+        for r, o in enumerate(ask.records):
+            outputs = next(runs).outputs[0][:, list(problem.channels)]
+            readings, _ = _sensed(problem, ask, r, outputs)
+            nothing = np.zeros((*readings.shape, 0))
+            own.append(Linear(_residual(o, readings), nothing, nothing, nothing))
+        out.append(own)
+    return out
+
+
+def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
+    requests: list[SensitivityRequest] = []
+    for ask in asks:
+        x = ask.point.x
+        included = shapes_of(problem, ask.members, x)
+        sizes = magnitudes_at(problem, ask.members, x)
+        theta = theta_at(problem, x)
+        changes = _shape_changes(problem, ask)
+        by_shape = tuple(c for c in changes if included[c.effect].effect.rate is not None)
+        for r, o in enumerate(ask.records):
+            requests.append(
+                SensitivityRequest(
+                    o.record,
+                    theta,
+                    _whole(o),
+                    start_states(problem, ask, r)[None, :],
+                    included,
+                    sizes,
+                    by_theta=problem.free if ask.by_global else (),
+                    by_starts=any(q.kind == "start" for q in local_of(problem, ask.members, o)),
+                    candidates=problem.candidates(ask.further),
+                    shape_changes=by_shape,
+                )
+            )
+    found_all = observed_sensitivities(problem.model, requests) if requests else []
+    by_shapes = iter(_by_shapes(problem, asks, found_all))
+    found = iter(found_all)
+    out = []
+    for ask in asks:
+        scales = np.array([e.scale for e in problem.effects_of(ask.members)])
+        further = np.array([e.scale for e in problem.effects_of(ask.further)])
+        own = []
+        for r, o in enumerate(ask.records):
+            s, columns = next(found), list(problem.channels)
+            readings, by_sensor = _sensed(problem, ask, r, s.outputs[0][:, columns])
+            n, m = readings.shape
+            shape_columns = next(by_shapes)[:, columns]
+            if ask.by_global:
+                by_global = np.concatenate(
+                    [
+                        s.d_theta[0][:, columns] * problem.unit,
+                        s.d_magnitudes[0][:, columns] * scales,
+                        shape_columns,
+                    ],
+                    axis=2,
+                )
+            else:
+                by_global = np.zeros((n, m, 0))
+            local = local_of(problem, ask.members, o)
+            by_local = np.zeros((n, m, len(local)))
+            for j, q in enumerate(local):
+                if q.kind == "start":
+                    by_local[:, :, j] = s.d_starts[0][:, columns, q.index] * q.scale
+                elif q.kind == "mode":
+                    assert o.modes is not None
+                    by_local[:, :, j] = o.modes[:, :, q.index]
+                else:
+                    by_local[:, q.index, j] = by_sensor[j]
+            by_further = s.d_candidates[0][:, columns] * further
+            own.append(
+                Linear(
+                    _residual(o, readings),
+                    _scaled(problem, o, by_global),
+                    _scaled(problem, o, by_local),
+                    _scaled(problem, o, by_further),
+                )
+            )
+        out.append(own)
+    return out
+
+
+def _shape_changes(problem: Problem, ask: Ask) -> list[ShapeChange]:
+    """Central differences by the unknowns of shapes."""
+    if not ask.by_global:
+        return []
+    out, effects = [], problem.effects_of(ask.members)
+    included = shapes_of(problem, ask.members, ask.point.x)
+    for k, place in _places(problem, ask.members):
+        effect, shape = effects[k], included[k].shape
+        lower, upper = (moved(effect, shape, {place: sign * SHAPE_STEP}) for sign in (-1.0, 1.0))
+        out.append(ShapeChange(k, lower, upper, 2.0 * SHAPE_STEP / spread_of(effect, place)))
+    return out
+
+
+def _by_shapes(
+    problem: Problem, asks: Sequence[Ask], found: Sequence[Sensitivity]
+) -> Iterator[Array]:
+    """Outputs by the unknowns of shapes, (n, ny, s), by request and record.
+
+    Those that the model does not differentiate are differences of simulations.
+    """
+    batches, given = [], iter(found)
+    known: list[tuple[Array | None, list[ShapeChange], list[bool]]] = []
+    for ask in asks:
+        x, changes = ask.point.x, _shape_changes(problem, ask)
+        included = shapes_of(problem, ask.members, x)
+        theta, sizes = theta_at(problem, x), magnitudes_at(problem, ask.members, x)
+        for r, o in enumerate(ask.records):
+            d_shapes = next(given).d_shapes
+            exact = [
+                d_shapes is not None and included[c.effect].effect.rate is not None for c in changes
+            ]
+            known.append((d_shapes, changes, exact))
+            start = start_states(problem, ask, r)[None, :]
+            for change in (c for c, done in zip(changes, exact, strict=True) if not done):
+                for shape in (change.upper, change.lower):
+                    other = list(included)
+                    other[change.effect] = Candidate(included[change.effect].effect, shape)
+                    jobs = Jobs.at_point(theta, _whole(o), start, tuple(other), sizes)
+                    batches.append((o.record, jobs))
+    runs = iter(observe_all(problem.model, batches) if batches else [])
+    for s, (d_shapes, changes, exact) in zip(found, known, strict=True):
+        columns = np.zeros((*s.outputs[0].shape, len(changes)))
+        if d_shapes is not None:
+            columns[..., exact] = d_shapes[0]
+        for j, change in enumerate(changes):
+            if not exact[j]:
+                up, down = next(runs).outputs[0], next(runs).outputs[0]
+                columns[..., j] = (up - down) / change.width
+        yield columns
+
+
+def _sensed(problem: Problem, ask: Ask, r: int, outputs: Array) -> tuple[Array, dict[int, Array]]:
+    """Readings with the errors of the sensors of a record, and their derivatives by unknown."""
+    observed, values = ask.records[r], ask.point.local[r]
+    readings, columns = outputs.copy(), {}
+    local = local_of(problem, ask.members, observed)
+    for j, (q, value) in enumerate(zip(local, values, strict=True)):
+        if q.kind == "mode":
+            assert observed.modes is not None
+            readings += value * observed.modes[:, :, q.index]
+            continue
+        if q.kind == "start":
+            continue
+        y = outputs[:, q.index]
+        if q.kind == "gain":
+            column = y
+        elif q.kind == "offset":
+            column = np.ones_like(y)
+        else:  # a delay, to first order
+            column = -np.gradient(y, observed.record.time)
+        columns[j] = column * q.scale
+        readings[:, q.index] += value * columns[j]
+    return readings, columns
+
+
+def _residual(observed: Observed, readings: Array) -> Array:
+    """Residual in units of the noise; NaN where the simulation failed."""
+    bad = ~(np.abs(readings) < RUNAWAY)
+    return np.where(
+        observed.valid, np.where(bad, np.nan, (observed.measured - readings) / observed.sd), 0.0
+    )
+
+
+def _scaled(problem: Problem, observed: Observed, columns: Array) -> Array:
+    """Derivatives in units of the noise, 0 where nothing was measured or the values diverge."""
+    limit = STEEP * np.maximum(problem.motion, problem.noise)[:, None]
+    good = observed.valid[..., None] & (np.abs(columns) < limit)
+    return np.where(good, columns / observed.sd[..., None], 0.0)

@@ -1,0 +1,211 @@
+"""Prepares model and records: noise of the sensors, held-out records, unknowns of each record."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from feltmb.data import Record
+from feltmb.data.smoothing import noise_of_record
+from feltmb.gap.options import Options
+from feltmb.gap.problem import (
+    UNKNOWN_START,
+    Cause,
+    Local,
+    Observed,
+    Problem,
+    spread,
+)
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.fit.model import Effect, Model
+from feltmb.fit.noise import Noise, noise_of
+from feltmb.gap.library import clock_rate
+from feltmb.gap.split import split_records
+
+__all__ = ["causes_of", "prepare"]
+
+#: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
+#: zero of a sensor in each record [1].
+WRONG_STATEMENT = 0.05
+#: Expected offset of a sensor in each record, as a share of the motion [1].
+OFFSET = 0.1
+
+
+def prepare(
+    model: Model,
+    effects: Sequence[Effect],
+    records: Sequence[Record],
+    hold_out: Sequence[str] | str | None,
+    options: Options,
+) -> Problem:
+    """The problem of a diagnosis.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    effects
+        Effects that it may lack.
+    records
+        Measured runs.
+    hold_out
+        Names of the held-out records; None: see :func:`~feltmb.gap.split.split_records`.
+    options
+        Options of the diagnosis.
+
+    Raises
+    ------
+    InvalidParameter, DataError
+        The model does not accept an effect, or no record shows an output of the model.
+    """
+    _check_effects(model, effects)
+    ready = model.ready(tuple(records))
+    model = ready.model
+    fitted, held = split_records(ready.records, hold_out, masked=True)
+    shown = {n for r in fitted for n, y in r.outputs.items() if np.isfinite(y).any()}
+    channels = tuple(i for i, n in enumerate(model.outputs) if n in shown)
+    if not channels:
+        raise DataError(
+            f"records: they show {', '.join(sorted(shown)) or 'nothing'}, expected an output of "
+            f"the model {model.name} ({', '.join(model.outputs)})"
+        )
+    names = [model.outputs[c] for c in channels]
+    sensors = [r.sensors[n] for r in fitted for n in names if n in r.outputs]
+    observed = tuple(_observed(model, r, names) for r in fitted)
+    of_records = _errors(model, effects, observed, names)
+    return Problem(
+        model=model,
+        causes=causes_of(model, effects, options.missing, of_records),
+        fit=observed,
+        held_out=tuple(_observed(model, r, names) for r in held),
+        channels=channels,
+        exact=all(s.sigma is None for s in sensors),
+        notes=ready.notes,
+    )
+
+
+def _errors(
+    model: Model, effects: Sequence[Effect], records: Sequence[Observed], names: Sequence[str]
+) -> list[Cause]:
+    """Errors of the records that every diagnosis considers, unless the list or a sheet has them."""
+    rms, found = spread(records), []
+    clock = clock_rate(model.outputs)
+    if model.accepts(clock) and clock.name not in {e.name for e in effects}:
+        found.append(Cause(clock.name, clock.component, clock))
+    stated = {q.index for o in records for q in o.local if q.kind == "offset"}
+    for c, name in enumerate(names):
+        if len(records) > 1 and rms[c] > 0.0 and c not in stated:
+            offset = Local("offset", c, 0.0, OFFSET * float(rms[c]))
+            label = f"offset of sensor {name} in each record"
+            found.append(Cause(label, f"sensor {name}", local=offset))
+    return found
+
+
+def causes_of(
+    model: Model,
+    effects: Sequence[Effect],
+    missing: float,
+    of_records: Sequence[Cause] = (),
+) -> tuple[Cause, ...]:
+    """Effects, errors of each record, and parameters outside their tolerances, with prior odds.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    effects
+        Effects that it may lack.
+    missing
+        Prior probability that one of these causes exists [1].
+    of_records
+        Errors of the records.
+    """
+    covered = {e.tolerance_parameter for e in effects}
+    free = [
+        i
+        for i, p in enumerate(model.parameters)
+        if 0.0 < p.sd < math.inf and p.of_the_machine and p.name not in covered
+    ]
+    total = sum(e.weight for e in effects)
+    share = WRONG_STATEMENT / max(len(free) + len(of_records), 1)
+    wrong = math.log(share / (1.0 - share))
+    by_effect = [
+        Cause(
+            e.name,
+            e.component,
+            e,
+            log_odds=math.log(missing * e.weight / (total - missing * e.weight)),
+        )
+        for e in effects
+    ]
+    by_parameter = [
+        Cause(p.name, p.component or p.title, parameter=i, log_odds=wrong)
+        for i, p in ((i, model.parameters[i]) for i in free)
+    ]
+    return (*by_effect, *(replace(c, log_odds=wrong) for c in of_records), *by_parameter)
+
+
+def _check_effects(model: Model, effects: Sequence[Effect]) -> None:
+    faults = [
+        f"effect {e.name}: the model {model.name} does not know how to simulate it"
+        for e in effects
+        if not model.accepts(e)
+    ]
+    names = [e.name for e in effects]
+    faults += [
+        f"effect {n}: is listed twice" for n in sorted({n for n in names if names.count(n) > 1})
+    ]
+    if faults:
+        raise InvalidParameter("; ".join(faults))
+
+
+def _observed(model: Model, record: Record, names: Sequence[str]) -> Observed:
+    """A record with the noise of its sensors and its unknowns."""
+    values = record.output_array(names)
+    valid = np.isfinite(values)
+    sd = np.ones_like(values)
+    local: list[Local] = list(_starts(model, record))
+    for c, name in enumerate(names):
+        if not valid[:, c].any():
+            continue
+        sensor = record.sensors[name]
+        sd[:, c] = _noise(record, name).sd_of_measured(record.time, values[:, c])
+        for kind, scale in (
+            ("gain", sensor.gain_sd),
+            ("offset", sensor.offset_sd),
+            ("delay", sensor.delay_sd),
+        ):
+            if scale > 0.0:
+                local.append(Local(kind, c, 0.0, scale))
+    return Observed(record, np.where(valid, values, 0.0), valid, sd, tuple(local))
+
+
+def _noise(record: Record, name: str) -> Noise:
+    """Noise of a channel: stated, or estimated from the differences of neighboring samples."""
+    sensor, values = record.sensors[name], record.outputs[name]
+    sigma = sensor.sigma
+    if sigma is None:
+        sigma = noise_of_record(values[np.isfinite(values)])
+    found = noise_of(sensor, sigma, sensor.quantum)
+    least = 1e-9 * (float(np.nanmax(np.abs(values))) or 1.0)
+    return replace(found, sigma=max(found.sigma, least))
+
+
+def _starts(model: Model, record: Record) -> list[Local]:
+    """Unknown start states of the model in a record."""
+    prior, found = record.start, []
+    for i, state in enumerate(model.states()):
+        mean, sd = state.start, state.start_sd
+        if prior is not None:
+            if not prior.known:
+                sd = math.inf
+            mean = prior.mean.get(state.name, mean)
+            sd = prior.sd.get(state.name, sd)
+        if sd == 0.0:
+            continue
+        weight = UNKNOWN_START**-2 if math.isinf(sd) else 1.0
+        found.append(Local("start", i, mean, state.scale if math.isinf(sd) else sd, weight))
+    return found

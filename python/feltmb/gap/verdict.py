@@ -1,0 +1,459 @@
+"""The verdict: probabilities of sets become named causes, classes, or an unknown cause."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from feltmb.data import Array
+from feltmb.gap.evidence import Fitted, prior_of, system, weights
+from feltmb.gap.fit import Stop, empty_point
+from feltmb.gap.held_out import Predicted, compare, predict
+from feltmb.gap.linear import (
+    Ask,
+    evaluate,
+    local_of,
+    magnitudes_at,
+    shapes_of,
+    theta_at,
+)
+from feltmb.gap.locate import cells, events, most_different, places
+from feltmb.gap.options import Options
+from feltmb.gap.problem import Problem
+from feltmb.gap.result import (
+    Channel,
+    Named,
+    ParameterValue,
+    Reason,
+    Result,
+    SetOfCauses,
+    Trace,
+    Verdict,
+    worst_of,
+)
+from feltmb.gap.score import by_record
+from feltmb.gap.search import Searched, with_all_records
+
+__all__ = ["judge"]
+
+#: Number of sets that are fitted to all records, and the probability that they have at least.
+PREDICTED, UNLIKELY = 8, 1e-3
+#: Largest number of members of a class that is told.
+CLASS = 6
+#: Probability of the differences of a magnitude between records below which it is no name.
+SAME = 0.01
+#: Share of the motion that does not matter, unless the user states it.
+GOOD_ENOUGH = 0.01
+#: Half width of a 95 % interval in standard deviations.
+HALF = 1.96
+
+
+def judge(
+    searched: Searched,
+    options: Options,
+    seconds: float,
+    tell: Callable[[str, float], None] = lambda *_: None,
+    check: Callable[[], None] = lambda: None,
+) -> Result:
+    """The result of a search.
+
+    Parameters
+    ----------
+    searched
+        Fitted sets of causes.
+    options
+        Options of the diagnosis.
+    seconds
+        Time that preparation and search took [s].
+    tell
+        Is called with the stage and the share of it that is done [1].
+    check
+        Is called before each simulation of all fits that proceed together; may raise ``Stop``.
+    """
+    shown = searched.problem
+    tell("held_out", 0.0)
+    problem, sets, weight, predicted, worse = _posterior(searched, check)
+    tell("judge", 0.0)
+    told, classes, refused = _told(problem, sets, weight, options.credibility)
+    best = _representative(sets, told, classes)
+    alone = next(s for s in sets if not s.causes)
+    channels = _channels(problem, shown, alone, best, predicted, options)
+    reasons = list(refused)
+    if not searched.complete:
+        reasons.append(Reason.NOT_COMPLETE)
+    if problem.exact:
+        reasons.append(Reason.NOISE_NOT_STATED)
+    if worse:
+        reasons.append(Reason.CALIBRATION_PREDICTS_WORSE)
+    material = any(c.material for c in channels)
+    verdict = Verdict.CALIBRATED
+    if told:
+        verdict = Verdict.NAMED
+    elif classes:
+        verdict = Verdict.ONE_OF
+    elif material:
+        verdict = Verdict.UNKNOWN
+    elif not any(replace(c, explained=c.tabulated).material for c in channels):
+        verdict = Verdict.NO_GAP
+    gain = None
+    ours, base = predicted.get(best.causes), predicted.get(())
+    if best is not alone and ours is not None and base is not None:
+        gain = tuple(math.exp(v) for v in compare(ours, base, best.noise, best.effective))
+        if gain[0] >= 1.0:
+            reasons.append(Reason.NO_HELD_OUT_GAIN)
+    tried = {i for s in searched.sets.values() for i in s.causes}
+    tell("locate", 0.0)
+    unknowns, correlation = _correlation(problem, best)
+    return Result(
+        verdict=verdict,
+        reasons=tuple(dict.fromkeys(reasons)),
+        channels=channels,
+        named=tuple(_named(problem, best, sets, weight, i) for i in told),
+        classes=tuple(
+            tuple(_named(problem, _where(sets, i), sets, weight, i) for i in group)
+            for group in classes
+        ),
+        parameters=_parameters(problem, best),
+        sets=tuple(
+            SetOfCauses(
+                tuple(problem.causes[i].name for i in s.causes),
+                float(w),
+                tuple(float(v) for v in _rms(problem, s)),
+                tuple(float(v) for v in magnitudes_at(problem, s.members, s.point.x)),
+            )
+            for s, w in zip(sets, weight, strict=True)
+        ),
+        held_out_gain=gain,  # type: ignore[arg-type]
+        nothing=float(sum(w for s, w in zip(sets, weight, strict=True) if not s.causes)),
+        not_tried=tuple(
+            problem.causes[s.cause].name for s in searched.first if s.cause not in tried
+        ),
+        complete=searched.complete,
+        notes=problem.notes,
+        seconds=seconds,
+        records=tuple(o.record.name for o in problem.fit),
+        cells=cells(problem, alone, best),
+        events=events(problem, alone, best),
+        places=places(problem, best) if material else (),
+        apart=tuple(
+            most_different(problem, _where(sets, a), _where(sets, b)) for a, b, *_ in classes
+        ),
+        unknowns=unknowns,
+        correlation=correlation,
+        traces=_traces(problem, shown, alone, best, channels),
+    )
+
+
+def _posterior(
+    searched: Searched, check: Callable[[], None]
+) -> tuple[Problem, list[Fitted], Array, dict[tuple[int, ...], Predicted | None], bool]:
+    """Sets by posterior probability, given fitted and held-out records.
+
+    The most probable sets are fitted to all records; the model alone is among them. The last value
+    is whether the calibrated model predicts the held-out records surely worse than the tabulated
+    one.
+    """
+    problem = searched.problem
+    ranked, weight = searched.ranked()
+    if not problem.held_out:
+        return problem, ranked, weight, {}, False
+    some = [s for s, w in zip(ranked, weight, strict=True) if w > UNLIKELY or not s.causes]
+    some = [*some[:PREDICTED], *(s for s in some[PREDICTED:] if not s.causes)]
+    alone = next(s for s in ranked if not s.causes)
+    tabulated = replace(alone, point=replace(alone.point, x=np.zeros_like(alone.point.x)))
+    try:
+        *predicted, before = predict(problem, [*some, tabulated], check)
+        everything = with_all_records(searched, some, predicted, check)
+    except (Stop, KeyboardInterrupt):
+        searched.complete = False
+        return problem, ranked, weight, {}, False
+    searched.complete = everything.complete
+    sets, weight = everything.ranked()
+    known = {s.causes: p for s, p in zip(some, predicted, strict=True)}
+    after, worse = known[()], False
+    if after is not None and before is not None:
+        worse = compare(after, before, alone.noise, alone.effective)[1] > 0.0
+    return everything.problem, sets, weight, known, worse
+
+
+def _told(
+    problem: Problem, sets: Sequence[Fitted], weight: Array, credibility: float
+) -> tuple[list[int], list[list[int]], list[Reason]]:
+    """Causes that are named, classes of which one is missing, and why names are refused."""
+    told: list[int] = []
+    classes: list[list[int]] = []
+    refused: list[Reason] = []
+    taken: set[int] = set()
+    while True:
+        rest = [set(s.causes) - taken for s in sets]
+        if sum(w for r, w in zip(rest, weight, strict=True) if r) < credibility:
+            break
+        group: list[int] = []
+        while True:
+            open_ = [(r, w) for r, w in zip(rest, weight, strict=True) if not r & set(group)]
+            covered = 1.0 - sum(w for _, w in open_)
+            if covered >= credibility:
+                break
+            share: dict[int, float] = {}
+            for r, w in open_:
+                for i in r:
+                    share[i] = share.get(i, 0.0) + float(w)
+            group.append(max(share, key=lambda i: share[i]))
+        taken |= set(group)
+        if len(group) > CLASS:
+            break
+        if len(group) > 1:
+            classes.append(group)
+            continue
+        reason = _against(problem, sets, group[0])
+        if reason is None:
+            told.append(group[0])
+        else:
+            refused.append(reason)
+    return told, classes, refused
+
+
+def _against(problem: Problem, sets: Sequence[Fitted], cause: int) -> Reason | None:
+    """Why a probable cause is not named, or None."""
+    fitted = _where(sets, cause)
+    if problem.causes[cause].local is not None:
+        return None
+    _, same = _by_record(problem, fitted, cause)
+    return Reason.DIFFERS_BETWEEN_RECORDS if same < SAME else None
+
+
+def _where(sets: Sequence[Fitted], cause: int) -> Fitted:
+    """The most probable set with a cause."""
+    return next(s for s in sets if cause in s.causes)
+
+
+def _representative(
+    sets: Sequence[Fitted], told: Sequence[int], classes: Sequence[Sequence[int]]
+) -> Fitted:
+    """The most probable set that agrees with what is told."""
+    wanted = [set(told)] if told else []
+    for s in sets:
+        own = set(s.causes)
+        if wanted and not wanted[0] <= own:
+            continue
+        if all(own & set(group) for group in classes) and (told or classes or not own):
+            return s
+    return sets[0]
+
+
+def _index(problem: Problem, fitted: Fitted, cause: int) -> int:
+    """Index of a cause among the global unknowns of a set."""
+    found = problem.causes[cause]
+    if found.parameter is not None:
+        return problem.free.index(found.parameter)
+    effects = [i for i in fitted.causes if problem.causes[i].effect is not None]
+    return len(problem.free) + effects.index(cause)
+
+
+def _covariance(problem: Problem, fitted: Fitted) -> Array:
+    """Covariance of the global unknowns of a set, in their scales."""
+    own = system(
+        problem,
+        problem.fit,
+        fitted.members,
+        fitted.point,
+        fitted.linears,
+        fitted.noise,
+        weights(problem, fitted, fitted),
+    )
+    weight = prior_of(problem, fitted.members).weights(fitted.point.x)
+    return np.asarray(np.linalg.inv(own.matrix + np.diag(weight)))
+
+
+def _by_record(problem: Problem, fitted: Fitted, cause: int) -> tuple[Array, float]:
+    """Magnitude in each record in its scale, and the probability of their differences."""
+    k = _index(problem, fitted, cause)
+    if len(problem.fit) < 2:
+        return fitted.point.x[k : k + 1], 1.0
+    values, covariance = by_record(problem, fitted, k)
+    inverse = np.linalg.inv(covariance)
+    apart = values - (inverse @ values).sum() / inverse.sum()
+    return values, float(chi2.sf(apart @ inverse @ apart, len(values) - 1))
+
+
+def _named(
+    problem: Problem, fitted: Fitted, sets: Sequence[Fitted], weight: Array, cause: int
+) -> Named:
+    """A cause with its magnitude in a set."""
+    found = problem.causes[cause]
+    probability = float(sum(w for s, w in zip(sets, weight, strict=True) if cause in s.causes))
+    if found.local is not None:
+        return _in_each_record(problem, fitted, cause, probability)
+    k = _index(problem, fitted, cause)
+    x, sd = fitted.point.x[k], math.sqrt(max(_covariance(problem, fitted)[k, k], 0.0))
+    values, same = _by_record(problem, fitted, cause)
+    if found.effect is None:
+        assert found.parameter is not None
+        p = problem.model.parameters[found.parameter]
+        scale, zero, unit = problem.unit[k], p.value, p.unit
+        low, high = p.lower, p.upper
+        shape, mechanism, remedy = None, "", ""
+        names: tuple[str, ...] = ()
+    else:
+        effect = found.effect
+        scale, zero, unit = effect.scale, 0.0, effect.unit
+        low, high = effect.bounds
+        members = [m for m in fitted.members if problem.causes[m.cause].effect is not None]
+        at = members.index(next(m for m in members if m.cause == cause))
+        shape = shapes_of(problem, fitted.members, fitted.point.x)[at].shape
+        names, mechanism, remedy = effect.shape_names, effect.mechanism, effect.remedy
+    half = HALF * sd * scale
+    value = zero + scale * x
+    return Named(
+        cause=found.name,
+        component=found.component,
+        unit=unit,
+        magnitude=float(value),
+        low=float(max(value - half, low)),
+        high=float(min(value + half, high)),
+        probability=probability,
+        shape=shape,
+        shape_names=names,
+        by_record=tuple(float(zero + scale * v) for v in values),
+        same=same,
+        parameter=found.effect is None,
+        mechanism=mechanism,
+        remedy=remedy,
+    )
+
+
+def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: float) -> Named:
+    """An error of a sensor in each record; its magnitude is the rms over the records."""
+    found = problem.causes[cause]
+    assert found.local is not None
+    key = (found.local.kind, found.local.index)
+    values = [
+        found.local.scale * float(v)
+        for o, local in zip(problem.fit, fitted.point.local, strict=True)
+        for q, v in zip(local_of(problem, fitted.members, o), local, strict=True)
+        if (q.kind, q.index) == key
+    ]
+    return Named(
+        cause=found.name,
+        component=found.component,
+        unit=problem.units[found.local.index],
+        magnitude=float(np.sqrt(np.mean(np.square(values)))),
+        low=float(np.min(np.abs(values))),
+        high=float(np.max(np.abs(values))),
+        probability=probability,
+        by_record=tuple(values),
+        mechanism="The sensor has another zero in each record.",
+        remedy="Zero the sensor before each record.",
+    )
+
+
+def _parameters(problem: Problem, fitted: Fitted) -> tuple[ParameterValue, ...]:
+    """Values of the free parameters of the machine with their intervals."""
+    theta, covariance = theta_at(problem, fitted.point.x), _covariance(problem, fitted)
+    out = []
+    for k, i in enumerate(problem.free):
+        p = problem.model.parameters[i]
+        if not p.of_the_machine:
+            continue
+        half = HALF * problem.unit[k] * math.sqrt(max(covariance[k, k], 0.0))
+        out.append(
+            ParameterValue(
+                p.name,
+                p.title,
+                p.unit,
+                p.value,
+                p.sd,
+                float(theta[i]),
+                float(max(theta[i] - half, p.lower)),
+                float(min(theta[i] + half, p.upper)),
+                p.relative,
+            )
+        )
+    return tuple(out)
+
+
+def _correlation(problem: Problem, fitted: Fitted) -> tuple[tuple[str, ...], Array]:
+    """Names of the unknowns of the machine in a set, and their correlation."""
+    covariance = _covariance(problem, fitted)
+    free = [problem.model.parameters[i] for i in problem.free]
+    names = [*(p.name for p in free), *(e.name for e in problem.effects_of(fitted.members))]
+    kept = [k for k in range(len(names)) if k >= len(free) or free[k].of_the_machine]
+    part = covariance[np.ix_(kept, kept)]
+    sd = np.sqrt(np.maximum(np.diag(part), 1e-300))
+    return tuple(names[k] for k in kept), part / np.outer(sd, sd)
+
+
+def _traces(
+    problem: Problem, shown: Problem, alone: Fitted, best: Fitted, channels: Sequence[Channel]
+) -> tuple[Trace, ...]:
+    """Residuals of the channel that the calibrated model misses most."""
+    c = worst_of(channels)
+    held = {o.record.name for o in shown.held_out}
+    out = []
+    for r, o in enumerate(problem.fit):
+        if not o.valid[:, c].any():
+            continue
+        pair = [
+            np.where(o.valid[:, c], s.linears[r].residual[:, c] * o.sd[:, c], np.nan)
+            for s in (alone, best)
+        ]
+        out.append(Trace(o.record.name, o.record.name in held, o.record.time, *pair))
+    return tuple(out)
+
+
+def _rms(problem: Problem, fitted: Fitted) -> Array:
+    """Rms of the residual by channel [its unit], (m,)."""
+    squares = sum(
+        ((x.residual * o.sd) ** 2).sum(axis=0)
+        for x, o in zip(fitted.linears, problem.fit, strict=True)
+    )
+    return np.asarray(np.sqrt(squares / np.maximum(problem.samples, 1.0)))
+
+
+def _channels(
+    problem: Problem,
+    shown: Problem,
+    alone: Fitted,
+    best: Fitted,
+    predicted: dict[tuple[int, ...], Predicted | None],
+    options: Options,
+) -> tuple[Channel, ...]:
+    """Residuals by channel of the tabulated, the calibrated, and the explained model."""
+    point = empty_point(problem, (), problem.fit)
+    start = type(point)(
+        point.x,
+        tuple(
+            np.array([v if q.weight < 1e-4 else 0.0 for q, v in zip(o.local, values, strict=True)])
+            for o, values in zip(problem.fit, alone.point.local, strict=True)
+        ),
+    )
+    seen = evaluate(problem, [Ask((), start, problem.fit, derivatives=False)])[0]
+    squares = sum(
+        ((x.residual * o.sd) ** 2).sum(axis=0) for x, o in zip(seen, problem.fit, strict=True)
+    )
+    tabulated = np.sqrt(squares / np.maximum(problem.samples, 1.0))
+    calibrated, explained = _rms(problem, alone), _rms(problem, best)
+    held = [None if (p := predicted.get(s.causes)) is None else p.rms(shown) for s in (alone, best)]
+    out = []
+    for c, (name, unit) in enumerate(zip(problem.names, problem.units, strict=True)):
+        stated = options.good_enough.get(name, options.good_enough.get(unit))
+        motion = float(problem.motion[c])
+        out.append(
+            Channel(
+                name,
+                unit,
+                math.nan if problem.exact else float(problem.noise[c]),
+                motion,
+                float(tabulated[c]),
+                float(calibrated[c]),
+                float(explained[c]),
+                math.nan if held[0] is None else float(held[0][c]),
+                math.nan if held[1] is None else float(held[1][c]),
+                GOOD_ENOUGH * motion if stated is None else stated,
+            )
+        )
+    return tuple(out)
