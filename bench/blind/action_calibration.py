@@ -20,11 +20,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 
 from blind import action_truth as truth
 from feltmb.data import Array, Record, Sensor
 from feltmb.fit import SensitivityRequest
-from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 
 __all__ = ["calibrate", "packaged_scales", "to_record"]
 

@@ -21,16 +21,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from feltmb.fit.problem import Point, Problem
+from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish
+from feltmb.gap.judged_data import prepare, ready
 
 from blind import action_truth as truth
 from blind.action_calibration import packaged_scales, to_record
 from blind.action_machine import RTOL
 from feltmb.adapters import mechanism_model
 from feltmb.data import Array
-from feltmb.fit.problem import Point, Problem
-from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish
 from feltmb.gap.evidence import full_evidence
-from feltmb.gap.judged_data import prepare, ready
 
 __all__ = ["Result", "cases", "drawn_cases", "measure", "problem_of", "read", "starts", "table"]
 

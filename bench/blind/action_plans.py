@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from feltmb.gap.information import Information, Knowledge, information
+from feltmb.gap.information import planned as expected_of
 
 from feltmb import gap
 from feltmb.adapters import finger_limits, mechanism_model, planned_strokes
 from feltmb.files import Store
-from feltmb.gap.information import Information, Knowledge, information
-from feltmb.gap.information import planned as expected_of
 from feltmb.gap.score import all_candidates
 from feltmb.mechanism import load_action
 

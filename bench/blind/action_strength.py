@@ -21,11 +21,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from feltmb.fit.segmented_records import SegmentedRecord
 
 from blind import action_truth as truth
 from blind.action_calibration import to_record, white_columns, whole_segmented
 from feltmb.data import Array
-from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.run.stroke import Stroke, table_stroke
 
 __all__ = ["Compensated", "Compensation", "compensations", "noncentralities"]

@@ -18,6 +18,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from feltmb.gap.criteria import least_odds
+from feltmb.gap.information import WIDE, Information, information, planned
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
@@ -27,8 +29,6 @@ from feltmb import gap
 from feltmb.adapters import MechanismModel, planned_strokes
 from feltmb.data import Array
 from feltmb.files import Store
-from feltmb.gap.criteria import least_odds
-from feltmb.gap.information import WIDE, Information, information, planned
 from feltmb.gap.score import all_candidates
 
 #: Output of a load cell, which keeps its noise.

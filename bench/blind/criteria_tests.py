@@ -19,10 +19,11 @@ import click
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from feltmb.gap.criteria import CRITERIA
+
 from blind.ablation import at_value
 from feltmb.cli import main
 from feltmb.errors import InvalidParameter
-from feltmb.gap.criteria import CRITERIA
 
 __all__ = ["command"]
 

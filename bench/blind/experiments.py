@@ -36,6 +36,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 
+from feltmb.fit.solve import FitSettings
+from feltmb.gap.information import Knowledge, information
+from feltmb.gap.spread import spread
+from feltmb.gap.tabulated import given_values
+
 from blind.action_requests import ActionRequests
 from blind.interactive import Asked, Interactive
 from blind.machine import as_json, sha256
@@ -45,13 +50,9 @@ from feltmb.cli import main
 from feltmb.data import Record
 from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder, read_json, write_file, write_text
-from feltmb.fit.solve import FitSettings
-from feltmb.gap.information import Knowledge, information
 from feltmb.gap.measured import known_by_test
 from feltmb.gap.report import report_json
 from feltmb.gap.score import all_candidates, family_threshold, score_fit, screen_sets
-from feltmb.gap.spread import spread
-from feltmb.gap.tabulated import given_values
 
 __all__ = ["MACHINES", "ROUNDS", "command", "outcome_of"]
 

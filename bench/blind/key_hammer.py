@@ -24,7 +24,6 @@ from feltmb.fit import (
     Port,
     Sensitivity,
     SensitivityRequest,
-    Simulated,
     State,
 )
 
@@ -285,7 +284,6 @@ class KeyHammer(Model):
     outputs = ("key", "hammer")
     units = MappingProxyType({"key": "m", "hammer": "m"})
     chaotic = True
-    segment = 0.025
     ports = (
         Port(name="key", component="key", unit="N", scale=0.1),
         Port(name="hammer", component="hammer", unit="N", scale=0.02),
@@ -359,29 +357,7 @@ class KeyHammer(Model):
         """Where the states (included effects) are among those of the network."""
         return [self._states.index(s.name) for s in self.states(included)]
 
-    def guess(self, records: Sequence[Record], segments: Sequence[NDArray[np.intp]]) -> list[Array]:
-        """Positions and speeds at the segment starts of all records."""
-        return [self._guess(*one) for one in zip(records, segments, strict=True)]
-
-    def _guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
-        """Positions and speeds at the segment starts: parabolas through the measured outputs.
-
-        A fit from here follows the impacts.
-        """
-        starts = np.zeros((len(segments), len(self._base)))
-        for channel, name in enumerate(self.outputs):
-            y = record.outputs.get(name)
-            if y is None or not np.all(np.isfinite(y)):
-                return super().guess([record], [segments])[0]
-            for w, (at, last) in enumerate(segments):
-                # Look forward more than back: a start state belongs to what follows it.
-                near = np.arange(max(at - 2, 0), min(at + 7, last + 1, y.size))
-                fit = np.polynomial.polynomial.polyfit((near - at) * SAMPLE_TIME, y[near], 2)
-                starts[w, channel] = fit[0]
-                starts[w, 2 + channel] = fit[1]
-        return starts
-
-    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+    def simulate(self, record: Record, jobs: Jobs) -> Array:
         """Simulate every job in one call of the core."""
         rows = self._rows(record, jobs.theta, jobs.included, jobs.magnitudes)
         changed = np.any(rows[1:] != rows[:-1], axis=1)
@@ -391,12 +367,10 @@ class KeyHammer(Model):
         places = self._places(jobs.included)
         starts[:, places] = jobs.starts
         unknown = jobs.forces
-        outputs, ends, _, _, _ = self._network(record).simulate(
-            rows, [record.inputs["finger"]], _segments(jobs.segments, row), starts, unknown=unknown
+        outputs, _, _, _, _ = self._network(record).simulate(
+            rows, [record.inputs["finger"]], _whole(record, row), starts, unknown=unknown
         )
-        return Simulated(
-            outputs=_unpack(outputs, jobs.segments, jobs.longest), ends=ends[:, places]
-        )
+        return np.asarray(outputs).reshape(jobs.count, record.samples, -1)
 
     def _network(self, record: Record) -> Network:
         return self._networks[record.input_mode]
@@ -406,26 +380,21 @@ class KeyHammer(Model):
         return [self._sensitivity(request) for request in requests]
 
     def _sensitivity(self, request: SensitivityRequest) -> Sensitivity:
-        record, theta, segments = request.record, request.theta, request.segments
+        record, theta = request.record, request.theta
         included, candidates = request.included, request.candidates
         by_starts, wanted_theta = request.by_starts, request.parameters_of(self)
         of_included = self._known(included)
         of_candidates = self._known(candidates)
         wanted = [*wanted_theta, *(p for _, p in of_included), *(p for _, p in of_candidates)]
         places = self._places(included)
-        memories = [
-            [self._states.index(s.name) for s in candidates[k].effect.hidden]
-            for k, _ in of_candidates
-        ]
         states = [*places] if by_starts else []
-        states += [m for own in memories for m in own if m not in states]
-        full = np.zeros((len(segments), len(self._states)))
-        full[:, places] = request.starts
+        full = np.zeros((1, len(self._states)))
+        full[:, places] = request.start
         rows = self._rows(record, theta[None, :], included, request.sizes[None, :])
-        y, ends, dy, d_ends, _ = self._network(record).simulate(
+        y, _, dy, _, _ = self._network(record).simulate(
             rows,
             [record.inputs["finger"]],
-            _segments(segments, np.zeros(len(segments), dtype=np.intc)),
+            _whole(record, np.zeros(1, dtype=np.intc)),
             full,
             wanted=wanted,
             wanted_states=states,
@@ -434,62 +403,23 @@ class KeyHammer(Model):
             unit = self._unit(record, place) if place >= len(self.parameters) else 1.0
             if unit != 1.0:
                 dy[..., column] *= unit
-                d_ends[..., column] *= unit
-        longest = int(np.max(segments[:, 1] - segments[:, 0])) + 1
-        y = _unpack(y, segments, longest)
-        dy = _unpack(dy, segments, longest)
+        y = np.asarray(y).reshape(record.samples, -1)
+        dy = np.asarray(dy).reshape(*y.shape, -1)
         n_t, n_k, n_c = len(wanted_theta), len(of_included), len(of_candidates)
         first = n_t + n_k + n_c
-        d_cand = dy[..., n_t + n_k : first].copy()
-        d_cand_ends = d_ends[..., n_t + n_k : first].copy()
-        for c, own in enumerate(memories):
-            if not own:
-                continue
-            # Its memory runs on from segment to segment: carry d(memory)/d(magnitude) along.
-            carried = np.zeros(len(own))
-            columns = [first + states.index(m) for m in own]
-            for w in range(len(segments)):
-                if w > 0 and segments[w, 0] != segments[w - 1, 1]:
-                    carried[:] = 0.0
-                d_cand[w, ..., c] += dy[w][..., columns] @ carried
-                d_cand_ends[w, :, c] += d_ends[w][:, columns] @ carried
-                carried = d_cand_ends[w, own, c]
         return Sensitivity(
             outputs=y,
-            ends=ends[:, places],
             d_theta=dy[..., :n_t],
-            d_theta_ends=d_ends[:, places, :n_t],
             d_magnitudes=_scatter(dy[..., n_t : n_t + n_k], of_included, len(included)),
-            d_magnitudes_ends=_scatter(
-                d_ends[:, places, n_t : n_t + n_k], of_included, len(included)
-            ),
             d_starts=dy[..., first : first + len(places)] if by_starts else dy[..., :0],
-            d_starts_ends=(
-                d_ends[:, places, first : first + len(places)]
-                if by_starts
-                else d_ends[:, places, :0]
-            ),
-            d_candidates=_scatter(d_cand, of_candidates, len(candidates)),
-            d_candidates_ends=_scatter(d_cand_ends[:, places], of_candidates, len(candidates)),
+            d_candidates=_scatter(dy[..., n_t + n_k : first], of_candidates, len(candidates)),
         )
 
 
-def _segments(segments: NDArray[np.intp], row: NDArray[np.intc]) -> NDArray[np.intc]:
-    zero = np.zeros(len(segments))
-    return np.column_stack([zero, segments[:, 0], segments[:, 1] - segments[:, 0], row]).astype(
-        np.intc
-    )
-
-
-def _unpack(packed: Array, segments: NDArray[np.intp], longest: int) -> Array:
-    """Rows after rows -> (segments, longest, ...); NaN beyond the end of a segment."""
-    counts = segments[:, 1] - segments[:, 0] + 1
-    if np.all(counts == longest):
-        return packed.reshape(len(segments), longest, *packed.shape[1:])
-    out = np.full((len(segments), longest, *packed.shape[1:]), np.nan)
-    inside = np.arange(longest)[None, :] < counts[:, None]
-    out[inside] = packed
-    return out
+def _whole(record: Record, row: NDArray[np.intc]) -> NDArray[np.intc]:
+    """The whole record, once for each row of parameters, as the network takes it."""
+    zero = np.zeros(len(row))
+    return np.column_stack([zero, zero, zero + record.samples - 1, row]).astype(np.intc)
 
 
 def _scatter(values: Array, known: Sequence[tuple[int, int]], count: int) -> Array:

@@ -25,6 +25,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from feltmb.gap.designs import LEAST_PLAN_GAIN
+from feltmb.gap.information import Information, Knowledge, information, planned
 
 from blind.action_requests import ActionRequests
 from blind.action_truth import NOISE_CAMERA
@@ -34,8 +36,6 @@ from feltmb import gap
 from feltmb.adapters import MechanismModel, planned_strokes
 from feltmb.data import Array
 from feltmb.files import Store, make_folder, write_text
-from feltmb.gap.designs import LEAST_PLAN_GAIN
-from feltmb.gap.information import Information, Knowledge, information, planned
 from feltmb.gap.score import all_candidates
 
 __all__ = ["Bench", "Truth", "outcome"]

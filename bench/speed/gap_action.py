@@ -14,15 +14,15 @@ import time
 from pathlib import Path
 
 import numpy as np
+from feltmb.fit.problem import Problem
+from feltmb.fit.segmented_records import Noise, segment_record
+from feltmb.fit.solve import FitSettings, polish
 
 import feltmb
 from feltmb.adapters import mechanism_model
 from feltmb.adapters.synthetic import Sensors, make_case
 from feltmb.fit import Jobs
 from feltmb.fit.observe import machine_candidates
-from feltmb.fit.problem import Problem
-from feltmb.fit.segmented_records import Noise, segment_record
-from feltmb.fit.solve import FitSettings, polish
 from feltmb.gap.score import all_candidates, score_fit
 
 STROKES = (

@@ -51,10 +51,6 @@ class Derivatives:
         self._points: Latest[tuple[object, ...], dict[object, Array]] = Latest(POINTS)
         self._smooth: dict[tuple[object, ...], bool] = {}
 
-    def forget(self) -> None:
-        """Delete the cached derivatives."""
-        self._points.clear()
-
     def at(
         self,
         point: SimulatedPoint,

@@ -24,7 +24,6 @@ from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
 from feltmb.fit import Candidate
-from feltmb.fit.watch import simulated
 
 __all__ = ["OperatingPoint", "can_differentiate", "forward_sensitivities"]
 
@@ -150,7 +149,6 @@ def forward_sensitivities(
     options.outputs = [index[o] for o in simulator.outputs]
     options.threads = simulator.workers
     parameters = [c.parameter() for c in columns]
-    simulated(1.0)
     try:
         (result,) = _core.sensitivities(base.mechanism, drive.input, parameters, [segment], options)
     except (FeltmbError, RuntimeError, ValueError):

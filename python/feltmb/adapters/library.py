@@ -143,7 +143,6 @@ class _UntilTable(Schema):
 
 class _Defaults(Schema):
     channels: list[str] = []
-    segment: Annotated[float, SI("s"), Field(gt=0)] | None = None
     until: _UntilTable | None = None
     without_tolerances: list[str] = []
 
@@ -240,7 +239,6 @@ class Library:
     effects: tuple[Entry, ...]
     channels: Mapping[str, tuple[str, ...]]
     default_channels: tuple[str, ...]
-    segment: float | None
     until: Until | None
     origin: str
 
@@ -398,7 +396,6 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
         effects=tuple(effects),
         channels={k: tuple(v) for k, v in outputs.items()},
         default_channels=tuple(file.defaults.channels) or tuple(_all_points(config)),
-        segment=file.defaults.segment,
         until=None if until is None else Until(until.output, until.after_turn),
         origin=path.name,
     )

@@ -16,7 +16,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feltmb.adapters.accuracy import with_force_error, with_integration_error
 from feltmb.adapters.derivatives import Derivatives, SimulatedPoint
@@ -40,7 +39,6 @@ from feltmb.fit import (
     Ready,
     Sensitivity,
     SensitivityRequest,
-    Simulated,
     State,
 )
 from feltmb.mechanism import Action
@@ -68,8 +66,6 @@ class MechanismModel(Model):
         Estimated parameters; default: all tolerances of the library.
     rtol
         Relative tolerance of the integrator.
-    segment
-        Length of the segments [s].
     until
         Time after the first reversal of the library's ``until.output`` (the
         impact) that is used [s]; infinite: to the end of the record. Default: the value of the
@@ -86,10 +82,7 @@ class MechanismModel(Model):
         An output that the mechanism does not have.
     """
 
-    from_rest = True
-    longest_run = 20.0
     difference_step = 0.1
-    many_outputs = True
     input_modes = MappingProxyType({"force": ("force",), "motion": ("displacement",)})
     input_names = MappingProxyType(
         {"force": (FORCE,), "displacement": (DISPLACEMENT,), DISPLACEMENT: ("displacement",)}
@@ -103,7 +96,6 @@ class MechanismModel(Model):
         *,
         tolerances: Sequence[Entry] | None = None,
         rtol: float = 1e-6,
-        segment: float | None = None,
         until: float | None = None,
         workers: int | None = None,
         variation: float | None = 0.01,
@@ -128,7 +120,6 @@ class MechanismModel(Model):
         self.derivatives = Derivatives(self.simulator)
         self.units = self.simulator.units | {"force": "N", "displacement": "m"}
         self.parameters = self.simulator.parameters
-        self.segment = library.segment if segment is None else segment
         self.until = library.until
         if until is not None and math.isfinite(until) and library.until is None:
             raise InvalidParameter(
@@ -173,6 +164,9 @@ class MechanismModel(Model):
         cut: list[Record] = []
         notes: list[str] = []
         model = copy.copy(self)
+        if DISPLACEMENT in self.outputs:
+            records, said = driven(records)
+            notes += said
 
         def mark(record: Record) -> int:
             """Identity of the inputs of a record and of the noise of its force."""
@@ -188,7 +182,7 @@ class MechanismModel(Model):
             return out
 
         for record in records:
-            record, said = self.referred(record)
+            record, said = self._referred(record)
             notes += said
             record = with_noise(record, notes)
             if self.until is None:
@@ -214,15 +208,9 @@ class MechanismModel(Model):
         known = [(r, model.variabilities.get(r.name)) for r in ready]
         if not all(v is not None and v.covers(r) for r, v in known):
             model = model.with_variability(ready)
-        return Ready(model, ready, tuple(notes), far)
+        return Ready(model, ready, tuple(notes))
 
-    def driven(self, records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:
-        """Where motion and force are measured, the force is the input, and the motion an output."""
-        if DISPLACEMENT not in self.outputs:
-            return tuple(records), ()
-        return driven(records)
-
-    def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
+    def _referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
         """Channels of tracking points as displacements from rest, also if they are absolute.
 
         The sensor states whether a channel is absolute, or its first value shows this.
@@ -243,23 +231,6 @@ class MechanismModel(Model):
     def accepts(self, effect: Effect) -> bool:
         """Whether an effect has an :class:`Entry`, or is a sensor or input effect."""
         return isinstance(effect.data, Entry) or super().accepts(effect)
-
-    def identity(self) -> str | None:
-        """See :class:`~feltmb.fit.Model`: tables of the mechanism, and options of the model."""
-        own = self.simulator
-        options = (
-            self.tolerances,
-            own.rtol,
-            self.until,
-            self.segment,
-            self.outputs,
-            self.variation,
-        )
-        return repr((type(self).__name__, self.action.raw, *options))
-
-    def forget(self) -> None:
-        """See :class:`~feltmb.fit.Model`: clears the cached derivatives."""
-        self.derivatives.forget()
 
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
         """Start and end of the key's motion, and reversal of the hammer, if channels show them."""
@@ -297,14 +268,6 @@ class MechanismModel(Model):
     def variability_has_input_noise(self) -> bool:  # type: ignore[override]
         """Whether the records have a run-to-run variability; it contains the noise of the force."""
         return bool(self.variabilities)
-
-    @property
-    def variability_is_tabulated(self) -> bool:  # type: ignore[override]
-        """Whether the variability of at least one record is that of the tabulated parameters."""
-        return any(
-            not v.effects and np.array_equal(v.theta, self._tabulated)
-            for v in self.variabilities.values()
-        )
 
     @property
     def _tabulated(self) -> Array:
@@ -348,32 +311,6 @@ class MechanismModel(Model):
         )
         return out
 
-    def with_variability_at(  # noqa: D102
-        self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
-    ) -> MechanismModel:
-        # The motion of a refined mechanism, for example, is shifted in time with the impact.
-        own, names = theta[: self.mechanical], tuple((c.name, c.shape) for c in included)
-        found = dict(self.variabilities)
-        for name, known in self.variabilities.items():
-            if known.holds_at(own, names, magnitudes, self.simulator.parameters):
-                continue
-            again = variability_of(
-                self.derivatives,
-                known.record,
-                known.variation,
-                own,
-                included,
-                magnitudes,
-                known.count,
-            )
-            if again is not None:
-                found[name] = again
-        if found == self.variabilities:
-            return self
-        out = copy.copy(self)
-        out.variabilities = found
-        return out
-
     def _variability_of(self, record: Record) -> tuple[RunVariability, slice] | None:
         """Variability of a record, or of the record from which it was cut; its parameters."""
         own = self.variabilities.get(record.name) or self.variabilities.get(record.whole)
@@ -394,9 +331,9 @@ class MechanismModel(Model):
 
     # --- simulations and derivatives --------------------------------------------------------------
 
-    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
-        """Simulate jobs; all jobs of one version use one run from rest. Variability is added."""
-        outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
+    def simulate(self, record: Record, jobs: Jobs) -> Array:
+        """Simulate jobs; equal versions of the mechanism are run once. Variability is added."""
+        outputs = np.full((jobs.count, record.samples, len(self.outputs)), np.nan)
         groups: dict[bytes, list[int]] = {}
         for b in range(jobs.count):
             magnitudes = jobs.magnitudes[b] if jobs.included else np.zeros(0)
@@ -410,14 +347,11 @@ class MechanismModel(Model):
             if motion is None:
                 return
             for b in rows:
-                i, j = (int(k) for k in jobs.segments[b])
-                outputs[b, : j - i + 1] = motion[i : j + 1]
                 shift = self._variability_shift(record, jobs.theta[b])
-                if shift is not None:
-                    outputs[b, : j - i + 1] += shift[i : j + 1]
+                outputs[b] = motion if shift is None else motion + shift
 
         self.simulator.in_parallel(work, list(groups.values()))
-        return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
+        return outputs
 
     def sensitivities(  # noqa: D102
         self, requests: Sequence[SensitivityRequest]
@@ -427,43 +361,33 @@ class MechanismModel(Model):
 
     def _sensitivity(self, request: SensitivityRequest) -> Sensitivity:
         request.check(self)
-        record, theta, segments = request.record, request.theta, request.segments
-        included, magnitudes = request.included, request.sizes
+        record, theta, included = request.record, request.theta, request.included
         candidates, wanted = request.candidates, request.parameters_of(self)
-        changes = request.input_changes
-        own = theta[: self.mechanical]
-        w, length = len(segments), int(np.max(segments[:, 1] - segments[:, 0])) + 1
-        ny = len(self.outputs)
-        base = self.simulator.motion(record, own, included, magnitudes)
+        own, changes = theta[: self.mechanical], request.input_changes
+        base = self.simulator.motion(record, own, included, request.sizes)
+        none = np.zeros((record.samples, len(self.outputs), 0))
         if base is None:
-            n = (len(wanted), len(included), len(candidates), len(changes))
-            outputs = np.full((w, length, ny), np.nan)
-            blank = [np.zeros((w, length, ny, k)) for k in n]
-        else:
-            shift = self._variability_shift(record, theta)
-            outputs = _cut(base if shift is None else base + shift, segments, length)
-            inner = [i for i in wanted if i < self.mechanical]
-            point = SimulatedPoint(record, own, included, magnitudes, base)
-            found, of, by_inputs = self.derivatives.at(
-                point, inner, (*included, *candidates), changes
+            counts = (len(wanted), len(included), len(candidates), len(changes))
+            blank = [np.zeros((*none.shape[:2], k)) for k in counts]
+            return Sensitivity(
+                outputs=np.full(none.shape[:2], np.nan),
+                d_theta=blank[0],
+                d_magnitudes=blank[1],
+                d_starts=none,
+                d_candidates=blank[2],
+                d_inputs=blank[3],
             )
-            by = self._with_own_variability(record, found, wanted)
-            columns = (by, *np.split(of, [len(included)], -1), by_inputs)
-            blank = [_cut(c, segments, length) for c in columns]
-        ends = [np.zeros((w, 0, c.shape[3])) for c in blank]
+        shift = self._variability_shift(record, theta)
+        inner = [i for i in wanted if i < self.mechanical]
+        point = SimulatedPoint(record, own, included, request.sizes, base)
+        found, of, by_inputs = self.derivatives.at(point, inner, (*included, *candidates), changes)
         return Sensitivity(
-            outputs=outputs,
-            ends=np.zeros((w, 0)),
-            d_theta=blank[0],
-            d_theta_ends=ends[0],
-            d_magnitudes=blank[1],
-            d_magnitudes_ends=ends[1],
-            d_starts=np.zeros((w, length, ny, 0)),
-            d_starts_ends=np.zeros((w, 0, 0)),
-            d_candidates=blank[2],
-            d_candidates_ends=ends[2],
-            d_inputs=blank[3],
-            d_inputs_ends=ends[3],
+            outputs=base if shift is None else base + shift,
+            d_theta=self._with_own_variability(record, found, wanted),
+            d_magnitudes=of[..., : len(included)],
+            d_starts=none,
+            d_candidates=of[..., len(included) :],
+            d_inputs=by_inputs,
         )
 
     def _with_own_variability(
@@ -480,11 +404,3 @@ class MechanismModel(Model):
                 if at.start <= i < at.stop:
                     out[..., c] = columns[..., i - at.start]
         return out
-
-
-def _cut(whole: Array, segments: NDArray[np.intp], length: int) -> Array:
-    """A record (n, ...) divided into segments, (W, L, ...); zero after the end of a segment."""
-    out = np.zeros((len(segments), length, *whole.shape[1:]))
-    for w, (first, last) in enumerate(segments):
-        out[w, : last - first + 1] = whole[first : last + 1]
-    return out

@@ -26,7 +26,6 @@ SETTINGS = {
     "rtol": "relative tolerance of the integrator (default 1e-6)",
     "until": "time after the impact up to which samples are used in s, or end: all "
     "samples (default: that of the library, 0.01)",
-    "segment": "length of the segments in s whose misfit is reported",
     "variation": "relative change of felt and friction from stroke to stroke "
     "(default 0.01), none: no variation",
 }
@@ -76,13 +75,11 @@ def resolve(
         )
     action = with_values_told(action, [f"{k}={v}" for k, v in paths.items()], tell)
     options: dict[str, Any] = {}
-    for key in ("rtol", "segment"):
-        if key not in settings:
-            continue
+    if "rtol" in settings:
         try:
-            options[key] = float(settings[key])
+            options["rtol"] = float(settings["rtol"])
         except ValueError:
-            raise InvalidParameter(f"{key}: got {settings[key]!r}, expected a number") from None
+            raise InvalidParameter(f"rtol: got {settings['rtol']!r}, expected a number") from None
     if "until" in settings:
         options["until"] = _until(settings)
     if "variation" in settings:

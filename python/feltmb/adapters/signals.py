@@ -58,31 +58,24 @@ def observe_by(
         other = f"{point}.{'y' if axis == 'x' else 'x'}"
         pairs.append((i, outputs.index(other) if other in outputs else -1, axis))
 
-    def observe(
-        record: Record, y: Array, segments: Array, magnitudes: Array, shape: object = None
-    ) -> Array:
+    def observe(record: Record, y: Array, magnitudes: Array, shape: object = None) -> Array:
         del shape
-        active = [b for b in range(y.shape[0]) if magnitudes[b] != 0.0]
-        if not active:
-            return y
         out = y.copy()
         if signal.kind == "delay":
-            out[:, :, columns] = shifted(record, y[:, :, columns], segments, magnitudes)
+            for i in columns:
+                out[:, :, i] = shifted(record, y[:, :, i], magnitudes)
             return out
-        for b in active:
-            first, last = int(segments[b, 0]), int(segments[b, 1])
-            span = slice(0, last - first + 1)
+        for b in np.flatnonzero(magnitudes):
             if signal.kind == "gain":
-                out[b, span, columns] *= 1.0 + magnitudes[b]
+                out[b, :, columns] *= 1.0 + magnitudes[b]
             elif signal.kind == "offset":
-                out[b, span, columns] += magnitudes[b]
+                out[b, :, columns] += magnitudes[b]
             else:
                 for i, other, axis in pairs:
                     if other < 0:
                         continue
                     turn = magnitudes[b] if axis == "x" else -magnitudes[b]
-                    turned = np.cos(turn) * y[b, span, i] + np.sin(turn) * y[b, span, other]
-                    out[b, span, i] = turned
+                    out[b, :, i] = np.cos(turn) * y[b, :, i] + np.sin(turn) * y[b, :, other]
         return out
 
     return observe

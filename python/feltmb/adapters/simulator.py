@@ -26,7 +26,6 @@ from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fit import Candidate
 from feltmb.fit.latest import Latest
-from feltmb.fit.watch import current, simulated
 from feltmb.mechanism import Action, MechanismFile
 
 __all__ = ["Simulator", "key_of"]
@@ -224,7 +223,6 @@ class Simulator:
         options.finger_reference = variant.finger_reference
         drive = self.drives.of(record)
         start = start_state(self.action, variant, drive)
-        simulated(1.0)
         try:
             result = _core.simulate(
                 variant.mechanism,
@@ -260,7 +258,6 @@ class Simulator:
             try:
                 for future in futures:
                     future.result()
-                    current().beat()
             finally:  # if the time is over, no further task is started
                 for future in futures:
                     future.cancel()

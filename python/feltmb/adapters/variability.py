@@ -20,7 +20,7 @@ from feltmb.adapters.derivatives import Derivatives, SimulatedPoint
 from feltmb.adapters.drives import DISPLACEMENT
 from feltmb.adapters.library import Entry
 from feltmb.data import Array, Record
-from feltmb.fit import Candidate, Parameter
+from feltmb.fit import Candidate
 from feltmb.fit.noise import sd_of_knots
 
 __all__ = ["RunVariability", "variability_of"]
@@ -72,21 +72,6 @@ class RunVariability:
         columns = self.columns[: record.samples]
         more = record.samples - len(columns)
         return np.pad(columns, ((0, more), (0, 0), (0, 0))) if more else columns
-
-    def holds_at(
-        self,
-        theta: Array,
-        effects: tuple[tuple[str, float | None], ...],
-        magnitudes: Array,
-        parameters: Sequence[Parameter],
-    ) -> bool:
-        """Whether the directions hold at these parameters and magnitudes too."""
-        sd = np.array([p.sd for p in parameters])
-        return (
-            effects == self.effects
-            and bool(np.all(np.abs(theta - self.theta) <= NEAR * sd))
-            and bool(np.all(np.abs(magnitudes - self.magnitudes) <= NEAR * np.abs(self.magnitudes)))
-        )
 
 
 def variability_of(

@@ -15,12 +15,12 @@ from feltmb.data import ReadOptions, Record
 from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import InvalidParameter
+from feltmb.experiment.design import sensors_now
+from feltmb.experiment.information import planned
 from feltmb.files import is_file
 from feltmb.fit import Effect, Model, including
 from feltmb.fit.calling import calling
 from feltmb.gap import Limits, read_limits, read_measured, with_measured
-from feltmb.experiment.design import sensors_now
-from feltmb.experiment.information import planned
 
 if TYPE_CHECKING:
     from feltmb.run.stroke.strokes import Kind

@@ -30,8 +30,8 @@ from feltmb.errors import InvalidParameter
 if TYPE_CHECKING:
     from feltmb.cli.gap_models import Adapter
     from feltmb.data import Record
-    from feltmb.gap import Design, DesignedExperiment, Limits
     from feltmb.experiment.files import InputFiles
+    from feltmb.gap import Design, DesignedExperiment, Limits
     from feltmb.gap.visibility import Visible
 
 __all__ = [
@@ -196,9 +196,9 @@ def command(
                 )
         _compare(model, adapter, records, channels, as_json=as_json)
         return
+    from feltmb.experiment.files import design_json, write_design
     from feltmb.files import check_writable, make_folder
     from feltmb.gap import Belief, design
-    from feltmb.experiment.files import design_json, write_design
 
     if output is not None:
         make_folder(output)

@@ -25,13 +25,6 @@ from scipy.stats import qmc
 from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.files import Store
-from feltmb.fit.limits import FurtherSensor, Limits, PartTest
-from feltmb.fit.model import Candidate, Effect, Model
-from feltmb.fit.noise import Noise
-from feltmb.fit.watch import Say
-from feltmb.gap.checks import with_sigma
-from feltmb.gap.further_sensors import Sensors, offered
 from feltmb.experiment.information import (
     Belief,
     Information,
@@ -41,8 +34,15 @@ from feltmb.experiment.information import (
     informations,
     planned,
 )
-from feltmb.gap.measured import open_effects
 from feltmb.experiment.profiles import FAMILIES, Profile
+from feltmb.files import Store
+from feltmb.fit.limits import FurtherSensor, Limits, PartTest
+from feltmb.fit.model import Candidate, Effect, Model
+from feltmb.fit.noise import Noise
+from feltmb.fit.watch import Say
+from feltmb.gap.checks import with_sigma
+from feltmb.gap.further_sensors import Sensors, offered
+from feltmb.gap.measured import open_effects
 from feltmb.gap.score import all_candidates
 from feltmb.gap.visibility import (
     DecisiveTest,

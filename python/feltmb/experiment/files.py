@@ -17,8 +17,8 @@ import numpy as np
 from feltmb._core import __version__
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
-from feltmb.files import make_folder, write_file, write_text
 from feltmb.experiment.design import Design, DesignedExperiment
+from feltmb.files import make_folder, write_file, write_text
 from feltmb.gap.report import plain
 from feltmb.style import new_figure, reader_unit, side_legend, style_axes
 

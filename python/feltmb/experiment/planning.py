@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from feltmb.arguments import checked
 from feltmb.data import Record, Sensor
 from feltmb.errors import DataError, InvalidParameter
+from feltmb.experiment.information import Belief, Information, Knowledge, linearized, planned
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.checks import faults_against
 from feltmb.gap.confusion import confused_groups, confusion_if_detected
-from feltmb.experiment.information import Belief, Information, Knowledge, linearized, planned
 from feltmb.gap.measured import open_effects
 from feltmb.gap.score import all_candidates
 from feltmb.gap.smoke_test import try_effects

@@ -1,4 +1,4 @@
-"""Fits of any simulation model: parameters with priors, segments, and confidence intervals."""
+"""Models of simulations that can be fitted: parameters with priors, effects, and derivatives."""
 
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.fmu import fmu_model
@@ -16,12 +16,10 @@ from feltmb.fit.model import (
     Ready,
     Sensitivity,
     SensitivityRequest,
-    Simulated,
     State,
 )
 from feltmb.fit.ode import OdeModel
 from feltmb.fit.simulator import Exposed, SimulatorModel
-from feltmb.fit.watch import Progress
 
 __all__ = [
     "VARIABILITY",
@@ -40,12 +38,10 @@ __all__ = [
     "OdeModel",
     "Parameter",
     "Port",
-    "Progress",
     "Rate",
     "Ready",
     "Sensitivity",
     "SensitivityRequest",
-    "Simulated",
     "SimulatorModel",
     "State",
     "fmu_model",

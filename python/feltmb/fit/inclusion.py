@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data import Array, Integers, Record
+from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.model import (
     Batch,
@@ -21,9 +21,7 @@ from feltmb.fit.model import (
     Ready,
     Sensitivity,
     SensitivityRequest,
-    Simulated,
     State,
-    with_hidden,
 )
 
 __all__ = ["Including", "including"]
@@ -118,17 +116,11 @@ class Including(Model):
             for t, size in zip(included, magnitudes, strict=True)
         )
         self.outputs = model.outputs
-        self.many_outputs = model.many_outputs
         self.units = model.units
         self.least_samples = model.least_samples
         self.ports = model.ports
-        self.segment = model.segment
         self.difference_step = model.difference_step
-        self.chaotic = model.chaotic
-        self.from_rest = model.from_rest
-        self.longest_run = model.longest_run
         self.variability_has_input_noise = model.variability_has_input_noise
-        self.variability_is_tabulated = model.variability_is_tabulated
         self.input_modes = model.input_modes
         self.input_names = model.input_names
         self.any_inputs = model.any_inputs
@@ -147,11 +139,6 @@ class Including(Model):
         """Parameters that are the magnitudes of the effects."""
         return self.parameters[len(self._base.parameters) :]
 
-    @property
-    def own_effects(self) -> tuple[Candidate, ...]:
-        """Effects that are a part of this model, also those of a model that it is based on."""
-        return (*self._base.own_effects, *self._own)
-
     def with_parameters(self, parameters: Mapping[str, Parameter]) -> Including:
         """See :meth:`~feltmb.fit.Model.with_parameters`."""
         names = {p.name for p in self.own}
@@ -165,18 +152,6 @@ class Including(Model):
         states = self._base.states((*self._own, *included))
         mine = len(self._base.states(self._own))
         return tuple(replace(s, hidden=False) if i < mine else s for i, s in enumerate(states))
-
-    def forget(self) -> None:
-        """Forget, as the original model does."""
-        self._base.forget()
-
-    def driven(self, records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:
-        """The input that the original model selects."""
-        return self._base.driven(records)
-
-    def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
-        """Records in the coordinates of the original model."""
-        return self._base.referred(record)
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """The prepared model with the same effects."""
@@ -212,56 +187,32 @@ class Including(Model):
             force=force,
         )
 
-    def guess(self, records: Sequence[Record], segments: Sequence[Integers]) -> list[Array]:
-        """First guess of the original model; hidden states have their prior mean."""
-        return [with_hidden(x, self.states()) for x in self._base.guess(records, segments)]
-
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
         """Events of the original model."""
         return self._base.events(record, outputs)
 
-    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+    def simulate(self, record: Record, jobs: Jobs) -> Array:
         """See :class:`~feltmb.fit.Model`."""
         return self._base.simulate(record, self._inner(jobs))
 
-    def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
+    def simulate_all(self, batches: Sequence[Batch]) -> list[Array]:
         """See :class:`~feltmb.fit.Model`."""
         return self._base.simulate_all([(record, self._inner(jobs)) for record, jobs in batches])
 
+    def motion(self, record: Record, jobs: Jobs) -> Array | None:
+        """See :class:`~feltmb.fit.Model`."""
+        return self._base.motion(record, self._inner(jobs))
+
     def _inner(self, jobs: Jobs) -> Jobs:
-        """Jobs of the original model, whose effects are part of the included effects."""
+        """The jobs of the original model."""
         count = len(self._base.parameters)
-        magnitudes = jobs.magnitudes if jobs.included else np.zeros((jobs.count, 0))
+        sizes = [jobs.theta[:, count:], *([jobs.magnitudes] if jobs.included else [])]
         return replace(
             jobs,
             theta=jobs.theta[:, :count],
             included=(*self._own, *jobs.included),
-            magnitudes=np.hstack([jobs.theta[:, count:], magnitudes]),
+            magnitudes=np.hstack(sizes),
         )
-
-    def identity(self) -> str | None:
-        """See :class:`~feltmb.fit.Model`."""
-        base = self._base.identity()
-        own = [(t.name, t.shape, t.effect.data) for t in self._own]
-        return None if base is None else repr((base, own))
-
-    def refined(self, batches: Sequence[Batch]) -> Model:
-        """See :class:`~feltmb.fit.Model`."""
-        base = self._base.refined([(record, self._inner(jobs)) for record, jobs in batches])
-        return self if base is self._base else self._with(base)
-
-    def with_variability_at(  # noqa: D102
-        self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
-    ) -> Model:
-        count = len(self._base.parameters)
-        sizes = np.concatenate([theta[count:], magnitudes])
-        base = self._base.with_variability_at(theta[:count], (*self._own, *included), sizes)
-        return self if base is self._base else self._with(base)
-
-    @property
-    def core(self) -> Model:
-        """Core of the original model."""
-        return self._base.core
 
     def sensitivities(  # noqa: D102
         self, requests: Sequence[SensitivityRequest]
@@ -278,6 +229,9 @@ class Including(Model):
                     included=(*self._own, *request.included),
                     magnitudes=np.concatenate([request.theta[count:], request.sizes]),
                     by_theta=[i for i in request.parameters_of(self) if i < count],
+                    shape_changes=tuple(
+                        replace(c, effect=c.effect + len(self._own)) for c in request.shape_changes
+                    ),
                 )
             )
         found = self._base.sensitivities(inner)
@@ -289,11 +243,8 @@ class Including(Model):
         base = [i for i in wanted if i < count]
         order = [base.index(i) if i < count else len(base) + i - count for i in wanted]
         by_outputs = np.concatenate([s.d_theta, s.d_magnitudes[..., :own]], axis=-1)
-        by_ends = np.concatenate([s.d_theta_ends, s.d_magnitudes_ends[..., :own]], axis=-1)
         return replace(
             s,
             d_theta=by_outputs[..., order],
-            d_theta_ends=by_ends[..., order],
             d_magnitudes=s.d_magnitudes[..., own:],
-            d_magnitudes_ends=s.d_magnitudes_ends[..., own:],
         )

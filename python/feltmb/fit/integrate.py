@@ -12,7 +12,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
 from feltmb.fit.coordinates import Named, Rate
-from feltmb.fit.model import Batch, Candidate, Simulated
+from feltmb.fit.model import Batch, Candidate
 from feltmb.fit.resolution import BETWEEN
 
 __all__ = [
@@ -55,7 +55,8 @@ class Clock:
         signals: list[list[Array]] = [[] for _ in model.inputs]
         bends: list[list[Array]] = [[] for _ in model.inputs]
         for k, (record, jobs) in enumerate(batches):
-            at = np.minimum(jobs.segments[:, 0] + np.arange(longest)[:, None], record.samples - 1)
+            at = np.minimum(np.arange(longest), record.samples - 1)
+            at = np.repeat(at[:, None], jobs.count, axis=1)
             times.append(record.time[at])
             given = record.inputs if inputs is None else inputs[k]
             values = [given[n] if n in given else 0.0 * record.time for n in model.inputs]
@@ -305,8 +306,8 @@ class Trajectory:
 
     equations: Equations
     clock: Clock
-    runs: list[Simulated]
-    """Results by batch."""
+    runs: list[Array]
+    """Outputs by batch, (B, n, ny)."""
     samples: Array
     """States at the samples, (longest, states, jobs); empty if not wanted."""
     stages: Array
@@ -326,11 +327,10 @@ def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory
     keep
         Number of jobs whose states are kept.
     """
-    longest = max(jobs.longest for _, jobs in batches)
+    longest = max(record.samples for record, _ in batches)
     clock = Clock.of(model, batches, longest)
     equations = Equations(model, batches)
     p, magnitudes = equations.p, equations.magnitudes
-    last = np.concatenate([jobs.segments[:, 1] - jobs.segments[:, 0] for _, jobs in batches])
     forces = None
     if batches[0][1].forces is not None:
         forces = np.concatenate([jobs.forces for _, jobs in batches if jobs.forces is not None])
@@ -340,12 +340,11 @@ def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory
         x[: jobs.starts.shape[1], at : at + jobs.count] = jobs.starts.T
         at += jobs.count
     outputs = np.full((longest, count, len(model.outputs)), np.nan)
-    ends = np.full((count, len(x)), np.nan)
     coordinates = {c.name: c for c in model.coordinates}
     knots = 0 if forces is None else forces.shape[2]
     job = np.arange(count)
     begin = clock.time[0]
-    span = clock.time[last, job] - begin
+    span = clock.time[-1] - begin
 
     def rates(t: Array, x: Array, u: Named) -> Array:
         out = equations.rates(t, x, u, p, magnitudes)
@@ -366,7 +365,6 @@ def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory
         return out
 
     shows_rates = any(isinstance(of, Rate) for of in model._outputs.values())
-    ending = set(last.tolist())
     substeps = model.substeps or 1
     halves = np.arange(2 * substeps + 1) / (2 * substeps)
     samples, kept = [], []
@@ -375,8 +373,6 @@ def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory
         u = clock.inputs(model, j, halves if j < longest - 1 else halves[:1], p)
         slopes = rates(t, x, u[0]) if shows_rates else None
         outputs[j] = equations.outputs(t, x, u[0], p, slopes, model.outputs).T
-        if j in ending:
-            ends[last == j] = x.T[last == j]
         if keep:
             samples.append(x[:, :keep])
         if j == longest - 1:
@@ -399,10 +395,9 @@ def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory
             if keep:
                 kept.append([stage[:, :keep].copy() for stage in stages])
     runs, at = [], 0
-    for _, jobs in batches:
+    for record, jobs in batches:
         own = slice(at, at + jobs.count)
-        part = np.ascontiguousarray(np.moveaxis(outputs[: jobs.longest, own], 0, 1))
-        runs.append(Simulated(outputs=part, ends=ends[own, : jobs.starts.shape[1]]))
+        runs.append(np.ascontiguousarray(np.moveaxis(outputs[: record.samples, own], 0, 1)))
         at += jobs.count
     stages_of = np.array(kept).reshape(longest - 1, substeps, STAGES[model.method], len(x), keep)
     return Trajectory(equations, clock, runs, np.array(samples), stages_of)

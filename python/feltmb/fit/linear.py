@@ -12,8 +12,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
 from feltmb.fit.coordinates import Named
-from feltmb.fit.model import Candidate, Effect, Jobs, Model, Parameter, Simulated, State
-from feltmb.fit.watch import simulated
+from feltmb.fit.model import Candidate, Effect, Jobs, Model, Parameter, State
 
 __all__ = ["FunctionModel", "LinearModel"]
 
@@ -37,12 +36,10 @@ class FunctionModel(Model):
         outputs: Mapping[str, Callable[[Record, Named], Array]],
         parameters: Sequence[Parameter],
         name: str = "model",
-        segment: float | None = None,
     ):
         self.name = name
         self.parameters = tuple(parameters)
         self.outputs = tuple(outputs)
-        self.segment = segment
         self._outputs = dict(outputs)
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
@@ -73,26 +70,19 @@ class FunctionModel(Model):
             raise InvalidParameter("; ".join((text, *record.notes))) from error
         return outputs
 
-    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+    def simulate(self, record: Record, jobs: Jobs) -> Array:
         """See :class:`~feltmb.fit.Model`."""
-        outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
         columns: list[Array] = []
         for candidate in jobs.included:
             assert candidate.effect.regressor is not None
             with calling(f"effect {candidate.name}: its regressor"):
                 column = candidate.effect.regressor(record, candidate.shape)
             columns.append(self._place(candidate, column))
-        key, whole = None, np.zeros(0)
-        for b in range(jobs.count):
-            now = (jobs.theta[b].tobytes(), jobs.magnitudes[b].tobytes() if jobs.included else b"")
-            if now != key:  # jobs with equal parameters are computed together
-                key, whole = now, self.whole(record, jobs.theta[b])
-                simulated(1.0)
-                for k, column in enumerate(columns):
-                    whole = whole + float(jobs.magnitudes[b, k]) * column
-            first, last = jobs.segments[b]
-            outputs[b, : last - first + 1] = whole[first : last + 1]
-        return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
+        distinct, which = np.unique(jobs.theta, axis=0, return_inverse=True)
+        outputs = np.array([self.whole(record, theta) for theta in distinct])[which.reshape(-1)]
+        for k, column in enumerate(columns):
+            outputs = outputs + jobs.magnitudes[:, k, None, None] * column
+        return outputs
 
     def _place(self, candidate: Candidate, column: Any) -> Array:
         """Regressor of an effect as (n, ny), on the output ``effect.data`` or the only output."""
@@ -129,7 +119,6 @@ class LinearModel(FunctionModel):
         columns: Mapping[str, Callable[[Record], Array]],
         parameters: Sequence[Parameter] = (),
         name: str = "model",
-        segment: float | None = None,
     ):
         given = {p.name: p for p in parameters}
         unknown = sorted(set(given) - set(columns))
@@ -145,4 +134,4 @@ class LinearModel(FunctionModel):
             )
             return total
 
-        super().__init__(outputs={output: value}, parameters=ordered, name=name, segment=segment)
+        super().__init__(outputs={output: value}, parameters=ordered, name=name)

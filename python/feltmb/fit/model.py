@@ -1,9 +1,8 @@
 """Models that can be fitted and diagnosed: they simulate named outputs from parameters.
 
 A *model* computes outputs from the inputs of a record, given parameters theta, magnitudes phi of
-some effects and start states x of time segments. It is called with *jobs*. Every job is one segment
-with its own theta, phi and start, so that one call can simulate a batch of segments and of finite
-differences.
+some effects and start states x. It is called with *jobs*. Every job simulates the record with its
+own theta, phi and start, so that one call can simulate a batch of finite differences.
 """
 
 from __future__ import annotations
@@ -11,8 +10,8 @@ from __future__ import annotations
 import copy
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
@@ -20,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data import Array, InputMode, Integers, Record
+from feltmb.data import Array, InputMode, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.noise_of_function import difference_offsets
 
@@ -41,7 +40,6 @@ __all__ = [
     "Sensitivity",
     "SensitivityRequest",
     "ShapeChange",
-    "Simulated",
     "State",
 ]
 
@@ -81,8 +79,8 @@ class Parameter:
     before: Parameter | None = None
     """The parameter before a test of the part replaced its prior; None: there was no test."""
     process_sd: float = 0.0
-    """Standard deviation of the independent deviation from the value in each segment [unit]. It
-    allows for errors in the form of the law; 0: the law is exact."""
+    """Standard deviation of the independent deviation from the value in each record [unit]; 0:
+    all records have the same value."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.value) and self.lower <= self.value <= self.upper):
@@ -125,7 +123,7 @@ class State:
     name: str
     unit: str = "1"
     scale: float = 1.0
-    """Scale [unit]: determines steps of finite differences and the unit of continuity defects."""
+    """Scale [unit]: determines steps of finite differences."""
     start: float = 0.0
     """Prior mean at the first sample of a record, unless the record specifies another value
     [unit]."""
@@ -149,7 +147,7 @@ class Effect:
         states included.
     ``regressor(record, shape) -> (n,)``
         For :class:`~feltmb.gap.LinearModel`: output per unit of magnitude.
-    ``observe(record, outputs (B, L, ny), segments (B, 2), magnitudes (B,), shape) -> (B, L, ny)``
+    ``observe(record, outputs (B, n, ny), magnitudes (B,), shape) -> (B, n, ny)``
         Sensor effect, for any model.
     ``excite(record, magnitude, shape) -> {input: (n,)}``
         Input effect, for any model: the inputs that replace those of the record. If a record is the
@@ -258,56 +256,21 @@ class Port:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Jobs:
-    """A batch of B segments that are simulated. Row b of every array belongs to job b."""
+    """A batch of B simulations of one record. Row b of every array belongs to job b."""
 
     theta: Array
     """Parameters, (B, p), in the order of ``model.parameters``."""
-    segments: Integers
-    """First and last sample, (B, 2): outputs at i0 <= i <= i1, end state at i1."""
     starts: Array
-    """States at i0, (B, nx), in the order of ``model.states(included)``."""
+    """States at the first sample, (B, nx), in the order of ``model.states(included)``."""
     included: tuple[Candidate, ...] = ()
     magnitudes: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """Magnitudes of the included effects [their units], (B, k)."""
     forces: Array | None = None
-    """Unknown forces, (B, ports, m): linear between m knots from i0 to i1; None: no force."""
-
-    @classmethod
-    def at_point(
-        cls,
-        theta: Array,
-        segments: Integers,
-        starts: Array,
-        included: tuple[Candidate, ...],
-        magnitudes: Array,
-    ) -> Jobs:
-        """Jobs with equal parameters, (p,), and magnitudes, (k,), for all segments.
-
-        Parameters
-        ----------
-        theta
-            Values of the parameters [their units], (p,).
-        segments
-            First and last sample of each segment, (W, 2).
-        starts
-            States at the first samples, (W, nx).
-        included
-            Candidates that are part of the model.
-        magnitudes
-            Their magnitudes [their units], (k,).
-        """
-        count = len(segments)
-        return cls(
-            theta=np.tile(theta, (count, 1)),
-            segments=segments,
-            starts=starts,
-            included=included,
-            magnitudes=np.tile(magnitudes, (count, 1)),
-        )
+    """Unknown forces, (B, ports, m): linear between m knots over the record; None: no force."""
 
     def __post_init__(self) -> None:
-        count = self.segments.shape[0]
-        wanted = {"theta": self.theta, "segments": self.segments, "starts": self.starts}
+        count = self.theta.shape[0]
+        wanted = {"theta": self.theta, "starts": self.starts}
         if self.included:
             wanted["magnitudes"] = self.magnitudes
         faults = [
@@ -315,68 +278,17 @@ class Jobs:
             for name, array in wanted.items()
             if array.ndim != 2 or array.shape[0] != count
         ]
-        if self.segments.shape[1:] != (2,):
-            faults.append(f"segments has shape {self.segments.shape}, expected (B, 2)")
         if faults:
             raise InvalidParameter("jobs: " + "; ".join(faults))
 
     @property
     def count(self) -> int:
         """Number of jobs B."""
-        return int(self.segments.shape[0])
-
-    @property
-    def longest(self) -> int:
-        """Number of samples of the longest segment, including both ends."""
-        return int(np.max(self.segments[:, 1] - self.segments[:, 0])) + 1
-
-
-def check_segments(
-    model: Model,
-    record: Record,
-    segments: Integers,
-    starts: Array | None = None,
-    included: Sequence[Candidate] = (),
-    magnitudes: Array | None = None,
-    theta: Array | None = None,
-) -> None:
-    """Check that the segments are within the record and that the arrays match the model."""
-    wanted = {
-        "segments": (segments, (len(segments), 2)),
-        "starts": (starts, (len(segments), len(model.states(included)))),
-        "magnitudes": (magnitudes, (len(included),)),
-        "theta": (theta, (len(model.parameters),)),
-    }
-    faults = [
-        f"{name} has shape {array.shape}, expected {shape}"
-        for name, (array, shape) in wanted.items()
-        if array is not None and array.shape != shape
-    ]
-    if (
-        not faults
-        and segments.size
-        and not (0 <= segments.min() <= segments.max() < record.samples)
-    ):
-        faults.append(f"segments lie outside the {record.samples} samples of the record")
-    if not faults and np.any(segments[:, 1] < segments[:, 0]):
-        faults.append("a segment ends before it begins")
-    if faults:
-        raise InvalidParameter(f"model {model.name}: " + "; ".join(faults))
+        return int(self.theta.shape[0])
 
 
 #: A record and its jobs.
 Batch = tuple[Record, Jobs]
-
-
-@checked
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Simulated:
-    """Results of all jobs; the results of a failed job are NaN."""
-
-    outputs: Array
-    """(B, L, ny) at the samples i0, i0+1, ..., i1 of each job; values after i1 are undefined."""
-    ends: Array
-    """States at sample i1, (B, nx)."""
 
 
 @dataclass(frozen=True)
@@ -395,16 +307,14 @@ class ShapeChange:
 @checked
 @dataclass(frozen=True, eq=False)
 class SensitivityRequest:
-    """Segments of a record, the point of the simulation, and the variables of differentiation."""
+    """A record, the point of its simulation, and the variables of differentiation."""
 
     record: Record
     """Record whose inputs drive the model."""
     theta: Array
     """Parameters [their units], (p,)."""
-    segments: Integers
-    """First and last sample of each segment, (W, 2)."""
-    starts: Array
-    """States at the first samples, (W, nx), in the order of ``model.states(included)``."""
+    start: Array
+    """States at the first sample, (nx,), in the order of ``model.states(included)``."""
     included: tuple[Candidate, ...] = ()
     """Candidates that are part of the model; derivatives by all of their magnitudes are
     computed."""
@@ -417,12 +327,10 @@ class SensitivityRequest:
     """Whether the derivatives by the start states are requested."""
     candidates: tuple[Candidate, ...] = ()
     """Further candidates at magnitude zero, whose derivatives at zero are requested (one-sided if
-    they have a sign). Their hidden states start at their prior mean in the first segment and
-    continue from segment to segment."""
+    they have a sign). Their hidden states start at their prior mean."""
     input_changes: tuple[Mapping[str, Array], ...] = ()
     """Changes of the recorded inputs, {input: (n,)} [unit of the input]. The derivative by h of a
-    simulation with ``inputs + h * change`` is requested, at zero. Each segment is changed by
-    itself: a sensor with memory keeps its state from the segment before."""
+    simulation with ``inputs + h * change`` is requested, at zero."""
     shape_changes: tuple[ShapeChange, ...] = ()
     """Changes of the shapes of included effects whose derivatives are requested. Only models with
     ``d_shapes`` in their results compute them."""
@@ -437,20 +345,28 @@ class SensitivityRequest:
         return tuple(range(len(model.parameters)) if self.by_theta is None else self.by_theta)
 
     def jobs(self) -> Jobs:
-        """The segments as jobs."""
-        return Jobs.at_point(self.theta, self.segments, self.starts, self.included, self.sizes)
+        """The simulation at the point."""
+        return Jobs(
+            theta=np.asarray(self.theta, dtype=np.float64)[None],
+            starts=self.start[None],
+            included=self.included,
+            magnitudes=self.sizes[None],
+        )
 
     def check(self, model: Model) -> None:
         """Check that the request matches the record and the model."""
-        check_segments(
-            model,
-            self.record,
-            self.segments,
-            self.starts,
-            self.included,
-            self.sizes,
-            self.theta,
-        )
+        wanted = {
+            "theta": (self.theta, len(model.parameters)),
+            "start": (self.start, len(model.states(self.included))),
+            "magnitudes": (self.sizes, len(self.included)),
+        }
+        faults = [
+            f"{name} has shape {array.shape}, expected ({size},)"
+            for name, (array, size) in wanted.items()
+            if array.shape != (size,)
+        ]
+        if faults:
+            raise InvalidParameter(f"model {model.name}: " + "; ".join(faults))
         for change in self.input_changes:
             for name, value in change.items():
                 if name not in self.record.inputs or np.shape(value) != (self.record.samples,):
@@ -470,39 +386,27 @@ class SensitivityRequest:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sensitivity:
-    """Outputs and end states of W segments with their derivatives.
+    """Outputs over a record with their derivatives.
 
     The last axis of every ``d_*`` is the variable of differentiation; its length is 0 if no
     derivative was requested.
     """
 
     outputs: Array
-    """(W, L, ny)"""
-    ends: Array
-    """(W, nx)"""
+    """(n, ny)"""
     d_theta: Array
-    """(W, L, ny, p) by the requested parameters."""
-    d_theta_ends: Array
-    """(W, nx, p)"""
+    """(n, ny, p) by the requested parameters."""
     d_magnitudes: Array
-    """(W, L, ny, k) by the magnitudes of the included effects."""
-    d_magnitudes_ends: Array
-    """(W, nx, k)"""
+    """(n, ny, k) by the magnitudes of the included effects."""
     d_starts: Array
-    """(W, L, ny, nx)"""
-    d_starts_ends: Array
-    """(W, nx, nx)"""
+    """(n, ny, nx)"""
     d_candidates: Array
-    """(W, L, ny, c) by the magnitudes of the further candidates, at zero."""
-    d_candidates_ends: Array
-    """(W, nx, c)"""
+    """(n, ny, c) by the magnitudes of the further candidates, at zero."""
     d_inputs: Array | None = None
-    """(W, L, ny, d) by the requested changes of the inputs; None: the model does not compute them,
-    and they are computed from differences of simulations."""
-    d_inputs_ends: Array | None = None
-    """(W, nx, d)"""
+    """(n, ny, d) by the requested changes of the inputs; None: the model does not compute them, and
+    they are computed from differences of simulations."""
     d_shapes: Array | None = None
-    """(W, L, ny, s) by the requested changes of shapes; None: the model does not compute them."""
+    """(n, ny, s) by the requested changes of shapes; None: the model does not compute them."""
 
 
 @checked
@@ -515,8 +419,6 @@ class Ready:
     notes: tuple[str, ...] = ()
     """Sentences for the report: parts of the records that are not used, and larger noise of
     sensors."""
-    unreached: str = ""
-    """Sentence about what no record reaches, which is also in ``notes``; empty: nothing."""
 
 
 @checked
@@ -535,9 +437,6 @@ class Model(ABC):
     """Names of the inputs; empty: any, or those of ``input_modes``."""
     effects: tuple[Effect, ...] = ()
     """Effects that the model offers for a diagnosis."""
-    many_outputs: bool = False
-    """Whether it has more outputs than one usually records; else data checks list the outputs that
-    no record has."""
     units: Mapping[str, str] = MappingProxyType({})
     """SI units of outputs and inputs by name, if known; records with another unit are rejected."""
     input_modes: Mapping[InputMode, Sequence[str]] = MappingProxyType({})
@@ -552,89 +451,35 @@ class Model(ABC):
     number."""
     ports: tuple[Port, ...] = ()
     """Places where unknown forces may act; empty: no test of unknown forces."""
-    segment: float | None = None
-    """Length of segments that suits the model [s]; None: chosen from the data."""
     difference_step: float = 1e-3
     """First step of finite differences by parameters, as a share of their scale; the step for
     states is a tenth of it. Choose it larger if the simulation is noisy."""
-    chaotic: bool = False
-    """Whether it has impacts after which a small error of the state grows strongly."""
-    from_rest: bool = False
-    """Whether the model can only simulate a record from its first sample. Such records are split by
-    removing values instead of cutting them into blocks."""
-    longest_run: float = math.inf
-    """Longest duration that is simulated to find out whether the clock of a record has a wrong unit
-    [s]."""
-
     variability_has_input_noise: bool = False
     """Whether the noise of the inputs is a part of the run-to-run variability of the records."""
-    variability_is_tabulated: bool = False
-    """Whether the run-to-run variability of at least one record is that of the tabulated
-    parameters."""
 
     @abstractmethod
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
         """States, followed by the hidden states of the included effects in order; () if none."""
 
     @abstractmethod
-    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
-        """Simulate every job.
+    def simulate(self, record: Record, jobs: Jobs) -> Array:
+        """Outputs of every job over the record, (B, n, ny); NaN: the simulation failed.
 
         The inputs are ``record.inputs``. The measured outputs must not be used, because the model
         has to explain them.
         """
 
-    def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
+    def simulate_all(self, batches: Sequence[Batch]) -> list[Array]:
         """Simulate jobs of several records. Default: one record after the other.
 
         A model overrides it if one large batch takes less time than several small ones.
         """
         return [self.simulate(record, jobs) for record, jobs in batches]
 
-    def driven(self, records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[str, ...]]:
-        """Select the input of measured records that contain several; also return sentences.
-
-        By default the records are not changed. A model that can be driven by different quantities
-        overrides this method.
-        """
-        return tuple(records), ()
-
-    def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
-        """Convert a record to the coordinates of the outputs; also return a description.
-
-        By default the record is not changed. A model whose outputs are displacements from rest
-        overrides this method.
-        """
-        return record, ()
-
-    def refined(self, batches: Sequence[Batch]) -> Model:
-        """The model with steps that are small enough for these jobs and their included effects.
-
-        By default the model itself.
-        """
-        del batches
-        return self
-
-    def with_variability_at(
-        self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
-    ) -> Model:
-        """The model with the run-to-run variability of its records at other parameters.
-
-        Variability is linear in its own parameters, and computed before a fit. At the fitted
-        parameters and magnitudes, its directions can differ. The parameters of the returned model
-        are the same. By default the model itself.
-
-        Parameters
-        ----------
-        theta
-            Values of the parameters [their units], (p,).
-        included
-            Included effects of the machine.
-        magnitudes
-            Their magnitudes [their units], (m,).
-        """
-        del theta, included, magnitudes
-        return self
+    def motion(self, record: Record, jobs: Jobs) -> Array | None:
+        """States over the record, (B, n, nx), in the order of ``states``; None: it has none."""
+        del record, jobs
+        return None
 
     def with_parameters(self, parameters: Mapping[str, Parameter]) -> Model:
         """Copy with other values and priors of some parameters, by their names.
@@ -651,26 +496,6 @@ class Model(ABC):
         out = copy.copy(self)
         out.parameters = tuple(parameters.get(p.name, p) for p in self.parameters)
         return out
-
-    @property
-    def own_effects(self) -> tuple[Candidate, ...]:
-        """Effects that are a part of the model, see :func:`including`."""
-        return ()
-
-    def identity(self) -> str | None:
-        """Text that two models share only if they are equal; results are stored under it.
-
-        By default None: functions cannot be compared, and nothing is stored.
-        """
-        return None
-
-    @property
-    def core(self) -> Model:
-        """The model that simulates: itself, or the model that it is derived from."""
-        return self
-
-    def forget(self) -> None:  # noqa: B027
-        """Delete the data of earlier fits, so that a fit does not depend on them."""
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """Prepare the model and all records of a fit or diagnosis.
@@ -730,48 +555,6 @@ class Model(ABC):
         """Whether the model can simulate an effect. By default: only sensor and input effects."""
         return effect.observe is not None or effect.excite is not None
 
-    def guess(self, records: Sequence[Record], segments: Sequence[Integers]) -> list[Array]:
-        """First guess of the states at the segment starts, for the first fit.
-
-        By default the model is simulated from the prior start state through all segments.
-
-        Parameters
-        ----------
-        records
-            Records whose inputs drive the model.
-        segments
-            First and last sample of each segment, (W, 2), one array per record.
-
-        Returns
-        -------
-        list of arrays
-            States at the first samples, (W, nx), one array per record.
-        """
-        for record, own in zip(records, segments, strict=True):
-            check_segments(self, record, own)
-        states = self.states()
-        starts = [np.zeros((len(own), len(states))) for own in segments]
-        if not states:
-            return starts
-        for x, record in zip(starts, records, strict=True):
-            mean = {} if record.start is None else record.start.mean
-            x[:1] = [mean.get(s.name, s.start) for s in states]
-        theta = np.array([[p.value for p in self.parameters]])
-        for w, which in by_segment([len(own) - 1 for own in segments]):
-            one = slice(w, w + 1)
-            runs = self.simulate_all(
-                [
-                    (
-                        records[i],
-                        Jobs(theta=theta, segments=segments[i][one], starts=starts[i][one]),
-                    )
-                    for i in which
-                ]
-            )
-            for i, run in zip(which, runs, strict=True):
-                starts[i][w + 1] = np.where(np.isfinite(run.ends[0]), run.ends[0], starts[i][w])
-        return starts
-
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
         """Names and times [s] of events found in outputs (measured or simulated, NaN: missing).
 
@@ -781,28 +564,13 @@ class Model(ABC):
         return []
 
     def sensitivities(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:
-        """Outputs and derivatives of segments, one result per request.
+        """Outputs and derivatives, one result per request.
 
         Subclasses that can compute derivatives override it; the default uses finite differences.
         """
         for request in requests:
             request.check(self)
         return difference_sensitivities(self, requests)
-
-
-def with_hidden(starts: Array, states: Sequence[State]) -> Array:
-    """Start states (W, nx), with the further states at their prior mean."""
-    rest = [s.start for s in states[starts.shape[1] :]]
-    return np.hstack([starts, np.tile(rest, (len(starts), 1))])
-
-
-def by_segment(counts: Sequence[int]) -> Iterator[tuple[int, list[int]]]:
-    """Index of a segment, and indices of the records that have it, from the first segment on.
-
-    ``counts``: number of segments of each record.
-    """
-    for w in range(max(counts, default=0)):
-        yield w, [i for i, count in enumerate(counts) if w < count]
 
 
 # ---------------------------------------------------------------- derivatives by differences
@@ -812,8 +580,6 @@ def by_segment(counts: Sequence[int]) -> Iterator[tuple[int, list[int]]]:
 TOGETHER = 8
 #: Rows of changed jobs, each with its weight in a derivative.
 Weighted = list[tuple[int, float]]
-#: A request and the magnitudes of its included effects, (V, k): one row per version of the model.
-Versions = tuple[SensitivityRequest, Array]
 
 
 def difference_sensitivities(
@@ -826,199 +592,104 @@ def difference_sensitivities(
     """
     changed = [_changed_jobs(model, request) for request in requests]
     batches = [(r.record, jobs) for r, (jobs, _) in zip(requests, changed, strict=True)]
-    found = [
-        _derivatives(model, request, run, columns)
-        for request, run, (_, columns) in zip(
-            requests, model.simulate_all(batches), changed, strict=True
+    found = []
+    for request, run, (_, columns) in zip(
+        requests, model.simulate_all(batches), changed, strict=True
+    ):
+        a = len(request.parameters_of(model))
+        b = a + len(request.included)
+        found.append(
+            Sensitivity(
+                outputs=run[0],
+                d_theta=derived(run, columns[:a]),
+                d_magnitudes=derived(run, columns[a:b]),
+                d_starts=derived(run, columns[b:]),
+                d_candidates=np.zeros((*run.shape[1:], len(request.candidates))),
+            )
         )
-    ]
-    for hidden in (False, True):
-        _add_candidates(model, requests, found, hidden=hidden)
+    _add_candidates(model, requests, found)
     return found
+
+
+def derived(runs: Array, columns: Sequence[Weighted]) -> Array:
+    """Derivatives, (n, ny, columns), from changed runs, (B, n, ny), of which the first is the base.
+
+    Parameters
+    ----------
+    runs
+        Outputs of the runs.
+    columns
+        For each variable, the changed runs and their weights.
+    """
+    out = np.zeros((*runs.shape[1:], len(columns)))
+    with np.errstate(invalid="ignore", over="ignore"):
+        for c, entry in enumerate(columns):
+            for row, weight in entry:
+                out[..., c] += weight * (runs[row] - runs[0])
+    return out
 
 
 def _changed_jobs(model: Model, request: SensitivityRequest) -> tuple[Jobs, list[Weighted]]:
     """Jobs with changes of parameters, magnitudes and start states, and their use by column."""
-    segments, included = request.segments, request.included
-    count = len(segments)
-    theta = np.asarray(request.theta, dtype=np.float64)
-    magnitudes = np.asarray(request.sizes, dtype=np.float64)
-    states = model.states(included)
-    rows_theta, rows_magnitudes, rows_start = [theta], [magnitudes], [np.zeros(len(states))]
+    included, states = request.included, model.states(request.included)
+    base = {
+        "theta": np.asarray(request.theta, dtype=np.float64),
+        "magnitudes": np.asarray(request.sizes, dtype=np.float64),
+        "starts": np.asarray(request.start, dtype=np.float64),
+    }
+    rows = {kind: [value] for kind, value in base.items()}
     columns: list[Weighted] = []
 
-    def add(kind: str, index: int, step: float, low: float, high: float, value: float) -> None:
+    def add(kind: str, index: int, step: float, low: float, high: float) -> None:
         entry = []
-        for offset, weight in difference_offsets(value, step, low, high):
-            t, s, x = theta.copy(), magnitudes.copy(), np.zeros(len(states))
-            {"theta": t, "magnitudes": s, "start": x}[kind][index] += offset
-            rows_theta.append(t)
-            rows_magnitudes.append(s)
-            rows_start.append(x)
-            entry.append((len(rows_theta) - 1, weight))
+        for offset, weight in difference_offsets(base[kind][index], step, low, high):
+            for other, value in base.items():
+                rows[other].append(value.copy() if other == kind else value)
+            rows[kind][-1][index] += offset
+            entry.append((len(rows[kind]) - 1, weight))
         columns.append(entry)
 
     for i in request.parameters_of(model):
         p = model.parameters[i]
-        add("theta", i, model.difference_step * p.size, p.lower, p.upper, theta[i])
+        add("theta", i, model.difference_step * p.size, p.lower, p.upper)
     for i, candidate in enumerate(included):
-        low, high = candidate.effect.bounds
         step = candidate.effect.step * candidate.effect.scale
-        add("magnitudes", i, step, low, high, magnitudes[i])
+        add("magnitudes", i, step, *candidate.effect.bounds)
     if request.by_starts:
         for i, state in enumerate(states):
-            add("start", i, 0.1 * model.difference_step * state.scale, -np.inf, np.inf, 0.0)
-
-    versions = len(rows_theta)
-    jobs = Jobs(
-        theta=np.repeat(np.array(rows_theta), count, axis=0),
-        segments=np.tile(segments, (versions, 1)),
-        starts=np.tile(request.starts, (versions, 1))
-        + np.repeat(np.array(rows_start), count, axis=0),
-        included=included,
-        magnitudes=np.repeat(
-            np.array(rows_magnitudes).reshape(versions, len(included)), count, axis=0
-        ),
-    )
-    return jobs, columns
-
-
-def _derivatives(
-    model: Model, request: SensitivityRequest, run: Simulated, columns: list[Weighted]
-) -> Sensitivity:
-    """Derivatives from the results of the changed jobs; those by candidates are still zero."""
-    count, nx = len(request.segments), run.ends.shape[1]
-    longest, ny = run.outputs.shape[1:]
-    outputs = run.outputs.reshape(-1, count, longest, ny)
-    ends = run.ends.reshape(len(outputs), count, nx)
-
-    def derive(all_of_it: Array, wanted: list[Weighted]) -> Array:
-        out = np.zeros((*all_of_it.shape[1:], len(wanted)))
-        with np.errstate(invalid="ignore", over="ignore"):
-            for c, entry in enumerate(wanted):
-                for row, weight in entry:
-                    out[..., c] += weight * (all_of_it[row] - all_of_it[0])
-        return out
-
-    a = len(request.parameters_of(model))
-    b = a + len(request.included)
-    return Sensitivity(
-        outputs=outputs[0],
-        ends=ends[0],
-        d_theta=derive(outputs, columns[:a]),
-        d_theta_ends=derive(ends, columns[:a]),
-        d_magnitudes=derive(outputs, columns[a:b]),
-        d_magnitudes_ends=derive(ends, columns[a:b]),
-        d_starts=derive(outputs, columns[b:]),
-        d_starts_ends=derive(ends, columns[b:]),
-        d_candidates=np.zeros((count, longest, ny, len(request.candidates))),
-        d_candidates_ends=np.zeros((count, nx, len(request.candidates))),
-    )
+            add("starts", i, 0.1 * model.difference_step * state.scale, -np.inf, np.inf)
+    return Jobs(included=included, **{k: np.array(v) for k, v in rows.items()}), columns
 
 
 def _add_candidates(
-    model: Model,
-    requests: Sequence[SensitivityRequest],
-    found: Sequence[Sensitivity],
-    *,
-    hidden: bool,
+    model: Model, requests: Sequence[SensitivityRequest], found: Sequence[Sensitivity]
 ) -> None:
-    """Compute the derivatives by the candidates with, or without, hidden states."""
-    groups: list[tuple[Sensitivity, list[int], Array]] = []
-    versions: list[Versions] = []
+    """Compute the derivatives by the candidates, several in one simulation of the model."""
+    groups: list[tuple[Sensitivity, list[int], list[Weighted]]] = []
+    batches: list[Batch] = []
     for request, s in zip(requests, found, strict=True):
-        own = [c for c, t in enumerate(request.candidates) if bool(t.effect.hidden) is hidden]
-        for at in range(0, len(own), TOGETHER):
-            which = own[at : at + TOGETHER]
+        for at in range(0, len(request.candidates), TOGETHER):
+            which = list(range(len(request.candidates)))[at : at + TOGETHER]
             some = tuple(request.candidates[c] for c in which)
-            magnitudes, weights = _around_zero(some)
-            if hidden:  # the base of the differences
-                magnitudes = np.vstack([np.zeros(len(some)), magnitudes])
-            table = np.hstack([np.tile(request.sizes, (len(magnitudes), 1)), magnitudes])
-            groups.append((s, which, weights))
-            versions.append((replace(request, included=(*request.included, *some)), table))
-    if not groups:
-        return
-    runs = (run_through if hidden else _run_apart)(model, versions)
-    for (s, which, weights), (y, x) in zip(groups, runs, strict=True):
-        base_y, base_x = s.outputs, s.ends
-        if hidden:
-            y, x, base_y, base_x = y[1:], x[1:], y[0], x[0]
-        with np.errstate(invalid="ignore", over="ignore"):
-            dy = (y - base_y) * weights[:, None, None, None]
-            dx = (x - base_x) * weights[:, None, None]
-        s.d_candidates[..., which] = np.moveaxis(dy[0::2] + dy[1::2], 0, -1)
-        s.d_candidates_ends[..., which] = np.moveaxis(dx[0::2] + dx[1::2], 0, -1)
-
-
-def _around_zero(candidates: Sequence[Candidate]) -> tuple[Array, Array]:
-    """Magnitudes for derivatives at zero, two rows per candidate, and the weights of the rows."""
-    rows, weights = [], []
-    for c, candidate in enumerate(candidates):
-        step = candidate.effect.step * candidate.effect.scale
-        for value, weight in difference_offsets(0.0, step, *candidate.effect.bounds):
-            row = np.zeros(len(candidates))
-            row[c] = value
-            rows.append(row)
-            weights.append(weight)
-    return np.array(rows), np.array(weights)
-
-
-def _run_apart(model: Model, versions: Sequence[Versions]) -> list[tuple[Array, Array]]:
-    """Simulate all segments at once, each from its own start, in several versions of the model.
-
-    Returns outputs (V, W, L, ny) and ends (V, W, nx) by request.
-    """
-    batches = []
-    for request, magnitudes in versions:
-        shape = (len(magnitudes), len(request.segments))
-        jobs = Jobs(
-            theta=np.tile(request.theta, (shape[0] * shape[1], 1)),
-            segments=np.tile(request.segments, (shape[0], 1)),
-            starts=np.tile(request.starts, (shape[0], 1)),
-            included=request.included,
-            magnitudes=np.repeat(magnitudes, shape[1], axis=0),
-        )
-        batches.append((request.record, jobs))
-    found = []
-    for (request, magnitudes), run in zip(versions, model.simulate_all(batches), strict=True):
-        shape = (len(magnitudes), len(request.segments))
-        outputs, ends = (v.reshape(*shape, *v.shape[1:]) for v in (run.outputs, run.ends))
-        found.append((outputs, ends))
-    return found
-
-
-def run_through(model: Model, versions: Sequence[Versions]) -> list[tuple[Array, Array]]:
-    """Simulate segments in order, in several versions of the model, passing hidden states on.
-
-    The visible states of a segment come from the request, and its hidden ones from the end of the
-    previous segment. Returns outputs (V, W, L, ny) and ends (V, W, visible) by request.
-    """
-    found, hidden = [], []
-    for request, magnitudes in versions:
-        visible = request.starts.shape[1]
-        states = model.states(request.included)
-        hidden.append(np.tile([s.start for s in states[visible:]], (len(magnitudes), 1)))
-        shape = (len(magnitudes), len(request.segments))
-        longest = int(np.max(request.segments[:, 1] - request.segments[:, 0])) + 1
-        outputs = np.full((*shape, longest, len(model.outputs)), np.nan)
-        found.append((outputs, np.full((*shape, visible), np.nan)))
-    for w, which in by_segment([len(request.segments) for request, _ in versions]):
-        batches = []
-        for i in which:
-            request, magnitudes = versions[i]
-            times = (len(magnitudes), 1)
+            states = model.states((*request.included, *some))
+            rows, columns = [np.zeros(len(some))], []
+            for c, candidate in enumerate(some):
+                entry, step = [], candidate.effect.step * candidate.effect.scale
+                for size, weight in difference_offsets(0.0, step, *candidate.effect.bounds):
+                    entry.append((len(rows), weight))
+                    rows.append(np.zeros(len(some)))
+                    rows[-1][c] = size
+                columns.append(entry)
+            hidden = [h.start for h in states[request.start.size :]]
+            count = len(rows)
             jobs = Jobs(
-                theta=np.tile(request.theta, times),
-                segments=np.tile(request.segments[w], times),
-                starts=np.hstack([np.tile(request.starts[w], times), hidden[i]]),
-                included=request.included,
-                magnitudes=magnitudes,
+                theta=np.tile(request.theta, (count, 1)),
+                starts=np.tile([*request.start, *hidden], (count, 1)),
+                included=(*request.included, *some),
+                magnitudes=np.hstack([np.tile(request.sizes, (count, 1)), np.array(rows)]),
             )
+            groups.append((s, which, columns))
             batches.append((request.record, jobs))
-        for i, run in zip(which, model.simulate_all(batches), strict=True):
-            outputs, ends = found[i]
-            outputs[:, w, : run.outputs.shape[1]] = run.outputs
-            ends[:, w] = run.ends[:, : ends.shape[2]]
-            hidden[i] = run.ends[:, ends.shape[2] :]
-    return found
+    runs = model.simulate_all(batches) if batches else []
+    for (s, which, columns), run in zip(groups, runs, strict=True):
+        s.d_candidates[..., which] = derived(run, columns)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,22 +19,16 @@ from feltmb.fit.model import (
     Model,
     Sensitivity,
     SensitivityRequest,
-    Simulated,
 )
 from feltmb.fit.noise_of_function import difference_offsets
 from feltmb.fit.shift import shifted
 
 __all__ = [
     "machine_candidates",
+    "observe",
     "observe_all",
-    "observe_jobs",
-    "observe_whole",
     "observed_sensitivities",
 ]
-
-
-#: Slice of all segments.
-ALL = slice(None)
 
 
 def machine_candidates(included: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
@@ -42,12 +36,7 @@ def machine_candidates(included: tuple[Candidate, ...]) -> tuple[Candidate, ...]
     return tuple(t for t in included if t.effect.excite is None and t.effect.observe is None)
 
 
-def observe_jobs(model: Model, record: Record, jobs: Jobs) -> Simulated:
-    """Simulate jobs and convert the outputs to sensor readings; see :func:`observe_all`."""
-    return observe_all(model, [(record, jobs)])[0]
-
-
-def observe_whole(
+def observe(
     model: Model,
     record: Record,
     theta: Array,
@@ -55,15 +44,14 @@ def observe_whole(
     included: tuple[Candidate, ...] = (),
     magnitudes: Array | None = None,
 ) -> Array:
-    """Sensor readings, (n, ny), of one simulation of a whole record from a start state, (nx,)."""
-    whole = np.array([[0, record.samples - 1]])
+    """Sensor readings, (n, ny), of one simulation of a record from a start state, (nx,)."""
     sizes = np.zeros(len(included)) if magnitudes is None else magnitudes
-    jobs = Jobs.at_point(theta, whole, start[None, :], included, sizes)
-    return np.asarray(observe_jobs(model, record, jobs).outputs[0])
+    jobs = Jobs(theta=theta[None], starts=start[None], included=included, magnitudes=sizes[None])
+    return np.asarray(observe_all(model, [(record, jobs)])[0][0])
 
 
-def observe_all(model: Model, batches: Sequence[Batch]) -> list[Simulated]:
-    """Simulate jobs and convert the outputs to the readings of the sensors of their records.
+def observe_all(model: Model, batches: Sequence[Batch]) -> list[Array]:
+    """Simulate jobs and convert the outputs, (B, n, ny), to the readings of the sensors.
 
     Input effects change the inputs before the simulation of the model. Sensor effects and the known
     part of the sensors (gain, delay, low-pass, offset) change the outputs after it.
@@ -80,44 +68,32 @@ def observe_all(model: Model, batches: Sequence[Batch]) -> list[Simulated]:
 
 
 def _observed(
-    model: Model, record: Record, jobs: Jobs, parts: list[tuple[NDArray[np.intp], Simulated]]
-) -> Simulated:
-    """Sensor readings of jobs that were simulated in parts, given as (rows, result)."""
-    if len(parts) == 1:
-        outputs, ends = parts[0][1].outputs, parts[0][1].ends
-    else:
-        outputs = np.full((jobs.count, jobs.longest, len(model.outputs)), np.nan)
-        ends = np.full((jobs.count, jobs.starts.shape[1]), np.nan)
-        for rows, run in parts:
-            outputs[rows, : run.outputs.shape[1]] = run.outputs
-            ends[rows] = run.ends
-    for k, candidate in enumerate(jobs.included):
-        if candidate.effect.observe is None:
-            continue
-        outputs = _seen(candidate, record, outputs, jobs.segments, jobs.magnitudes[:, k])
-    return Simulated(outputs=_sensed(model, record, jobs, outputs), ends=ends)
-
-
-def _seen(
-    candidate: Candidate,
-    record: Record,
-    outputs: Array,
-    segments: NDArray[np.intp],
-    magnitudes: Array,
+    model: Model, record: Record, jobs: Jobs, parts: list[tuple[NDArray[np.intp], Array]]
 ) -> Array:
+    """Sensor readings of jobs that were simulated in parts, given as (rows, outputs)."""
+    outputs = parts[0][1]
+    if len(parts) > 1:
+        outputs = np.full((jobs.count, *outputs.shape[1:]), np.nan)
+        for rows, run in parts:
+            outputs[rows] = run
+    for k, candidate in enumerate(jobs.included):
+        if candidate.effect.observe is not None:
+            outputs = _seen(candidate, record, outputs, jobs.magnitudes[:, k])
+    return _sensed(model, record, outputs)
+
+
+def _seen(candidate: Candidate, record: Record, outputs: Array, magnitudes: Array) -> Array:
     """Apply a sensor effect to a copy of the outputs, which it may change in place."""
     assert candidate.effect.observe is not None
     # Failed jobs contain NaN or infinity.
     with calling(f"effect {candidate.name}: its observe"), np.errstate(all="ignore"):
-        seen = candidate.effect.observe(
-            record, outputs.copy(), segments, magnitudes, candidate.shape
-        )
+        seen = candidate.effect.observe(record, outputs.copy(), magnitudes, candidate.shape)
     if np.shape(seen) != outputs.shape:
         raise InvalidParameter(
             f"effect {candidate.name}: observe returned shape {np.shape(seen)}, expected that of "
             f"the outputs, {outputs.shape}"
         )
-    return seen
+    return np.asarray(seen)
 
 
 def _changed(candidate: Candidate, record: Record, size: float) -> Record:
@@ -155,7 +131,6 @@ def _excited(record: Record, jobs: Jobs) -> list[tuple[NDArray[np.intp], Batch]]
         part = replace(
             plain,
             theta=plain.theta[rows],
-            segments=plain.segments[rows],
             starts=plain.starts[rows],
             magnitudes=plain.magnitudes[rows] if plain.included else plain.magnitudes,
             forces=None if plain.forces is None else plain.forces[rows],
@@ -164,15 +139,9 @@ def _excited(record: Record, jobs: Jobs) -> list[tuple[NDArray[np.intp], Batch]]
     return parts
 
 
-def _sensed(
-    model: Model,
-    record: Record,
-    jobs: Jobs,
-    outputs: Array,
-    going_on: NDArray[np.bool_] | None = None,
-) -> Array:
-    """Apply the known properties of the sensors to outputs."""
-    changed = outputs
+def _sensed(model: Model, record: Record, outputs: Array) -> Array:
+    """Apply the known properties of the sensors to outputs, (B, n, ny)."""
+    changed, count = outputs, len(outputs)
     for o, name in enumerate(model.outputs):
         sensor = record.sensors.get(name)
         if sensor is None:
@@ -180,11 +149,10 @@ def _sensed(
         y = changed[:, :, o]
         new = y
         if np.isfinite(sensor.bandwidth):
-            constants = np.full(jobs.count, 1.0 / (2.0 * np.pi * sensor.bandwidth))
-            starts = None if going_on is None else np.where(going_on, new[:, 0], np.nan)
-            new = low_passed(record.time, new, jobs.segments, constants, starts)
+            constants = np.full(count, 1.0 / (2.0 * np.pi * sensor.bandwidth))
+            new = low_passed(record.time, new, constants)
         if sensor.delay != 0.0:
-            new = shifted(record, new, jobs.segments, np.full(jobs.count, sensor.delay))
+            new = shifted(record, new, np.full(count, sensor.delay))
         if sensor.gain != 1.0 or sensor.offset != 0.0:
             new = sensor.gain * new + sensor.offset
         if new is not y:
@@ -332,14 +300,12 @@ def _with_input_changes(
     out = []
     for request, s in zip(requests, found, strict=True):
         if s.d_inputs is None:
-            count = len(request.input_changes)
-            by, by_ends = np.zeros((*s.outputs.shape, count)), np.zeros((*s.ends.shape, count))
-            with np.errstate(invalid="ignore", over="ignore"):  # failed segments contain NaN
-                for k in range(count):
+            by = np.zeros((*s.outputs.shape, len(request.input_changes)))
+            with np.errstate(invalid="ignore", over="ignore"):  # a failed simulation is NaN
+                for k in range(by.shape[-1]):
                     more, less = next(runs), next(runs)
-                    by[..., k] = 0.5 * (more.outputs - less.outputs)
-                    by_ends[..., k] = 0.5 * (more.ends - less.ends)
-            s = replace(s, d_inputs=by, d_inputs_ends=by_ends)
+                    by[..., k] = 0.5 * (more[0] - less[0])
+            s = replace(s, d_inputs=by)
         out.append(s)
     return out
 
@@ -350,113 +316,61 @@ def _added(record: Record, change: Mapping[str, Array], sign: float) -> dict[str
 
 def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sensitivity:
     """Derivatives of the readings from those of the outputs, ``s``."""
-    record, segments, starts = request.record, request.segments, request.starts
-    included, magnitudes, candidates = request.included, request.sizes, request.candidates
-    jobs = replace(request, included=(), magnitudes=np.zeros(0)).jobs()
-    observing = [
-        (t, float(magnitudes[k])) for k, t in enumerate(included) if t.effect.observe is not None
-    ]
+    record, included, candidates = request.record, request.included, request.candidates
+    sizes = dict(zip(included, map(float, request.sizes), strict=True))
+    observing = {t: size for t, size in sizes.items() if t.effect.observe is not None}
 
-    follows = np.append(False, segments[:-1, 1] == segments[1:, 0])
-
-    def show(
-        outputs: Array, extra: tuple[Candidate, float] | None = None, rows: slice = ALL
-    ) -> Array:
-        """Sensor readings of the segments in these rows."""
-        part = Jobs(theta=jobs.theta[rows], segments=segments[rows], starts=starts[rows])
-        for candidate, size in [*observing, *([extra] if extra else [])]:
-            outputs = _seen(candidate, record, outputs, part.segments, np.full(part.count, size))
-        return _sensed(model, record, part, outputs, None if rows == ALL else follows[rows])
+    def show(outputs: Array, sizes: Mapping[Candidate, float] = observing) -> Array:
+        """Sensor readings, (n, ny)."""
+        seen = outputs[None]
+        for candidate, size in sizes.items():
+            seen = _seen(candidate, record, seen, np.array([size]))
+        return np.asarray(_sensed(model, record, seen)[0])
 
     shown = show(s.outputs)
     spread = float(np.nanmax(np.abs(s.outputs))) if s.outputs.size else 1.0
 
-    def push(columns: Array, rows: slice = ALL) -> Array:
+    def push(columns: Array) -> Array:
         """Transform derivatives with the sensors and sensor effects."""
-        out, base = np.empty_like(columns), s.outputs[rows]
-        for i in range(columns.shape[3]):
+        out = np.empty_like(columns)
+        for i in range(columns.shape[2]):
             largest = float(np.nanmax(np.abs(columns[..., i]))) if columns.size else 0.0
             step = 1e-4 * (spread or 1.0) / largest if largest > 0.0 else 1.0
-            up, down = (show(base + h * columns[..., i], rows=rows) for h in (step, -step))
+            up, down = (show(s.outputs + h * columns[..., i]) for h in (step, -step))
             out[..., i] = (up - down) / (2.0 * step)
-        return out
-
-    def push_alone(columns: Array) -> Array:
-        """As ``push``, for derivatives of a segment that do not change its neighbors."""
-        out = np.empty_like(columns)
-        for rows in (slice(0, None, 2), slice(1, None, 2)):  # no two are neighbors
-            out[rows] = push(columns[rows], rows)
         return out
 
     def by_sensor(candidate: Candidate) -> Array:
         """Derivative by the magnitude of a sensor effect."""
-        active = candidate in included
-        at = float(magnitudes[included.index(candidate)]) if active else 0.0
-        out = np.zeros_like(shown)
+        at, out = observing.get(candidate, 0.0), np.zeros_like(shown)
         for offset, weight in _offsets(candidate, at):
-            if active:
-                value = _swapped(show, observing, candidate, at + offset, s.outputs)
-            else:
-                value = show(s.outputs, (candidate, at + offset))
-            out += weight * (value - shown)
+            out += weight * (show(s.outputs, {**observing, candidate: at + offset}) - shown)
         return out
 
-    own = len(request.input_changes)
+    own, of_inputs = len(request.input_changes), _input_effects(request)
     assert s.d_inputs is not None
-    assert s.d_inputs_ends is not None
-    by_input, by_input_ends = push(s.d_inputs[..., own:]), s.d_inputs_ends[..., own:]
-    of_inputs = _input_effects(request)
+    by_input = push(s.d_inputs)
 
-    def by_magnitudes(
-        wanted: tuple[Candidate, ...], inner: Array, inner_ends: Array
-    ) -> tuple[Array, Array]:
+    def by_magnitudes(wanted: tuple[Candidate, ...], inner: Array) -> Array:
         """Derivatives by the magnitudes of effects, ``inner``: by those of the machine."""
         out = np.zeros((*shown.shape, len(wanted)))
-        ends = np.zeros((*s.ends.shape, len(wanted)))
         pushed, machine = push(inner), machine_candidates(wanted)
         for k, candidate in enumerate(wanted):
             if candidate in machine:
                 out[..., k] = pushed[..., machine.index(candidate)]
-                ends[..., k] = inner_ends[..., machine.index(candidate)]
             elif candidate in of_inputs:
-                column = of_inputs.index(candidate)
+                column = own + of_inputs.index(candidate)
                 out[..., k] = by_input[..., column] / _step(candidate)
-                ends[..., k] = by_input_ends[..., column] / _step(candidate)
             else:
                 out[..., k] = by_sensor(candidate)
-        return out, ends
+        return out
 
-    d_magnitudes, d_magnitudes_ends = by_magnitudes(included, s.d_magnitudes, s.d_magnitudes_ends)
-    d_candidates, d_candidates_ends = by_magnitudes(candidates, s.d_candidates, s.d_candidates_ends)
     return Sensitivity(
         outputs=shown,
-        ends=s.ends,
         d_theta=push(s.d_theta),
-        d_theta_ends=s.d_theta_ends,
-        d_magnitudes=d_magnitudes,
-        d_magnitudes_ends=d_magnitudes_ends,
-        d_starts=push_alone(s.d_starts),
-        d_starts_ends=s.d_starts_ends,
-        d_candidates=d_candidates,
-        d_candidates_ends=d_candidates_ends,
-        d_inputs=push_alone(s.d_inputs[..., :own]),
-        d_inputs_ends=s.d_inputs_ends[..., :own],
+        d_magnitudes=by_magnitudes(included, s.d_magnitudes),
+        d_starts=push(s.d_starts),
+        d_candidates=by_magnitudes(candidates, s.d_candidates),
+        d_inputs=by_input[..., :own],
         d_shapes=None if s.d_shapes is None else push(s.d_shapes),
     )
-
-
-def _swapped(
-    show: Callable[..., Array],
-    observing: list[tuple[Candidate, float]],
-    candidate: Candidate,
-    size: float,
-    outputs: Array,
-) -> Array:
-    """Sensor readings with another magnitude of one included sensor effect."""
-    at = next(i for i, (t, _) in enumerate(observing) if t is candidate)
-    kept = observing[at]
-    observing[at] = (candidate, size)
-    try:
-        return show(outputs)
-    finally:
-        observing[at] = kept

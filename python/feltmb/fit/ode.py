@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data import Record
+from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.integrate import integrate
@@ -17,18 +17,15 @@ from feltmb.fit.model import (
     Candidate,
     Effect,
     Jobs,
-    Model,
     Parameter,
     Port,
     Ready,
     Sensitivity,
     SensitivityRequest,
-    Simulated,
     State,
 )
-from feltmb.fit.resolution import Stepped, refined, resolved
+from feltmb.fit.resolution import Stepped, resolved
 from feltmb.fit.variational import variational_sensitivities
-from feltmb.fit.watch import simulated
 from feltmb.units import to_si
 
 __all__ = ["OdeModel"]
@@ -84,20 +81,16 @@ class OdeModel(Stepped):
         substeps: int | None = None,
         hold: Literal["auto", "linear", "zero", "spline"] = "auto",
         name: str = "model",
-        segment: float | None = None,
-        chaotic: bool = False,
     ):
         self.name = name
         self.parameters = tuple(parameters)
         self.outputs = tuple(outputs)
-        self.segment = segment
-        self.chaotic = chaotic
         self.inputs = tuple(inputs)
         self.coordinates = tuple(coordinates)
         self.substeps = substeps
         self.hold: Literal["auto", "linear", "zero", "spline", "between"] = hold
         self.method = method
-        self._resolved = self._free_steps = False
+        self._resolved = False
         #: By included effects: whether the variational equations predict changes of the outputs.
         self._smooth: dict[object, bool] = {}
         self._states = tuple(states)
@@ -207,28 +200,30 @@ class OdeModel(Stepped):
             out, notes = resolved(self, records)
         except FeltmbError:  # the first simulation of the user reports it better
             return Ready(self, tuple(records))
-        out._resolved, out._free_steps = True, self.substeps is None
+        out._resolved = True
         parts = {part.name: part for c in self.coordinates for part in c.parts}
         notes += [text for part in parts.values() if (text := part.without_inertia)]
         return Ready(out, tuple(records), tuple(notes))
-
-    def refined(self, batches: Sequence[Batch]) -> Model:
-        """Copy with more substeps, if they were not specified and these jobs need them."""
-        return refined(self, batches) if self._free_steps else self
 
     def accepts(self, effect: Effect) -> bool:
         """Whether an effect has a ``rate``, or is a sensor or input effect."""
         return effect.rate is not None or super().accepts(effect)
 
-    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+    def simulate(self, record: Record, jobs: Jobs) -> Array:
         """See :class:`~feltmb.fit.Model`."""
         return self._simulated([(record, jobs)])[0]
 
-    def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
+    def simulate_all(self, batches: Sequence[Batch]) -> list[Array]:
         """Simulate batches; jobs with the same included effects are integrated together."""
         if type(self).simulate is not OdeModel.simulate:  # a subclass overrides ``simulate``
             return super().simulate_all(batches)
         return self._simulated(batches)
+
+    def motion(self, record: Record, jobs: Jobs) -> Array:
+        """See :class:`~feltmb.fit.Model`."""
+        with np.errstate(all="ignore"):
+            found = integrate(self, [(record, jobs)], keep=jobs.count)
+        return np.moveaxis(found.samples, -1, 0)
 
     def sensitivities(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:
         """Derivatives from the variational equations, or by differences if the rates jump."""
@@ -247,12 +242,12 @@ class OdeModel(Stepped):
                 found[i] = s
         return [s for s in found if s is not None]
 
-    def _simulated(self, batches: Sequence[Batch]) -> list[Simulated]:
+    def _simulated(self, batches: Sequence[Batch]) -> list[Array]:
         self._check_inputs(batches)
         groups: dict[object, list[int]] = {}
         for i, (_, jobs) in enumerate(batches):
             groups.setdefault(None if jobs.forces is None else jobs.forces.shape[2], []).append(i)
-        runs: dict[int, Simulated] = {}
+        runs: dict[int, Array] = {}
         with np.errstate(all="ignore"):
             for group in groups.values():  # jobs with the same effects follow each other
                 first: dict[object, int] = {}
@@ -264,7 +259,7 @@ class OdeModel(Stepped):
         return [runs[i] for i in range(len(batches))]
 
     def _check_inputs(self, batches: Sequence[Batch]) -> None:
-        """Check that the records have the inputs, and count their simulations."""
+        """Check that the records have the inputs."""
         for record, _ in batches:
             missing = [n for n in self.inputs if n not in record.inputs]
             if missing:
@@ -272,9 +267,6 @@ class OdeModel(Stepped):
                     f"record {record.name}: model {self.name} needs the input "
                     f"{', '.join(missing)}; there is {', '.join(record.inputs) or 'none'}"
                 )
-        for record, jobs in batches:
-            samples = float(np.sum(jobs.segments[:, 1] - jobs.segments[:, 0]))
-            simulated(samples / max(record.samples - 1, 1))
 
 
 def _effects_of(jobs: Jobs) -> tuple[tuple[int, str], ...]:

@@ -9,30 +9,25 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feltmb.data import Record
-from feltmb.fit.model import INTERPOLATION, Batch, Jobs, Model, Parameter, Simulated
+from feltmb.fit.model import INTERPOLATION, Batch, Jobs, Model, Parameter
 from feltmb.fit.noise import Noise
 
-__all__ = ["BETWEEN", "Stepped", "refined", "resolved"]
+__all__ = ["BETWEEN", "Stepped", "resolved"]
 
 #: Prefix of the parameter of an input that is the share of a spline in its interpolation.
 BETWEEN = "between."
 #: Noncentralities: steps are small enough below the first; specified steps cause a warning above
 #: the second; the interpolation of an input is estimated above the third.
 FINE, NOISY, DETECTABLE = 1.0, 3.0, 1.0
-#: An error of the steps below this share of the influence of the effects counts as model-form
-#: error.
-SMALL = 0.001
 #: Largest number of substeps.
 MOST = 16
-#: Number of samples of a segment, samples of a record, and records that are tested.
-WINDOW, LONGEST, RECORDS = 64, 1500, 4
+#: Number of samples of a record, and of records, that are tested.
+LONGEST, RECORDS = 1500, 4
 
 
 class Stepped(Model):
@@ -94,24 +89,6 @@ def resolved(model: M, records: Sequence[Record]) -> tuple[M, list[str]]:
     return out, notes
 
 
-def refined(model: M, batches: Sequence[Batch]) -> M:
-    """The model with sufficient substeps for some jobs; itself if no change is needed.
-
-    An error that is small compared with the influence of the included effects counts as a
-    model-form error.
-    """
-    bare = [(record, replace(jobs, magnitudes=0.0 * jobs.magnitudes)) for record, jobs in batches]
-    done = np.sqrt(_squares(model.simulate_all(batches), model.simulate_all(bare), model, batches))
-    fine = max(FINE, SMALL * done) if np.isfinite(done) else FINE
-
-    def difference_in_noise(one: M, other: M) -> float:
-        return float(np.sqrt(_noise_distance(one, other, batches)))
-
-    now = model.substeps or 1
-    substeps, _ = _substeps(model, now, difference_in_noise, fine)
-    return model if substeps == now else _with_substeps(model, substeps)
-
-
 def _part(record: Record) -> Record:
     return record if record.samples <= LONGEST else record.cut(0, LONGEST)
 
@@ -126,54 +103,40 @@ def _substeps(
     model: M,
     substeps: int,
     difference_in_noise: Callable[[M, M], float],
-    fine: float = FINE,
 ) -> tuple[int, float]:
     """Smallest doubled number of substeps whose error is not detectable, and the error."""
     while True:
         noisy = difference_in_noise(
             _with_substeps(model, substeps), _with_substeps(model, 2 * substeps)
         )
-        if noisy <= fine or substeps >= MOST:
+        if noisy <= FINE or substeps >= MOST:
             return substeps, noisy
         substeps *= 2
 
 
 def _jobs(model: Model, records: Sequence[Record]) -> list[Batch]:
-    """Segments of records that start on the trajectory of the model."""
+    """One simulation of each record from its expected start."""
     theta = np.array([p.value for p in model.parameters])
-    segments = [_segments(r) for r in records]
-    starts = model.guess(records, segments)
-    return [
-        (r, Jobs.at_point(theta, w, x, (), np.zeros(0)))
-        for r, w, x in zip(records, segments, starts, strict=True)
-    ]
-
-
-def _segments(record: Record) -> NDArray[np.intp]:
-    edges = np.unique([*range(0, record.samples - 1, WINDOW), record.samples - 1])
-    return np.column_stack([edges[:-1], edges[1:]])
+    batches = []
+    for r in records:
+        mean = {} if r.start is None else r.start.mean
+        start = np.array([mean.get(s.name, s.start) for s in model.states()])
+        batches.append((r, Jobs(theta=theta[None], starts=start[None])))
+    return batches
 
 
 def _noise_distance(one: Model, other: Model, batches: Sequence[Batch]) -> float:
     """Sum of squares of the difference of two models in noise; infinite if one of them fails."""
-    return _squares(one.simulate_all(batches), other.simulate_all(batches), one, batches)
-
-
-def _squares(
-    ones: Sequence[Simulated], others: Sequence[Simulated], model: Model, batches: Sequence[Batch]
-) -> float:
-    """Sum of squares of the difference of two simulations, in units of the noise."""
     total = 0.0
-    for (record, jobs), a, b in zip(batches, ones, others, strict=True):
-        length = (jobs.segments[:, 1] - jobs.segments[:, 0])[:, None]
-        inside = np.arange(a.outputs.shape[1]) <= length
-        for c, name in enumerate(model.outputs):
+    runs = zip(batches, one.simulate_all(batches), other.simulate_all(batches), strict=True)
+    for (record, _), a, b in runs:
+        for c, name in enumerate(one.outputs):
             sensor = record.sensors.get(name)
             if name in record.outputs and sensor is not None and sensor.sigma:
-                one, other = (run.outputs[:, :, c][inside] for run in (a, b))
+                y, z = a[0, :, c], b[0, :, c]
                 with np.errstate(over="ignore"):
                     noise = Noise(sensor.sigma, relative=sensor.relative_sigma)
-                    part = (one - other) / noise.sd(one)
-                    part[~np.isfinite(one) & ~np.isfinite(other)] = 0.0  # both simulations fail
+                    part = (y - z) / noise.sd(y)
+                    part[~np.isfinite(y) & ~np.isfinite(z)] = 0.0  # both simulations fail
                     total += float(np.sum(np.where(np.isfinite(part), part, np.inf) ** 2))
     return total

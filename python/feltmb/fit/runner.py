@@ -25,7 +25,6 @@ from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fit.calling import explained
 from feltmb.fit.latest import Latest
-from feltmb.fit.watch import Ended, simulated
 
 __all__ = ["Run", "Runner", "untold_trials"]
 
@@ -254,7 +253,6 @@ class Runner:
 
     def _count(self) -> None:
         self.made += 1
-        simulated(1.0)
 
     def _one(self, run: Run) -> Array | str:
         self._count()
@@ -275,7 +273,7 @@ class Runner:
             try:
                 out.append(future.result())
                 self._count()
-            except Ended:
+            except KeyboardInterrupt:
                 for waiting in futures:
                     waiting.cancel()
                 raise

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data import Array, Integers, Record
+from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.model import (
     Batch,
@@ -27,14 +27,13 @@ from feltmb.fit.model import (
     Ready,
     Sensitivity,
     SensitivityRequest,
-    Simulated,
     State,
     Weighted,
+    derived,
 )
 from feltmb.fit.noise import Noise
 from feltmb.fit.noise_of_function import Step, choose_step, noise_of_function
 from feltmb.fit.runner import Run, Runner
-from feltmb.fit.watch import current
 
 __all__ = ["Exposed", "SimulatorModel"]
 
@@ -111,13 +110,8 @@ class SimulatorModel(Model):
         not be listed here.
     workers
         Number of processes; 1: none; default: number of cores if a run takes longer than 5 ms.
-    segment
-        Length of the segments in which residuals are judged [s]; runs are always complete.
-    chaotic
-        Whether it has impacts after which a small change of a parameter grows strongly.
     """
 
-    from_rest = True
     least_samples = 2
 
     def __init__(
@@ -130,8 +124,6 @@ class SimulatorModel(Model):
         exposed: Mapping[str, Exposed | Effect] | None = None,
         workers: int | None = None,
         name: str = "simulator",
-        segment: float | None = None,
-        chaotic: bool = False,
     ):
         self.name = name
         self.parameters = tuple(parameters)
@@ -139,8 +131,6 @@ class SimulatorModel(Model):
         self.outputs = tuple(outputs)
         named = [g for g in (inputs, outputs) if isinstance(g, Mapping)]
         self.units = {k: v for g in named for k, v in g.items() if v}  # "": unknown
-        self.segment = segment
-        self.chaotic = chaotic
         known = dict(exposed or {})
         self._neutral = {k: e.neutral if isinstance(e, Exposed) else 0.0 for k, e in known.items()}
         self.effects = tuple(
@@ -195,28 +185,12 @@ class SimulatorModel(Model):
         seconds, again = runner.first(first)
         if self._workers != 1 and (self._workers or seconds > WORTH_A_PROCESS):
             runner.start(self._workers)
-        self._tell_work(seconds, records)
         runner.checked([Run.of(r, self.inputs, prior) for r in records])
         out = copy.copy(self)
         out._steps, notes = self._chosen_steps(records[0], again)
         out._ready = True
         notes += runner.notices
         return Ready(out, tuple(records), tuple(f"model {self.name}: {n}" for n in notes))
-
-    def _tell_work(self, seconds: float, records: Sequence[Record]) -> None:
-        """Tell the duration of a run and the number of runs.
-
-        It is not in the notes of the report, which must not depend on the computer.
-        """
-        count = self._runner.processes
-        how = f"{count} processes" if count > 1 else "one process"
-        free = sum(1 for p in self.parameters if p.sd > 0.0)
-        checks = len(records) + SPACINGS + 2 * (free + len(self.effects))
-        step = len(records) * (1 + free)
-        current().say(
-            f"a run takes {seconds:.2g} s, in {how}; these checks need about {checks} runs, a step "
-            f"of the fit {step} runs or more"
-        )
 
     def _check_inputs(self, records: Sequence[Record]) -> None:
         for record in records:
@@ -309,28 +283,19 @@ class SimulatorModel(Model):
             )
         return steps, notes
 
-    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+    def simulate(self, record: Record, jobs: Jobs) -> Array:
         """See :class:`~feltmb.fit.Model`."""
         return self.simulate_all([(record, jobs)])[0]
 
-    def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
-        """Simulate batches; each different record and point is run once for all segments."""
+    def simulate_all(self, batches: Sequence[Batch]) -> list[Array]:
+        """Simulate batches; equal runs are computed once."""
         self._check_inputs([record for record, _ in batches])
-        runs: list[Run] = []
-        placed: list[Integers] = []
+        runs = []
         for record, jobs in batches:
             table = np.hstack([jobs.theta, jobs.magnitudes]) if jobs.included else jobs.theta
-            rows, which = np.unique(table, axis=0, return_inverse=True)
-            placed.append(np.asarray(which).reshape(-1) + len(runs))
-            runs += [Run.of(record, self.inputs, self._values(row, jobs.included)) for row in rows]
-        seen = self._runner.values(runs)
-        out = []
-        for (_, jobs), which in zip(batches, placed, strict=True):
-            outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
-            for b, (first, last) in enumerate(jobs.segments):
-                outputs[b, : last - first + 1] = seen[which[b]][first : last + 1]
-            out.append(Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0))))
-        return out
+            runs += [Run.of(record, self.inputs, self._values(row, jobs.included)) for row in table]
+        seen = iter(self._runner.values(runs))
+        return [np.array([next(seen) for _ in range(jobs.count)]) for _, jobs in batches]
 
     def _values(self, row: Array, included: tuple[Candidate, ...]) -> dict[str, float]:
         count = len(self.parameters)
@@ -352,27 +317,34 @@ class SimulatorModel(Model):
         runs = self.simulate_all(
             [(r.record, jobs) for r, (jobs, _) in zip(requests, changed, strict=True)]
         )
-        return [
-            self._derivatives(request, run, columns)
-            for request, run, (_, columns) in zip(requests, runs, changed, strict=True)
-        ]
+        out = []
+        for request, run, (_, columns) in zip(requests, runs, changed, strict=True):
+            found, a = derived(run, columns), len(request.parameters_of(self))
+            b = a + len(request.included)
+            out.append(
+                Sensitivity(
+                    outputs=run[0],
+                    d_theta=found[..., :a],
+                    d_magnitudes=found[..., a:b],
+                    d_starts=np.zeros((*run.shape[1:], 0)),
+                    d_candidates=found[..., b:],
+                )
+            )
+        return out
 
     def _changed_jobs(self, request: SensitivityRequest) -> tuple[Jobs, list[Weighted]]:
         """Jobs with changes of parameters and magnitudes, and their use by column."""
         request.check(self)
-        theta, segments = request.theta, request.segments
-        everything = (*request.included, *request.candidates)
+        theta, everything = request.theta, (*request.included, *request.candidates)
         at = np.concatenate([theta, request.sizes, np.zeros(len(request.candidates))])
-        columns = [
-            (i, self.parameters[i].name, self.parameters[i].size, *_limits(self.parameters[i]))
-            for i in request.parameters_of(self)
-        ]
-        columns += [
+        own = [(i, self.parameters[i]) for i in request.parameters_of(self)]
+        variables = [(i, p.name, p.size, p.lower, p.upper) for i, p in own]
+        variables += [
             (len(theta) + k, str(c.effect.data), c.effect.scale, *c.effect.bounds)
             for k, c in enumerate(everything)
         ]
-        rows, entries = [at], []
-        for index, name, scale, low, high in columns:
+        rows, columns = [at], []
+        for index, name, scale, low, high in variables:
             step = self._steps.get(name) or Step(TRIAL * scale, central=True)
             entry = []
             for offset, weight in step.offsets(at[index], low, high):
@@ -380,42 +352,12 @@ class SimulatorModel(Model):
                 row[index] += offset
                 entry.append((len(rows), weight))
                 rows.append(row)
-            entries.append(entry)
-        table, count = np.array(rows), len(segments)
+            columns.append(entry)
+        table = np.array(rows)
         jobs = Jobs(
-            theta=np.repeat(table[:, : len(theta)], count, axis=0),
-            segments=np.tile(segments, (len(rows), 1)),
-            starts=np.zeros((len(rows) * count, 0)),
+            theta=table[:, : len(theta)],
+            starts=np.zeros((len(rows), 0)),
             included=everything,
-            magnitudes=np.repeat(table[:, len(theta) :], count, axis=0),
+            magnitudes=table[:, len(theta) :],
         )
-        return jobs, entries
-
-    def _derivatives(
-        self, request: SensitivityRequest, run: Simulated, columns: list[Weighted]
-    ) -> Sensitivity:
-        """Derivatives from the results of the changed jobs."""
-        count, included = len(request.segments), len(request.included)
-        seen = run.outputs.reshape(-1, count, *run.outputs.shape[1:])
-        found = np.zeros((*seen.shape[1:], len(columns)))
-        for c, entry in enumerate(columns):
-            for moved, weight in entry:
-                found[..., c] += weight * (seen[moved] - seen[0])
-        a = len(request.parameters_of(self))
-        b = a + included
-        return Sensitivity(
-            outputs=seen[0],
-            ends=np.zeros((count, 0)),
-            d_theta=found[..., :a],
-            d_theta_ends=np.zeros((count, 0, a)),
-            d_magnitudes=found[..., a:b],
-            d_magnitudes_ends=np.zeros((count, 0, included)),
-            d_starts=np.zeros((*seen.shape[1:], 0)),
-            d_starts_ends=np.zeros((count, 0, 0)),
-            d_candidates=found[..., b:],
-            d_candidates_ends=np.zeros((count, 0, len(request.candidates))),
-        )
-
-
-def _limits(p: Parameter) -> tuple[float, float]:
-    return p.lower, p.upper
+        return jobs, columns

@@ -59,7 +59,7 @@ ALL = slice(None)
 def variational_sensitivities(
     model: Any, requests: Sequence[SensitivityRequest]
 ) -> list[Sensitivity | None]:
-    """Outputs and derivatives of segments, one result per request.
+    """Outputs and derivatives, one result per request.
 
     None: the right-hand side jumps, so that the request needs differences of simulations.
     """
@@ -81,8 +81,8 @@ def variational_sensitivities(
     found = _Variation(model, requests, batches, run).results()
     for k, (key, i) in enumerate(tested.items()):
         at = len(requests) + 2 * k
-        changed = [other.outputs for other in run.runs[at : at + 2]]
-        known[key] = _predicts(model, requests[i], found[i], changed, moves[key][2])
+        changed = [other[0] for other in run.runs[at : at + 2]]
+        known[key] = _predicts(model, found[i], changed, moves[key][2])
     return [
         _asked(request, s) if known[key] else None
         for request, s, key in zip(requests, found, keys, strict=True)
@@ -107,7 +107,7 @@ def _moves(
     """
     signs = np.random.default_rng(0)
     more, less = (
-        [np.array(v, dtype=np.float64) for v in (request.theta, request.sizes, request.starts)]
+        [np.array(v, dtype=np.float64) for v in (request.theta, request.sizes, request.start)]
         for _ in range(2)
     )
     own = [
@@ -128,7 +128,7 @@ def _moves(
     start = signs.choice([-1.0, 1.0], scales.size)
     start *= 0.1 * CHANGE * model.difference_step * scales
     one, other = (
-        replace(request, theta=theta, magnitudes=sizes, starts=request.starts + sign * start)
+        replace(request, theta=theta, magnitudes=sizes, start=request.start + sign * start)
         for (theta, sizes, _), sign in ((more, 1.0), (less, -1.0))
     )
     return one, other, np.array([*changes, *(2.0 * start)])
@@ -136,7 +136,6 @@ def _moves(
 
 def _predicts(
     model: Any,
-    request: SensitivityRequest,
     s: Sensitivity,
     two: Sequence[Array],
     changes: Array,
@@ -147,16 +146,14 @@ def _predicts(
     others.
     """
     columns = np.concatenate([s.d_theta, s.d_magnitudes, s.d_starts], axis=-1)
-    length = (request.segments[:, 1] - request.segments[:, 0])[:, None]
-    inside = np.arange(two[0].shape[1]) <= length
     change = two[0] - two[1]
     error = change - columns @ changes
-    good = inside[..., None] & np.isfinite(change)
+    good = np.isfinite(change)
     if np.any(good & ~np.isfinite(error)):
         return False
     change, error, y = (np.where(good, v, 0.0) for v in (change, error, s.outputs))
-    allowed = SMALL**2 * np.sum(change**2, axis=(0, 1)) + 1e-18 * np.sum(y**2, axis=(0, 1))
-    agrees = np.sum(error**2, axis=(0, 1)) <= allowed
+    allowed = SMALL**2 * np.sum(change**2, axis=0) + 1e-18 * np.sum(y**2, axis=0)
+    agrees = np.sum(error**2, axis=0) <= allowed
     steady = [o for o, of in enumerate(model._outputs.values()) if not isinstance(of, Rate)]
     return bool(np.all(agrees[steady] if steady else agrees))
 
@@ -165,7 +162,7 @@ def _asked(request: SensitivityRequest, s: Sensitivity) -> Sensitivity:
     """The result without derivatives that were only needed for its test."""
     if request.by_starts:
         return s
-    return replace(s, d_starts=s.d_starts[..., :0], d_starts_ends=s.d_starts_ends[..., :0])
+    return replace(s, d_starts=s.d_starts[..., :0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,11 +193,6 @@ class _Variation:
         self.model, self.requests, self.runs = model, requests, run.runs
         self.equations = Equations(model, batches)
         self.count, self.size = self.equations.count, self.equations.size
-        self.last = np.concatenate([r.segments[:, 1] - r.segments[:, 0] for r in requests])
-        ends = np.cumsum([len(r.segments) for r in requests])
-        self.jobs = [
-            slice(end - len(r.segments), end) for r, end in zip(requests, ends, strict=True)
-        ]
         self.clock = run.clock.first(self.count)
         self.longest = len(self.clock.time)
         self.samples = run.samples[:, None, None]  # as the stages: one step with one stage
@@ -328,47 +320,28 @@ class _Variation:
         return np.zeros((len(z), self.count, self.longest - 1, *self.shares.shape)), z
 
     def _memory(self, group: list[int]) -> list[tuple[Array, Array]]:
-        """Hidden states of an effect with the shapes of a group, from segment to segment."""
-        law, shapes = self.laws[group[0]], len(group)
-        hidden, found = law.candidate.effect.hidden, [self._empty(c) for c in group]
-        z = np.tile([[s.start] for s in hidden], (1, shapes * len(self.requests)))
-        z = z.reshape(len(hidden), shapes, -1)
-        for w in range(max(len(r.segments) for r in self.requests)):
-            own = np.array([i for i, r in enumerate(self.requests) if w < len(r.segments)])
-            jobs = np.array([self.jobs[i].start for i in own]) + w
-            start = z[:, :, own].reshape(len(hidden), -1)
-            path, end = self._passed(group, jobs, start)
-            length = len(path)
-            path = path.reshape(*path.shape[:4], shapes, -1)
-            after = np.concatenate([path[:, 0, 0], end.reshape(1, *path.shape[3:])])
-            for k in range(shapes):
-                found[k][0][:, jobs, :length] = path[:, :, :, :, k].transpose(3, 4, 0, 1, 2)
-                found[k][1][:, jobs, : length + 1] = after[:, :, k].transpose(1, 2, 0)
-            z[:, :, own] = after[self.last[jobs], :, :, np.arange(len(jobs))].transpose(1, 2, 0)
-        return found
+        """Hidden states of an effect with the shapes of a group, over all records.
 
-    def _passed(self, group: list[int], jobs: Integers, start: Array) -> tuple[Array, Array]:
-        """Hidden states of an effect in one segment of each record, for the shapes of a group.
-
-        Those at the stages, (j, substeps, stages, hidden, shapes * jobs), and after the last one.
+        For each shape as in :meth:`_memories`.
         """
         laws, states, shapes = [self.laws[c] for c in group], self.equations.names, len(group)
         effect, shape = laws[0].candidate.effect, laws[0].candidate.shape
         if shapes > 1:
-            shape = _stacked([law.candidate.shape for law in laws], len(jobs))
-        length = int(self.last[jobs].max())
+            shape = _stacked([law.candidate.shape for law in laws], self.count)
+        length = self.longest - 1
         times = (1, 1, 1, shapes)
-        t, u = self._held(np.arange(length), self.shares, jobs)
+        t, u = self._held(np.arange(length), self.shares, ALL)
         signals = [np.tile(v, times) for v in u._values.values()]
-        t, h = np.tile(t, times), np.diff(self.clock.time[: length + 1, jobs], axis=0)
-        x = np.tile(self.stages[:length, :, :, : len(states), jobs], (1, *times))
-        p = _each(self.equations.p, lambda v: np.tile(v[jobs], shapes))
+        t, h = np.tile(t, times), np.diff(self.clock.time, axis=0)
+        x = np.tile(self.stages[:, :, :, : len(states)], (1, *times))
+        p = _each(self.equations.p, lambda v: np.tile(v, shapes))
         h = np.tile(h / self.substeps, (1, shapes))
         names, hidden = list(u._values), list(laws[0].memory)
-        scales = np.tile([[s.scale] for s in effect.hidden], (1, start.shape[1]))
-        zero, rate = np.zeros(start.shape[1]), effect.rate
+        now = np.tile([[s.start] for s in effect.hidden], (1, shapes * self.count))
+        scales = np.tile([[s.scale] for s in effect.hidden], (1, shapes * self.count))
+        zero, rate = np.zeros(shapes * self.count), effect.rate
         assert rate is not None
-        now, step, kept = start, (0, 0), []
+        step, kept = (0, 0), []
 
         def rates(k: int, y: Array) -> Array:
             at, out = (*step, k), np.zeros_like(y)
@@ -386,7 +359,13 @@ class _Variation:
                     step = (j, s)
                     now, stages = advanced(rates, self.model.method, h[j], now, scales)
                     kept.append(stages)
-        return np.array(kept).reshape(length, *self.shares.shape, *start.shape), now
+        path = np.array(kept).reshape(length, *self.shares.shape, len(hidden), shapes, self.count)
+        last = now.reshape(1, len(hidden), shapes, self.count)
+        samples = np.concatenate([path[:, 0, 0], last])
+        return [
+            (path[:, :, :, :, k].transpose(3, 4, 0, 1, 2), samples[:, :, k].transpose(1, 2, 0))
+            for k in range(shapes)
+        ]
 
     # ------------------------------------------------------------------------ derivatives
 
@@ -479,17 +458,17 @@ class _Variation:
 
     def _by_shapes(self, at: _Points, times: int, rows: Sequence[int], out: Array) -> None:
         """Add the derivatives of rates by the shapes of included effects, (n, values, changes)."""
-        for r, jobs in zip(self.requests, self.jobs, strict=True):
+        for i, r in enumerate(self.requests):
             if not r.shape_changes:
                 continue
-            own = slice(jobs.start * times, jobs.stop * times)
+            own = slice(i * times, (i + 1) * times)
             t, x, u, p = at.t[own], at.x[:, own], selected(at.u, own), selected(at.p, own)
             named = self.equations.view(x)
             for c, change in enumerate(r.shape_changes):
                 law = next(
                     law
                     for k, law in self.equations.laws
-                    if k == change.effect and law.jobs[0] <= jobs.start < law.jobs[1]
+                    if k == change.effect and law.jobs[0] <= i < law.jobs[1]
                 )
                 size = at.magnitudes[change.effect, own]
                 for shape, sign in ((change.upper, 1.0), (change.lower, -1.0)):
@@ -500,9 +479,8 @@ class _Variation:
 
     def _offsets(self, limits: Sequence[tuple[float, float, float, float]]) -> list[list[Array]]:
         """Two changes of a variable and their weights, (jobs,) each, from its values and limits."""
-        counts = [len(r.segments) for r in self.requests]
         found = np.array([difference_offsets(*one) for one in limits])  # (requests, 2, 2)
-        return [[np.repeat(found[:, i, k], counts) for k in range(2)] for i in range(2)]
+        return [[found[:, i, k] for k in range(2)] for i in range(2)]
 
     def _steps(self, by: Array, h: Array) -> Array:
         """Changes of the derivatives over the samples, (jobs, j, states, columns).
@@ -530,8 +508,8 @@ class _Variation:
             total = step if s == 0 else total + step + step[..., :n] @ total
         return total
 
-    def _along(self) -> tuple[Array, Array]:
-        """Derivatives of the outputs, (jobs, longest, outputs, columns), and of the end states."""
+    def _along(self) -> Array:
+        """Derivatives of the outputs, (jobs, longest, outputs, columns)."""
         model, equations, n, count = self.model, self.equations, self.size, self.count
         direct = [o for o, of in enumerate(model._outputs.values()) if isinstance(of, str)]
         other = [o for o in range(len(model.outputs)) if o not in direct]
@@ -547,7 +525,6 @@ class _Variation:
             return equations.outputs(t, x, u, p, slopes, names)
 
         d = np.zeros((count, self.longest, len(model.outputs), self.columns))
-        d_ends = np.zeros((count, n, self.columns))
         s = np.zeros((count, n, self.columns))
         s[:, range(n), range(self.at_starts, self.at_starts + n)] = 1.0
         block = max(1, BLOCK // (count * self.shares.size * n * (n + self.columns)))
@@ -566,9 +543,6 @@ class _Variation:
             path = np.empty((len(j), count, n, self.columns))
             for i, sample in enumerate(j):
                 path[i] = s
-                ending = self.last == sample
-                if ending.any():
-                    d_ends[ending] = s[ending]
                 if sample < self.longest - 1:
                     s = s + changes[i, ..., :n] @ s + changes[i, ..., n:]
             path = np.moveaxis(path, 1, 0)
@@ -582,43 +556,27 @@ class _Variation:
                 }
                 by = self._differences(shown, at, j, zero, memories, rows)[:, :, 0, 0]
                 d[:, own, other] = by[..., :n] @ path + by[..., n:]
-        return d, d_ends
+        return d
 
     def results(self) -> list[Sensitivity]:
         """Outputs and derivatives by request."""
-        d, d_ends = self._along()
-        out = []
-        for i, request in enumerate(self.requests):
-            run = self.runs[i]
-            length, states = run.outputs.shape[1], run.ends.shape[1]
-            of_y, of_x = d[self.jobs[i], :length], d_ends[self.jobs[i], :states]
+        d, out = self._along(), []
+        for i, (request, run) in enumerate(zip(self.requests, self.runs, strict=False)):
+            own = d[i, : run.shape[1]]
 
-            def those(columns: Sequence[int], y: Array = of_y, x: Array = of_x) -> list[Array]:
-                return [y[..., list(columns)], x[..., list(columns)]]
+            def following(first: int, count: int, own: Array = own) -> Array:
+                return own[..., first : first + count]
 
-            def following(first: int, count: int, those: Any = those) -> list[Array]:
-                return those(range(first, first + count))  # type: ignore[no-any-return]
-
-            by_theta = those([self.theta.index(k) for k in request.parameters_of(self.model)])
-            by_magnitudes = following(len(self.theta), len(request.included))
-            by_starts = following(self.at_starts, states)
-            by_candidates = those([self.at_candidates + c for c in self.which[i]])
-            by_inputs = following(self.at_changes, len(request.input_changes))
+            by_theta = [self.theta.index(k) for k in request.parameters_of(self.model)]
             out.append(
                 Sensitivity(
-                    outputs=run.outputs,
-                    ends=run.ends,
-                    d_theta=by_theta[0],
-                    d_theta_ends=by_theta[1],
-                    d_magnitudes=by_magnitudes[0],
-                    d_magnitudes_ends=by_magnitudes[1],
-                    d_starts=by_starts[0],
-                    d_starts_ends=by_starts[1],
-                    d_candidates=by_candidates[0],
-                    d_candidates_ends=by_candidates[1],
-                    d_inputs=by_inputs[0],
-                    d_inputs_ends=by_inputs[1],
-                    d_shapes=following(self.at_shapes, len(request.shape_changes))[0],
+                    outputs=run[0],
+                    d_theta=own[..., by_theta],
+                    d_magnitudes=following(len(self.theta), len(request.included)),
+                    d_starts=following(self.at_starts, request.start.size),
+                    d_candidates=own[..., [self.at_candidates + c for c in self.which[i]]],
+                    d_inputs=following(self.at_changes, len(request.input_changes)),
+                    d_shapes=following(self.at_shapes, len(request.shape_changes)),
                 )
             )
         return out

@@ -22,12 +22,11 @@ from feltmb.fit import (
     Rate,
     Sensitivity,
     SensitivityRequest,
-    Simulated,
     SimulatorModel,
     State,
     including,
 )
-from feltmb.gap.diagnose import diagnose
+from feltmb.gap.diagnose import diagnose, fit_model
 from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured
 from feltmb.gap.options import Options
 from feltmb.gap.progress import Progress
@@ -77,13 +76,13 @@ __all__ = [
     "SensitivityRequest",
     "Sensor",
     "SetOfCauses",
-    "Simulated",
     "SimulatorModel",
     "StartPrior",
     "State",
     "Trace",
     "Verdict",
     "diagnose",
+    "fit_model",
     "including",
     "measured_toml",
     "read_measured",

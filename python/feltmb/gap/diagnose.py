@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from feltmb.data import Record
+from feltmb.fit.model import Effect, Model
 from feltmb.gap.fit import Stop
 from feltmb.gap.options import Options
 from feltmb.gap.progress import Meter, Progress
@@ -14,9 +15,8 @@ from feltmb.gap.report import Report
 from feltmb.gap.search import SEARCH, search
 from feltmb.gap.variation import varies, with_variation
 from feltmb.gap.verdict import judge
-from feltmb.fit.model import Effect, Model
 
-__all__ = ["diagnose"]
+__all__ = ["diagnose", "fit_model"]
 
 
 def diagnose(
@@ -40,7 +40,8 @@ def diagnose(
         Measured runs; at least one.
     hold_out
         Names of the records that are not fitted; default: those with the role "held_out", else
-        every third of three or more records, else every second block of each record.
+        every third of three or more records, else every second block of each record. ``()``: no
+        record is held out.
     options
         Options; default: ``Options()``.
     tell
@@ -76,3 +77,33 @@ def diagnose(
     result = judge(searched, options, seconds, meter.stage, check)
     meter.stage("done")
     return Report.of(result)
+
+
+def fit_model(
+    model: Model,
+    records: Sequence[Record],
+    *,
+    options: Options | None = None,
+    tell: Callable[[Progress], None] | None = None,
+) -> Report:
+    """Fit the parameters of a model to all records: a diagnosis without effects.
+
+    Errors of the records (:mod:`feltmb.gap.records`) and parameters outside their tolerances are
+    considered as in a diagnosis. ``report.parameters`` has the values and their intervals, which
+    allow for what the model does not explain.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    records
+        Measured runs; at least one.
+    options, tell
+        As for :func:`diagnose`.
+
+    Raises
+    ------
+    InvalidParameter, DataError
+        Model and records do not fit together.
+    """
+    return diagnose(model, (), records, hold_out=(), options=options, tell=tell)

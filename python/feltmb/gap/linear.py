@@ -8,9 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from feltmb.data import Array, Integers
-from feltmb.gap.problem import Local, Members, Observed, Problem
-from feltmb.gap.shapes import movable, moved, spread_of
+from feltmb.data import Array
 from feltmb.fit.model import (
     Candidate,
     Jobs,
@@ -20,6 +18,8 @@ from feltmb.fit.model import (
     State,
 )
 from feltmb.fit.observe import machine_candidates, observe_all, observed_sensitivities
+from feltmb.gap.problem import Local, Members, Observed, Problem
+from feltmb.gap.shapes import movable, moved, spread_of
 
 __all__ = [
     "Ask",
@@ -190,10 +190,6 @@ def start_states(problem: Problem, ask: Ask, r: int) -> Array:
     return start
 
 
-def _whole(observed: Observed) -> Integers:
-    return np.array([[0, observed.record.samples - 1]], dtype=np.intp)
-
-
 def _plain(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
     batches = []
     for ask in asks:
@@ -203,8 +199,11 @@ def _plain(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
         batches += [
             (
                 o.record,
-                Jobs.at_point(
-                    theta, _whole(o), start_states(problem, ask, r)[None, :], included, sizes
+                Jobs(
+                    theta=theta[None],
+                    starts=start_states(problem, ask, r)[None],
+                    included=included,
+                    magnitudes=sizes[None],
                 ),
             )
             for r, o in enumerate(ask.records)
@@ -214,7 +213,7 @@ def _plain(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
     for ask in asks:
         own = []
         for r, o in enumerate(ask.records):
-            outputs = next(runs).outputs[0][:, list(problem.channels)]
+            outputs = next(runs)[0][:, list(problem.channels)]
             readings, _ = _sensed(problem, ask, r, outputs)
             nothing = np.zeros((*readings.shape, 0))
             own.append(Linear(_residual(o, readings), nothing, nothing, nothing))
@@ -236,8 +235,7 @@ def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
                 SensitivityRequest(
                     o.record,
                     theta,
-                    _whole(o),
-                    start_states(problem, ask, r)[None, :],
+                    start_states(problem, ask, r),
                     included,
                     sizes,
                     by_theta=problem.free if ask.by_global else (),
@@ -256,14 +254,14 @@ def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
         own = []
         for r, o in enumerate(ask.records):
             s, columns = next(found), list(problem.channels)
-            readings, by_sensor = _sensed(problem, ask, r, s.outputs[0][:, columns])
+            readings, by_sensor = _sensed(problem, ask, r, s.outputs[:, columns])
             n, m = readings.shape
             shape_columns = next(by_shapes)[:, columns]
             if ask.by_global:
                 by_global = np.concatenate(
                     [
-                        s.d_theta[0][:, columns] * problem.unit,
-                        s.d_magnitudes[0][:, columns] * scales,
+                        s.d_theta[:, columns] * problem.unit,
+                        s.d_magnitudes[:, columns] * scales,
                         shape_columns,
                     ],
                     axis=2,
@@ -274,13 +272,13 @@ def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
             by_local = np.zeros((n, m, len(local)))
             for j, q in enumerate(local):
                 if q.kind == "start":
-                    by_local[:, :, j] = s.d_starts[0][:, columns, q.index] * q.scale
+                    by_local[:, :, j] = s.d_starts[:, columns, q.index] * q.scale
                 elif q.kind == "mode":
                     assert o.modes is not None
                     by_local[:, :, j] = o.modes[:, :, q.index]
                 else:
                     by_local[:, q.index, j] = by_sensor[j]
-            by_further = s.d_candidates[0][:, columns] * further
+            by_further = s.d_candidates[:, columns] * further
             own.append(
                 Linear(
                     _residual(o, readings),
@@ -325,22 +323,26 @@ def _by_shapes(
                 d_shapes is not None and included[c.effect].effect.rate is not None for c in changes
             ]
             known.append((d_shapes, changes, exact))
-            start = start_states(problem, ask, r)[None, :]
+            start = start_states(problem, ask, r)
             for change in (c for c, done in zip(changes, exact, strict=True) if not done):
                 for shape in (change.upper, change.lower):
                     other = list(included)
                     other[change.effect] = Candidate(included[change.effect].effect, shape)
-                    jobs = Jobs.at_point(theta, _whole(o), start, tuple(other), sizes)
+                    jobs = Jobs(
+                        theta=theta[None],
+                        starts=start[None],
+                        included=tuple(other),
+                        magnitudes=sizes[None],
+                    )
                     batches.append((o.record, jobs))
     runs = iter(observe_all(problem.model, batches) if batches else [])
     for s, (d_shapes, changes, exact) in zip(found, known, strict=True):
-        columns = np.zeros((*s.outputs[0].shape, len(changes)))
+        columns = np.zeros((*s.outputs.shape, len(changes)))
         if d_shapes is not None:
-            columns[..., exact] = d_shapes[0]
+            columns[..., exact] = d_shapes
         for j, change in enumerate(changes):
             if not exact[j]:
-                up, down = next(runs).outputs[0], next(runs).outputs[0]
-                columns[..., j] = (up - down) / change.width
+                columns[..., j] = (next(runs)[0] - next(runs)[0]) / change.width
         yield columns
 
 

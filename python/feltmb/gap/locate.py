@@ -14,6 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from feltmb.data import Array
+from feltmb.fit.model import Jobs, Port
+from feltmb.fit.observe import observe_all
 from feltmb.gap.evidence import Fitted, log_evidence, prior_of, system
 from feltmb.gap.fit import noise_left
 from feltmb.gap.linear import (
@@ -28,8 +30,6 @@ from feltmb.gap.linear import (
 )
 from feltmb.gap.problem import Local, Member, Observed, Problem
 from feltmb.gap.result import Cell, Event, Place
-from feltmb.fit.model import Jobs, Port
-from feltmb.fit.observe import observe_all
 
 __all__ = ["cells", "events", "most_different", "places"]
 
@@ -173,15 +173,14 @@ def _matern(count: int) -> Array:
     return np.asarray((1.0 + apart) * np.exp(-apart))
 
 
-def _jobs(problem: Problem, fitted: Fitted, r: int, ends: Sequence[int]) -> Jobs:
-    """Simulations of a record from its start to several samples."""
+def _jobs(problem: Problem, fitted: Fitted, r: int, count: int) -> Jobs:
+    """Equal simulations of a record."""
     ask = Ask(fitted.members, fitted.point, problem.fit)
-    return Jobs.at_point(
-        theta_at(problem, fitted.point.x),
-        np.array([[0, end] for end in ends]),
-        np.tile(start_states(problem, ask, r), (len(ends), 1)),
-        shapes_of(problem, fitted.members, fitted.point.x),
-        magnitudes_at(problem, fitted.members, fitted.point.x),
+    return Jobs(
+        theta=np.tile(theta_at(problem, fitted.point.x), (count, 1)),
+        starts=np.tile(start_states(problem, ask, r), (count, 1)),
+        included=shapes_of(problem, fitted.members, fitted.point.x),
+        magnitudes=np.tile(magnitudes_at(problem, fitted.members, fitted.point.x), (count, 1)),
     )
 
 
@@ -196,10 +195,8 @@ def _responses(problem: Problem, fitted: Fitted) -> list[Array]:
     forces = np.vstack([np.zeros(count), np.diag(scale)]).reshape(-1, len(ports), KNOTS)
     out = []
     for r, o in enumerate(problem.fit):
-        jobs = replace(
-            _jobs(problem, fitted, r, [o.record.samples - 1] * (1 + count)), forces=forces
-        )
-        y = observe_all(problem.model, [(o.record, jobs)])[0].outputs[:, :, columns]
+        jobs = replace(_jobs(problem, fitted, r, 1 + count), forces=forces)
+        y = observe_all(problem.model, [(o.record, jobs)])[0][:, :, columns]
         change = np.moveaxis(y[1:] - y[0], 0, -1) / step
         tame = np.where(o.valid[..., None] & np.isfinite(change), change / o.sd[..., None], 0.0)
         out.append(tame.reshape(*tame.shape[:2], len(ports), KNOTS))
@@ -321,8 +318,11 @@ def _likeness(
     names = [s.name for s in problem.model.states()]
     seen = []
     for r, (o, force) in enumerate(zip(problem.fit, forces, strict=True)):
-        stops = sorted({*np.linspace(0, o.record.samples - 1, KNOTS).astype(int).tolist()} - {0})
-        x = observe_all(problem.model, [(o.record, _jobs(problem, fitted, r, stops))])[0].ends
+        path = problem.model.motion(o.record, _jobs(problem, fitted, r, 1))
+        if path is None:
+            return ()
+        stops = np.linspace(0, o.record.samples - 1, KNOTS).astype(int)
+        x = path[0, stops]
         there = [x[:, names.index(n)] if n in names else 0.0 * x[:, 0]
                  for n in (port.position, port.speed)]  # fmt: skip
         at = o.record.time[stops] - o.record.time[0]

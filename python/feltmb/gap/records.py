@@ -8,8 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from feltmb.data import Record
+from feltmb.data import Record, Role
 from feltmb.data.smoothing import noise_of_record
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.fit.model import Effect, Model
+from feltmb.fit.noise import Noise, noise_of
+from feltmb.gap.library import clock_rate
 from feltmb.gap.options import Options
 from feltmb.gap.problem import (
     UNKNOWN_START,
@@ -19,13 +23,8 @@ from feltmb.gap.problem import (
     Problem,
     spread,
 )
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.fit.model import Effect, Model
-from feltmb.fit.noise import Noise, noise_of
-from feltmb.gap.library import clock_rate
-from feltmb.gap.split import split_records
 
-__all__ = ["causes_of", "prepare"]
+__all__ = ["causes_of", "prepare", "split_records"]
 
 #: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
 #: zero of a sensor in each record [1].
@@ -52,7 +51,7 @@ def prepare(
     records
         Measured runs.
     hold_out
-        Names of the held-out records; None: see :func:`~feltmb.gap.split.split_records`.
+        Names of the held-out records; None: see :func:`split_records`.
     options
         Options of the diagnosis.
 
@@ -64,7 +63,7 @@ def prepare(
     _check_effects(model, effects)
     ready = model.ready(tuple(records))
     model = ready.model
-    fitted, held = split_records(ready.records, hold_out, masked=True)
+    fitted, held = split_records(ready.records, hold_out)
     shown = {n for r in fitted for n, y in r.outputs.items() if np.isfinite(y).any()}
     channels = tuple(i for i, n in enumerate(model.outputs) if n in shown)
     if not channels:
@@ -209,3 +208,64 @@ def _starts(model: Model, record: Record) -> list[Local]:
         weight = UNKNOWN_START**-2 if math.isinf(sd) else 1.0
         found.append(Local("start", i, mean, state.scale if math.isinf(sd) else sd, weight))
     return found
+
+
+def split_records(
+    records: Sequence[Record], hold_out: Sequence[str] | str | None
+) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+    """Split records into fitted and held-out records.
+
+    Held out are the named records; without names, those with the role "held_out", else every third
+    of three or more records. Of one or two records, every second of five blocks is held out (two
+    blocks if there are less than 100 samples): both parts keep all times, and the outputs of the
+    other blocks are removed.
+
+    Parameters
+    ----------
+    records
+        All records.
+    hold_out
+        Names of held-out records; () holds nothing out; None: as above.
+    """
+    if hold_out is not None:
+        chosen = [hold_out] if isinstance(hold_out, str) else list(hold_out)
+        names = [r.name for r in records]
+        unknown = [h for h in chosen if h not in names]
+        if unknown:
+            raise InvalidParameter(
+                f"hold_out: no record {', '.join(unknown)}; there are {', '.join(names)}"
+            )
+        held = [r for r in records if r.name in chosen]
+        if not chosen:
+            return _with_values(records), ()
+    else:
+        held = [r for r in records if r.role == "held_out"]
+        if not held and len(records) >= 3:
+            held = list(records[2::3])
+    kept = [r for r in records if r not in held]
+    if held and kept:
+        return _with_values(kept), _with_values(held)
+    if not kept:
+        raise InvalidParameter("hold_out: every record is held out, none is left to fit")
+    return _with_values([_blocks(r, 0) for r in kept]), _with_values([_blocks(r, 1) for r in kept])
+
+
+def _blocks(record: Record, odd: int) -> Record:
+    """The record with the outputs of every second block, from the first or the second on."""
+    edges = np.linspace(0, record.samples, (5 if record.samples >= 100 else 2) + 1).astype(int)
+    block = np.searchsorted(edges, np.arange(record.samples), side="right") - 1
+    outputs = {k: np.where(block % 2 == odd, v, np.nan) for k, v in record.outputs.items()}
+    role: Role = "held_out" if odd else "fit"
+    name = f"{record.name}[{'held-out' if odd else 'fit'}]"
+    return replace(record, name=name, outputs=outputs, role=role)
+
+
+def _with_values(records: Sequence[Record]) -> tuple[Record, ...]:
+    """The records, if they contain measured values."""
+    if not any(np.isfinite(y).any() for r in records for y in r.outputs.values()):
+        names = ", ".join(r.name for r in records) or "there are none"
+        raise DataError(
+            f"records {names}: no output has a measured value; hold out another record, or give a "
+            "longer one"
+        )
+    return tuple(records)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from feltmb.arguments import checked
+from feltmb.files import make_folder, write_text
 from feltmb.gap.figures import correlation, residuals, svg, told_set, waterfall
 from feltmb.gap.result import (
     Cell,
@@ -29,7 +30,6 @@ from feltmb.gap.result import (
     Result,
     Verdict,
 )
-from feltmb.files import make_folder, write_text
 from feltmb.tables import Screen, folded_text, new_table
 from feltmb.units import readable_unit
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from feltmb.data import Array
+from feltmb.errors import InvalidParameter
 from feltmb.gap.evidence import Fitted, best_of, log_odds
 from feltmb.gap.fit import (
     POOR,
@@ -26,7 +27,6 @@ from feltmb.gap.linear import Point, local_of
 from feltmb.gap.options import Options
 from feltmb.gap.problem import Member, Members, Observed, Problem
 from feltmb.gap.score import Score, scores
-from feltmb.errors import InvalidParameter
 
 __all__ = ["Searched", "search", "with_all_records"]
 

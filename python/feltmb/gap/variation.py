@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from feltmb.data import Array, Record
+from feltmb.fit.model import SensitivityRequest
+from feltmb.fit.noise import sd_of_knots
+from feltmb.fit.observe import observed_sensitivities
 from feltmb.gap.evidence import Fitted
 from feltmb.gap.fit import empty_point
 from feltmb.gap.linear import Ask, Point, magnitudes_at, shapes_of, start_states, theta_at
 from feltmb.gap.problem import Local, Members, Observed, Problem
-from feltmb.fit.model import SensitivityRequest
-from feltmb.fit.noise import sd_of_knots
-from feltmb.fit.observe import observed_sensitivities
 
 __all__ = ["varies", "with_variation"]
 
@@ -62,8 +62,7 @@ def _with_modes(
         SensitivityRequest(
             o.record,
             theta_at(problem, x),
-            np.array([[0, o.record.samples - 1]]),
-            start_states(problem, ask, r)[None, :],
+            start_states(problem, ask, r),
             shapes_of(problem, members, x),
             magnitudes_at(problem, members, x),
             by_theta=varying,
@@ -79,9 +78,9 @@ def _with_modes(
         found = observed_sensitivities(problem.model, requests)
     for o, s in zip(plain, found, strict=True):
         columns = list(problem.channels)
-        patterns = s.d_theta[0][:, columns] * sd
+        patterns = s.d_theta[:, columns] * sd
         if s.d_inputs is not None:
-            patterns = np.concatenate([patterns, s.d_inputs[0][:, columns]], axis=2)
+            patterns = np.concatenate([patterns, s.d_inputs[:, columns]], axis=2)
         out.append(_with(o, np.nan_to_num(patterns, posinf=0.0, neginf=0.0)))
     return tuple(out)
 

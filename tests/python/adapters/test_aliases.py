@@ -4,6 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from feltmb.fit.problem import Problem
+from feltmb.fit.solve import fit_problem
+from feltmb.gap.checks import check_against
+from feltmb.gap.criteria import TOLERATED
+from feltmb.gap.judged_data import prepare
+from feltmb.gap.tolerance import beyond_prior
 
 import feltmb
 from feltmb.adapters import load_library, mechanism_model, planned_strokes
@@ -13,14 +19,8 @@ from feltmb.adapters.variants import changed_config
 from feltmb.data import Record, Sensor
 from feltmb.fit import Candidate, Effect, Parameter
 from feltmb.fit.linear import LinearModel
-from feltmb.fit.problem import Problem
-from feltmb.fit.solve import fit_problem
 from feltmb.gap import Verdict, diagnose
-from feltmb.gap.checks import check_against
-from feltmb.gap.criteria import TOLERATED
-from feltmb.gap.judged_data import prepare
 from feltmb.gap.score import all_candidates, score_fit
-from feltmb.gap.tolerance import beyond_prior
 
 ACTION = feltmb.load_action("steinway45")
 LIBRARY = load_library(ACTION)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from feltmb.gap.profiles import FAMILIES
 
 import feltmb
 from feltmb.adapters import STROKE_KINDS, finger_limits, mechanism_model
@@ -13,7 +14,6 @@ from feltmb.cli.gap_models import Adapter
 from feltmb.cli.gap_plan import input_files
 from feltmb.data import Record
 from feltmb.gap import DesignedExperiment
-from feltmb.gap.profiles import FAMILIES
 from feltmb.run.stroke import load_stroke, read_stroke_csv
 
 

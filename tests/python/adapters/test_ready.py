@@ -5,6 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from feltmb.gap.judged_data import ready as ready_with_checks
+from feltmb.gap.split import split_records
+from feltmb.gap.withholding import _Machine
 
 import feltmb
 from feltmb.adapters import mechanism_model
@@ -16,9 +19,6 @@ from feltmb.data.smoothing import smooth_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Jobs, including
 from feltmb.gap import fit_model
-from feltmb.gap.judged_data import ready as ready_with_checks
-from feltmb.gap.split import split_records
-from feltmb.gap.withholding import _Machine
 
 ACTION = feltmb.load_action("steinway45")
 FEW = {"tolerances": "let_off_button,felt.03", "channels": "key,hammer", "effects": "camera_skew"}

@@ -225,12 +225,13 @@ def test_an_effect_that_a_tolerance_can_take_up_does_not_stand_out():
 def test_the_fit_of_the_model_is_not_stuck(tmp_path):
     # No effect, yet from the priors the fit ended where effects seemed to be worth 380 units of log
     # evidence.
-    from feltmb.adapters import mechanism_model
     from feltmb.fit.problem import Problem
     from feltmb.fit.solve import FitSettings, fit_problem
     from feltmb.gap.checks import check_records
     from feltmb.gap.judged_data import prepare
     from feltmb.gap.split import split_records
+
+    from feltmb.adapters import mechanism_model
 
     machine = MACHINES["steinway45"]
     truths = machine.draw(20261125, 78, None)
@@ -288,12 +289,13 @@ def test_an_effect_whose_warm_start_falls_short_is_fitted_from_the_priors():
     # felt was named; 0.046 mm is true.
     from pathlib import Path
 
-    from feltmb.data import read_records
     from feltmb.fit.problem import Problem
     from feltmb.fit.solve import FitSettings, fit_problem
     from feltmb.gap.checks import check_records
     from feltmb.gap.judged_data import prepare
     from feltmb.gap.refine import refit
+
+    from feltmb.data import read_records
     from feltmb.gap.score import all_candidates, score_fit
 
     folder = Path(__file__).resolve().parents[3] / "examples" / "gap_action" / "full"

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from feltmb.gap.criteria import DETECTABLE
 
 import feltmb
 from feltmb.cli import main
-from feltmb.gap.criteria import DETECTABLE
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = ROOT / "examples" / "gap"

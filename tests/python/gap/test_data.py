@@ -9,6 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from feltmb.gap.checks import faults_against, without_constant, without_copies
+from feltmb.gap.judged_data import judged_data
+from feltmb.gap.missing_rows import divided, with_parts
+from feltmb.gap.split import split_records
 
 import feltmb
 from feltmb.cli.gap_models import Adapter
@@ -23,10 +27,6 @@ from feltmb.data import (
 )
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import SimulatorModel, check_records, library
-from feltmb.gap.checks import faults_against, without_constant, without_copies
-from feltmb.gap.judged_data import judged_data
-from feltmb.gap.missing_rows import divided, with_parts
-from feltmb.gap.split import split_records
 
 sys.path.insert(0, str(Path(__file__).parent))
 import models

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feltmb.gap import Options
+from feltmb.gap import Coordinate, OdeModel, Options, Parameter, Record, Sensor, State, library
 from feltmb.gap.linear import Ask, Point, count_global, evaluate, local_of
 from feltmb.gap.problem import Member
 from feltmb.gap.records import prepare
-from feltmb.gap import Coordinate, OdeModel, Parameter, Record, Sensor, State, library
 
 MASS = Coordinate(name="mass", position="x", speed="v", inertia="m")
 

@@ -4,6 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from feltmb.gap.designs import _words
+from feltmb.gap.information import Knowledge, information
+from feltmb.gap.profiles import FAMILIES, Profile
+from feltmb.gap.visibility import helpful_parts
 
 from feltmb.adapters.resolve import resolve
 from feltmb.errors import DataError, InvalidParameter
@@ -25,11 +29,7 @@ from feltmb.gap import (
     read_measured,
     with_measured,
 )
-from feltmb.gap.designs import _words
-from feltmb.gap.information import Knowledge, information
-from feltmb.gap.profiles import FAMILIES, Profile
 from feltmb.gap.score import all_candidates
-from feltmb.gap.visibility import helpful_parts
 
 SENSORS = {"y": Sensor(name="y", sigma=1.0)}
 SAMPLES = 2000

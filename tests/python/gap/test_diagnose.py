@@ -7,9 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from feltmb.gap.options import Options
-from feltmb.gap.diagnose import diagnose
-from feltmb.gap.result import Reason, Verdict
 from feltmb.errors import FeltmbError
 from feltmb.gap import (
     Coordinate,
@@ -22,6 +19,9 @@ from feltmb.gap import (
     State,
     library,
 )
+from feltmb.gap.diagnose import diagnose
+from feltmb.gap.options import Options
+from feltmb.gap.result import Reason, Verdict
 
 from .conftest import spring_record
 
@@ -179,9 +179,7 @@ def test_a_slow_clock_is_told_as_the_clock(causes):
             sensors={"angle": Sensor(name="angle", unit="rad", sigma=1e-3)},
             start=StartPrior(mean={"q": start, "v": 0.0}, sd={"q": 0.01, "v": 0.01}),
         )
-        job = Jobs(
-            theta=np.array([[0.12]]), segments=np.array([[0, 400]]), starts=np.array([[start, 0.0]])
-        )
+        job = Jobs(theta=np.array([[0.12]]), starts=np.array([[start, 0.0]]))
         angle = model.simulate(true, job).outputs[0]
         angle = angle + np.random.default_rng(k).normal(0.0, 1e-3, angle.shape)
         records.append(replace(true, time=time, outputs={"angle": angle[:, 0]}))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from feltmb.gap import LinearModel, Parameter
 from feltmb.gap.evidence import DISCREPANCY, effective_share, log_evidence, weights
 from feltmb.gap.fit import Start, empty_point, fit_sets
 from feltmb.gap.options import Options
 from feltmb.gap.records import prepare
-from feltmb.gap import LinearModel, Parameter
 
 from .conftest import SIGMA, spring_record
 

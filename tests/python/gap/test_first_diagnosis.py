@@ -6,6 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from feltmb.fit.problem import Problem
+from feltmb.fit.segmented_records import Noise, segment_record
+from feltmb.fit.solve import fit_problem
+from feltmb.fit.watch import CHECKS, FIT, Watch
+from feltmb.gap.checks import not_compared
+from feltmb.gap.information import linearized, planned
+from feltmb.gap.judged_data import ready
+from feltmb.gap.sizes import Size
+from feltmb.gap.smoke_test import divergence
 
 from feltmb import gap
 from feltmb.cli import main as command_line
@@ -13,16 +22,7 @@ from feltmb.cli.gap_models import load_adapter
 from feltmb.data import Record, Sensor, read_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.model import Candidate
-from feltmb.fit.problem import Problem
-from feltmb.fit.segmented_records import Noise, segment_record
-from feltmb.fit.solve import fit_problem
-from feltmb.fit.watch import CHECKS, FIT, Watch
 from feltmb.gap import library
-from feltmb.gap.checks import not_compared
-from feltmb.gap.information import linearized, planned
-from feltmb.gap.judged_data import ready
-from feltmb.gap.sizes import Size
-from feltmb.gap.smoke_test import divergence
 
 MODEL = """
 from feltmb.gap import Coordinate, OdeModel, Parameter, State, library

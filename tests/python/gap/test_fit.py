@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from feltmb.errors import InvalidParameter
-from feltmb.fit import SensitivityRequest
 from feltmb.fit.filter import reduce_chain
 from feltmb.fit.linearize import Linear
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, choose_segments, segment_record
 from feltmb.fit.solve import fit_problem
+
+from feltmb.errors import InvalidParameter
+from feltmb.fit import SensitivityRequest
 from feltmb.gap import (
     Candidate,
     Coordinate,
@@ -210,6 +210,7 @@ def test_a_segment_in_a_wrong_valley_is_not_taken_for_a_gap():
 
     from feltmb.fit.linearize import Place
     from feltmb.fit.problem import Point
+
     from feltmb.gap import OdeModel, Parameter, State
 
     pendulum = OdeModel(

@@ -8,8 +8,18 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from feltmb.gap import Verdict, diagnose
-from feltmb.gap import Coordinate, Effect, LinearModel, OdeModel, Parameter, Record, Sensor, State
+from feltmb.gap import (
+    Coordinate,
+    Effect,
+    LinearModel,
+    OdeModel,
+    Parameter,
+    Record,
+    Sensor,
+    State,
+    Verdict,
+    diagnose,
+)
 
 from .conftest import SIGMA, spring_record
 

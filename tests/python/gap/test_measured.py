@@ -8,6 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from feltmb.fit.problem import Problem
+from feltmb.fit.segmented_records import Noise, segment_record
+from feltmb.fit.solve import FitSettings, fit_problem
+from feltmb.gap.sessions import _same_session
 
 import feltmb
 from feltmb.adapters import mechanism_model
@@ -15,9 +19,6 @@ from feltmb.cli import main
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Including, including
 from feltmb.fit.linear import LinearModel
-from feltmb.fit.problem import Problem
-from feltmb.fit.segmented_records import Noise, segment_record
-from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import (
     Effect,
     InputLimits,
@@ -33,7 +34,6 @@ from feltmb.gap import (
     read_measured,
     with_measured,
 )
-from feltmb.gap.sessions import _same_session
 
 _spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
 models = importlib.util.module_from_spec(_spec)

@@ -7,15 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from feltmb.fit.problem import Problem
+from feltmb.fit.segmented_records import segment_record
+from feltmb.fit.solve import fit_problem
+from feltmb.gap.checks import check_records
+from feltmb.gap.discrepancy import larger_than_noise, with_factor
+from feltmb.gap.further_sensors import Sensors
+from feltmb.gap.information import information
+from feltmb.gap.uncorrelated import _of, uncorrelated
 
 from feltmb.data import read_record, read_records, write_record
 from feltmb.errors import DataError
 from feltmb.fit.limits import FurtherSensor
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.noise import Noise
-from feltmb.fit.problem import Problem
-from feltmb.fit.segmented_records import segment_record
-from feltmb.fit.solve import fit_problem
 from feltmb.gap import (
     Candidate,
     Effect,
@@ -30,11 +35,6 @@ from feltmb.gap import (
     diagnose,
     fit_model,
 )
-from feltmb.gap.checks import check_records
-from feltmb.gap.discrepancy import larger_than_noise, with_factor
-from feltmb.gap.further_sensors import Sensors
-from feltmb.gap.information import information
-from feltmb.gap.uncorrelated import _of, uncorrelated
 
 ROOT = Path(__file__).parents[3]
 SIGMA, RELATIVE, COUNT = 2e-3, 0.04, 300

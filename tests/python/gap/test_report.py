@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from feltmb.errors import FileExists
 from feltmb.gap import (
     Cell,
     Channel,
@@ -22,7 +23,6 @@ from feltmb.gap import (
     Trace,
     Verdict,
 )
-from feltmb.errors import FileExists
 
 NAN = float("nan")
 

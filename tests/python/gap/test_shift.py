@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from feltmb.fit.problem import Problem
+from feltmb.fit.segmented_records import Noise, segment_record
+from feltmb.fit.solve import fit_problem
 
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
@@ -11,10 +14,7 @@ from feltmb.fit import OdeModel
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.model import Candidate, Effect, Jobs, Parameter, SensitivityRequest, State
 from feltmb.fit.observe import observe_jobs
-from feltmb.fit.problem import Problem
-from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.shift import shifted
-from feltmb.fit.solve import fit_problem
 
 SAMPLES = 101
 

@@ -4,13 +4,13 @@ import copy
 
 import numpy as np
 import pytest
+from feltmb.fit.solve import FitSettings, fit_problem, polish, with_variability
 
 from feltmb import gap
 from feltmb.data import Record, Sensor
 from feltmb.files import Store
 from feltmb.fit import VARIABILITY, Effect, Model, Parameter, Simulated, including
 from feltmb.fit.model import Candidate
-from feltmb.fit.solve import FitSettings, fit_problem, polish, with_variability
 from feltmb.gap.score import score_fit
 
 TIME = np.linspace(0.0, 1.0, 400)

@@ -10,11 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from feltmb.fit.watch import Ended, Watch
+from feltmb.gap.findings import NotTested
+from feltmb.gap.page import page
+from feltmb.gap.resumed import discard
 
 from feltmb.cli.common import ProgressLine, duration, interruptible
 from feltmb.fit import Progress, watch
 from feltmb.fit.calling import calling
-from feltmb.fit.watch import Ended, Watch
 from feltmb.gap import (
     Exposed,
     FunctionModel,
@@ -27,10 +30,7 @@ from feltmb.gap import (
     fit_model,
     law_errors,
 )
-from feltmb.gap.findings import NotTested
-from feltmb.gap.page import page
 from feltmb.gap.report import report_json
-from feltmb.gap.resumed import discard
 
 sys.path.insert(0, str(Path(__file__).parent))
 import models

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from feltmb.gap.withholding import Withheld, WithheldCase, _Machine, outcome_of
 
 from feltmb.cli import main
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import Effect, LinearModel, Options, Parameter, Record, Sensor, Verdict, withhold
-from feltmb.gap.withholding import Withheld, WithheldCase, _Machine, outcome_of
 
 OPTIONS = Options(bootstrap=0, restarts=0, max_effects=1, advice=False)
 

@@ -1,7 +1,6 @@
 """Effects that are taken for each other, as groups."""
 
 import numpy as np
-
 from feltmb.gap.confusion import confused_groups
 
 

@@ -86,8 +86,7 @@ def lag_input(name: str, *, scale: float) -> Effect:
         first = 0.0 if _starts_from_zero(record, before) else values[0]
         time = np.concatenate([[2.0 * record.time[0] - record.time[1]], record.time])
         signal = np.concatenate([[first], values])[None]
-        whole = np.array([[0, time.size - 1]])
-        return low_passed(time, signal, whole, np.array([constant]), signal[:, 0])[0, 1:]
+        return low_passed(time, signal, np.array([constant]), signal[:, 0])[0, 1:]
 
     return _input(
         name,

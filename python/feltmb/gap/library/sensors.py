@@ -19,20 +19,18 @@ def _sensor(
     outputs: Sequence[str],
     name: str,
     label: str,
-    change: Callable[[Array, Array, Record, Array, Any], Array],
+    change: Callable[[Array, Array, Record, Any], Array],
     **fields: Any,
 ) -> Effect:
     """Effect on one channel with the given ``change`` of its values.
 
-    Signature: ``change(values (B, L), magnitudes (B,), record, segments (B, 2), shape)``.
+    Signature: ``change(values (B, n), magnitudes (B,), record, shape)``.
     """
     channel = list(outputs).index(name)
 
-    def observe(
-        record: Record, values: Array, segments: Array, magnitudes: Array, shape: Any
-    ) -> Array:
+    def observe(record: Record, values: Array, magnitudes: Array, shape: Any) -> Array:
         out = values.copy()
-        out[:, :, channel] = change(values[:, :, channel], magnitudes, record, segments, shape)
+        out[:, :, channel] = change(values[:, :, channel], magnitudes, record, shape)
         return out
 
     return Effect(
@@ -46,7 +44,7 @@ def sensor_gain(outputs: Sequence[str], name: str) -> Effect:
         outputs,
         name,
         "gain of sensor",
-        lambda y, size, r, w, shape: (1.0 + size[:, None]) * y,
+        lambda y, size, r, shape: (1.0 + size[:, None]) * y,
         scale=0.05,
         mechanism="The sensor has another gain.",
         remedy="Calibrate the sensor.",
@@ -71,7 +69,7 @@ def sensor_bend(outputs: Sequence[str], name: str, *, level: float) -> Effect:
         outputs,
         name,
         "nonlinearity of sensor",
-        lambda y, size, r, w, shape: y + size[:, None] * y * curve(y, shape) / level,
+        lambda y, size, r, shape: y + size[:, None] * y * curve(y, shape) / level,
         scale=0.05,
         shapes=("odd", "even"),
         mechanism="The sensor is not linear.",
@@ -97,7 +95,7 @@ def sensor_offset(outputs: Sequence[str], name: str, *, unit: str, scale: float)
         outputs,
         name,
         "offset of sensor",
-        lambda y, size, r, w, shape: y + size[:, None],
+        lambda y, size, r, shape: y + size[:, None],
         unit=unit,
         scale=scale,
         mechanism="The sensor has an offset.",
@@ -140,7 +138,7 @@ def sensor_saturation(
         outputs,
         name,
         "saturation of sensor",
-        lambda y, size, r, w, shape: y - size[:, None] * beyond(y, shape),
+        lambda y, size, r, shape: y - size[:, None] * beyond(y, shape),
         scale=0.3,
         sign=1,
         upper=1.0,
@@ -168,7 +166,7 @@ def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
         outputs,
         name,
         "delay of sensor",
-        lambda y, size, r, w, shape: shifted(r, y, w, size),
+        lambda y, size, r, shape: shifted(r, y, size),
         unit="s",
         scale=scale,
         mechanism="The sensor is late.",
@@ -189,18 +187,15 @@ def clock_rate(outputs: Sequence[str]) -> Effect:
     """
     del outputs
 
-    def observe(
-        record: Record, values: Array, segments: Array, magnitudes: Array, shape: Any
-    ) -> Array:
+    def observe(record: Record, values: Array, magnitudes: Array, shape: Any) -> Array:
         del shape
-        out, time = values.copy(), record.time
-        for b, ((i, j), size) in enumerate(zip(segments, magnitudes, strict=True)):
-            own = slice(0, j - i + 1)
-            if size != 0.0 and np.all(np.isfinite(values[b, own])):
-                path = CubicSpline(time[i : j + 1], values[b, own])
-                at = time[i : j + 1] + size * (time[i : j + 1] - time[0])
-                inside = np.clip(at, time[i], time[j])
-                out[b, own] = path(inside) + (at - inside)[:, None] * path(inside, 1)
+        out, time = values.copy(), record.time[: values.shape[1]]
+        for b, size in enumerate(magnitudes):
+            if size != 0.0 and np.all(np.isfinite(values[b])):
+                path = CubicSpline(time, values[b])
+                at = time + size * (time - time[0])
+                inside = np.clip(at, time[0], time[-1])
+                out[b] = path(inside) + (at - inside)[:, None] * path(inside, 1)
         return out
 
     return Effect(
@@ -243,15 +238,13 @@ def sensor_lag(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
         Time constant that one would expect [s].
     """
 
-    def change(y: Array, constants: Array, record: Record, segments: Array, shape: Any) -> Array:
+    def change(y: Array, constants: Array, record: Record, shape: Any) -> Array:
         del shape
-        before = np.append(-1, segments[:-1, 1])
-        # A start at rest, and derivatives of segments whose predecessors are not in the list.
-        starts = np.where(segments[:, 0] != before, y[:, 0], np.nan)
+        starts = y[:, 0].copy()
         if record.start is not None and not record.start.known:
-            for b in np.flatnonzero((segments[:, 0] == 0) & (constants > 0.0)):
+            for b in np.flatnonzero(constants > 0.0):
                 starts[b] = _first_reading(record, name, float(constants[b]))
-        return low_passed(record.time, y, segments, constants, starts)
+        return low_passed(record.time, y, constants, starts)
 
     return _sensor(
         outputs,
