@@ -120,6 +120,7 @@ class Including(Model):
         self.least_samples = model.least_samples
         self.ports = model.ports
         self.difference_step = model.difference_step
+        self.cheap_derivatives = model.cheap_derivatives
         self.variability_has_input_noise = model.variability_has_input_noise
         self.input_modes = model.input_modes
         self.input_names = model.input_names

@@ -27,6 +27,7 @@ class FunctionModel(Model):
         Name -> function ``(record, p) -> (n,)``; ``p.name`` is a parameter as a number.
     """
 
+    cheap_derivatives = True
     least_samples = 2
     any_inputs = True
 

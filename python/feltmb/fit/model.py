@@ -454,6 +454,9 @@ class Model(ABC):
     difference_step: float = 1e-3
     """First step of finite differences by parameters, as a share of their scale; the step for
     states is a tenth of it. Choose it larger if the simulation is noisy."""
+    cheap_derivatives: bool = False
+    """Whether derivatives take about as long as a simulation. If not, a fit uses them at several
+    points."""
     variability_has_input_noise: bool = False
     """Whether the noise of the inputs is a part of the run-to-run variability of the records."""
 

@@ -67,6 +67,8 @@ class OdeModel(Stepped):
         spline, it has a parameter ``between.INPUT``, 0: linear, 1: spline.
     """
 
+    cheap_derivatives = True
+
     def __init__(
         self,
         *,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from feltmb.gap.evidence import (
 from feltmb.gap.linear import Ask, Linear, Point, count_global, evaluate, local_of
 from feltmb.gap.problem import Members, Observed, Problem
 
-__all__ = ["Start", "Stop", "fit_local", "fit_sets", "together"]
+__all__ = ["Start", "Stop", "first_step", "fit_local", "fit_sets", "together"]
 
 #: Smallest gain of a step that continues a fit [log evidence].
 CONVERGED = 0.1
@@ -36,6 +37,8 @@ ROUNDS, SETTLED = 40, 0.05
 COARSE = 0.2
 #: Largest change of a global unknown in the first step, in its scale; it follows the success.
 RADIUS = 2.0
+#: Share of the promised gain above which derivatives are used again [1].
+AS_PROMISED = 0.5
 #: A fit ends that is behind the best one by more than NEAR [log evidence], if its last step gained
 #: less than this share of the distance.
 NEAR, CATCH_UP = 3.0, 0.3
@@ -44,7 +47,7 @@ SAME_POINT = 0.05
 #: Effective share below which a model is so wrong that it may have moved the parameters far away.
 POOR = 0.3
 
-Steps = Generator[Ask, list[Linear], "Fitted | None"]
+Steps = Generator[Ask, list[Linear], Any]
 
 
 class Stop(Exception):
@@ -68,6 +71,8 @@ class Start:
     members: Members
     points: tuple[Point, ...]
     """Starts; the best fit of them is kept."""
+    known: tuple[Linear, ...] = ()
+    """Residuals and derivatives at the first of them, by record; (): not known."""
 
 
 @dataclass(eq=False)
@@ -77,6 +82,7 @@ class Descent:
     problem: Problem
     members: Members
     point: Point
+    known: tuple[Linear, ...] = ()
     now: Fitted | None = None
     gain: float = np.inf
     """Gain of the last step [log evidence]."""
@@ -87,8 +93,8 @@ def together(
     runs: Sequence[Steps],
     check: Callable[[], None] = lambda: None,
     hopeless: Callable[[int], bool] = lambda _: False,
-) -> list[Fitted | None]:
-    """Advance fits in step until all have ended.
+) -> list[Any]:
+    """Advance fits in step until all have ended; their results, None: it failed.
 
     Parameters
     ----------
@@ -101,7 +107,7 @@ def together(
     hopeless
         Whether a fit shall end before its next step, by its index; its result is then None.
     """
-    results: list[Fitted | None] = [None] * len(runs)
+    results: list[Any] = [None] * len(runs)
     waiting: dict[int, Ask] = {}
 
     def advance(i: int, value: list[Linear] | None) -> None:
@@ -139,7 +145,11 @@ def fit_sets(
     Stop
         With the fits as far as they are.
     """
-    fits = [Descent(problem, s.members, point) for s in starts for point in s.points]
+    fits = [
+        Descent(problem, s.members, point, s.known if k == 0 else ())
+        for s in starts
+        for k, point in enumerate(s.points)
+    ]
 
     def hopeless(i: int) -> bool:
         own, others = fits[i].now, [f.now for f in fits if f.now is not None]
@@ -251,19 +261,22 @@ def _cost(
 def _descend(fit: Descent) -> Steps:
     """Damped Gauss-Newton steps of the unknowns; noise and share follow what the set leaves.
 
-    A step minimizes share |residual / noise|^2 and the penalties at the present noise.
+    A step minimizes share |residual / noise|^2 and the penalties at the present noise. Derivatives
+    that are not cheap are used again while steps gain what they promise; the last point has its
+    own.
     """
     problem, members, point = fit.problem, fit.members, fit.point
     prior = prior_of(problem, members)
     low, high = _limits(problem, members)
     point = replace(point, x=np.clip(point.x, low, high))
-    first = seen = yield Ask(members, point, problem.fit)
+    first = seen = [*fit.known] or (yield Ask(members, point, problem.fit))
     if any(x.failed for x in seen):
         return None
     # The share is that of what the set leaves: at the start, the motion itself is a residual, and
     # it would count so little that the prior could keep the parameters there.
     noise, share, change = noise_left(problem, seen), 1.0, np.inf
-    radius, derivatives, far, settled = RADIUS, True, False, False
+    radius, derivatives, far, settled = RADIUS, problem.model.cheap_derivatives, False, False
+    stale = False
     for _ in range(ROUNDS):
         left = noise_left(problem, seen, _taken(problem, members, point, seen, noise, share))
         settled = settled or (change < COARSE and not far)
@@ -285,32 +298,71 @@ def _descend(fit: Descent) -> Steps:
                 if length <= 1.1 * radius:
                     break
                 damping = max(damping, 0.03) * min(length / radius, 10.0)
-            if change < SETTLED and _promised(own, prior, point.x, step) < CONVERGED:
+            promised = _promised(own, prior, point.x, step)
+            if change < SETTLED and promised < CONVERGED:
                 break
             moved = Point(
                 point.x + step,
                 tuple(a + b for a, b in zip(point.local, local, strict=True)),
             )
-            # The first trial is mostly accepted, and the next step needs its derivatives.
             found = yield Ask(members, moved, problem.fit, derivatives=derivatives)
             cost = _cost(problem, problem.fit, members, prior, moved, found, noise, share)
             if cost < now:
+                gain = now - cost
                 if not derivatives:
-                    found = yield Ask(members, moved, problem.fit)
-                gain, derivatives = now - cost, True
+                    stale = not problem.model.cheap_derivatives and gain > AS_PROMISED * promised
+                    found = (
+                        [replace(x, residual=y.residual) for x, y in zip(seen, found, strict=True)]
+                        if stale
+                        else (yield Ask(members, moved, problem.fit))
+                    )
+                # The next first trial is mostly accepted, and its successor needs derivatives.
+                derivatives = problem.model.cheap_derivatives
                 point, seen = moved, found
                 far = damping > 1e-3 and radius >= RADIUS
                 radius = max(radius, 2.0 * length)
                 break
+            if stale:
+                seen, stale = (yield Ask(members, point, problem.fit)), False
+                continue
             if cost < now + CONVERGED:  # flat
                 break
             radius, derivatives = 0.4 * length, False
         fit.gain = gain if settled and change < SETTLED else max(gain, CONVERGED)
         if fit.gain < CONVERGED:
-            break
+            if not stale:
+                break
+            seen, stale = (yield Ask(members, point, problem.fit)), False
         settled = settled or gain < CONVERGED
     fit.now = Fitted(members, point, tuple(seen), noise, share)
     return fit.now
+
+
+def first_step(
+    problem: Problem, point: Point
+) -> Generator[Ask, list[Linear], tuple[Linear, ...] | None]:
+    """Residuals and derivatives of the model alone at a point; None: it is far from linear there.
+
+    It is if a step does not gain what it promises.
+    """
+    prior = prior_of(problem, ())
+    low, high = _limits(problem, ())
+    seen = yield Ask((), point, problem.fit)
+    if any(x.failed for x in seen):
+        return None
+    noise = noise_left(problem, seen)
+    own = system(problem, problem.fit, (), point, seen, noise, 1.0)
+    step, local = _step(own, prior, point.x, low, high, 0.0)
+    if float(np.abs(step).max(initial=0.0)) > RADIUS:
+        return None
+    moved = Point(point.x + step, tuple(a + b for a, b in zip(point.local, local, strict=True)))
+    found = yield Ask((), moved, problem.fit, derivatives=False)
+    now, cost = (
+        _cost(problem, problem.fit, (), prior, p, x, noise, 1.0)
+        for p, x in ((point, seen), (moved, found))
+    )
+    promised = _promised(own, prior, point.x, step)
+    return tuple(seen) if now - cost > AS_PROMISED * promised else None
 
 
 def _promised(own: System, prior: Prior, x: Array, step: Array) -> float:

@@ -30,6 +30,7 @@ __all__ = [
     "magnitudes_at",
     "shapes_of",
     "start_states",
+    "unknowns_of",
 ]
 
 #: Values above this limit count as diverged; their squares would overflow.
@@ -119,6 +120,16 @@ def shapes_of(problem: Problem, members: Members, x: Array) -> tuple[Candidate, 
         Candidate(c.effect, moved(c.effect, c.shape, step))
         for c, step in zip(candidates, steps, strict=True)
     )
+
+
+def unknowns_of(problem: Problem, members: Members) -> list[tuple[str, int, int]]:
+    """The global unknowns of a set in their order: kind, parameter or cause, number of a shape."""
+    own = [m.cause for m in members if problem.causes[m.cause].effect is not None]
+    return [
+        *(("parameter", i, 0) for i in problem.free),
+        *(("magnitude", i, 0) for i in own),
+        *(("shape", own[k], place) for k, place in _places(problem, members)),
+    ]
 
 
 def count_global(problem: Problem, members: Members) -> int:

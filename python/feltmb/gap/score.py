@@ -25,6 +25,9 @@ class Score:
     """Gain to first order [log evidence], parameters refitted."""
     step: float
     """Magnitude to first order, in expected magnitudes [1]; within the bounds of the cause."""
+    columns: tuple[Array, ...] = ()
+    """Derivatives of the residuals by the magnitude, by record, (n, m); (): they are not used,
+    because their sign is wrong."""
 
 
 def scores(problem: Problem, fitted: Fitted) -> list[Score]:
@@ -50,16 +53,17 @@ def scores(problem: Problem, fitted: Fitted) -> list[Score]:
     slope = own.gain - own.further @ inverse @ (own.right - weight * x)
     curvature = own.own + 1.25 - np.einsum("ij,jl,il->i", own.further, inverse, own.further)
     best: dict[int, Score] = {}
-    for m, b, a in zip(further, slope, curvature, strict=True):
+    for j, (m, b, a) in enumerate(zip(further, slope, curvature, strict=True)):
         if not (np.isfinite(b) and a > 0.0):
             continue
         low, high = problem.causes[m.cause].bounds
         step = float(b / a)
         inside = low <= step <= high and step != 0.0
         start = float(np.clip(step if inside else 1.0, max(low, -3.0), min(high, 3.0)))
-        found = Score(m.cause, m.shape, 0.5 * float(b * b / a), start)
-        if m.cause not in best or found.gain > best[m.cause].gain:
-            best[m.cause] = found
+        gain = 0.5 * float(b * b / a)
+        if m.cause not in best or gain > best[m.cause].gain:
+            columns = tuple(x.by_further[:, :, j].copy() for x in linears) if inside else ()
+            best[m.cause] = Score(m.cause, m.shape, gain, start, columns)
     best |= _released(problem, fitted, own.matrix, own.right, weight)
     best |= _in_each_record(problem, fitted)
     return sorted(best.values(), key=lambda s: -s.gain)

@@ -20,10 +20,12 @@ from feltmb.gap.fit import (
     Start,
     Stop,
     empty_point,
+    first_step,
     fit_sets,
+    together,
 )
 from feltmb.gap.held_out import Predicted
-from feltmb.gap.linear import Point, local_of
+from feltmb.gap.linear import Ask, Linear, Point, evaluate, local_of, unknowns_of
 from feltmb.gap.options import Options
 from feltmb.gap.problem import Member, Members, Observed, Problem
 from feltmb.gap.score import Score, scores
@@ -119,20 +121,23 @@ def _keep(found: Searched, fits: Sequence[Fitted | None]) -> None:
 
 
 def _model_alone(problem: Problem, found: Searched, step: Callable[[], None]) -> Fitted:
-    """Fit of the model without causes, to growing parts of the records.
+    """Fit of the model without causes.
 
-    The end of a record depends more strongly on the unknowns than its beginning, so that a fit of
-    whole records from poor values may end far from the best one.
+    If the first step does not gain what it promises, growing parts of the records are fitted: the
+    end of a record depends more strongly on the unknowns than its beginning, so that a fit of whole
+    records from poor values may end far from the best one.
     """
     point, fitted = empty_point(problem, (), problem.fit), None
-    for part in PARTS:
-        cut = replace(problem, fit=tuple(o.first(part) for o in problem.fit))
-        try:
-            fitted = fit_sets(cut, [Start((), (point,))], step)[0]
-        except Stop:  # there is nothing to answer with
-            raise KeyboardInterrupt from None
-        if fitted is not None:
-            point = fitted.point
+    try:
+        known = together(problem, [first_step(problem, point)], step)[0]
+        start = Start((), (point,), () if known is None else known)
+        for part in (1.0,) if known is not None else PARTS:
+            cut = replace(problem, fit=tuple(o.first(part) for o in problem.fit))
+            fitted = fit_sets(cut, [replace(start, points=(point,))], step)[0]
+            if fitted is not None:
+                point = fitted.point
+    except Stop:  # there is nothing to answer with
+        raise KeyboardInterrupt from None
     if fitted is None:
         raise InvalidParameter(
             f"model {problem.model.name}: its simulation gives no finite outputs for the "
@@ -142,32 +147,67 @@ def _model_alone(problem: Problem, found: Searched, step: Callable[[], None]) ->
     return fitted
 
 
-def _start(problem: Problem, members: Members, origin: Fitted, steps: dict[int, float]) -> Start:
-    """Start of the fit of a set from the fit of another one."""
-    p = len(problem.free)
-    point = empty_point(problem, members, problem.fit)
-    x, base = point.x, origin.point
-    x[:p] = base.x[:p]
-    have = [m.cause for m in origin.members if problem.causes[m.cause].effect is not None]
-    own = [m.cause for m in members if problem.causes[m.cause].effect is not None]
-    for k, cause in enumerate(own):
-        x[p + k] = base.x[p + have.index(cause)] if cause in have else steps.get(cause, 1.0)
-    local = [
-        _carried(problem, o, (origin.members, values), (members, mine))
-        for o, values, mine in zip(problem.fit, base.local, point.local, strict=True)
-    ]
-    points = [Point(x, tuple(local))]
-    if steps and origin.share < POOR:
+def _start(problem: Problem, members: Members, origin: Fitted, added: Score | None) -> Start:
+    """Start of the fit of a set from the fit of another one.
+
+    ``added``: score of the cause that the other set lacks; None: it lacks none.
+    """
+    base, new = origin.point, unknowns_of(problem, members)
+    kept = {m.cause for m in members if m in origin.members}
+    old = {
+        key: j
+        for j, key in enumerate(unknowns_of(problem, origin.members))
+        if key[0] == "parameter" or key[1] in kept
+    }
+    x = np.array([base.x[old[key]] if key in old else 0.0 for key in new])
+    local = [local_of(problem, members, o) for o in problem.fit]
+    same = local == [local_of(problem, origin.members, o) for o in problem.fit]
+    known: tuple[Linear, ...] = ()
+    if added is not None and same:
+        known = _extended(problem, origin, added, [old.get(key, -1) for key in new], new)
+    if added is not None and not known and ("magnitude", added.cause, 0) in new:
+        x[new.index(("magnitude", added.cause, 0))] = added.step
+    values = tuple(
+        _carried(problem, o, (origin.members, v), (members, np.zeros(len(q))))
+        for o, v, q in zip(problem.fit, base.local, local, strict=True)
+    )
+    points = [Point(x, values)]
+    if added is not None and origin.share < POOR:
         # A model that is far off moves its parameters: also from the tabulated ones, and with the
-        # expected magnitudes.
-        plain = x.copy()
-        plain[:p] = 0.0
-        for k, cause in enumerate(own):
-            if cause in steps:
-                low, high = problem.causes[cause].bounds
-                plain[p + k] = np.clip(np.sign(steps[cause]) or 1.0, low, high)
-        points.append(Point(plain, tuple(local)))
-    return Start(members, tuple(points))
+        # expected magnitude.
+        plain = np.where([key[0] == "parameter" for key in new], 0.0, x)
+        if ("magnitude", added.cause, 0) in new:
+            low, high = problem.causes[added.cause].bounds
+            at = new.index(("magnitude", added.cause, 0))
+            plain[at] = np.clip(np.sign(added.step) or 1.0, low, high)
+        points.append(Point(plain, values))
+    return Start(members, tuple(points), known)
+
+
+def _extended(
+    problem: Problem,
+    origin: Fitted,
+    added: Score,
+    old: Sequence[int],
+    new: Sequence[tuple[str, int, int]],
+) -> tuple[Linear, ...]:
+    """Residuals and derivatives of a set with one more cause at the magnitude zero.
+
+    ``old``: place of each unknown in the other set, -1: it is new. (): they are not known.
+    """
+    if problem.causes[added.cause].effect is not None and not added.columns:
+        return ()
+    out = []
+    for r, linear in enumerate(origin.linears):
+        columns = np.zeros((*linear.residual.shape, len(new)))
+        for k, (at, key) in enumerate(zip(old, new, strict=True)):
+            if at >= 0:
+                columns[..., k] = linear.by_global[..., at]
+            elif key[0] == "magnitude":
+                columns[..., k] = added.columns[r]
+        nothing = np.zeros((*linear.residual.shape, 0))
+        out.append(Linear(linear.residual, columns, linear.by_local, nothing))
+    return tuple(out)
 
 
 def _carried(
@@ -196,17 +236,17 @@ def _with(origin: Fitted, score: Score) -> Members:
 def _refit(
     problem: Problem,
     found: Searched,
-    jobs: Sequence[tuple[Members, Fitted, dict[int, float]]],
+    jobs: Sequence[tuple[Members, Fitted, Score | None]],
     check: Callable[[], None],
 ) -> list[Fitted | None]:
     """Fit sets from others, each once from each, and keep the best fit of every set."""
     todo = []
-    for members, origin, steps in jobs:
+    for members, origin, added in jobs:
         key = tuple(m.cause for m in members)
         if (key, id(origin)) in found.tried or found.sets.get(key) is origin:
             continue
         found.tried.add((key, id(origin)))
-        todo.append(_start(problem, members, origin, steps))
+        todo.append(_start(problem, members, origin, added))
     rivals = [best_of(problem, list(found.sets.values()))] if found.sets else []
     try:
         _keep(found, fit_sets(problem, todo, check, rivals))
@@ -235,13 +275,15 @@ def with_all_records(
     problem = found.problem
     everything = replace(problem, fit=(*problem.fit, *problem.held_out), held_out=())
     out = Searched(everything, first=found.first, complete=found.complete)
+    pairs = [(s, p) for s, p in zip(sets, predicted, strict=True) if p is not None]
+    held = evaluate(problem, [Ask(s.members, p.point, problem.held_out) for s, p in pairs])
     starts = [
         Start(
             s.members,
             (Point(s.point.x, (*s.point.local, *p.point.local)),),
+            (*s.linears, *further),
         )
-        for s, p in zip(sets, predicted, strict=True)
-        if p is not None
+        for (s, p), further in zip(pairs, held, strict=True)
     ]
     try:
         _keep(out, fit_sets(everything, starts, check))
@@ -259,7 +301,7 @@ def with_all_records(
     best = best_of(everything, list(out.sets.values()))
     smaller = [s for s in out.sets.values() if set(s.causes) < set(best.causes)]
     try:
-        _refit(everything, out, [(s.members, best, {}) for s in smaller], check)
+        _refit(everything, out, [(s.members, best, None) for s in smaller], check)
     except Stop:
         out.complete = False
     return out
@@ -294,7 +336,7 @@ def _climb(
     def less(origin: Fitted) -> list[Fitted]:
         """Every set with one cause less, fitted from the parameters of the larger set."""
         jobs = [
-            (tuple(m for m in origin.members if m is not out), origin, dict[int, float]())
+            (tuple(m for m in origin.members if m is not out), origin, None)
             for out in origin.members
         ]
         return [f for f in _refit(problem, found, jobs, check) if f is not None]
@@ -304,9 +346,7 @@ def _climb(
         ranked = scores(problem, now)
         if not found.first:
             found.first = ranked
-        jobs = [
-            (_with(now, s), now, {s.cause: s.step}) for s in _choose(problem, ranked, options.tries)
-        ]
+        jobs = [(_with(now, s), now, s) for s in _choose(problem, ranked, options.tries)]
         fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
         if not fits:
             break
@@ -333,9 +373,7 @@ def _climb(
             if rest is None:
                 continue
             jobs = [
-                (_with(rest, s), rest, {s.cause: s.step})
-                for s in scores(problem, rest)[:3]
-                if s.cause != out.cause
+                (_with(rest, s), rest, s) for s in scores(problem, rest)[:3] if s.cause != out.cause
             ]
             fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
             if fits and gain(best := best_of(problem, fits), now) > BETTER:
