@@ -8,19 +8,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from feltmb.cli.messages import complain
 from feltmb.data import ReadOptions, Record
 from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import InvalidParameter
-from feltmb.experiment.design import sensors_now
-from feltmb.experiment.information import planned
 from feltmb.files import is_file
 from feltmb.fit import Effect, Model, including
 from feltmb.fit.calling import calling
-from feltmb.gap import Limits, read_limits, read_measured, with_measured
+from feltmb.experiment import Limits, example, read_limits
+from feltmb.gap import read_measured, with_measured
 
 if TYPE_CHECKING:
     from feltmb.run.stroke.strokes import Kind
@@ -84,7 +81,7 @@ class Adapter:
         if not records and (limits is not None or self.limits is not None):
             known = self.limits if limits is None else read_limits(limits, self.model, None)
             assert known is not None
-            records = (_example(known, self.model),)
+            records = (example(self.model, known),)
         if not records:
             raise InvalidParameter(
                 f"model {self.model.name}: its effects are a function of the records; give "
@@ -148,7 +145,7 @@ def load_adapter(name: str, settings: Sequence[str] = (), channels: Sequence[str
     The Python file defines ``model`` (a :class:`feltmb.fit.Model`) and ``effects`` (a sequence of
     :class:`feltmb.fit.Effect`, or a function of the records that returns one, see
     :meth:`Adapter.with_records`). It may define ``planned`` (possible records) and ``limits`` (a
-    :class:`feltmb.gap.Limits`). The file is executed: only use files that you trust.
+    :class:`feltmb.experiment.Limits`). The file is executed: only use files that you trust.
     """
     values = {}
     for text in settings:
@@ -210,7 +207,7 @@ def _from_file(path: Path) -> Adapter:
     limits = getattr(module, "limits", None)
     if limits is not None and not isinstance(limits, Limits):
         raise InvalidParameter(
-            f"{path}: limits is {type(limits).__name__}, expected a feltmb.gap.Limits"
+            f"{path}: limits is {type(limits).__name__}, expected a feltmb.experiment.Limits"
         )
     return Adapter(
         model,
@@ -219,17 +216,6 @@ def _from_file(path: Path) -> Adapter:
         limits=limits,
         made=made,
     )
-
-
-def _example(limits: Limits, model: Model) -> Record:
-    """A simulated record within limits: every input goes to its largest value and back."""
-    time = np.arange(round(limits.duration * limits.sample_rate) + 1) / limits.sample_rate
-    rise = 0.5 - 0.5 * np.cos(2.0 * np.pi * time / limits.duration)
-    inputs = {n: i.start + (i.most - i.start) * rise for n, i in limits.inputs.items()}
-    sensors = sensors_now(model, limits, (), None)
-    outputs = {n: np.zeros(time.size) for n in sensors}
-    bare = Record(name="limits", time=time, inputs=inputs, outputs=outputs, sensors=sensors)
-    return planned(model, bare, sensors)
 
 
 def _listed(given: object) -> tuple[tuple[Effect, ...], str]:

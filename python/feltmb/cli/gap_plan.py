@@ -1,9 +1,10 @@
-"""``feltmb gap plan``: plans experiments that identify effects."""
+"""``feltmb gap plan``: plans experiments that identify causes."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,28 +27,18 @@ from feltmb.cli.common import (
 )
 from feltmb.cli.completing import actions, actuators
 from feltmb.errors import InvalidParameter
+from feltmb.units import readable_unit, unit_suffix
 
 if TYPE_CHECKING:
     from feltmb.cli.gap_models import Adapter
-    from feltmb.data import Record
+    from feltmb.data import Record, Sensor
+    from feltmb.experiment import Belief, Design, DesignedExperiment, HelpfulTest, Limits, Visible
     from feltmb.experiment.files import InputFiles
-    from feltmb.gap import Design, DesignedExperiment, Limits
-    from feltmb.gap.visibility import Visible
 
-__all__ = [
-    "Telling",
-    "command",
-    "input_files",
-    "limits_of",
-    "limits_option",
-    "measured_option",
-    "print_design",
-    "sensors_of",
-    "units_of",
-]
+__all__ = ["command", "input_files", "measured_option"]
 
-#: Largest numbers of effects, parts, and further records or sensors that are listed.
-MOST_EFFECTS, MOST_PARTS, MOST_ADDED = 12, 5, 5
+#: Largest numbers of causes, and of helpful tests, that are listed.
+MOST_CAUSES, MOST_TESTS = 12, 5
 
 measured_option = click.option(
     "--measured",
@@ -55,15 +46,6 @@ measured_option = click.option(
     type=click.Path(path_type=Path),
     help="TOML file with tests of single parts: [measured.NAME] with value, sd and how. NAME is a "
     "parameter, whose tolerance the test replaces, or an effect, which becomes a parameter.",
-)
-limits_option = click.option(
-    "--limits",
-    "limits_file",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="TOML file with the limits of the inputs, the possible tests of parts and further "
-    "sensors. Default: the limits of the model; for a mechanism with a finger 0 to 25 N, 2 kN/s, "
-    "0.6 s.",
 )
 
 
@@ -89,23 +71,30 @@ class Telling:
             redraw("")
 
 
-@click.command("plan", short_help="Experiments that identify the effects of MODEL.")
+@click.command("plan", short_help="Experiments that identify what MODEL lacks.")
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--budget",
     type=Number(0, 1000, min_open=True),
-    help="Design experiments with this number of records (the limits give the cost of a test of a "
-    "part and of a sensor). Without it the planned runs of the model are compared.",
+    default=3.0,
+    show_default=True,
+    help="Number of records (the limits give the cost of a test of a part).",
 )
-@limits_option
+@click.option(
+    "--limits",
+    "limits_file",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="TOML file with the limits of the inputs, sensors, and possible tests of parts. Default: "
+    "the limits of the model; for a mechanism with a finger 0 to 25 N, 2 kN/s, 0.6 s.",
+)
 @click.option(
     "--report",
-    "report_folder",
     metavar="PATH",
     type=click.Path(path_type=Path),
-    help="Report of a diagnosis (folder or report.json). The plan separates the causes that the "
-    "report could not separate.",
+    help="Diagnosis of the data (folder or report.json). The plan separates the causes that it "
+    "could not separate.",
 )
 @measured_option
 @click.option(
@@ -113,7 +102,7 @@ class Telling:
     type=click.Choice(["names", "sizes"]),
     default="names",
     show_default=True,
-    help="Identify effects, or estimate their magnitudes.",
+    help="Identify causes, or estimate their magnitudes.",
 )
 @list_option("--channels", metavar="NAME", help="Channel or output that will be measured.")
 @list_option("--family", "families", metavar="NAME", help="Kind of profile; default: all.")
@@ -142,8 +131,7 @@ class Telling:
     help="Key actuator (wood, aluminum or a file) for which torques are also written.",
 )
 @folder_option(
-    "Folder of the inputs (CSV; for a mechanism strokes, TOML), their pictures and plan.json. For "
-    "a mechanism, the next plan in it is faster."
+    "Folder of the inputs (CSV; for a mechanism strokes, TOML), their pictures and plan.json."
 )
 @model_set_option
 @json_option
@@ -151,9 +139,9 @@ class Telling:
 def command(
     model: str,
     data: tuple[Path, ...],
-    budget: float | None,
+    budget: float,
     limits_file: Path | None,
-    report_folder: Path | None,
+    report: Path | None,
     measured: Path | None,
     aim: Any,
     channels: tuple[str, ...],
@@ -167,77 +155,51 @@ def command(
     as_json: bool,
     force: bool,
 ) -> None:
-    """Plan experiments that identify the effects of MODEL.
+    """Plan experiments that identify what MODEL lacks.
 
-    With --budget the command designs experiments: smooth profiles of the inputs within limits,
-    tests of single parts, and further sensors. The most informative experiments come first. DATA
-    are measured files. The plan uses these files, or a --report, as its starting point.
-
-    Without --budget the command compares planned runs before any measurement. DATA are files with
-    planned inputs. Without DATA the first planned run of the model is used (for a mechanism: the
-    packaged forte stroke, measured by cameras with a noise of 0.02 mm). Further runs of the model
-    and outputs that are not measured are ranked as next experiments.
+    The experiments are smooth profiles of the inputs within limits, and tests of single parts. The
+    most informative ones come first. DATA are measured files, to which the experiments add; what
+    they say about causes comes from the --report of their diagnosis.
     """
     from feltmb.cli.gap_models import load_adapter
-
-    adapter = load_adapter(model, settings, channels)
-    records = adapter.read(data) if data else ()
-    adapter = adapter.with_records(records, limits_file).measured(measured)
-    if budget is None:
-        for option, given in (
-            ("--limits", limits_file),
-            ("--report", report_folder),
-            ("--arm", arm),
-            ("--out", output),
-        ):
-            if given is not None:
-                raise InvalidParameter(
-                    f"{option} needs --budget, the number of experiments that may be made"
-                )
-        _compare(model, adapter, records, channels, as_json=as_json)
-        return
-    from feltmb.experiment.files import design_json, write_design
+    from feltmb.experiment import design, design_json, write_design
     from feltmb.files import check_writable, make_folder
-    from feltmb.gap import Belief, design
 
     if output is not None:
         make_folder(output)
         check_writable(output / "plan.json", force=force)
     lever = None if arm is None else _lever(arm)
-    limits = limits_of(model, adapter, limits_file)
-    belief = None
-    if report_folder is not None:
-        belief = Belief.of_report(_report(report_folder, adapter.model.name))
+    adapter = load_adapter(model, settings, channels)
+    records = adapter.read(data) if data else ()
+    adapter = adapter.with_records(records, limits_file).measured(measured)
+    limits = _limits(model, adapter, limits_file)
     telling = Telling()
     found = design(
         adapter.model,
         adapter.effects,
         records,
         limits=limits,
-        sensors=sensors_of(adapter, limits, records, channels),
+        sensors=_sensors(adapter, limits, records, channels),
         budget=budget,
         aim=aim,
-        belief=belief,
+        belief=None if report is None else _belief(report),
         families=families,
         candidates=candidates,
         refinements=refinements,
         seed=seed,
-        folder=None if output is None else output / ".plan",
         progress=telling,
     )
     telling.close()
     if as_json:
         print_json(design_json(found))
     else:
-        print_design(found)
+        _print(found)
+        if records and report is None:
+            say("The data count by their inputs and sensors only; --report adds what they say.")
     if output is not None:
-        for path in write_design(
-            found,
-            output,
-            units=units_of(adapter, limits),
-            input_files=input_files(adapter, units_of(adapter, limits), lever=lever, force=force),
-            force=force,
-        ):
+        units = {**adapter.model.units, **{n: i.unit for n, i in limits.inputs.items()}}
+        files = input_files(adapter, units, lever=lever, force=force)
+        for path in write_design(found, output, units=units, input_files=files, force=force):
             if not as_json:
                 say_written(path)
 
@@ -271,9 +233,9 @@ def input_files(
     return write
 
 
-def limits_of(model: str, adapter: Adapter, file: Path | None) -> Limits:
+def _limits(model: str, adapter: Adapter, file: Path | None) -> Limits:
     """Limits from a file, or those of the model."""
-    from feltmb.gap import read_limits
+    from feltmb.experiment import read_limits
 
     if file is not None:
         return read_limits(file, adapter.model, adapter.effects)
@@ -285,50 +247,29 @@ def limits_of(model: str, adapter: Adapter, file: Path | None) -> Limits:
     return adapter.limits
 
 
-def sensors_of(
+def _sensors(
     adapter: Adapter, limits: Limits, records: Sequence[Record], channels: Sequence[str]
-) -> Any:
-    """Sensors of the planned outputs, from the records, or else from planned runs."""
-    from dataclasses import replace
-
+) -> dict[str, Sensor] | None:
+    """Sensors of the planned outputs from planned runs of the model; None: see ``design``."""
     wanted = adapter.outputs_of(channels) if channels else None
-    if wanted is None and (limits.sensors or not adapter.planned):
-        return None
+    if wanted is not None and (limits.sensors or not adapter.planned):
+        raise InvalidParameter("--channels: name what is measured in [sensors] of the limits")
     if limits.sensors or not adapter.planned:
-        raise InvalidParameter(
-            "--channels: the limits name what is measured in [sensors]; got both"
-            if limits.sensors
-            else "--channels: name what is measured in [sensors] of the limits"
-        )
-    known = dict(adapter.planned[0].sensors)
-    if records:
-        seen = {n: s for r in records for n, s in r.sensors.items()}
-        # Channels that are asked for may be new ones.
-        new = {} if wanted is None else known
-        known = new | {
-            n: replace(s, sigma=known[n].sigma) if s.sigma is None and n in known else s
-            for n, s in seen.items()
-            if n in adapter.model.outputs
-        }
+        return None
+    usual = dict(adapter.planned[0].sensors)
+    known = {} if records and wanted is None else dict(usual)
+    for n, s in ((n, s) for r in records for n, s in r.sensors.items()):
+        if n in adapter.model.outputs:
+            known[n] = replace(s, sigma=usual[n].sigma) if s.sigma is None and n in usual else s
     return {n: s for n, s in known.items() if wanted is None or n in wanted}
 
 
-def units_of(adapter: Adapter, limits: Limits) -> dict[str, str]:
-    """Units of inputs and outputs."""
-    return {**adapter.model.units, **{n: i.unit for n, i in limits.inputs.items()}}
-
-
-def _report(path: Path, model: str) -> Any:
-    """The report of a diagnosis of this model."""
+def _belief(path: Path) -> Belief:
+    """What a diagnosis found."""
+    from feltmb.experiment import Belief
     from feltmb.files import is_folder, read_json
 
-    file = path / "report.json" if is_folder(path) else path
-    report = read_json(file)
-    if isinstance(report, dict) and report.get("model", model) != model:
-        raise InvalidParameter(
-            f"--report {file}: is of the model {report['model']!r}, expected one of {model!r}"
-        )
-    return report
+    return Belief.of_report(read_json(path / "report.json" if is_folder(path) else path))
 
 
 def _lever(arm: str) -> float:
@@ -339,106 +280,76 @@ def _lever(arm: str) -> float:
     return float(config.hub.radius + sum(s.length for s in config.arm.stretches()))
 
 
-def print_design(found: Design) -> None:
+def _amount(value: float, unit: str) -> str:
+    """A value in the unit in which people read it."""
+    factor, shown = readable_unit(value, unit)
+    return f"{factor * value:.3g}{unit_suffix(shown)}"
+
+
+def _print(found: Design) -> None:
     """Print the plan as tables, with reasons."""
+    from feltmb.experiment import reasons
+
     names = found.aim == "names"
 
     def value(v: float) -> str:
         return f"{v:.0%}" if names else f"{v:.3g}"
 
     what = "probability of the correct name" if names else "information"
-    if not found.experiments:
-        say("No experiment within the limits gives more information.")
-    else:
+    if found.experiments:
         table = new_table(
             "next experiments", "", "experiment", "cost", what, right=(2, 3), whole=(0, 2, 3)
         )
         for i, e in enumerate(found.experiments, 1):
-            text = "\n".join([e.name, *(f"  {r}" for r in e.reasons)])
+            text = "\n".join([e.name, *(f"  {r}" for r in reasons(e, len(found.effects)))])
             table.add_row(str(i), text, f"{e.cost:g}", f"{value(e.before)} -> {value(e.after)}")
         console().print(table)
+    else:
+        say("No experiment within the limits gives more information.")
     say(
         f"Expected {what}: {value(found.before)} now, {value(found.after)} after the plan"
-        + (f" ({value(found.reachable)} with all tested experiments)." if names else ".")
+        f" ({value(found.reachable)} with all tested experiments)."
     )
-    _print_effects(found.effects, MOST_EFFECTS, "now", lambda v: v.belief)
-    if found.sensors:
-        table = new_table(
-            "further sensors", "sensor", "cost", what, "gain per cost", "planned",
-            right=(1, 2, 3), whole=(1, 2, 3, 4),
-        )  # fmt: skip
-        for s in found.sensors:
-            text = "\n".join([s.name, *(f"  {r}" for r in s.reasons)])
-            then = f"{value(s.before)} -> {value(s.after)}"
-            gain = f"{s.gain_per_cost:+.1%}" if names else f"{s.gain_per_cost:+.3g}"
-            table.add_row(text, f"{s.sensor.cost:g}", then, gain, "yes" if s.planned else "no")
-        console().print(table)
-    for p in found.parts[:MOST_PARTS]:
-        say(f"measure a part separately: {p.text}")
+    _print_causes(found.effects)
     for group in found.inseparable:
         say("no experiment within the limits separates: " + ", ".join(group))
-        tests = [t.text for t in found.decisive if t.effect in group]
-        if tests:
-            say(f"  a test of its part separates an effect from the others: {', '.join(tests)}")
+    for t in found.tests[:MOST_TESTS]:
+        say(f"measure a part separately: {_test(t)} ({value(t.after)})")
+    for s in found.sensors:
+        say(f"add a sensor: {s.output} with {_amount(s.sigma, s.unit)} ({value(s.after)})")
     if found.failed:
         say(f"{found.failed} profiles could not be simulated and are omitted")
 
 
-def _print_effects(
-    effects: Sequence[Visible], most: int, share: str, of: Callable[[Visible], float]
-) -> None:
-    """Print the first ``most`` effects, with a share ``of`` each."""
-    shown = [v for v in effects if not v.hidden]
+def _test(test: HelpfulTest) -> str:
+    sd = f"{test.sd:.1%}" if test.unit == "1" else _amount(test.sd, test.unit)
+    what = f"{test.measured} to {sd}"
+    cause, *others = test.separates or ("",)
+    return f"{what} separates {cause} from {', '.join(others)}" if others else what
+
+
+def _print_causes(causes: Sequence[Visible]) -> None:
+    """Print the most probable causes, and those that cannot be detected."""
+    shown = [v for v in causes if v.smallest < float("inf")]
     table = new_table(
-        "detectable effects", "effect", share, "detectable from", "correct", "or most similar",
-        "confused with", "chance",
-        right=(1, 2, 3, 4, 6), whole=(0,),
+        "detectable causes", "cause", "now", "detectable from", "correct", "confused with", "chance",
+        right=(1, 2, 3, 5), whole=(0,),
     )  # fmt: skip
-    for v in shown[:most]:
-        size = f"{v.smallest:.3g} {'' if v.unit == '1' else v.unit}".strip()
-        rival = (v.rival, f"{v.confusion:.0%}") if v.confusion >= 0.01 else ("", "")
-        table.add_row(v.effect, f"{of(v):.0%}", size, f"{v.right:.0%}", f"{v.pair:.0%}", *rival)
+    for v in shown[:MOST_CAUSES]:
+        rival = (v.rival, f"{v.confusion:.0%}") if v.rival else ("", "")
+        table.add_row(
+            v.cause, f"{v.belief:.0%}", _amount(v.smallest, v.unit), f"{v.right:.0%}", *rival
+        )
     if shown:
         console().print(table)
-    if len(shown) > most:
-        say(f"and {len(shown) - most} more effects (plan.json, --json)")
-    hidden = [v for v in effects if v.hidden]
-    for v in hidden[:most]:
-        say(f"{v.effect} cannot be detected: {v.hidden}")
-    if len(hidden) > most:
-        say(f"and {len(hidden) - most} more that cannot be detected (plan.json, --json)")
-
-
-def _compare(
-    model: str,
-    adapter: Adapter,
-    measured: Sequence[Record],
-    channels: Sequence[str],
-    *,
-    as_json: bool,
-) -> None:
-    """Print which effects planned runs could separate, before any measurement."""
-    from feltmb.gap import plan
-    from feltmb.gap.report import plain
-
-    planned = adapter.planned
-    records = measured or planned
-    if not records:
-        raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
-    found = plan(
-        adapter.model,
-        adapter.effects,
-        records if measured else records[:1],
-        channels=adapter.outputs_of(channels) if channels else None,
-        experiments=planned if measured else records[1:],
-    )
-    if as_json:
-        print_json(plain(found))
-        return
-    _print_effects(found.effects, len(found.effects), "own signature", lambda v: v.surviving)
-    for group in found.inseparable:
-        say("cannot be separated: " + ", ".join(group))
-    say(f"Expected probability of the correct name: {found.after:.0%}.")
-    for e in found.experiments[:MOST_ADDED]:
-        text = "; ".join(e.reasons) or "separates no further effects"
-        say(f"add {e.kind} {e.name} ({e.after:.0%}): {text}")
+    if len(shown) > MOST_CAUSES:
+        say(f"and {len(shown) - MOST_CAUSES} more causes (plan.json, --json)")
+    hidden = [v for v in causes if v not in shown]
+    for why, imitated in (
+        ("a change of parameters looks the same", True),
+        ("no measured output changes", False),
+    ):
+        own = [v.cause for v in hidden if v.imitated is imitated]
+        more = f" and {len(own) - MOST_CAUSES} more" if len(own) > MOST_CAUSES else ""
+        if own:
+            say(f"cannot be detected, because {why}: {', '.join(own[:MOST_CAUSES])}{more}")

@@ -1,4 +1,38 @@
-"""Experiments: what the next record would tell about parameters and effects, and which one to make.
+"""Experiments: what the next record would tell about parameters and causes, and which one to make.
 
 The information of a planned record follows from the derivatives of the model, as in a diagnosis.
 """
+
+from feltmb.experiment.design import (
+    Design,
+    DesignedExperiment,
+    HelpfulSensor,
+    HelpfulTest,
+    Separated,
+    Visible,
+    design,
+    example,
+)
+from feltmb.experiment.files import design_json, reasons, write_design
+from feltmb.experiment.information import Belief
+from feltmb.experiment.limits import read_limits
+from feltmb.fit.limits import InputLimits, Limits, PartTest
+
+__all__ = [
+    "Belief",
+    "Design",
+    "DesignedExperiment",
+    "HelpfulSensor",
+    "HelpfulTest",
+    "InputLimits",
+    "Limits",
+    "PartTest",
+    "Separated",
+    "Visible",
+    "design",
+    "design_json",
+    "example",
+    "read_limits",
+    "reasons",
+    "write_design",
+]

@@ -1,14 +1,12 @@
-"""Designs the next experiments: inputs, tests of parts and sensors, by information and cost.
+"""Designs the next experiments: inputs and tests of parts, by information and cost.
 
 1. Profiles of each family are drawn within the limits (Sobol points) and simulated.
 2. Profiles whose motions differ most, in units of the noise, are kept (farthest point first):
-   similar motions give similar information, and a simulation costs a fiftieth of a linearization.
+   similar motions give similar information, and a simulation costs much less than derivatives.
 3. The information of each of these is computed (:mod:`feltmb.experiment.information`).
-4. The experiment with the best gain and cost is taken, then the best one in addition to it, and so
-   on until the budget is used.
-5. A further sensor is taken if a plan of the same budget, which pays for it and measures all of its
-   experiments with it, ends better.
-6. The first experiment is improved by a compass search over the parameters of its profile.
+4. The experiment with the best gain for its cost is taken, then the best one in addition to it, and
+   so on until the budget is used.
+5. The first experiment is improved by a compass search over the numbers of its profile.
 """
 
 from __future__ import annotations
@@ -16,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -26,42 +23,29 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.experiment.information import (
+    TOLD,
+    VALUES,
     Belief,
     Information,
     Knowledge,
-    expected_noise,
-    information,
-    informations,
-    planned,
+    Study,
+    expected_sensor,
 )
+from feltmb.experiment.limits import check_limits
 from feltmb.experiment.profiles import FAMILIES, Profile
-from feltmb.files import Store
-from feltmb.fit.limits import FurtherSensor, Limits, PartTest
-from feltmb.fit.model import Candidate, Effect, Model
-from feltmb.fit.noise import Noise
-from feltmb.fit.watch import Say
-from feltmb.gap.checks import with_sigma
-from feltmb.gap.further_sensors import Sensors, offered
-from feltmb.gap.measured import open_effects
-from feltmb.gap.score import all_candidates
-from feltmb.gap.visibility import (
-    DecisiveTest,
-    HelpfulPart,
-    Visible,
-    decisive_tests,
-    helpful_parts,
-    inseparable,
-    reasons,
-    visible,
-)
+from feltmb.fit.limits import Limits, PartTest
+from feltmb.fit.model import Effect, Model
+from feltmb.gap.measured import no_test_of
 
 __all__ = [
     "Design",
     "DesignedExperiment",
     "HelpfulSensor",
+    "HelpfulTest",
+    "Separated",
+    "Visible",
     "design",
-    "draw_experiment",
-    "sensors_now",
+    "example",
 ]
 
 Aim = Literal["names", "sizes"]
@@ -70,69 +54,100 @@ Aim = Literal["names", "sizes"]
 DRAWS = 8
 #: Number of times at which motions are compared.
 POINTS = 64
-#: First and smallest step of the compass search, as a share of the range of a profile parameter.
+#: First and smallest step of the compass search, as a share of the range of a number of a profile.
 COMPASS, FINEST = 0.15, 1e-3
 #: Gain below which an experiment is left out of a plan: below it are rounding errors.
-LEAST_PLAN_GAIN = 1e-4
-#: Number of refinements of one family before the next family is refined.
-ROOM = 20
+LEAST_GAIN = 1e-4
+#: Largest number of separated pairs that are told of an experiment, and of helpful tests.
+PAIRS, TESTS = 2, 8
+#: Smallest decrease of the probability of confusion, and smallest gain by a test, that are told.
+WORTH_TELLING = 0.02
+#: Accuracy of a test of a part, as a share of the uncertainty that the plan leaves; at best this
+#: share of the tolerance.
+HALF, BEST = 0.5, 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Separated:
+    """Two causes that an experiment tells apart."""
+
+    cause: str
+    rival: str
+    before: float
+    """Probability of the rival if the cause is right and no other one is possible [1]."""
+    after: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DesignedExperiment:
-    """One experiment of a plan, or a sensor for those after it."""
+    """One experiment of a plan."""
 
     name: str
-    kind: Literal["record", "part", "sensor"]
     cost: float
-    """Cost of the experiment, in experiments."""
+    """Cost of the experiment, in records."""
     input: str = ""
     """Name of the input that moves."""
     profile: Profile | None = None
     record: Record | None = None
-    """Record with the outputs that the model predicts."""
+    """Record with the outputs that the model predicts; None: the test of a part."""
     part: PartTest | None = None
-    sensor: FurtherSensor | None = None
     before: float
-    """Expected probability of the correct name before it [1], or information [log evidence]. Of a
-    sensor: at the end of a plan of the same budget without it."""
+    """Expected probability of the correct name before it [1], or information [log evidence]."""
     after: float
-    """The same after it. Of a sensor: at the end of a plan of the same budget with it."""
-    reasons: tuple[str, ...] = ()
-    """Reasons for the experiment, as text."""
+    """The same after it."""
+    detected: tuple[int, int] = (0, 0)
+    """Number of causes that are detectable at their expected magnitude, before and after it."""
+    separated: tuple[Separated, ...] = ()
+    """Most important pairs that it tells apart."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Visible:
+    """One cause, before and after the whole plan."""
+
+    cause: str
+    unit: str
+    belief: float
+    """Present probability that it is missing, if something is [1]."""
+    smallest_before: float
+    """Smallest detectable magnitude now [unit]; inf: none."""
+    smallest: float
+    """Smallest detectable magnitude after the plan [unit]; inf: none."""
+    right: float
+    """Expected probability of the cause after the plan, if it is right [1]."""
+    rival: str
+    """Cause with which it would most often be confused after the plan; "": none."""
+    confusion: float
+    """Probability of this rival, if no other one is possible [1]."""
+    imitated: bool
+    """Whether the parameters of the model imitate it completely."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HelpfulTest:
+    """A test of one part by itself that would help after the plan."""
+
+    measured: str
+    """Parameter or effect that the test measures."""
+    sd: float
+    """Standard deviation that the test needs [unit]."""
+    unit: str
+    after: float
+    """Expected probability of the correct name with it [1], or information [log evidence]."""
+    separates: tuple[str, ...] = ()
+    """Inseparable causes of which it decides one; (): a tolerance that hides causes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HelpfulSensor:
-    """What a further sensor would tell in all experiments that are made with it."""
+    """A sensor that could be added to all experiments of the plan."""
 
-    name: str
-    """The output, what it is, and its noise, as text."""
-    sensor: FurtherSensor
-    """With its noise."""
+    output: str
+    sigma: float
+    """Its noise [unit]."""
     unit: str
-    """Of the output."""
-    before: float
-    """Expected probability of the correct name after a plan without it [1], or information [log
-    evidence]."""
     after: float
-    """After a plan of as many records and tests that are all made with it."""
-    after_paid: float
-    """After a plan that pays for it from the same budget."""
-    planned: bool
-    """Whether the plan has it."""
-    reasons: tuple[str, ...]
-    """What it separates, as text."""
-
-    @property
-    def gain(self) -> float:
-        """Expected gain of all further experiments by it."""
-        return self.after - self.before
-
-    @property
-    def gain_per_cost(self) -> float:
-        """The same for the cost of one record."""
-        return self.gain / self.sensor.cost
+    """Expected probability of the correct name with it [1], or information [log evidence]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,40 +158,29 @@ class Design:
     experiments: tuple[DesignedExperiment, ...]
     """Experiments in the order in which they should be made; plan again after each of them."""
     effects: tuple[Visible, ...]
-    parts: tuple[HelpfulPart, ...]
-    """Parameters whose uncertainty limits the detection of an effect most, after the plan."""
+    """All causes that may be missing, the most probable first."""
+    tests: tuple[HelpfulTest, ...]
     sensors: tuple[HelpfulSensor, ...]
-    """Further sensors of the limits, the largest gain for its cost first."""
     before: float
     """Expected probability of the correct name now [1], or information [log evidence]."""
     after: float
     """The same value after the plan."""
     reachable: float
-    """With every experiment that was worked out, each once and with all further sensors: more than
-    this nothing here brings."""
+    """With every experiment that was worked out, each once: more than this nothing here brings."""
     inseparable: tuple[tuple[str, ...], ...]
-    """Effects that all experiments together could not distinguish (confusion above one in ten)."""
-    decisive: tuple[DecisiveTest, ...]
-    """Tests of single parts that would distinguish the effects in ``inseparable``."""
-    worked_out: int
-    """Number of computed linearizations, without those from the store."""
+    """Causes that all experiments together could not distinguish."""
     failed: int
     """Number of profiles that the model could not simulate."""
-    belief: Mapping[str, float]
-    """Probability of each effect before the plan [1]."""
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class _Option:
     """A possible experiment."""
 
     name: str
-    cost: float
-    information: Information
-    carrying: tuple[Information, ...] = ()
-    """With each available sensor in addition; the last: with all of them."""
+    told: Information | Array
+    cost: float = 1.0
     input: str = ""
-    family: str = ""
     knobs: tuple[float, ...] = ()
     profile: Profile | None = None
     record: Record | None = None
@@ -191,35 +195,38 @@ def design(
     *,
     limits: Limits,
     sensors: Mapping[str, Sensor] | None = None,
-    budget: float = 6.0,
+    budget: float = 3.0,
     aim: Aim = "names",
     belief: Belief | None = None,
     families: Sequence[str] = (),
     candidates: int = 12,
     refinements: int = 4,
     seed: int = 0,
-    folder: str | Path | None = None,
-    progress: Say | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> Design:
     """Design the most informative experiments within limits and a budget.
 
     Parameters
     ----------
+    model
+        Model of the machine.
+    effects
+        Effects that it may lack.
     records
-        Records that were measured before; empty: none.
+        Records that were measured before. Their inputs and sensors count; what they say about
+        causes comes from ``belief``.
     limits
-        Limits of the inputs, possible tests of parts, and available further sensors.
+        Limits of the inputs, sensors, and possible tests of parts.
     sensors
-        Sensors of the outputs that are measured in any case. Default: those of ``limits``, else of
-        the records, else all outputs, each with a noise of a thousandth of its spread.
+        Sensors of the measured outputs. Default: those of ``limits``, else of the records, else all
+        outputs, each with a noise of a thousandth of its spread.
     budget
-        Cost of all experiments: a record costs 1, the costs of tests of parts and of further
-        sensors are in ``limits``.
+        Cost of all experiments: a record costs 1, the costs of tests of parts are in ``limits``.
     aim
-        ``names``: identify effects; ``sizes``: estimate their magnitudes.
+        ``names``: identify causes; ``sizes``: estimate their magnitudes.
     belief
-        Prior probabilities of the effects. Default: from the records by one step, else the weights
-        of the library.
+        Result of a diagnosis of the records (:meth:`Belief.of_report`). Default: the prior odds of
+        a diagnosis.
     families
         Names of :data:`~feltmb.experiment.profiles.FAMILIES`; default: all.
     candidates
@@ -228,117 +235,112 @@ def design(
         Number of further profiles that improve the first experiment.
     seed
         Seed of the random draws.
-    folder
-        Folder in which evaluated profiles are stored for the next plan. It is used for mechanisms
-        only, because functions of other models cannot be compared.
+    progress
+        Is called with the stage, the completed number, and the total.
+
+    Returns
+    -------
+    Design
+        The experiments, and what they tell.
 
     Raises
     ------
     InvalidParameter
-        Unknown names, a budget that is too small, or no profile that can be simulated.
+        Unknown names, a wrong number, or no profile that can be simulated.
     """
-    limits.check(model, effects)
-    chosen = _families(families)
+    check_limits(limits, model, effects)
+    faults = [
+        f"families: {n} is none of {', '.join(FAMILIES)}" for n in set(families) - {*FAMILIES}
+    ]
     if not 0.0 < budget <= 1000.0:
-        raise InvalidParameter(f"budget = {budget!r} experiments, expected in (0, 1000]")
-    for name, count in (("candidates", candidates), ("refinements", refinements)):
-        if not 0 <= count <= 100_000 or (name == "candidates" and not count):
-            raise InvalidParameter(f"{name} = {count!r}, expected 1 to 100000")
-    if aim not in ("names", "sizes"):
-        raise InvalidParameter(f"aim = {aim!r}, expected names or sizes")
-    tested = open_effects(effects, model)
-    if not tested:
-        raise InvalidParameter(f"plan: model {model.name} can simulate none of the effects")
-    every = all_candidates(tested)
-    store = None if folder is None else Store(Path(folder))
-    measured_now = sensors_now(model, limits, records, sensors)
-    with_offers = Sensors(measured_now, offered(limits.further, measured_now, model))
-    work = _Work(model, limits, with_offers, seed, every=every, store=store, progress=progress)
-    knowledge = _known(work, records, belief)
-    options = work.options(chosen, candidates) + _tests(knowledge, limits)
-    if not options:
-        raise InvalidParameter(
-            f"plan: none of the {work.failed} profiles within the limits can be simulated by "
-            f"{model.name}; hint: lower inputs.most or lengthen the duration"
-        )
-    value = _worth(aim)
-    equipped = _equip(work, knowledge, options, budget, value)
-    options, budget = equipped.options, equipped.budget
-    picked = _greedy(knowledge, options, budget, value)
-    if picked and refinements and picked[0].part is None:
-        first = picked[0]
-        better = work.best_of(knowledge, first, options, refinements, value)
-        if better is not first:
-            picked = [better, *_greedy(
-                knowledge.plus(better.information),
-                [*options, better],
-                budget - better.cost,
-                value,
-            )]  # fmt: skip
-    return _result(knowledge, picked, equipped, aim, work)
-
-
-def _known(work: _Work, records: Sequence[Record], belief: Belief | None) -> Knowledge:
-    """What the records tell, with given probabilities or those that follow from them."""
-    model, every = work.model, work.every
+        faults.append(f"budget = {budget!r} records, expected in (0, 1000]")
+    if not 1 <= candidates <= 10_000:
+        faults.append(f"candidates = {candidates!r}, expected 1 to 10000")
+    if not 0 <= refinements <= 10_000:
+        faults.append(f"refinements = {refinements!r}, expected 0 to 10000")
+    if faults:
+        raise InvalidParameter("plan: " + "; ".join(faults))
+    study = Study.of(model, effects, belief)
+    work = _Work(study, limits, sensors_now(model, limits, records, sensors), seed, progress)
     known = []
     for i, r in enumerate(records):
         work.tell("what the records tell", i, len(records))
-        shown = {n: s for n, s in r.sensors.items() if n in model.outputs}
-        noisy = with_sigma(r, expected_noise(r)) if shown else r
-        found = information(model, noisy, every, store=work.store)
-        if found is not None:
-            known.append(found)
-    if belief is None and known:
-        belief = Knowledge.start(model, every, Belief.even(every), known).linear_belief()
-    return Knowledge.start(model, every, belief or Belief.even(every), known)
-
-
-def _tests(knowledge: Knowledge, limits: Limits) -> list[_Option]:
-    """Tests of single parts as experiments."""
-    return [
+        known.append(study.linearized(r))
+    start = Knowledge(study, tuple(known))
+    if belief is not None and known:
+        start = replace(start, before=start.gram)
+    options = work.options(list(dict.fromkeys(families)) or list(FAMILIES), candidates)
+    options += [
         _Option(
-            name=f"{t.how or 'test of a part'}: {t.parameter}",
-            cost=t.cost,
-            information=knowledge.part(t.parameter, t.sd),
+            f"{t.how or 'test of a part'}: {t.parameter}",
+            start.test(t.parameter, t.sd),
+            t.cost,
             part=t,
         )
         for t in limits.parts
     ]
-
-
-def _worth(aim: Aim) -> Callable[[Knowledge], float]:
-    return Knowledge.names if aim == "names" else Knowledge.sizes
-
-
-def _families(names: Sequence[str]) -> list[str]:
-    unknown = [n for n in names if n not in FAMILIES]
-    if unknown:
-        raise InvalidParameter(f"families: {', '.join(unknown)} is none of {', '.join(FAMILIES)}")
-    return list(dict.fromkeys(names)) or list(FAMILIES)
+    if not options:
+        raise InvalidParameter(
+            f"plan: none of the {work.failed} profiles within the limits can be simulated by "
+            f"{model.name}{work.why}; hint: lower inputs.most or lengthen the duration"
+        )
+    value = VALUES[aim]
+    picked = _greedy(start, options, budget, value)
+    if picked and refinements and picked[0].profile is not None:
+        better = work.improved(start, picked[0], refinements, value)
+        options = [*options, better]
+        picked = [better, *_greedy(start.plus(better.told), options, budget - 1.0, value)]
+    return _result(start, picked, options, aim, work)
 
 
 def sensors_now(
     model: Model, limits: Limits, records: Sequence[Record], given: Mapping[str, Sensor] | None
 ) -> dict[str, Sensor]:
-    """By output that is measured in any case: as given, else by the limits, else by the records."""
-    known: dict[str, Sensor] = dict(given or {})
-    for r in () if given else records:
-        for n, s in r.sensors.items():
-            known.setdefault(n, s)
-    unknown = [n for n in known if n not in model.outputs]
-    if given and unknown:
-        raise InvalidParameter(
-            f"sensors: {', '.join(unknown)} is no output of {model.name}; there are "
-            f"{', '.join(model.outputs)}"
-        )
-    known = {n: s for n, s in known.items() if n in model.outputs}
-    if limits.sensors and not given:
-        return {
-            n: replace(known.get(n, Sensor(name=n, unit=model.units.get(n, "1"))), sigma=sigma)
-            for n, sigma in limits.sensors.items()
-        }
-    return known or {n: Sensor(name=n, unit=model.units.get(n, "1")) for n in model.outputs}
+    """Sensor by measured output: as given, else by the limits, else by the records."""
+    if given:
+        if unknown := [n for n in given if n not in model.outputs]:
+            raise InvalidParameter(
+                f"sensors: {', '.join(unknown)} is no output of {model.name}; there are "
+                f"{', '.join(model.outputs)}"
+            )
+        return dict(given)
+    known = {n: s for r in reversed(records) for n, s in r.sensors.items() if n in model.outputs}
+    every = {n: Sensor(name=n, unit=model.units.get(n, "1")) for n in model.outputs}
+    if limits.sensors:
+        return {n: replace(known.get(n, every[n]), sigma=s) for n, s in limits.sensors.items()}
+    return known or every
+
+
+def example(model: Model, limits: Limits) -> Record:
+    """A simulated record within limits: every input goes to its largest value and back.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    limits
+        Limits of the experiments with it.
+
+    Returns
+    -------
+    Record
+        Inputs, and the outputs that the model predicts.
+    """
+    check_limits(limits, model)
+    time = np.arange(round(limits.duration * limits.sample_rate) + 1) / limits.sample_rate
+    rise = 0.5 - 0.5 * np.cos(2.0 * np.pi * time / limits.duration)
+    sensors = sensors_now(model, limits, (), None)
+    bare = Record(
+        name="limits",
+        time=time,
+        inputs={n: i.start + (i.most - i.start) * rise for n, i in limits.inputs.items()},
+        outputs={n: np.zeros(time.size) for n in sensors},
+        sensors=sensors,
+    )
+    outputs = Study(model, (Effect(name="", component=""),)).simulated([bare])[0]
+    if outputs is None:
+        raise InvalidParameter(f"limits: {model.name} could not be simulated within them")
+    return replace(bare, outputs=outputs)
 
 
 def _greedy(
@@ -347,105 +349,20 @@ def _greedy(
     budget: float,
     value: Callable[[Knowledge], float],
 ) -> list[_Option]:
-    """Repeatedly take the experiment with the best gain and cost, until the budget is used."""
+    """Repeatedly take the experiment with the best gain for its cost, until the budget is used."""
     out: list[_Option] = []
-    now = value(knowledge)
-    left = budget
     while True:
         able = [
-            o for o in options if o.cost <= left + 1e-9 and not (o.part is not None and o in out)
+            o for o in options if o.cost <= budget + 1e-9 and not (o.part is not None and o in out)
         ]
-        if not able:
-            return out
-        gains = [(value(knowledge.plus(o.information)) - now) / o.cost for o in able]
-        best = int(np.argmax(gains))
-        if not gains[best] > LEAST_PLAN_GAIN:
-            return out
-        out.append(able[best])
-        left -= able[best].cost
-        knowledge = knowledge.plus(able[best].information)
         now = value(knowledge)
-
-
-def _after(knowledge: Knowledge, picked: Sequence[_Option]) -> Knowledge:
-    return knowledge.plus(*(option.information for option in picked))
-
-
-@dataclass
-class _Equipped:
-    """Options with the sensors of the plan."""
-
-    options: list[_Option]
-    budget: float
-    """That is left for experiments."""
-    bought: list[DesignedExperiment]
-    sensors: tuple[HelpfulSensor, ...] = ()
-
-
-def _equip(
-    work: _Work,
-    knowledge: Knowledge,
-    options: list[_Option],
-    budget: float,
-    value: Callable[[Knowledge], float],
-) -> _Equipped:
-    """Take the sensors with which a plan of the same budget ends better, the best one first."""
-    out = _Equipped(options, budget, [])
-    if not work.sensors.offers:
-        return out
-    plan = _after(knowledge, _greedy(knowledge, options, budget, value))
-    while work.sensors.offers:
-        told, paid = [], []
-        for k, offer in enumerate(work.sensors.offers):
-            work.tell("further sensors", k, len(work.sensors.offers))
-            carried = [
-                replace(o, information=o.carrying[k]) if o.carrying else o for o in out.options
-            ]
-            free = _after(knowledge, _greedy(knowledge, carried, out.budget, value))
-            left = _greedy(knowledge, carried, out.budget - offer.cost, value)
-            paid.append(_after(knowledge, left))
-            unit = work.model.units.get(offer.output) or "1"
-            told.append(
-                HelpfulSensor(
-                    name=work.sensors.words(offer, unit),
-                    sensor=offer,
-                    unit=unit,
-                    before=value(plan),
-                    after=value(free),
-                    after_paid=value(paid[-1]),
-                    planned=False,
-                    reasons=reasons(plan, free),
-                )
-            )
-        best = max(range(len(told)), key=lambda k: told[k].after_paid)
-        chosen = told[best]
-        worth = chosen.after_paid - chosen.before > LEAST_PLAN_GAIN
-        first = not out.bought
-        if first:
-            out.sensors = tuple(sorted(told, key=lambda h: -h.gain_per_cost))
-        if not worth:
-            break
-        plan = paid[best]
-        out.budget -= chosen.sensor.cost
-        out.bought.append(
-            DesignedExperiment(
-                name=chosen.name,
-                kind="sensor",
-                cost=chosen.sensor.cost,
-                sensor=chosen.sensor,
-                before=chosen.before,
-                after=chosen.after_paid,
-                reasons=(
-                    "all experiments after it are made with it: at the end of the plan without "
-                    "and with it",
-                    *chosen.reasons,
-                ),
-            )
-        )
-        out.options = work.equipped(chosen.sensor, out.options)
-    taken = [e.sensor for e in out.bought]
-    out.sensors = tuple(replace(h, planned=h.sensor in taken) for h in out.sensors)
-    return out
+        gains = [(value(knowledge.plus(o.told)) - now) / o.cost for o in able]
+        if not gains or not max(gains) > LEAST_GAIN:
+            return out
+        best = able[int(np.argmax(gains))]
+        out.append(best)
+        budget -= best.cost
+        knowledge = knowledge.plus(best.told)
 
 
 class _Work:
@@ -453,164 +370,120 @@ class _Work:
 
     def __init__(
         self,
-        model: Model,
+        study: Study,
         limits: Limits,
-        sensors: Sensors,
+        sensors: Mapping[str, Sensor],
         seed: int,
-        *,
-        every: tuple[Candidate, ...] = (),
-        store: Store | None = None,
-        progress: Say | None = None,
+        progress: Callable[[str, int, int], None] | None,
     ):
-        self.model, self.limits, self.sensors = model, limits, sensors
-        self.every, self.store, self.seed, self.progress = every, store, seed, progress
-        self.failed = self.made = 0
-        self._known: dict[tuple[Any, ...], _Option | None] = {}
+        self.study, self.limits, self.seed = study, limits, seed
+        self.sensors, self.progress = sensors, progress
+        self.failed, self.why = 0, ""
 
     def tell(self, stage: str, done: int, total: int) -> None:
         if self.progress is not None:
             self.progress(stage, done, total)
 
-    def draw(self, input_name: str, family: str, knobs: Sequence[float]) -> Profile | None:
-        return FAMILIES[family].make(knobs, self.limits.inputs[input_name], self.limits)
-
-    def record(self, input_name: str, profile: Profile, name: str) -> Record | None:
-        """Record of a profile with the prediction of the model; None: it cannot be simulated."""
-        rate = self.limits.sample_rate
-        time = np.arange(max(16, math.floor(profile.end * rate + 1e-6) + 1)) / rate
-        mode, others = _mode_of(self.model, input_name, self.limits)
-        inputs = {
-            n: np.full(time.size, self.limits.inputs[n].start if n in self.limits.inputs else 0.0)
-            for n in others
-        }
-        inputs[input_name] = profile.at(time)
-        own = {n: s for n, s in self.limits.input_sigma.items() if n in inputs}
-        sensors = self.sensors.all
-        bare = Record(
-            name=name,
+    def record(self, name: str, profile: Profile) -> Record:
+        """Record of a profile; its outputs are zero."""
+        limits, model = self.limits, self.study.model
+        time = np.arange(max(16, math.floor(profile.end * limits.sample_rate + 1e-6) + 1))
+        time = time / limits.sample_rate
+        modes = {n: mode for mode, names in model.input_modes.items() for n in names}
+        mode: Any = modes.get(name, "force")
+        others = model.input_modes.get(mode) or model.inputs or tuple(limits.inputs)
+        start = {n: limits.inputs[n].start if n in limits.inputs else 0.0 for n in others}
+        every = {n: Sensor(name=n, unit=model.units.get(n, "1")) for n in limits.further}
+        sensors = every | dict(self.sensors)
+        return Record(
+            name="planned",
             time=time,
-            inputs=inputs,
+            inputs={n: np.full(time.size, v) for n, v in start.items()} | {name: profile.at(time)},
             outputs={n: np.zeros(time.size) for n in sensors},
             sensors=sensors,
             input_mode=mode,
-            input_sigma=own,
+            input_sigma={n: s for n, s in limits.input_sigma.items() if n in start or n == name},
         )
-        try:
-            return planned(self.model, bare, sensors)
-        except FeltmbError:
-            self.failed += 1
-            return None
+
+    def simulated(self, records: Sequence[Record]) -> list[Record | None]:
+        """Records with the outputs that the model predicts; None: the simulation failed."""
+        out: list[Record | None] = []
+        for r, found in zip(records, self.study.simulated(records), strict=True):
+            if found is None:
+                out.append(None)
+                continue
+            sensors = {n: expected_sensor(s, found[n]) for n, s in r.sensors.items()}
+            for n, sigma in self.limits.further.items():
+                if n not in self.sensors:
+                    sensors[n] = replace(sensors[n], sigma=sigma)
+            out.append(replace(r, outputs=found, sensors=sensors))
+        self.failed += out.count(None)
+        return out
 
     def options(self, families: Sequence[str], count: int) -> list[_Option]:
         """Profiles with the most different motions, with their information."""
-        drawn: list[tuple[str, str, tuple[float, ...], Profile, Record]] = []
-        total = len(families) * len(self.limits.inputs)
-        for at, (input_name, family) in enumerate(
-            (i, f) for i in self.limits.inputs for f in families
-        ):
-            self.tell("profiles", at, total)
-            width = len(FAMILIES[family].knobs)
-            sobol = qmc.Sobol(width, seed=np.random.default_rng([self.seed, at]))
+        drawn: list[tuple[str, tuple[float, ...], Profile]] = []
+        pairs = [(i, f) for i in self.limits.inputs for f in families]
+        for at, (name, family) in enumerate(pairs):
+            sobol = qmc.Sobol(
+                len(FAMILIES[family].knobs), rng=np.random.default_rng([self.seed, at])
+            )
             for knobs in sobol.random(DRAWS):
                 own = tuple(float(u) for u in knobs)
-                profile = self.draw(input_name, family, own)
-                if profile is None:
-                    continue
-                record = self.record(input_name, profile, "planned")
-                if record is not None:
-                    drawn.append((input_name, family, own, profile, record))
+                profile = FAMILIES[family].make(own, self.limits.inputs[name], self.limits)
+                if profile is not None:
+                    drawn.append((name, own, profile))
+        self.tell("profiles", 0, len(drawn))
+        records = self.simulated([self.record(name, profile) for name, _, profile in drawn])
+        able = [(d, r) for d, r in zip(drawn, records, strict=True) if r is not None]
+        kept = _farthest([r for _, r in able], count)
         out = []
-        kept = _farthest([d[4] for d in drawn], self.sensors.now, count)
         for done, i in enumerate(kept):
             self.tell("what they tell", done, len(kept))
-            found = self.option(*drawn[i][:3])
-            if found is not None:
-                out.append(found)
-        return out
+            (name, own, profile), record = able[i]
+            out.append(self.option(name, own, profile, record))
+        return [o for o in out if o is not None]
 
-    def option(self, input_name: str, family: str, knobs: tuple[float, ...]) -> _Option | None:
-        """A profile with its information; None: it is not allowed or cannot be simulated."""
-        key = (input_name, family, knobs)
-        if key not in self._known:
-            self._known[key] = self._option(input_name, family, knobs)
-        return self._known[key]
-
-    def _option(self, input_name: str, family: str, knobs: tuple[float, ...]) -> _Option | None:
-        profile = self.draw(input_name, family, knobs)
-        record = None if profile is None else self.record(input_name, profile, "planned")
-        if profile is None or record is None:
-            return None
-        ways = self.sensors.ways
-        found = informations(self.model, record, self.every, ways, store=self.store)
-        if found is None:
+    def option(
+        self, name: str, knobs: tuple[float, ...], profile: Profile, record: Record
+    ) -> _Option | None:
+        """A profile with its information; None: the model cannot be linearized there."""
+        try:
+            told = self.study.linearized(record)
+        except FeltmbError as error:
             self.failed += 1
+            self.why = f": {error}"
             return None
-        self.made += not found[0].kept
-        unit = self.limits.inputs[input_name].unit
+        read = {n: 1.0 for n in told.read if n in self.sensors}
+        outputs = {n: y for n, y in record.outputs.items() if n in self.sensors}
+        shown = replace(record, outputs=outputs, sensors={n: record.sensors[n] for n in outputs})
+        words = _words(profile, name, self.limits.inputs[name].unit)
         return _Option(
-            name=_words(profile, input_name, unit),
-            cost=1.0,
-            information=found[0],
-            carrying=found[1:],
-            input=input_name,
-            family=family,
-            knobs=knobs,
+            words,
+            replace(told, read=read, planned=True),
+            1.0,
+            name,
+            knobs,
             profile=profile,
-            record=_measured(record, self.sensors.now),
+            record=shown,
         )
 
-    def equipped(self, sensor: FurtherSensor, options: Sequence[_Option]) -> list[_Option]:
-        """The options with one of the available sensors, computed again."""
-        self.sensors = self.sensors.having(sensor)
-        self._known.clear()
-        out = []
-        for done, o in enumerate(options):
-            self.tell("what they tell with it", done, len(options))
-            again = o if o.part is not None else self.option(o.input, o.family, o.knobs)
-            if again is not None:
-                out.append(again)
-        return out
-
-    def best_of(
-        self,
-        knowledge: Knowledge,
-        first: _Option,
-        options: Sequence[_Option],
-        most: int,
-        value: Callable[[Knowledge], float],
-    ) -> _Option:
-        """Improve the first experiment and, if refinements remain, the best of other families."""
-
-        def worth(option: _Option) -> float:
-            return value(knowledge.plus(option.information))
-
-        leaders: dict[tuple[str, str], _Option] = {}
-        for option in sorted((o for o in options if o.part is None), key=lambda o: -worth(o)):
-            leaders.setdefault((option.input, option.family), option)
-        others = [o for k, o in leaders.items() if k != (first.input, first.family)]
-        starts = [first, *others][: max(1, most // ROOM)]
-        if len(starts) == 1:
-            return self.improve(knowledge, first, most, value)
-        own = most // (2 * len(starts))
-        found = [self.improve(knowledge, s, own, value) for s in starts]
-        best = max(found, key=worth)
-        return self.improve(knowledge, best, most - own * len(starts), value)
-
-    def improve(
+    def improved(
         self,
         knowledge: Knowledge,
         first: _Option,
         most: int,
         value: Callable[[Knowledge], float],
     ) -> _Option:
-        """Compass search over the parameters of a profile."""
+        """Compass search over the numbers of a profile."""
+        assert first.profile is not None
+        family, own = FAMILIES[first.profile.family], self.limits.inputs[first.input]
         generator = np.random.default_rng([self.seed, 7])
-        best, top = first, value(knowledge.plus(first.information))
+        best, top = first, value(knowledge.plus(first.told))
         width, step, tried = len(first.knobs), COMPASS, 0
         while tried < most and step > FINEST:
             moved = False
-            order = generator.permutation(2 * width)
-            for k in order:
+            for k in generator.permutation(2 * width):
                 if tried >= most:
                     break
                 knobs = list(best.knobs)
@@ -619,51 +492,45 @@ class _Work:
                     continue
                 self.tell("a better profile", tried, most)
                 tried += 1
-                other = self.option(best.input, best.family, tuple(knobs))
-                worth = -math.inf if other is None else value(knowledge.plus(other.information))
-                if other is not None and worth > top:
+                profile = family.make(knobs, own, self.limits)
+                record = (
+                    None
+                    if profile is None
+                    else self.simulated([self.record(first.input, profile)])[0]
+                )
+                if profile is None or record is None:
+                    continue
+                other = self.option(first.input, tuple(knobs), profile, record)
+                if other is not None and (worth := value(knowledge.plus(other.told))) > top:
                     best, top, moved = other, worth, True
-            if not moved:
-                step *= 0.5
+            step *= 1.0 if moved else 0.5
         return best
 
 
-def _measured(record: Record, sensors: Mapping[str, Sensor]) -> Record:
-    """A planned record as these sensors show it."""
-    outputs = {n: y for n, y in record.outputs.items() if n in sensors}
-    return replace(record, outputs=outputs, sensors={n: sensors[n] for n in outputs})
-
-
-def _mode_of(model: Model, name: str, limits: Limits) -> tuple[Any, list[str]]:
-    """Input mode in which a model reads an input, and all inputs of this mode.
-
-    The limits determine it for a model that does not state its modes.
-    """
-    for mode, names in model.input_modes.items():
-        if name in names:
-            return mode, list(names)
-    return "force", list(model.inputs) or list(limits.inputs)
-
-
-def _farthest(records: Sequence[Record], sensors: Mapping[str, Sensor], most: int) -> list[int]:
+def _farthest(records: Sequence[Record], most: int) -> list[int]:
     """Indices of records; each differs most from the previous ones, in units of the noise."""
     if len(records) <= most:
         return list(range(len(records)))
+    at = np.linspace(0.0, max(r.time[-1] for r in records), POINTS)
+    noise = {
+        n: min(s for r in records if (s := r.sensors[n].sigma or 0.0) > 0.0)
+        for n in records[0].outputs
+    }
+    largest = {
+        n: max(np.abs(r.inputs.get(n, [0.0])).max() for r in records)
+        for r in records
+        for n in r.inputs
+    }
     rows = []
     for r in records:
         parts = []
-        at = np.linspace(0.0, max(x.time[-1] for x in records), POINTS)
-        for name, sensor in sensors.items():
-            spread = max(float(np.std(x.outputs[name])) for x in records) or 1.0
-            noise = Noise(sensor.sigma or 1e-3 * spread, relative=sensor.relative_sigma)
+        for n, y in r.outputs.items():
             # After the end of a record its last value is used. Large motions are compared by
             # logarithm.
-            value = np.interp(at, r.time, r.outputs[name])
-            value = value / noise.sd(value)
+            value = np.interp(at, r.time, y) / noise[n]
             parts.append(np.sign(value) * np.log1p(np.abs(value)))
-        for name, values in r.inputs.items():  # a hundredth of the largest is one step
-            unit = 0.01 * max(float(np.max(np.abs(x.inputs[name]))) for x in records)
-            value = np.interp(at, r.time, values) / (unit or 1.0)
+        for n, limit in largest.items():  # a hundredth of the largest is one step
+            value = np.interp(at, r.time, r.inputs.get(n, 0.0 * r.time)) / (0.01 * limit or 1.0)
             parts.append(np.sign(value) * np.log1p(np.abs(value)))
         rows.append(np.concatenate(parts))
     table = np.array(rows)
@@ -676,117 +543,178 @@ def _farthest(records: Sequence[Record], sensors: Mapping[str, Sensor], most: in
     return out
 
 
-def _words(profile: Profile, input_name: str, unit: str) -> str:
+def _words(profile: Profile, name: str, unit: str) -> str:
     """Description of a profile with its numbers."""
     parts = []
-    for name, value in profile.numbers.items():
-        if name in ("rise", "hold"):
-            parts.append(
-                f"{name} {value:.3g} s" if value >= 1.0 else f"{name} {1e3 * value:.3g} ms"
-            )
-        elif name in ("from", "to"):
-            parts.append(f"{name} {value:.3g} Hz")
+    for key, value in profile.numbers.items():
+        if key in ("rise", "hold"):
+            parts.append(f"{key} {value:.3g} s" if value >= 1.0 else f"{key} {1e3 * value:.3g} ms")
+        elif key in ("from", "to"):
+            parts.append(f"{key} {value:.3g} Hz")
         else:
             shown = f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
             shown = f"{1e3 * value:.3g} mm" if unit == "m" else shown
-            parts.append(shown if name == "level" else f"{name} {shown}")
-    return f"{profile.family} of {input_name}: " + ", ".join(parts)
+            parts.append(shown if key == "level" else f"{key} {shown}")
+    return f"{profile.family} of {name}: " + ", ".join(parts)
+
+
+# ---------------------------------------------------------------- what a plan tells
 
 
 def _result(
-    knowledge: Knowledge, picked: Sequence[_Option], equipped: _Equipped, aim: Aim, work: _Work
+    start: Knowledge, picked: Sequence[_Option], options: Sequence[_Option], aim: Aim, work: _Work
 ) -> Design:
-    value = _worth(aim)
-    start, experiments = knowledge, list(equipped.bought)
+    value, knowledge, experiments = VALUES[aim], start, []
     for i, option in enumerate(picked, 1):
-        then = knowledge.plus(option.information)
+        then = knowledge.plus(option.told)
+        names = np.array([h.name for h in start.study.hypotheses])
+        record = option.record
         experiments.append(
             DesignedExperiment(
                 name=option.name,
-                kind="record" if option.part is None else "part",
                 cost=option.cost,
                 input=option.input,
                 profile=option.profile,
-                record=None
-                if option.record is None
-                else replace(option.record, name=f"experiment_{i}"),
+                record=None if record is None else replace(record, name=f"experiment_{i}"),
                 part=option.part,
                 before=value(knowledge),
                 after=value(then),
-                reasons=reasons(knowledge, then),
+                detected=(len({*names[knowledge.detected]}), len({*names[then.detected]})),
+                separated=_separated(knowledge, then),
             )
         )
         knowledge = then
-    everything = start.plus(*((o.information, *o.carrying)[-1] for o in equipped.options))
-    groups = inseparable(everything)
+    everything = start.plus(*(o.told for o in options))
+    groups = everything.inseparable()
     return Design(
         aim=aim,
         experiments=tuple(experiments),
-        effects=visible(start, knowledge, everything),
-        parts=helpful_parts(knowledge),
-        sensors=equipped.sensors,
+        effects=_visible(start, knowledge),
+        tests=(
+            *_decisive(everything, groups, value),
+            *_tolerances(knowledge, value),
+        ),
+        sensors=_sensors(knowledge, work, value),
         before=value(start),
         after=value(knowledge),
         reachable=value(everything),
         inseparable=groups,
-        decisive=decisive_tests(everything, groups),
-        worked_out=work.made,
         failed=work.failed,
-        belief=_by_name(start, start.belief.over(start.candidates)),
     )
 
 
-def _by_name(knowledge: Knowledge, values: Array) -> dict[str, float]:
-    out: dict[str, float] = {}
-    for t, v in zip(knowledge.candidates, values, strict=True):
-        out[t.name] = out.get(t.name, 0.0) + float(v)
+def _separated(before: Knowledge, after: Knowledge) -> tuple[Separated, ...]:
+    """Pairs of causes that an experiment separates, weighted by their probability."""
+    weights, names = before.study.possible, [h.name for h in before.study.hypotheses]
+    was, then = before.chance, after.chance
+    worth = (was - then) * np.minimum(weights[:, None], weights[None, :])
+    out: list[Separated] = []
+    for flat in np.argsort(-worth, axis=None, kind="stable")[: 20 * len(names)]:
+        a, b = np.unravel_index(int(flat), worth.shape)
+        if was[a, b] - then[a, b] < WORTH_TELLING or len(out) == PAIRS:
+            continue
+        if not any(names[a] in (s.cause, s.rival) for s in out):
+            out.append(
+                Separated(
+                    cause=names[a],
+                    rival=names[b],
+                    before=float(was[a, b]),
+                    after=float(then[a, b]),
+                )
+            )
+    return tuple(out)
+
+
+def _visible(before: Knowledge, after: Knowledge) -> tuple[Visible, ...]:
+    """Each cause before and after a plan, in its best shape; the most probable first."""
+    study, n = after.study, after.study.x.size
+    whole = np.diag(after.matrix)[n:]
+    rows: dict[str, Visible] = {}
+    for i, h in enumerate(study.hypotheses):
+        same = [k for k, other in enumerate(study.hypotheses) if other.name == h.name]
+        rival = int(np.argmax(after.chance[i]))
+        if h.name in rows and rows[h.name].smallest <= after.smallest[i]:
+            continue
+        rows[h.name] = Visible(
+            cause=h.name,
+            unit=h.unit,
+            belief=float(study.possible[same].sum()),
+            smallest_before=float(before.smallest[i]),
+            smallest=float(after.smallest[i]),
+            right=float(after.beliefs[i]),
+            rival=study.hypotheses[rival].name if after.chance[i, rival] > 0.01 else "",
+            confusion=float(after.chance[i, rival]),
+            imitated=bool(whole[i] > 0.0 and after.gram[i, i] == 0.0),
+        )
+    return tuple(sorted(rows.values(), key=lambda r: (-r.belief, -r.right, r.cause)))
+
+
+def _decisive(
+    everything: Knowledge,
+    groups: Sequence[Sequence[str]],
+    value: Callable[[Knowledge], float],
+) -> list[HelpfulTest]:
+    """Tests of parts that separate an effect from the others of its group.
+
+    If two effects of a group change the same number, a test of this number does not separate them.
+    The standard deviation s of the test of an effect with the magnitude m gives the log evidence
+    m^2 / (2 s^2), which must be enough to tell one of two equally probable causes.
+    """
+    model, effects = everything.study.model, list(everything.study.effects)
+    parameters = {p.name: p for p in model.parameters}
+    size = dict(
+        zip([h.name for h in everything.study.hypotheses], everything.expected, strict=True)
+    )
+    out = []
+    for group in groups:
+        own = {e.name: e for e in effects if e.name in group}
+        measured = {n: e.tolerance_parameter or n for n, e in own.items()}
+        for name, e in own.items():
+            what = measured[name]
+            p = parameters.get(what)
+            if list(measured.values()).count(what) > 1 or no_test_of(what, model, effects):
+                continue
+            change = size[name] * e.scale * (1.0 if p is None else abs(e.tolerance_ratio))
+            variance = change**2 / (2.0 * TOLD) - (0.0 if p is None else p.sd**2)
+            if variance > 0.0:
+                sd = math.sqrt(variance)
+                out.append(
+                    HelpfulTest(
+                        measured=what,
+                        sd=sd,
+                        unit=e.unit if p is None else p.unit,
+                        after=value(everything.plus(everything.test(what, sd))),
+                        separates=(name, *(n for n in group if n != name)),
+                    )
+                )
     return out
 
 
-@checked
-def draw_experiment(
-    model: Model,
-    limits: Limits,
-    *,
-    sensors: Mapping[str, Sensor] | None = None,
-    families: Sequence[str] = (),
-    seed: int = 0,
-) -> tuple[str, Profile, Record]:
-    """A random experiment within the limits: input, profile, and the prediction of the model.
-
-    The baseline for a plan: a random choice without optimization.
-
-    Parameters
-    ----------
-    model
-        Model of the machine that will be measured.
-    limits
-        Limits of inputs, duration and rates.
-    sensors
-        Sensors by output; sensors of the limits have priority. Default: all outputs.
-    families
-        Names of :data:`~feltmb.experiment.profiles.FAMILIES`; default: all.
-    seed
-        Seed of the random numbers; equal seeds give equal experiments.
-
-    Raises
-    ------
-    InvalidParameter
-        An unknown family, or a hundred draws gave no profile that can be simulated.
-    """
-    replace(limits, parts=()).check(model)  # tests of parts are not drawn
-    chosen = _families(families)
-    generator = np.random.default_rng([seed, 11])
-    work = _Work(model, limits, Sensors(sensors_now(model, limits, (), sensors)), seed)
-    names = list(limits.inputs)
-    for _ in range(100):
-        name = names[int(generator.integers(len(names)))]
-        family = chosen[int(generator.integers(len(chosen)))]
-        knobs = generator.random(len(FAMILIES[family].knobs))
-        profile = work.draw(name, family, [float(u) for u in knobs])
-        if profile is None:
+def _tolerances(knowledge: Knowledge, value: Callable[[Knowledge], float]) -> list[HelpfulTest]:
+    """Parameters whose uncertainty limits the plan most: half of it is assumed after a test."""
+    now, spread, out = value(knowledge), knowledge.spread(), []
+    for p in knowledge.study.model.parameters:
+        if not (0.0 < p.sd < math.inf and p.of_the_machine):
             continue
-        record = work.record(name, profile, "planned")
-        if record is not None:
-            return name, profile, record
-    raise InvalidParameter("no profile within the limits can be simulated by " + model.name)
+        sd = max(HALF * spread[p.name], BEST * p.sd)
+        after = value(knowledge.plus(knowledge.test(p.name, sd)))
+        if sd < p.sd and after - now > WORTH_TELLING:
+            out.append(HelpfulTest(measured=p.name, sd=sd, unit=p.unit, after=after))
+    return sorted(out, key=lambda t: -t.after)[:TESTS]
+
+
+def _sensors(
+    knowledge: Knowledge, work: _Work, value: Callable[[Knowledge], float]
+) -> tuple[HelpfulSensor, ...]:
+    """Sensors that could be added, the most helpful first: the plan as it is, measured with it."""
+    out = []
+    for name, sigma in work.limits.further.items():
+        records = []
+        for r in knowledge.records:
+            has = {n: s for o in r.problem.fit for n, s in o.record.sensors.items()}
+            own = has[name].sigma if r.planned and name in has else None
+            records.append(r if own is None else replace(r, read={**r.read, name: sigma / own}))
+        then = replace(knowledge, records=tuple(records))
+        unit = work.study.model.units.get(name) or "1"
+        out.append(HelpfulSensor(output=name, sigma=sigma, unit=unit, after=value(then)))
+    return tuple(sorted(out, key=lambda s: -s.after))

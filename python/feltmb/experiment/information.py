@@ -1,443 +1,419 @@
-"""Information of an experiment about parameters and effects, and the value of that information.
+"""Information of records about parameters and causes, and the value of that information.
 
-The model is linearized at one point. An experiment j then adds its matrix H_j over the parameters
-and the magnitudes of all candidates. Magnitudes are in scales; states, sensors and run-to-run
-variability of the record are eliminated:
+The model is linearized once for each record, as a diagnosis does (:mod:`feltmb.gap.linear`). The
+matrix H of the records is over the parameters and the magnitudes of all causes, each in its prior
+scale; the unknowns of single records are eliminated:
 
-    H = prior + sum_j H_j,    G = H_ee - H_ep H_pp^-1 H_pe
+    G = H_cc - H_cp (H_pp + W)^-1 H_pc
 
-*Names* (T-optimal): if a is true with magnitude m, the expected log evidence against b, whose
-magnitude is free with the prior N(0, s^2), and against the model alone is
+with the weights W of the priors of the parameters. A sample of a channel counts as in the evidence
+of a diagnosis (:func:`feltmb.gap.evidence.precision`): without a diagnosis only by the noise of its
+sensor, with one also by the discrepancy that the model is known to leave.
 
-    L_ab = m^2/2 (G_aa - G_ab^2 / (G_bb + s^-2)),    L_a0 = m^2/2 G_aa
+*Names* (T-optimal): if a is missing with magnitude m, the expected log evidence against b, whose
+magnitude is free with the prior N(0, WIDE^2), and against the model alone is
 
-The prior of the rival is wide (:data:`WIDE`), because a diagnosis uses priors that are at least as
-wide as the fitted magnitudes. Two effects with equal signatures then stay equally probable.
+    L_ab = m^2/2 (G_aa - G_ab^2 / (G_bb + WIDE^-2)),    L_a0 = m^2/2 G_aa - 1/2 log(1 + G_aa)
 
-With prior probability w, the posterior probability of a will be p_a = w_a / (w_a + sum_b w_b
-exp(-L_ab)). The value of the experiment is the mean of p_a over all possible causes. *Sizes*
-(D-optimal): 1/2 log det(1 + G), the expected gain of information on all magnitudes [log evidence].
+With the prior probability w, the posterior probability of a is p_a = w_a / (w_a + sum_b w_b
+exp(-L_ab)). The value of an experiment is the mean of p_a over all possible causes. *Sizes*
+(D-optimal): 1/2 log det(1 + G), the expected gain of information on all magnitudes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.sparse import csgraph
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
-from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.files import Store, digest_of, package_digest
-from feltmb.fit.linearize import Linear
-from feltmb.fit.model import Candidate, Model
-from feltmb.fit.noise import Noise, noise_of
-from feltmb.fit.observe import observe_whole
-from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
-from feltmb.fit.segmented_records import segment_record
-from feltmb.fit.solve import chained
-from feltmb.gap.checks import with_sigma
-from feltmb.gap.confusion import confusion
-from feltmb.gap.criteria import DETECTABLE, NOT_LISTED
-from feltmb.gap.proof import SEGMENTED_LEVEL
+from feltmb.errors import InvalidParameter
+from feltmb.fit.model import Effect, Jobs, Model
+from feltmb.fit.observe import machine_candidates, observe_all
+from feltmb.gap.evidence import Fitted, precision, prior_of, system
+from feltmb.gap.fit import empty_point
+from feltmb.gap.linear import Ask, Linear, Point, evaluate, magnitudes_at, shapes_of, theta_at
+from feltmb.gap.measured import open_effects
+from feltmb.gap.options import Options
+from feltmb.gap.problem import RELEASED, Member, Members, Problem
+from feltmb.gap.records import causes_of, problem_of
+from feltmb.gap.result import Result
+from feltmb.gap.variation import varies, with_variation
 
-__all__ = [
-    "Belief",
-    "Information",
-    "Knowledge",
-    "continuous",
-    "expected_noise",
-    "information",
-    "informations",
-    "linearized",
-    "of_normal",
-    "planned",
-]
+__all__ = ["Belief", "Hypothesis", "Information", "Knowledge", "Study"]
 
-#: Magnitudes of an effect that are assumed before there are data [scales].
+#: Magnitudes of a cause that are assumed before there are data [scales].
 MAGNITUDES = (0.5, 1.0, 2.0)
-#: Distance from its states at which one simulation counts as having left a point [their spread].
-LEFT = 10.0
-#: Standard deviation of the prior of a rival's magnitude [scales].
+#: Standard deviation of the prior of a rival's magnitude [scales]: two causes with equal signatures
+#: then stay equally probable.
 WIDE = 10.0
-#: Largest number of parameters that are told to look like a candidate.
-IMITATORS = 3
-
-
-@checked
-@dataclass(frozen=True, eq=False)
-class Information:
-    """Information of one experiment, over the parameters of the model and then all candidates."""
-
-    matrix: Array
-    """Second derivative of -log likelihood, parameters in their units, magnitudes in scales."""
-    right: Array
-    """Gradient of the log likelihood at the tabulated values; 0 for a planned experiment."""
-    square: float = 0.0
-    """Squared residual at the tabulated values."""
-    samples: float = 0.0
-    """Number of measured values."""
-    kept: bool = False
-    """Whether the result was read from the store instead of computed."""
+#: Probability that the cause is none of those that a diagnosis believes in.
+RESERVE = 0.1
+#: Posterior probability from which a cause is told, and options of a diagnosis by default.
+OPTIONS = Options()
+#: Log odds from which a cause is told.
+TOLD = math.log(OPTIONS.credibility / (1.0 - OPTIONS.credibility))
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Belief:
-    """Possible causes before the next experiment, with their probabilities."""
+    """What is known before the next experiment: probabilities of causes, and a fitted model."""
 
     weights: Mapping[str, float]
-    """Probability of each effect."""
+    """Probability of each cause."""
     none: float = 0.0
-    """Probability that no effect is missing, or only one that is too weak to be detected."""
+    """Probability that no cause is missing."""
     magnitudes: Mapping[str, float] = field(default_factory=dict)
-    """Fitted magnitude by effect, if it was fitted [unit]."""
+    """Fitted magnitude by cause [its unit]."""
+    included: Mapping[str, tuple[float, Any]] = field(default_factory=dict)
+    """Named causes, which are part of the model: magnitude [unit] and shape."""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    """Fitted values of parameters [their units]."""
+    left: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Noise of the sensor, and rms that the model leaves, by output [its unit]."""
 
     @classmethod
-    def even(cls, candidates: Sequence[Candidate], none: float = 0.1) -> Belief:
-        """Probabilities from the weights of the library, before any data."""
-        weight = {t.name: t.effect.weight for t in candidates}
-        total = sum(weight.values()) or 1.0
-        return cls(weights={n: (1.0 - none) * w / total for n, w in weight.items()}, none=none)
+    def of_report(cls, report: Result | Mapping[str, Any]) -> Belief:
+        """Probabilities and fitted values from a diagnosis.
 
-    @classmethod
-    def of_report(cls, report: Mapping[str, Any]) -> Belief:
-        """Probabilities from ``report.json`` of a diagnosis.
+        The named causes are certain and become part of the model. The others share the
+        probabilities of their sets.
+
+        Parameters
+        ----------
+        report
+            Result of a diagnosis, or the content of its ``report.json``.
 
         Raises
         ------
         InvalidParameter
             The object is not such a report.
         """
+        own = report.as_dict() if isinstance(report, Result) else report
         try:
-            which = report["which"]
-            rows = which["effects"]
-            share = max(1.0 - float(which["none"]), 0.0)
-            weights = {str(r["effect"]): float(r["posterior"] or 0.0) for r in rows}
-            fitted = {
-                str(r["effect"]): abs(float(r["magnitude"] or 0.0))
-                for r in rows
-                if r["refitted"] and float(r["posterior"] or 0.0) > 0.01 and r["magnitude"]
-            }
-            none = float(which["none"])
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+            named = {n["cause"]: n for n in own["named"]}
+            weights: dict[str, float] = {}
+            none = 0.0
+            for s in own["sets"]:
+                rest = [c for c in s["causes"] if c not in named]
+                none += 0.0 if rest else float(s["probability"])
+                for c in rest:
+                    weights[c] = weights.get(c, 0.0) + float(s["probability"]) / len(rest)
+            return cls(
+                weights=weights,
+                none=none,
+                magnitudes={
+                    n["cause"]: abs(float(n["magnitude"]))
+                    for group in own["classes"]
+                    for n in group
+                    if n["magnitude"] and not n["parameter"]
+                },
+                included={
+                    c: (float(n["magnitude"]), _shape(n["shape"]))
+                    for c, n in named.items()
+                    if not n["parameter"]
+                },
+                parameters={p["name"]: float(p["value"]) for p in own["parameters"]},
+                left={
+                    c["name"]: (float(c["noise"]), float(c["explained"]))
+                    for c in own["channels"]
+                    if c["noise"] is not None and c["explained"] is not None
+                },
+            )
+        except (KeyError, TypeError, ValueError) as error:
             raise InvalidParameter(
                 f"report: is none of a diagnosis ({type(error).__name__}: {error}); expected "
                 "report.json of feltmb gap diagnose"
             ) from None
-        total = sum(weights.values())
-        if total > 0.0:
-            weights = {n: share * w / total for n, w in weights.items()}
-        return cls(weights=weights, none=none, magnitudes=fitted)
-
-    def over(self, candidates: Sequence[Candidate]) -> Array:
-        """Probabilities of candidates (best shape of each effect), with a reserve for all."""
-        prior = np.array([t.effect.weight for t in candidates])
-        prior = prior / max(float(np.sum(prior)), 1e-300)
-        own = np.array([self.weights.get(t.name, 0.0) for t in candidates])
-        total = float(np.sum(own)) + self.none
-        own = own / total if total > 0.0 else prior
-        # If nothing seems to be missing, each effect may still exist below its detectable
-        # magnitude.
-        reserve = NOT_LISTED + (1.0 - NOT_LISTED) * (self.none / total if total > 0.0 else 0.0)
-        out = (1.0 - reserve) * own / max(float(np.sum(own)), 1e-300) + reserve * prior
-        return np.asarray(out / np.sum(out))
 
 
-def planned(
-    model: Model,
-    record: Record,
-    sensors: Mapping[str, Sensor],
-    theta: Array | None = None,
-) -> Record:
-    """The record with the outputs of the model, without noise.
-
-    Parameters
-    ----------
-    sensors
-        Sensors by output; other outputs are not measured.
-    theta
-        Parameters; None: their prior values.
-
-    Raises
-    ------
-    InvalidParameter
-        The model cannot simulate it.
-    """
-    prior = {} if record.start is None else record.start.mean
-    start = np.array([prior.get(s.name, s.start) for s in model.states()])
-    if theta is None:
-        theta = np.array([p.value for p in model.parameters])
-    names = [n for n in model.outputs if n in sensors]
-    bare = replace(record, outputs={n: np.zeros(record.samples) for n in names}, sensors=sensors)
-    outputs = observe_whole(model, bare, theta, start)
-    columns = {n: outputs[:, model.outputs.index(n)] for n in names}
-    for name, column in columns.items():
-        if not np.all(np.isfinite(column)):
-            raise InvalidParameter(f"record {record.name}: {name} could not be simulated")
-    return replace(bare, outputs=columns)
+def _shape(value: Any) -> Any:
+    """A shape as it was before it was written as JSON."""
+    return tuple(value) if isinstance(value, list) else value
 
 
-def expected_noise(record: Record) -> dict[str, Noise]:
-    """Noise by output; where it is unknown, a thousandth of the spread of the output."""
-    out = {}
-    for name, sensor in record.sensors.items():
-        sigma = sensor.sigma
-        if sigma is None:
-            sigma = 1e-3 * (float(np.std(record.outputs[name])) or 1.0)
-        out[name] = noise_of(sensor, sigma, sensor.quantum)
-    return out
+@dataclass(frozen=True)
+class Hypothesis:
+    """A cause that may be missing, with one of its shapes."""
+
+    name: str
+    unit: str
+    scale: float
+    """Expected magnitude [unit]."""
+    odds: float
+    """Prior odds that it exists, shared by its shapes [1]."""
+    member: Member | None = None
+    """The effect; None: a parameter outside its tolerance."""
+    effect: Effect | None = None
 
 
-def information(
-    model: Model,
-    record: Record,
-    candidates: tuple[Candidate, ...],
-    *,
-    store: Store | None = None,
-) -> Information | None:
-    """Information of a measured or planned record; None: the record cannot be simulated.
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What a plan is about: a model at a point, and the causes that it may lack."""
 
-    The outputs of the record count as measured.
-    """
-    found = informations(model, record, candidates, [dict.fromkeys(record.outputs, 1.0)], store)
-    return None if found is None else found[0]
+    model: Model
+    effects: tuple[Effect, ...]
+    belief: Belief | None = None
+    """None: the prior odds of a diagnosis."""
 
-
-def informations(
-    model: Model,
-    record: Record,
-    candidates: tuple[Candidate, ...],
-    ways: Sequence[Mapping[str, float]],
-    store: Store | None = None,
-) -> tuple[Information, ...] | None:
-    """What a record tells by each of several ways to measure it, from one linearization.
-
-    Parameters
-    ----------
-    ways
-        By output that is read: its noise, in multiples of that of the record. The color of the
-        noise is that of the record.
-    """
-    identity = None if store is None else model.identity()
-    if store is None or identity is None:
-        return linearized(model, record, candidates, ways)
-    key = digest_of(
-        package_digest(),
-        identity,
-        [(p.name, p.value, p.lower, p.upper, p.sd > 0.0) for p in model.parameters],
-        [(t.name, t.shape, t.effect.scale, t.effect.bounds, t.effect.data) for t in candidates],
-        record.input_mode,
-        sorted(record.sensors.items()),
-        sorted(record.input_sigma.items()),
-        sorted(record.conditions.items()),
-        record.time,
-        *(record.inputs[n] for n in sorted(record.inputs)),
-        *(record.outputs[n] for n in sorted(record.outputs)),
-    )
-    keys = [digest_of(key, sorted(way.items())) for way in ways]
-    stored = [store.get(k) for k in keys]
-    out = [
-        Information(
-            f.arrays["matrix"],
-            f.arrays["right"],
-            float(f.data["square"]),
-            float(f.data["samples"]),
-            kept=True,
-        )
-        for f in stored
-        if f is not None
-    ]
-    if len(out) == len(keys):
-        return tuple(out)
-    made = linearized(model, record, candidates, ways)
-    for k, one in zip(keys, made or (), strict=False):
-        numbers = {"square": float(one.square), "samples": float(one.samples)}
-        store.put(k, numbers, {"matrix": one.matrix, "right": one.right})
-    return made
-
-
-def linearized(
-    model: Model,
-    record: Record,
-    candidates: tuple[Candidate, ...],
-    ways: Sequence[Mapping[str, float]],
-    *,
-    theta: Array | None = None,
-    noise: Mapping[str, Noise] | None = None,
-    level: float = SEGMENTED_LEVEL,
-) -> tuple[Information, ...] | None:
-    """The same as :func:`informations` without a store, at any parameters.
-
-    Parameters
-    ----------
-    theta
-        Parameters of the model; None: their prior values.
-    noise
-        Noise by output; None: that of the sensors.
-    level
-        Permitted continuity defects, as a share of the spread of the states [1].
-    """
-    try:
-        ready = model.ready([with_sigma(record, noise or expected_noise(record))])
-        own, kept = ready.model, ready.records[0]
-        segmented = segment_record(own, kept, noise or expected_noise(kept), None)
-        problem = Problem(own, (segmented,))
-        at = {p.name: p.value for p in own.parameters}
-        if theta is not None:
-            at |= zip((p.name for p in model.parameters), theta, strict=True)
-        point = problem.start(theta=np.array([at[p.name] for p in own.parameters]))
-        if theta is not None:  # the start states are those of the prior values
-            point = continuous(problem, point)
-        defect_sd = level * problem.scale(point)
-        linears = problem.linear(point, candidates)
-        if not all(np.all(x.good) for x in linears):
-            return None
-        out = []
-        for way in ways:
-            share = np.array(
-                [1.0 / way[n] if n in way else float(n not in kept.outputs) for n in own.outputs]
+    def __post_init__(self) -> None:
+        if not self.effects:
+            raise InvalidParameter(
+                f"plan: model {self.model.name} can simulate none of the effects"
             )
-            read = [_read_by(x, share) for x in linears]
-            normal = problem.normal(point, read, defect_sd)
-            if not np.all(np.isfinite(normal.matrix)):
-                return None
-            square = float(sum(np.sum(x.residual**2) for x in read))
-            samples = float(np.sum(segmented.samples[:, share > 0.0]))
-            out.append(of_normal(model, problem, point, normal, candidates, square, samples))
-    except FeltmbError:
-        return None
-    return tuple(out)
+        if self.belief is None:
+            return
+        known = {*(e.name for e in self.effects), *self.model.outputs}
+        strange = [n for n in (*self.belief.included, *self.belief.left) if n not in known]
+        if strange:
+            raise InvalidParameter(
+                f"report: tells of {', '.join(strange)}, which the model {self.model.name} and its "
+                "effects do not have; expected a report of this model"
+            )
+
+    @classmethod
+    def of(cls, model: Model, effects: Sequence[Effect], belief: Belief | None = None) -> Study:
+        """A study of the effects that the model can simulate and that no test has measured."""
+        return cls(model, tuple(open_effects(effects, model)), belief)
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Model and causes without records."""
+        causes = causes_of(self.model, self.effects, OPTIONS.missing)
+        return Problem(self.model, causes, (), (), ())
+
+    @cached_property
+    def members(self) -> Members:
+        """The named causes."""
+        included = {} if self.belief is None else self.belief.included
+        return tuple(
+            Member(i, included[c.name][1])
+            for i, c in enumerate(self.problem.causes)
+            if c.effect is not None and c.name in included
+        )
+
+    @cached_property
+    def x(self) -> Array:
+        """Global unknowns at which the model is linearized, in their scales."""
+        problem, x = self.problem, empty_point(self.problem, self.members, ()).x
+        if self.belief is not None:
+            for k, i in enumerate(problem.free):
+                p = self.model.parameters[i]
+                value = self.belief.parameters.get(p.name, p.value)
+                x[k] = (value - p.value) / problem.unit[k]
+            for k, e in enumerate(problem.effects_of(self.members), len(problem.free)):
+                x[k] = self.belief.included[e.name][0] / e.scale
+        return x
+
+    @cached_property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Causes that may be missing, one for each shape."""
+        out, told = [], [m.cause for m in self.members]
+        for i, c in enumerate(self.problem.causes):
+            odds = math.exp(c.log_odds)
+            if c.effect is not None and i not in told:
+                e = c.effect
+                out += [
+                    Hypothesis(e.name, e.unit, e.scale, odds / len(e.shapes), Member(i, shape), e)
+                    for shape in e.shapes
+                ]
+            elif c.parameter is not None:
+                p = self.model.parameters[c.parameter]
+                out.append(Hypothesis(p.name, p.unit, RELEASED * p.size, odds))
+        return tuple(out)
+
+    @cached_property
+    def weights(self) -> tuple[Array, float]:
+        """Probability of each hypothesis, and that none is right."""
+        odds = np.array([h.odds for h in self.hypotheses])
+        if self.belief is None:
+            return odds / (1.0 + odds.sum()), 1.0 / (1.0 + float(odds.sum()))
+        names = [h.name for h in self.hypotheses]
+        own = np.array([self.belief.weights.get(n, 0.0) / names.count(n) for n in names])
+        total = own.sum() + self.belief.none
+        return (own / total, self.belief.none / total) if total > 0.0 else (own, 1.0)
+
+    @cached_property
+    def possible(self) -> Array:
+        """Probability of each hypothesis if one is right.
+
+        If nothing seems to be missing, each cause may still exist below its detectable magnitude.
+        """
+        prior = np.array([h.odds for h in self.hypotheses])
+        own, none = self.weights
+        reserve = RESERVE + (1.0 - RESERVE) * none
+        out = (1.0 - reserve) * own / max(own.sum(), 1e-300) + reserve * prior / prior.sum()
+        return np.asarray(out / out.sum())
+
+    def simulated(self, records: Sequence[Record]) -> list[dict[str, Array] | None]:
+        """Outputs of planned records by name; None: the simulation failed."""
+        included = shapes_of(self.problem, self.members, self.x)
+        start = np.array([s.start for s in self.model.states(machine_candidates(included))])
+        theta = theta_at(self.problem, self.x)
+        sizes = magnitudes_at(self.problem, self.members, self.x)
+        batches = [
+            (
+                r,
+                Jobs.at_point(
+                    theta, np.array([[0, r.samples - 1]]), start[None, :], included, sizes
+                ),
+            )
+            for r in records
+        ]
+        out: list[dict[str, Array] | None] = []
+        for r, run in zip(records, observe_all(self.model, batches), strict=True):
+            values = {n: run.outputs[0][:, self.model.outputs.index(n)] for n in r.outputs}
+            good = all(np.isfinite(v).all() for v in values.values())
+            out.append(values if good else None)
+        return out
+
+    def linearized(self, record: Record) -> Information:
+        """Information of a measured record, or of a planned one with its expected outputs.
+
+        Raises
+        ------
+        FeltmbError
+            The model cannot simulate it.
+        """
+        ready = self.model.ready((record,))
+        problem = problem_of(ready.model, self.effects, ready.records, (), OPTIONS)
+        extra = len(problem.free) - len(self.problem.free)
+        shared = len(self.problem.free)
+        x = np.concatenate([self.x[:shared], np.zeros(extra), self.x[shared:]])
+
+        def point() -> Point:
+            return Point(x, empty_point(problem, self.members, problem.fit).local)
+
+        if varies(problem):
+            one = np.ones(len(problem.channels))
+            problem = with_variation(problem, Fitted(self.members, point(), (), one, 1.0))
+        further = tuple(h.member for h in self.hypotheses if h.member is not None)
+        linears = tuple(evaluate(problem, [Ask(self.members, point(), problem.fit, further)])[0])
+        if any(linear.failed for linear in linears):
+            raise InvalidParameter(f"record {record.name}: its simulation failed")
+        return Information(self, problem, point(), linears, dict.fromkeys(problem.names, 1.0))
 
 
-def continuous(problem: Problem, point: Point) -> Point:
-    """The point with segments that start at the end of the previous one.
-
-    It is unchanged if the model is chaotic, or if one simulation leaves the states of the point.
-    """
-    if problem.model.chaotic:
-        return point
-    other, far = chained(problem, point), LEFT * problem.scale(point)
-    pairs = zip(point.places, other.places, strict=True)
-    stays = all(np.all(np.abs(a.starts - b.starts) <= far) for a, b in pairs)
-    return other if stays else point
+def expected_sensor(sensor: Sensor, values: Array) -> Sensor:
+    """A sensor whose noise is known: else a thousandth of the spread of the expected values."""
+    if sensor.sigma is not None:
+        return sensor
+    return replace(sensor, sigma=1e-3 * (float(np.std(values)) or 1.0))
 
 
-def _read_by(linear: Linear, share: Array) -> Linear:
-    """A linearization whose rows of an output are multiplied by a number; 0: it is not read."""
-    if np.all(share == 1.0):
-        return linear
-    rows = np.tile(share, linear.residual.shape[1] // share.size)  # outputs change fastest
-    return replace(
-        linear,
-        residual=linear.residual * rows,
-        by_state=linear.by_state * rows[:, None],
-        by_global=linear.by_global * rows[:, None],
-        by_input=linear.by_input * rows[:, None],
-    )
+@dataclass(frozen=True, eq=False)
+class Information:
+    """What one record tells, as a function of how its channels are measured."""
+
+    study: Study
+    problem: Problem
+    point: Point
+    linears: tuple[Linear, ...]
+    read: Mapping[str, float]
+    """Noise by output that is read, in multiples of that of its sensor [1]."""
+    planned: bool = False
+    """Whether it is a record that could be made."""
+    _known: dict[bytes, Array] = field(default_factory=dict, repr=False)
+
+    @property
+    def samples(self) -> dict[str, float]:
+        """Number of values by output that is read."""
+        own = dict(zip(self.problem.names, self.problem.samples, strict=True))
+        return {n: float(v) for n, v in own.items() if n in self.read}
+
+    def matrix(self, samples: Mapping[str, float]) -> Array:
+        """Information over the shared unknowns and all hypotheses, in their scales.
+
+        Parameters
+        ----------
+        samples
+            Number of values by output of all records that are diagnosed together.
+        """
+        share = np.array(
+            [
+                self._share(n, sd, samples[n]) if n in self.read else 0.0
+                for n, sd in zip(self.problem.names, self.problem.noise, strict=True)
+            ]
+        )
+        key = share.tobytes()
+        if key not in self._known:
+            self._known[key] = self._computed(share)
+        return self._known[key]
+
+    def _share(self, name: str, sd: float, samples: float) -> float:
+        """Inverse variance of one value in units of the noise of its sensor."""
+        belief = self.study.belief
+        noise, left = (0.0, 0.0) if belief is None else belief.left.get(name, (0.0, 0.0))
+        square = 1.0 + max(left**2 - noise**2, 0.0) / sd**2
+        random = self.read[name] ** 2 / max(samples, 1.0)
+        return float(precision(np.array(square), np.array(random))) / max(samples, 1.0)
+
+    def _computed(self, share: Array) -> Array:
+        study, problem = self.study, self.problem
+        own = system(
+            problem,
+            problem.fit,
+            study.members,
+            self.point,
+            self.linears,
+            np.ones(share.size),
+            share,
+        )
+        full = np.block([[own.matrix, own.further.T], [own.further, own.own]])
+        # Parameters of the model that only this record has (its variation) are eliminated too.
+        shared = len(study.problem.free)
+        alone = np.arange(shared, len(problem.free))
+        if alone.size:
+            weight = prior_of(problem, study.members).weights(self.point.x)[alone]
+            inner = full[np.ix_(alone, alone)] + np.diag(weight)
+            full = full - full[:, alone] @ np.linalg.solve(inner, full[alone])
+            full = np.delete(np.delete(full, alone, axis=0), alone, axis=1)
+        found = study_rows(study, len(full)) @ full @ study_rows(study, len(full)).T
+        return np.asarray(0.5 * (found + found.T))
 
 
-def of_normal(
-    model: Model,
-    problem: Problem,
-    point: Point,
-    normal: Normal,
-    candidates: tuple[Candidate, ...],
-    square: float = 0.0,
-    samples: float = 0.0,
-) -> Information:
-    """Information of normal equations, over the parameters of the model and all candidates."""
-    own = problem.model
-    matrix, right = np.array(normal.matrix), np.array(normal.right)
-    free = [own.parameters[i] for i in problem.free]
-    for c, p in enumerate(free):  # priors must be counted once, not with every record
-        if np.isfinite(p.sd) and p.name in {q.name for q in model.parameters}:
-            matrix[c, c] -= 1.0 / p.sd**2
-            right[c] -= (p.value - point.theta[problem.free[c]]) / p.sd**2
-    shared = {p.name: i for i, p in enumerate(model.parameters)}
-    k, n = len(candidates), len(model.parameters)
-    place = [shared.get(p.name, -1) for p in free] + [-1] * len(problem.included)
-    place += list(range(n, n + k))
-    place += [-1] * (matrix.shape[0] - len(place))
-    kept_rows = [i for i, at in enumerate(place) if at >= 0]
-    rest = [i for i, at in enumerate(place) if at < 0]
-    a, b = np.ix_(kept_rows, kept_rows), np.ix_(rest, kept_rows)
-    h, r = matrix[a], right[kept_rows]
-    if rest:
-        absorbed = solve_scaled(matrix[np.ix_(rest, rest)], matrix[b])
-        h = h - matrix[b].T @ absorbed
-        r = r - absorbed.T @ right[rest]
-        square -= float(right[rest] @ solve_scaled(matrix[np.ix_(rest, rest)], right[rest]))
-    scale = np.ones(n + k)
-    scale[n:] = [t.effect.scale for t in candidates]
-    full, side = np.zeros((n + k, n + k)), np.zeros(n + k)
-    at = [place[i] for i in kept_rows]
-    full[np.ix_(at, at)] = 0.5 * (h + h.T)
-    side[at] = r
-    return Information(full * np.outer(scale, scale), side * scale, square, samples)
+def study_rows(study: Study, columns: int) -> Array:
+    """Shared unknowns and hypotheses (rows) as combinations of linearized unknowns (columns)."""
+    rows, at = np.zeros((study.x.size + len(study.hypotheses), columns)), study.x.size
+    rows[:at, :at] = np.eye(at)
+    names = [study.model.parameters[i].name for i in study.problem.free]
+    effect = at
+    for k, h in enumerate(study.hypotheses, at):
+        if h.member is None:
+            rows[k, names.index(h.name)] = RELEASED
+        else:
+            rows[k, effect] = 1.0
+            effect += 1
+    return rows
 
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """Combined information of priors and experiments, and the possible causes."""
+    """Combined information of priors, records, and tests of parts."""
 
-    model: Model
-    candidates: tuple[Candidate, ...]
-    belief: Belief
-    matrix: Array
-    right: Array
+    study: Study
+    records: tuple[Information, ...] = ()
+    tests: tuple[Array, ...] = ()
+    """Information of tests of parts."""
     before: Array | None = None
-    """Gram matrix of the data that the probabilities in ``belief`` already include."""
-    square: float = 0.0
-    samples: float = 0.0
+    """Matrix G of the records whose evidence the belief already contains."""
 
-    @classmethod
-    def start(
-        cls,
-        model: Model,
-        candidates: tuple[Candidate, ...],
-        belief: Belief,
-        known: Sequence[Information] = (),
-    ) -> Knowledge:
-        """Start from the priors of the parameters and the experiments that were made."""
-        n, k = len(model.parameters), len(candidates)
-        if not k:
-            raise InvalidParameter("plan: there are no effects to tell apart")
-        matrix, right = np.zeros((n + k, n + k)), np.zeros(n + k)
-        for i, p in enumerate(model.parameters):
-            if 0.0 < p.sd < math.inf:
-                matrix[i, i] = 1.0 / p.sd**2
-        out = cls(model, candidates, belief, matrix, right).plus(*known)
-        return replace(out, before=out.gram)
-
-    def plus(self, *more: Information) -> Knowledge:
-        """Add experiments."""
+    def plus(self, *more: Information | Array) -> Knowledge:
+        """Knowledge with further records and tests of parts."""
         return replace(
             self,
-            matrix=self.matrix + sum(m.matrix for m in more),
-            right=self.right + sum(m.right for m in more),
-            square=self.square + sum(m.square for m in more),
-            samples=self.samples + sum(m.samples for m in more),
+            records=(*self.records, *(m for m in more if isinstance(m, Information))),
+            tests=(*self.tests, *(m for m in more if not isinstance(m, Information))),
         )
 
-    def among(self, names: Collection[str]) -> Knowledge:
-        """The same for the effects of these names only."""
-        kept = [i for i, t in enumerate(self.candidates) if t.name in names]
-        n = len(self.model.parameters)
-        at = [*range(n), *(n + i for i in kept)]
-        return replace(
-            self,
-            candidates=tuple(self.candidates[i] for i in kept),
-            matrix=self.matrix[np.ix_(at, at)],
-            right=self.right[at],
-            before=None if self.before is None else self.before[np.ix_(kept, kept)],
-        )
-
-    def part(self, name: str, sd: float) -> Information:
+    def test(self, name: str, sd: float) -> Array:
         """Information of a test of one part by itself: of a parameter, or of an effect.
 
         The test of a parameter measures the sum of its deviation and of the effects that change the
@@ -450,164 +426,155 @@ class Knowledge:
         sd
             Standard deviation of the test [unit of the parameter or effect].
         """
-        row = [float(p.name == name) for p in self.model.parameters]
-        row += [self._share_in_test(t, name) for t in self.candidates]
-        return Information(np.outer(row, row) / sd**2, np.zeros_like(self.right))
+        study = self.study
+        row = np.zeros(study.x.size + len(study.hypotheses))
+        for k, i in enumerate(study.problem.free):
+            row[k] = study.problem.unit[k] * (study.model.parameters[i].name == name)
+        for k, h in enumerate(study.hypotheses, study.x.size):
+            if h.effect is not None and h.effect.tolerance_parameter == name:
+                row[k] = h.scale * h.effect.tolerance_ratio
+            else:
+                row[k] = h.scale * (h.name == name)
+        return np.outer(row, row) / sd**2
 
-    @staticmethod
-    def _share_in_test(candidate: Candidate, name: str) -> float:
-        """Change of the result of a test by a candidate at one scale [unit of the test]."""
-        effect = candidate.effect
-        if effect.tolerance_parameter == name:
-            return effect.scale * effect.tolerance_ratio
-        return effect.scale * (candidate.name == name)
+    @cached_property
+    def matrix(self) -> Array:
+        """Information with the priors of the shared unknowns."""
+        study, samples = self.study, dict[str, float]()
+        for r in self.records:
+            for n, count in r.samples.items():
+                samples[n] = samples.get(n, 0.0) + count
+        size = study.x.size + len(study.hypotheses)
+        out = np.zeros((size, size))
+        at = np.arange(study.x.size)
+        out[at, at] = prior_of(study.problem, study.members).weights(study.x)
+        for r in self.records:
+            out += r.matrix(samples)
+        return np.asarray(out + sum(self.tests))
 
-    @property
-    def _split(self) -> tuple[Array, Array, Array]:
-        n = len(self.model.parameters)
-        m = self.matrix
-        return m[:n, :n], m[:n, n:], m[n:, n:]
-
-    @property
+    @cached_property
     def gram(self) -> Array:
-        """Matrix G of the candidates, magnitudes in scales; parameters are projected out."""
-        pp, pe, ee = self._split
-        out = ee - pe.T @ solve_scaled(pp, pe)
-        out = 0.5 * (out + out.T)
+        """Matrix G of the hypotheses, in scales; all shared unknowns are projected out."""
+        n = self.study.x.size
+        pp, pe, ee = self.matrix[:n, :n], self.matrix[:n, n:], self.matrix[n:, n:]
+        unit = 1.0 / np.sqrt(np.diag(pp))
+        scaled = pe * unit[:, None]
+        out = ee - scaled.T @ np.linalg.solve(pp * np.outer(unit, unit), scaled)
         # If parameters imitate a column, the remainder is rounding.
-        noise = 1e-9 * np.maximum(np.diag(ee), 1e-300)
-        bad = np.diag(out) < noise
+        bad = np.diag(out) < 1e-9 * np.maximum(np.diag(ee), 1e-300)
         out[bad, :] = 0.0
         out[:, bad] = 0.0
-        return np.asarray(out)
+        return np.asarray(0.5 * (out + out.T))
 
-    def evidence(self, gram: Array | None = None) -> Array:
-        """Expected log evidence of a (row) at magnitude 1 scale against b (column); last: none."""
-        g = self.gram if gram is None else gram
-        own = np.diag(g)
-        taken = g**2 / (own + WIDE**-2)[None, :]
-        against = 0.5 * np.maximum(own[:, None] - taken, 0.0)
-        return np.concatenate([against, 0.5 * own[:, None]], axis=1)
-
-    def magnitudes(self) -> Array:
-        """Magnitudes at which each candidate is expected [scales], (m, k).
-
-        An effect that is not visible in the existing records can only be below its detectable
-        magnitude.
-        """
-        out = np.tile(np.array(MAGNITUDES)[:, None], (1, len(self.candidates)))
+    @cached_property
+    def beliefs(self) -> Array:
+        """Posterior probability that each hypothesis would get if it were right, (k,)."""
+        study = self.study
+        weights, none = study.possible, max(study.weights[1], 1e-3)
+        against, occam = _against(self.gram), np.log1p(np.diag(self.gram))
+        alone = np.diag(self.gram)
         if self.before is not None:
-            out = np.minimum(out, DETECTABLE / np.sqrt(np.maximum(np.diag(self.before), 1e-12)))
-        for i, t in enumerate(self.candidates):
-            if t.name in self.belief.magnitudes:
-                out[:, i] = max(self.belief.magnitudes[t.name] / t.effect.scale, 1e-3)
-        return out
-
-    def beliefs(self, most: int = 1) -> Array:
-        """Posterior probability that each candidate would get if it were true, (k,).
-
-        ``most``: the probability of a class of this size, i.e. of the candidate and those that are
-        most similar to it.
-        """
-        weights = self.belief.over(self.candidates)
-        none = max(self.belief.none, 1e-3)
-        gain = self.evidence() - (0.0 if self.before is None else self.evidence(self.before))
-        _, number = np.unique([t.name for t in self.candidates], return_inverse=True)
+            against = against - _against(self.before)
+            occam = occam - np.log1p(np.diag(self.before))
+            alone = alone - np.diag(self.before)
+        _, number = np.unique([h.name for h in study.hypotheses], return_inverse=True)
         same = number[:, None] == number[None, :]
-        prior = np.append(weights, none)
+        own = same @ weights
         total = np.zeros(number.size)
-        sizes = self.magnitudes()
+        sizes = self._magnitudes()
         for size in sizes:
-            log = -(size**2)[:, None] * np.maximum(gain, 0.0)
-            rest = prior[None, :] * np.exp(log)
-            rest[:, :-1][same] = 0.0
-            if most > 1:
-                rest.sort(axis=1)
-                rest = rest[:, : rest.shape[1] - (most - 1)]
-            own = weights + (same * weights[None, :]).sum(axis=1) - weights
-            total += own / (own + rest.sum(axis=1))
+            rivals = np.exp(-np.maximum(size[:, None] ** 2 * against, 0.0))
+            rest = np.where(same, 0.0, rivals) @ weights
+            rest += none * np.exp(-np.maximum(0.5 * (size**2 * alone - occam), 0.0))
+            total += own / (own + rest)
         return np.asarray(total / len(sizes))
 
+    def _magnitudes(self) -> Array:
+        """Magnitudes at which each hypothesis is expected [scales], (m, k).
+
+        A cause that the diagnosed records do not show can only be below its detectable magnitude.
+        """
+        out = np.tile(np.array(MAGNITUDES)[:, None], (1, len(self.study.hypotheses)))
+        if self.before is not None:
+            out = np.minimum(out, self._smallest(self.before))
+        return np.where(self._fitted > 0.0, self._fitted, out)
+
+    @cached_property
+    def _fitted(self) -> Array:
+        """Fitted magnitude of each hypothesis [scales], (k,); 0: it was not fitted."""
+        known = {} if self.study.belief is None else self.study.belief.magnitudes
+        return np.array([known.get(h.name, 0.0) / h.scale for h in self.study.hypotheses])
+
+    @property
+    def expected(self) -> Array:
+        """Expected magnitude of each hypothesis: as fitted, else its scale [scales], (k,)."""
+        return np.where(self._fitted > 0.0, self._fitted, 1.0)
+
     def names(self) -> float:
-        """Expected posterior probability of the true cause [1] (T-optimality)."""
-        return float(self.belief.over(self.candidates) @ self.beliefs())
+        """Expected posterior probability of the right cause [1]: T-optimality."""
+        return float(self.study.possible @ self.beliefs)
 
     def sizes(self) -> float:
         """Expected information on all magnitudes [log evidence]: D-optimality."""
-        g = self.gram
-        return 0.5 * float(np.linalg.slogdet(np.eye(len(g)) + g)[1])
+        return 0.5 * float(np.linalg.slogdet(np.eye(len(self.gram)) + self.gram)[1])
 
-    def expected(self) -> Array:
-        """Expected magnitude of each candidate: as fitted, else its scale [scales], (k,)."""
-        fitted = self.belief.magnitudes
-        return np.array(
-            [fitted.get(t.name, t.effect.scale) / t.effect.scale for t in self.candidates]
-        )
-
-    def confusion(self) -> Array:
-        """Probability of mistaking a candidate (row) for another, at its expected magnitude."""
-        return confusion(self.gram, self.expected())
-
-    def detected(self) -> NDArray[np.bool_]:
-        """Whether each candidate is detectable at its expected magnitude, (k,)."""
-        return self.expected() * np.sqrt(np.diag(self.gram)) >= DETECTABLE
-
-    def surviving(self) -> Array:
-        """Share of each signature (amplitude) that no parameter can imitate [1], (k,)."""
-        whole = np.diag(self._split[2])
-        left = np.diag(self.gram) / np.where(whole > 0.0, whole, 1.0)
-        return np.asarray(np.sqrt(np.clip(left, 0.0, 1.0)))
-
-    def smallest(self) -> Array:
-        """Smallest detectable magnitude [unit], (k,); inf: not detectable."""
-        strength = np.sqrt(np.diag(self.gram))
-        scale = np.array([t.effect.scale for t in self.candidates])
+    def _smallest(self, gram: Array) -> Array:
+        """Magnitude from which a cause is told rather than that nothing is missing [scales]."""
+        own = np.diag(gram)
+        needed = TOLD - np.log([h.odds for h in self.study.hypotheses]) + 0.5 * np.log1p(own)
         with np.errstate(divide="ignore"):
-            return np.asarray(np.where(strength > 0.0, DETECTABLE * scale / strength, np.inf))
+            return np.asarray(np.sqrt(2.0 * np.maximum(needed, 0.0) / own))
 
-    def imitators(self, candidate: int) -> list[str]:
-        """Parameters whose change looks like a candidate, the largest share first."""
-        pp, pe, _ = self._split
-        change = solve_scaled(pp, pe[:, candidate])
-        share = np.abs(change) * np.sqrt(np.maximum(np.diag(pp), 0.0))
-        order = np.argsort(-share, kind="stable")[:IMITATORS]
-        return [
-            self.model.parameters[i].name
-            for i in order
-            if share[i] > 0.1 * np.max(share, initial=0.0)
-        ]
+    @cached_property
+    def smallest(self) -> Array:
+        """Smallest detectable magnitude of each hypothesis [its unit], (k,); inf: none is."""
+        return self._smallest(self.gram) * np.array([h.scale for h in self.study.hypotheses])
 
-    def spread(self) -> Array:
-        """Standard deviation of each parameter, candidates absent [its unit]."""
-        pp = self._split[0]
-        return np.asarray(np.sqrt(np.maximum(np.diag(solve_scaled(pp, np.eye(len(pp)))), 0.0)))
+    @property
+    def detected(self) -> Array:
+        """Whether each hypothesis is detectable at its expected magnitude, (k,)."""
+        return self.expected >= self._smallest(self.gram)
 
-    def linear_belief(self) -> Belief:
-        """Probabilities by one step from the tabulated values, one effect at a time."""
-        pp, pe, _ = self._split
-        n = len(self.model.parameters)
-        absorbed = solve_scaled(pp, np.column_stack([pe, self.right[:n]]))
-        b = self.right[n:] - pe.T @ absorbed[:, -1]
-        g = np.diag(self.gram)
-        square = self.square - float(self.right[:n] @ absorbed[:, -1])
-        best = float(np.max(np.where(g > 0.0, b**2 / np.where(g > 0.0, g, 1.0), 0.0), initial=0.0))
-        inflation = max(1.0, (square - best) / max(self.samples, 1.0))
-        logs: dict[str, float] = {}
-        sizes: dict[str, float] = {}
-        for i, t in enumerate(self.candidates):
-            low, high = t.effect.bounds
-            size = np.clip(b[i] / (g[i] + 1.0), low / t.effect.scale, high / t.effect.scale)
-            gain = float(size * b[i] - 0.5 * size**2 * g[i]) / inflation
-            log = gain - 0.5 * math.log1p(g[i] / inflation) + math.log(t.effect.weight)
-            if log > logs.get(t.name, -math.inf):
-                logs[t.name] = log
-                sizes[t.name] = abs(float(size)) * t.effect.scale
-        none = math.log(sum(t.effect.weight for t in self.candidates))
-        top = max([none, *logs.values()])
-        total = sum(math.exp(v - top) for v in logs.values()) + math.exp(none - top)
-        weights = {name: math.exp(v - top) / total for name, v in logs.items()}
-        return Belief(
-            weights=weights,
-            none=math.exp(none - top) / total,
-            magnitudes={n: sizes[n] for n, w in weights.items() if w > 0.05 and sizes[n] > 0.0},
+    @cached_property
+    def chance(self) -> Array:
+        """Probability that a diagnosis leaves a rival (column) if a cause (row) is right, (k, k).
+
+        Both are equally probable before, and the cause has its expected magnitude.
+        """
+        out = 1.0 / (
+            1.0 + np.exp(np.minimum(self.expected[:, None] ** 2 * _against(self.gram), 700))
         )
+        names = [h.name for h in self.study.hypotheses]
+        out[np.array(names)[:, None] == np.array(names)[None, :]] = 0.0
+        return np.asarray(out)
+
+    def inseparable(self) -> tuple[tuple[str, ...], ...]:
+        """Groups of detectable causes that a diagnosis could not tell apart."""
+        names, shown = [h.name for h in self.study.hypotheses], self.detected
+        alike = (self.chance > 1.0 - OPTIONS.credibility) & np.outer(shown, shown)
+        count, label = csgraph.connected_components(alike, directed=False)
+        groups = [
+            {n for n, own in zip(names, label, strict=True) if own == k} for k in range(count)
+        ]
+        return tuple(sorted(tuple(sorted(g)) for g in groups if len(g) > 1))
+
+    def spread(self) -> dict[str, float]:
+        """Standard deviation of each fitted parameter if nothing is missing [its unit]."""
+        study, n = self.study, self.study.x.size
+        sd = np.sqrt(np.maximum(np.diag(np.linalg.inv(self.matrix[:n, :n])), 0.0))
+        names = [study.model.parameters[i].name for i in study.problem.free]
+        return dict(zip(names, study.problem.unit * sd[: len(names)], strict=True))
+
+
+def _against(gram: Array) -> Array:
+    """Expected log evidence of each hypothesis (row) at one scale against each other (column)."""
+    own = np.diag(gram)
+    taken = gram**2 / (own + WIDE**-2)[None, :]
+    return np.asarray(0.5 * np.maximum(own[:, None] - taken, 0.0))
+
+
+#: Value of knowledge by aim.
+VALUES: dict[str, Callable[[Knowledge], float]] = {
+    "names": Knowledge.names,
+    "sizes": Knowledge.sizes,
+}

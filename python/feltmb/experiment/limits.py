@@ -1,9 +1,9 @@
-"""Files of permitted experiments (``limits.toml``) and of sensors."""
+"""Files of permitted experiments (``limits.toml``), and their check against a model."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,13 +11,14 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from feltmb.arguments import checked
-from feltmb.fit.limits import FurtherSensor, InputLimits, Limits, PartTest, unknown_names
+from feltmb.errors import InvalidParameter
+from feltmb.fit.limits import InputLimits, Limits, PartTest
 from feltmb.fit.model import Effect, Model
-from feltmb.gap.measured import units_of_tests
+from feltmb.gap.measured import no_test_of, units_of_tests
 from feltmb.gap.tables import TableReader
 from feltmb.units.quantity import SI, Schema
 
-__all__ = ["read_limits", "read_sensors"]
+__all__ = ["check_limits", "read_limits"]
 
 
 class _Input(Schema):
@@ -40,21 +41,9 @@ class _Sensor(Schema):
     sigma: float | str
 
 
-class _SensorsFile(Schema):
-    sensors: dict[str, _Sensor]
-
-
-class _Further(Schema):
-    output: str
-    sigma: float | str | None = None
-    cost: Annotated[float, Field(gt=0)] = 1.0
-    how: str = ""
-
-
 class _Times(Schema):
     duration: Annotated[float, SI("s"), Field(gt=0)]
     sample_rate: Annotated[float, SI("Hz"), Field(gt=0)] = 2000.0
-    rest: Annotated[float, SI("s"), Field(ge=0)] = 0.0
     lead: Annotated[float, SI("s"), Field(ge=0)] = 0.01
 
 
@@ -63,38 +52,84 @@ class _LimitsFile(_Times):
     about: str = ""
     inputs: dict[str, _Input]
     sensors: dict[str, _Sensor] = Field(default_factory=dict)
+    further_sensors: dict[str, _Sensor] = Field(default_factory=dict)
     parts: list[_Part] = Field(default_factory=list)
-    further_sensors: list[_Further] = Field(default_factory=list)
 
 
 #: Placeholders for invalid inputs and times, so that the rest can be checked.
 _ANY = {"": InputLimits(most=1.0)}
-_ANY_TIMES = {"duration": 1.0, "sample_rate": 1000.0, "rest": 0.0, "lead": 0.0}
+_ANY_TIMES = {"duration": 1.0, "sample_rate": 1000.0, "lead": 0.0}
+#: Tables of sensors.
+SENSORS = ("sensors", "further_sensors")
 
 
-def _names_in(raw: Mapping[str, Any]) -> tuple[list[str], list[str], list[str], list[str]]:
-    """Names of inputs, sensors, parameters and further sensors in a file with possible faults."""
-    tables = [t if isinstance(t, dict) else {} for t in (raw.get("inputs"), raw.get("sensors"))]
+def check_limits(limits: Limits, model: Model, effects: Sequence[Effect] = ()) -> None:
+    """Check that the model has the inputs, outputs and parameters that the limits name.
 
-    def named(table: str, key: str) -> list[str]:
-        rows = raw.get(table)
-        return [
-            row[key]
-            for row in (rows if isinstance(rows, list) else [])
-            if isinstance(row, dict) and isinstance(row.get(key), str)
-        ]
+    Parameters
+    ----------
+    limits
+        Limits of experiments.
+    model
+        Model of the machine.
+    effects
+        Effects that the model lacks, which a test of a part may measure.
 
-    parts, further = named("parts", "parameter"), named("further_sensors", "output")
-    return list(tables[0]), list(tables[1]), parts, further
+    Raises
+    ------
+    InvalidParameter
+        All names that the model does not have, and effects that no test can measure.
+    """
+    faults = _unknown_names(
+        model,
+        effects,
+        {
+            "inputs": limits.inputs,
+            "sensors": limits.sensors,
+            "further_sensors": limits.further,
+            "parts": [t.parameter for t in limits.parts],
+        },
+    )
+    if faults:
+        raise InvalidParameter("limits: " + "; ".join(faults.values()))
 
 
-def _hint(unit: str) -> str:
-    return '; hint: the table says its unit, unit = "N"' if unit == "1" else ""
+def _unknown_names(
+    model: Model, effects: Sequence[Effect], names: Mapping[str, Iterable[str]]
+) -> dict[tuple[str, str], str]:
+    """Messages about names that the model does not have, by table and name."""
+    inputs = list(model.inputs) + [i for own in model.input_modes.values() for i in own]
+    faults = {}
+    for i in names["inputs"]:
+        if inputs and i not in inputs:
+            faults["inputs", i] = (
+                f"input {i}: no input of {model.name}; there are {', '.join(inputs)}"
+            )
+    for table in SENSORS:
+        for s in names[table]:
+            if s not in model.outputs:
+                faults[table, s] = (
+                    f"{table.replace('_', ' ').removesuffix('s')} {s}: no output of {model.name}; "
+                    f"there are {', '.join(model.outputs)}"
+                )
+    for t in names["parts"]:
+        if why := no_test_of(t, model, effects):
+            faults["parts", t] = f"part {t}: {why}"
+    return faults
 
 
-def _per(unit: str, power: int) -> str:
-    second = "s" if power == 1 else f"s^{power}"
-    return f"1/{second}" if unit == "1" else f"{unit}/{second}"
+def _names_in(raw: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Names by table in a file with possible faults."""
+    found = {
+        t: list(own) if isinstance(own := raw.get(t), dict) else [] for t in ("inputs", *SENSORS)
+    }
+    rows = raw.get("parts")
+    found["parts"] = [
+        row["parameter"]
+        for row in (rows if isinstance(rows, list) else [])
+        if isinstance(row, dict) and isinstance(row.get("parameter"), str)
+    ]
+    return found
 
 
 @checked
@@ -129,29 +164,13 @@ def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] | None
     if effects is None:
         read.raw.pop("parts", None)
     effects = effects or ()
-    strange = unknown_names(model, effects, *_names_in(read.raw))
+    strange = _unknown_names(model, effects, _names_in(read.raw))
     read.check(strange.values())
-
-    inputs: dict[str, InputLimits | None] = {}
-    for name, where, entry in read.entries("inputs"):
-        if ("inputs", name) in strange:
-            continue
-        told = entry.get("unit")
-        unit = (told if isinstance(told, str) else "") or model.units.get(name) or "1"
-
-        number = partial(read.number, where, entry)
-        change, bend = _per(unit, 1), _per(unit, 2)
-        inputs[name] = read.made(
-            ("inputs", name),
-            f"{where}: ",
-            InputLimits,
-            least=number("least", unit, 0.0, _hint(unit)),
-            most=number("most", unit, hint=_hint(unit)),
-            rate=number("rate", change, math.inf, _hint(unit)),
-            acceleration=number("acceleration", bend, math.inf, _hint(unit)),
-            sigma=number("sigma", unit, 0.0, _hint(unit)),
-            unit=unit,
-        )
+    inputs = {
+        name: _input(read, name, where, entry, model)
+        for name, where, entry in read.entries("inputs")
+        if ("inputs", name) not in strange
+    }
     own = units_of_tests(model, effects)
     parts = []
     for at, where, entry in read.entries("parts"):
@@ -160,17 +179,17 @@ def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] | None
             known: dict[str, Any] = {k: entry[k] for k in ("cost", "how") if k in entry}
             known["sd"] = read.number(where, entry, "sd", own[name])
             parts.append(read.made(("parts", at), f"{where}: ", PartTest, parameter=name, **known))
-    further = []
-    for at, where, entry in read.entries("further_sensors"):
-        name = entry.get("output")
-        if isinstance(name, str) and name in model.outputs:
-            known = {k: entry[k] for k in ("cost", "how") if k in entry}
-            if "sigma" in entry:
-                unit = model.units.get(name) or "1"
-                known["sigma"] = read.number(where, entry, "sigma", unit)
-            place = ("further_sensors", at)
-            further.append(read.made(place, f"{where}: ", FurtherSensor, output=name, **known))
-    sensors = _sigmas(read, model, strange)
+    sensors, further = (
+        {
+            name: sigma
+            for name, where, entry in read.entries(table)
+            if (table, name) not in strange
+            and not math.isnan(
+                sigma := read.number(where, entry, "sigma", model.units.get(name) or "1")
+            )
+        }
+        for table in SENSORS
+    )
     given = read.raw.get("inputs")
     found = read.made(
         (),
@@ -178,8 +197,8 @@ def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] | None
         Limits,
         inputs={n: i for n, i in inputs.items() if i} or ({} if given == {} else _ANY),
         parts=tuple(p for p in parts if p is not None),
-        sensors={name: sigma for name, sigma in sensors.items() if not math.isnan(sigma)},
-        further=tuple(s for s in further if s is not None),
+        sensors=sensors,
+        further=further,
         **_times_in(read.raw),
     )
     read.finish()
@@ -187,36 +206,25 @@ def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] | None
     return found
 
 
-def _sigmas(
-    read: TableReader, model: Model, strange: Mapping[tuple[str, str], str]
-) -> dict[str, float]:
-    """Noise of each known output in the tables ``[sensors.OUTPUT]`` [its unit]."""
-    return {
-        name: read.number(where, entry, "sigma", model.units.get(name) or "1")
-        for name, where, entry in read.entries("sensors")
-        if ("sensors", name) not in strange
-    }
-
-
-@checked
-def read_sensors(path: str | Path, model: Model) -> dict[str, float]:
-    """Read ``[sensors.OUTPUT]`` tables with ``sigma``: noise by output [its unit].
-
-    Raises
-    ------
-    DataError
-        All faults of the file at once.
-    """
-    read = TableReader(path, _SensorsFile)
-    table = read.raw.get("sensors")
-    strange = unknown_names(model, (), (), table if isinstance(table, dict) else (), (), ())
-    read.check(strange.values())
-    out = _sigmas(read, model, strange)
-    for name, sigma in out.items():
-        if sigma <= 0.0:
-            read.faults.append(f"sensors.{name}.sigma: got {sigma:g}, expected > 0")
-    read.finish()
-    return out
+def _input(
+    read: TableReader, name: str, where: str, entry: dict[str, Any], model: Model
+) -> InputLimits | None:
+    """Limits of one input; None: they have a fault."""
+    told = entry.get("unit")
+    unit = (told if isinstance(told, str) else "") or model.units.get(name) or "1"
+    hint = '; hint: the table says its unit, unit = "N"' if unit == "1" else ""
+    number = partial(read.number, where, entry)
+    return read.made(
+        ("inputs", name),
+        f"{where}: ",
+        InputLimits,
+        least=number("least", unit, 0.0, hint),
+        most=number("most", unit, hint=hint),
+        rate=number("rate", f"{unit}/s", math.inf, hint),
+        acceleration=number("acceleration", f"{unit}/s^2", math.inf, hint),
+        sigma=number("sigma", unit, 0.0, hint),
+        unit=unit,
+    )
 
 
 def _times_in(raw: Mapping[str, Any]) -> dict[str, float]:

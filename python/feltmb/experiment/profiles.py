@@ -80,7 +80,6 @@ class Family:
     """Profiles of one kind; ``make`` gets a number in [0, 1] for each parameter."""
 
     name: str
-    text: str
     knobs: tuple[str, ...]
     make: Callable[[Sequence[float], InputLimits, Limits], Profile | None]
 
@@ -239,21 +238,11 @@ def _chirp(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | No
 FAMILIES: dict[str, Family] = {
     f.name: f
     for f in (
-        Family("step", "a smooth step", ("level", "rise"), _step),
-        Family("pulse", "to a level, hold, back", ("level", "rise", "hold"), _pulse),
-        Family("slow pulse", "slowly to a level and back", ("level", "rise", "hold"), _slow),
-        Family(
-            "repeated pulse",
-            "to a level, back in part, to the level again",
-            ("level", "rise", "hold", "return"),
-            _repeat,
-        ),
-        Family(
-            "two steps",
-            "to a level, wait, to another one",
-            ("level", "then", "hold", "rise"),
-            _two_levels,
-        ),
-        Family("chirp", "a sine of moving frequency", ("amplitude", "mean", "from", "to"), _chirp),
+        Family("step", ("level", "rise"), _step),
+        Family("pulse", ("level", "rise", "hold"), _pulse),
+        Family("slow pulse", ("level", "rise", "hold"), _slow),
+        Family("repeated pulse", ("level", "rise", "hold", "return"), _repeat),
+        Family("two steps", ("level", "then", "hold", "rise"), _two_levels),
+        Family("chirp", ("amplitude", "mean", "from", "to"), _chirp),
     )
 }

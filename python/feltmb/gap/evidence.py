@@ -34,6 +34,7 @@ __all__ = [
     "local_penalty",
     "log_evidence",
     "log_odds",
+    "precision",
     "prior_of",
     "system",
     "weights",
@@ -146,7 +147,7 @@ class System:
     further: Array
     """Products of further effects and global unknowns, (c, g)."""
     own: Array
-    """Products of further effects with themselves, (c,)."""
+    """Products of further effects with each other, (c, c)."""
     gain: Array
     """Products of further effects and the residual, (c,)."""
     locals: tuple[tuple[Array, Array, Array], ...]
@@ -172,7 +173,7 @@ def system(
     g = linears[0].by_global.shape[2]
     c = linears[0].by_further.shape[2]
     matrix, right = np.zeros((g, g)), np.zeros(g)
-    further, own, gain = np.zeros((c, g)), np.zeros(c), np.zeros(c)
+    further, own, gain = np.zeros((c, g)), np.zeros((c, c)), np.zeros(c)
     blocks, log_det = [], 0.0
     for r, (observed, linear) in enumerate(zip(records, linears, strict=True)):
         gram = np.tensordot(share / noise**2, linear.gram, axes=1)
@@ -186,7 +187,7 @@ def system(
         matrix += gram[a, a] - coupling[:, :g].T @ solved[:, :g]
         right += gram[a, -1] - coupling[:, :g].T @ solved[:, -1]
         further += gram[e, a] - coupling[:, g:].T @ solved[:, :g]
-        own += np.diag(gram[e, e]) - np.einsum("ij,ij->j", coupling[:, g:], solved[:, g:-1])
+        own += gram[e, e] - coupling[:, g:].T @ solved[:, g:-1]
         gain += gram[e, -1] - coupling[:, g:].T @ solved[:, -1]
         blocks.append((inner, coupling[:, :g], target))
         log_det += float(np.linalg.slogdet(inner)[1]) - float(np.log(weight).sum())
@@ -245,10 +246,22 @@ def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
     """
     share = max(one.effective, other.effective)
     samples = np.maximum(problem.samples, 1.0)
-    random = 1.0 / (share * samples)
     square = np.minimum(one.noise, other.noise) ** 2
+    return square * precision(square, 1.0 / (share * samples)) / samples
+
+
+def precision(square: Array, random: Array) -> Array:
+    """Inverse variance of an estimate by a noise and a discrepancy together, by channel, (m,).
+
+    Parameters
+    ----------
+    square
+        Mean square of what a set leaves, in units of the square of the noise of the sensor.
+    random
+        Inverse number of independent samples.
+    """
     discrepancy = np.maximum(square - 1.0 - 2.0 * np.sqrt(2.0 * random), 0.0)
-    return np.asarray(square / (random + discrepancy / DISCREPANCY) / samples)
+    return np.asarray(1.0 / (random + discrepancy / DISCREPANCY))
 
 
 def log_odds(problem: Problem, one: Fitted, other: Fitted) -> float:

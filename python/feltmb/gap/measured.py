@@ -18,20 +18,22 @@ that the model lacks. With a measured magnitude it becomes a parameter of the mo
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
+from feltmb.errors import InvalidParameter, near_names
 from feltmb.files import write_text
 from feltmb.fit.inclusion import including
-from feltmb.fit.limits import no_test_of
 from feltmb.fit.model import Effect, Model, Parameter
 from feltmb.gap.tables import TableReader
 from feltmb.units.quantity import Schema
 
-__all__ = ["Measured", "measured_toml", "read_measured", "with_measured"]
+__all__ = ["Measured", "measured_toml", "no_test_of", "read_measured", "with_measured"]
+
+#: Number of known names in a message.
+MOST_NAMES = 20
 
 
 @checked
@@ -127,6 +129,33 @@ def read_measured(
         )
     read.finish()
     return tuple(m for m in out if m is not None)
+
+
+def hint_of_names(name: str, known: Iterable[str]) -> str:
+    """The end of a message: names that are similar to an unknown one, or the first of all."""
+    names = list(dict.fromkeys(known))
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return near_names(name, names) or f"; there are {', '.join(names[:MOST_NAMES])}{more}"
+
+
+def no_test_of(name: str, model: Model, effects: Sequence[Effect] = ()) -> str:
+    """Reason why a test of a part by itself cannot give a parameter or effect; empty: it can."""
+    parameters = [p.name for p in model.parameters]
+    known = {e.name: e for e in effects}
+    if name in parameters:
+        return ""
+    if name not in known:
+        kind = "parameter or tested effect" if known else "parameter"
+        return f"no {kind} of {model.name}{hint_of_names(name, [*parameters, *known])}"
+    effect = known[name]
+    if effect.observe is not None or effect.excite is not None:
+        return (
+            "an effect of the records and not of the machine: correct the records by the measured "
+            "value, and leave the effect out"
+        )
+    if effect.tolerance_parameter in parameters:
+        return f"it changes the same number as {effect.tolerance_parameter}: give that parameter"
+    return ""
 
 
 def known_by_test(effect: Effect, model: Model) -> str:

@@ -24,7 +24,11 @@ from feltmb.gap.problem import (
     spread,
 )
 
+<<<<<<< HEAD
 __all__ = ["causes_of", "prepare", "split_records"]
+=======
+__all__ = ["causes_of", "prepare", "problem_of"]
+>>>>>>> 249b7073 (Planner: information of a record from the linearization of the diagnosis, one planner on its evidence)
 
 #: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
 #: zero of a sensor in each record [1].
@@ -62,8 +66,30 @@ def prepare(
     """
     _check_effects(model, effects)
     ready = model.ready(tuple(records))
+<<<<<<< HEAD
     model = ready.model
     fitted, held = split_records(ready.records, hold_out)
+=======
+    fitted, held = split_records(ready.records, hold_out, masked=True)
+    return problem_of(ready.model, effects, fitted, held, options, ready.notes)
+
+
+def problem_of(
+    model: Model,
+    effects: Sequence[Effect],
+    fitted: Sequence[Record],
+    held: Sequence[Record],
+    options: Options,
+    notes: tuple[str, ...] = (),
+) -> Problem:
+    """The problem of records that are ready for the model (:meth:`feltmb.fit.Model.ready`).
+
+    Raises
+    ------
+    DataError
+        No record shows an output of the model.
+    """
+>>>>>>> 249b7073 (Planner: information of a record from the linearization of the diagnosis, one planner on its evidence)
     shown = {n for r in fitted for n, y in r.outputs.items() if np.isfinite(y).any()}
     channels = tuple(i for i, n in enumerate(model.outputs) if n in shown)
     if not channels:
@@ -82,7 +108,7 @@ def prepare(
         held_out=tuple(_observed(model, r, names) for r in held),
         channels=channels,
         exact=all(s.sigma is None for s in sensors),
-        notes=ready.notes,
+        notes=notes,
     )
 
 

@@ -51,7 +51,8 @@ def scores(problem: Problem, fitted: Fitted) -> list[Score]:
     weight = prior.weights(x)
     inverse = np.linalg.inv(own.matrix + np.diag(weight))
     slope = own.gain - own.further @ inverse @ (own.right - weight * x)
-    curvature = own.own + 1.25 - np.einsum("ij,jl,il->i", own.further, inverse, own.further)
+    curvature = np.diag(own.own) + 1.25
+    curvature -= np.einsum("ij,jl,il->i", own.further, inverse, own.further)
     best: dict[int, Score] = {}
     for j, (m, b, a) in enumerate(zip(further, slope, curvature, strict=True)):
         if not (np.isfinite(b) and a > 0.0):
