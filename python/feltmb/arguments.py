@@ -380,7 +380,7 @@ def _mapping(kinds: list[_Kind | None]) -> _Kind:
     def check(value: Any, where: str) -> Any:
         if not isinstance(value, Mapping):
             raise _Refused(where, value, "a mapping")
-        for name, inner in value.items():
+        for name, inner in list(value.items()):  # another thread may add to it
             if key is not None:
                 key.check(name, f"{where}: key")
             if item is not None:

@@ -85,7 +85,7 @@ def finger_limits(model: MechanismModel) -> Limits | None:
     if model.action.config.finger is None:
         return None
     force = InputLimits(least=0.0, most=25.0, rate=2000.0, unit="N", sigma=LOAD_CELL)
-    return Limits(inputs={"force": force}, duration=0.6, sample_rate=RATE, rest=2.0)
+    return Limits(inputs={"force": force}, duration=0.6, sample_rate=RATE)
 
 
 @checked
