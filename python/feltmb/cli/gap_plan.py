@@ -39,6 +39,8 @@ __all__ = ["command", "input_files", "measured_option"]
 
 #: Largest numbers of causes, and of helpful tests, that are listed.
 MOST_CAUSES, MOST_TESTS = 12, 5
+#: Smallest probability of a cause that is listed, as a share of the largest.
+LIKELY = 0.1
 
 measured_option = click.option(
     "--measured",
@@ -328,28 +330,33 @@ def _test(test: HelpfulTest) -> str:
     return f"{what} separates {cause} from {', '.join(others)}" if others else what
 
 
+def _name(cause: Visible) -> str:
+    return f"{cause.cause} outside its tolerance" if cause.parameter else cause.cause
+
+
 def _print_causes(causes: Sequence[Visible]) -> None:
     """Print the most probable causes, and those that cannot be detected."""
     shown = [v for v in causes if v.smallest < float("inf")]
+    likely = [v for v in shown[:MOST_CAUSES] if v.belief >= LIKELY * causes[0].belief]
     table = new_table(
         "detectable causes", "cause", "now", "detectable from", "correct", "confused with", "chance",
         right=(1, 2, 3, 5), whole=(0,),
     )  # fmt: skip
-    for v in shown[:MOST_CAUSES]:
+    for v in likely:
         rival = (v.rival, f"{v.confusion:.0%}") if v.rival else ("", "")
         table.add_row(
-            v.cause, f"{v.belief:.0%}", _amount(v.smallest, v.unit), f"{v.right:.0%}", *rival
+            _name(v), f"{v.belief:.0%}", _amount(v.smallest, v.unit), f"{v.right:.0%}", *rival
         )
     if shown:
         console().print(table)
-    if len(shown) > MOST_CAUSES:
-        say(f"and {len(shown) - MOST_CAUSES} more causes (plan.json, --json)")
+    if len(shown) > len(likely):
+        say(f"and {len(shown) - len(likely)} less probable causes (plan.json, --json)")
     hidden = [v for v in causes if v not in shown]
     for why, imitated in (
         ("a change of parameters looks the same", True),
         ("no measured output changes", False),
     ):
-        own = [v.cause for v in hidden if v.imitated is imitated]
+        own = [_name(v) for v in hidden if v.imitated is imitated]
         more = f" and {len(own) - MOST_CAUSES} more" if len(own) > MOST_CAUSES else ""
         if own:
             say(f"cannot be detected, because {why}: {', '.join(own[:MOST_CAUSES])}{more}")

@@ -121,6 +121,8 @@ class Visible:
     """Probability of this rival, if no other one is possible [1]."""
     imitated: bool
     """Whether the parameters of the model imitate it completely."""
+    parameter: bool = False
+    """Whether it is a parameter outside its tolerance; the magnitude is its deviation."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,7 +168,7 @@ class Design:
     after: float
     """The same value after the plan."""
     reachable: float
-    """With every experiment that was worked out, each once: more than this nothing here brings."""
+    """With all experiments that were worked out, in addition to the plan."""
     inseparable: tuple[tuple[str, ...], ...]
     """Causes that all experiments together could not distinguish."""
     failed: int
@@ -584,7 +586,7 @@ def _result(
             )
         )
         knowledge = then
-    everything = start.plus(*(o.told for o in options))
+    everything = knowledge.plus(*(o.told for o in options))
     groups = everything.inseparable()
     return Design(
         aim=aim,
@@ -645,6 +647,7 @@ def _visible(before: Knowledge, after: Knowledge) -> tuple[Visible, ...]:
             rival=study.hypotheses[rival].name if after.chance[i, rival] > 0.01 else "",
             confusion=float(after.chance[i, rival]),
             imitated=bool(whole[i] > 0.0 and after.gram[i, i] == 0.0),
+            parameter=h.effect is None,
         )
     return tuple(sorted(rows.values(), key=lambda r: (-r.belief, -r.right, r.cause)))
 

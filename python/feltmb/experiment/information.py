@@ -258,18 +258,13 @@ class Study:
         start = np.array([s.start for s in self.model.states(machine_candidates(included))])
         theta = theta_at(self.problem, self.x)
         sizes = magnitudes_at(self.problem, self.members, self.x)
-        batches = [
-            (
-                r,
-                Jobs.at_point(
-                    theta, np.array([[0, r.samples - 1]]), start[None, :], included, sizes
-                ),
-            )
-            for r in records
-        ]
+        jobs = Jobs(
+            theta=theta[None], starts=start[None], included=included, magnitudes=sizes[None]
+        )
         out: list[dict[str, Array] | None] = []
-        for r, run in zip(records, observe_all(self.model, batches), strict=True):
-            values = {n: run.outputs[0][:, self.model.outputs.index(n)] for n in r.outputs}
+        runs = observe_all(self.model, [(r, jobs) for r in records])
+        for r, run in zip(records, runs, strict=True):
+            values = {n: run[0][:, self.model.outputs.index(n)] for n in r.outputs}
             good = all(np.isfinite(v).all() for v in values.values())
             out.append(values if good else None)
         return out

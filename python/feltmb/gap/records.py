@@ -24,11 +24,7 @@ from feltmb.gap.problem import (
     spread,
 )
 
-<<<<<<< HEAD
-__all__ = ["causes_of", "prepare", "split_records"]
-=======
-__all__ = ["causes_of", "prepare", "problem_of"]
->>>>>>> 249b7073 (Planner: information of a record from the linearization of the diagnosis, one planner on its evidence)
+__all__ = ["causes_of", "prepare", "problem_of", "split_records"]
 
 #: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
 #: zero of a sensor in each record [1].
@@ -66,11 +62,7 @@ def prepare(
     """
     _check_effects(model, effects)
     ready = model.ready(tuple(records))
-<<<<<<< HEAD
-    model = ready.model
     fitted, held = split_records(ready.records, hold_out)
-=======
-    fitted, held = split_records(ready.records, hold_out, masked=True)
     return problem_of(ready.model, effects, fitted, held, options, ready.notes)
 
 
@@ -89,7 +81,6 @@ def problem_of(
     DataError
         No record shows an output of the model.
     """
->>>>>>> 249b7073 (Planner: information of a record from the linearization of the diagnosis, one planner on its evidence)
     shown = {n for r in fitted for n, y in r.outputs.items() if np.isfinite(y).any()}
     channels = tuple(i for i, n in enumerate(model.outputs) if n in shown)
     if not channels:
