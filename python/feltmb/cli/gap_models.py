@@ -13,10 +13,10 @@ from feltmb.data import ReadOptions, Record
 from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import InvalidParameter
+from feltmb.experiment import Limits, example, read_limits
 from feltmb.files import is_file
 from feltmb.fit import Effect, Model, including
 from feltmb.fit.calling import calling
-from feltmb.experiment import Limits, example, read_limits
 from feltmb.gap import read_measured, with_measured
 
 if TYPE_CHECKING:

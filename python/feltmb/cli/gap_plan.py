@@ -339,7 +339,8 @@ def _print_causes(causes: Sequence[Visible]) -> None:
     shown = [v for v in causes if v.smallest < float("inf")]
     likely = [v for v in shown[:MOST_CAUSES] if v.belief >= LIKELY * causes[0].belief]
     table = new_table(
-        "detectable causes", "cause", "now", "detectable from", "correct", "confused with", "chance",
+        "detectable causes",
+        "cause", "now", "detectable from", "correct", "confused with", "chance",
         right=(1, 2, 3, 5), whole=(0,),
     )  # fmt: skip
     for v in likely:

@@ -56,6 +56,8 @@ DRAWS = 8
 POINTS = 64
 #: First and smallest step of the compass search, as a share of the range of a number of a profile.
 COMPASS, FINEST = 0.15, 1e-3
+#: Number of refinements of one family before the next family is refined.
+ROOM = 20
 #: Gain below which an experiment is left out of a plan: below it are rounding errors.
 LEAST_GAIN = 1e-4
 #: Largest number of separated pairs that are told of an experiment, and of helpful tests.
@@ -289,7 +291,7 @@ def design(
     value = VALUES[aim]
     picked = _greedy(start, options, budget, value)
     if picked and refinements and picked[0].profile is not None:
-        better = work.improved(start, picked[0], refinements, value)
+        better = work.best_of(start, options, refinements, value)
         options = [*options, better]
         picked = [better, *_greedy(start.plus(better.told), options, budget - 1.0, value)]
     return _result(start, picked, options, aim, work)
@@ -470,6 +472,28 @@ class _Work:
             record=shown,
         )
 
+    def best_of(
+        self,
+        knowledge: Knowledge,
+        options: Sequence[_Option],
+        most: int,
+        value: Callable[[Knowledge], float],
+    ) -> _Option:
+        """Improve the best profile and, if refinements remain, the best ones of other families."""
+
+        def worth(option: _Option) -> float:
+            return value(knowledge.plus(option.told))
+
+        leaders: dict[tuple[str, str], _Option] = {}
+        for option in sorted(
+            (o for o in options if o.profile is not None), key=lambda o: -worth(o)
+        ):
+            assert option.profile is not None
+            leaders.setdefault((option.input, option.profile.family), option)
+        starts = list(leaders.values())[: max(1, most // ROOM)]
+        own = [self.improved(knowledge, o, most // len(starts), value) for o in starts]
+        return max(own, key=worth)
+
     def improved(
         self,
         knowledge: Knowledge,
@@ -586,7 +610,7 @@ def _result(
             )
         )
         knowledge = then
-    everything = knowledge.plus(*(o.told for o in options))
+    everything = knowledge.plus(*(o.told for o in options if o not in picked))
     groups = everything.inseparable()
     return Design(
         aim=aim,

@@ -55,7 +55,10 @@ MAGNITUDES = (0.5, 1.0, 2.0)
 WIDE = 10.0
 #: Probability that the cause is none of those that a diagnosis believes in.
 RESERVE = 0.1
-#: Posterior probability from which a cause is told, and options of a diagnosis by default.
+#: Prior weight of an unknown below which there is no prior knowledge, and a weight that replaces it:
+#: a parameter without a prior then imitates an effect completely.
+UNKNOWN, NONE = 1e-5, 1e-12
+#: Options of a diagnosis by default.
 OPTIONS = Options()
 #: Log odds from which a cause is told.
 TOLD = math.log(OPTIONS.credibility / (1.0 - OPTIONS.credibility))
@@ -442,7 +445,8 @@ class Knowledge:
         size = study.x.size + len(study.hypotheses)
         out = np.zeros((size, size))
         at = np.arange(study.x.size)
-        out[at, at] = prior_of(study.problem, study.members).weights(study.x)
+        prior = prior_of(study.problem, study.members).weights(study.x)
+        out[at, at] = np.where(prior > UNKNOWN, prior, NONE)
         for r in self.records:
             out += r.matrix(samples)
         return np.asarray(out + sum(self.tests))

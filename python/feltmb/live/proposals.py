@@ -9,9 +9,8 @@ from typing import Any
 from feltmb.adapters import MechanismModel, finger_limits, planned_strokes
 from feltmb.data import Record, Sensor
 from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.experiment import Belief, Design, design, reasons
 from feltmb.fit import Effect
-from feltmb.gap import Belief, Design, design
-from feltmb.gap.report import plain
 from feltmb.live.states import Playing
 
 __all__ = ["Abandoned", "propose"]
@@ -43,7 +42,8 @@ def propose(
     records
         Existing records; the first :data:`MOST_RECORDS` are used.
     belief
-        Probabilities of the effects from a diagnosis of the records.
+        What a diagnosis of the records found; None: the records count by their inputs and sensors
+        only.
     progress
         Function of the stage, the completed number and the total; it may raise :class:`Abandoned`.
 
@@ -106,16 +106,16 @@ def _told(found: Design, records: int) -> dict[str, Any]:
         rows.append(
             {
                 "name": e.name,
-                "reasons": list(e.reasons),
-                "before": plain(e.before),
-                "after": plain(e.after),
+                "reasons": reasons(e, len(found.effects)),
+                "before": e.before,
+                "after": e.after,
                 "playing": playing.model_dump(include=keys),
             }
         )
     return {
         "rows": rows,
-        "before": plain(found.before),
-        "after": plain(found.after),
-        "reachable": plain(found.reachable),
+        "before": found.before,
+        "after": found.after,
+        "reachable": found.reachable,
         "notes": notes,
     }
