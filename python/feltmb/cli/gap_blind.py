@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,12 +12,12 @@ from feltmb.cli.common import (
     console,
     credibility_option,
     folder_option,
-    form_option,
     is_terminal,
     json_option,
     list_option,
     model_set_option,
     new_table,
+    positive,
     print_json,
     redraw,
     say,
@@ -28,7 +27,7 @@ from feltmb.cli.completing import actions, effects
 from feltmb.units import unit_suffix
 
 if TYPE_CHECKING:
-    from feltmb.gap import WithheldCase
+    from feltmb.gap import Case
 
 __all__ = ["command"]
 
@@ -39,7 +38,7 @@ class _Told:
     def __init__(self) -> None:
         self.start = time.monotonic()
 
-    def __call__(self, done: int, total: int, case: WithheldCase) -> None:
+    def __call__(self, done: int, total: int, case: Case) -> None:
         left = (time.monotonic() - self.start) / done * (total - done)
         rest = f"; about {left:.0f} s left" if done < total else ""
         unit = unit_suffix(case.unit)
@@ -77,7 +76,13 @@ class _Told:
 )
 @folder_option("Folder for blind.json and one file for each case. An interrupted run continues.")
 @credibility_option
-@form_option
+@click.option(
+    "--seconds",
+    type=positive("s"),
+    default=120.0,
+    show_default=True,
+    help="Limit of time of each diagnosis [s].",
+)
 @model_set_option
 @json_option
 def command(
@@ -89,7 +94,7 @@ def command(
     hold_out: tuple[str, ...],
     output: Path | None,
     credibility: float,
-    form: float,
+    seconds: float,
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
@@ -122,7 +127,7 @@ def command(
         only=list(dict.fromkeys(only)) or None,
         hold_out=(held_out(hold_out, data, groups) if data else list(hold_out)) or None,
         folder=output,
-        options=Options(credibility=credibility, form=form),
+        options=Options(credibility=credibility, seconds=seconds),
         progress=_Told(),
     )
     result = found.as_dict()
@@ -140,11 +145,13 @@ def command(
         counts = [str(row[word] or "") for word in OUTCOMES]
         table.add_row(row["effect"] or "(nothing)", ratio, *counts)
     console().print(table)
-    for text, share in (
-        ("right, signal-to-noise ratio of 5 or more", found.share("right")),
-        ("wrong, signal-to-noise ratio of 5 or more", found.share("wrong")),
-        ("false alarms, nothing withheld", found.false_alarms),
+    shares = found.shares()
+    for word, text in (
+        ("right", "right, signal-to-noise ratio of 5 or more"),
+        ("wrong", "wrong, signal-to-noise ratio of 5 or more"),
+        ("false alarm", "false alarms, nothing withheld"),
+        ("intervals", "95 % intervals that contain the truth"),
     ):
-        value, low, high, count = share
-        if not math.isnan(value):
+        if word in shares:
+            value, low, high, count = shares[word]
             say(f"{text}: {value:.0%} of {count} (95 %: {low:.0%} to {high:.0%})")

@@ -328,13 +328,13 @@ def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sens
         return np.asarray(_sensed(model, record, seen)[0])
 
     shown = show(s.outputs)
-    spread = float(np.nanmax(np.abs(s.outputs))) if s.outputs.size else 1.0
+    spread = float(np.nanmax(np.abs(s.outputs), initial=0.0))
 
     def push(columns: Array) -> Array:
         """Transform derivatives with the sensors and sensor effects."""
         out = np.empty_like(columns)
         for i in range(columns.shape[2]):
-            largest = float(np.nanmax(np.abs(columns[..., i]))) if columns.size else 0.0
+            largest = float(np.nanmax(np.abs(columns[..., i]), initial=0.0))
             step = 1e-4 * (spread or 1.0) / largest if largest > 0.0 else 1.0
             up, down = (show(s.outputs + h * columns[..., i]) for h in (step, -step))
             out[..., i] = (up - down) / (2.0 * step)

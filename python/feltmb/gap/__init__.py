@@ -26,10 +26,11 @@ from feltmb.fit import (
     State,
     including,
 )
+from feltmb.gap.blind import OUTCOMES, Case, Withheld, withhold
 from feltmb.gap.diagnose import diagnose, fit_model
 from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured
 from feltmb.gap.options import Options
-from feltmb.gap.progress import Progress
+from feltmb.gap.progress import Progress, Stop
 from feltmb.gap.report import Report
 from feltmb.gap.result import (
     Cell,
@@ -46,7 +47,9 @@ from feltmb.gap.result import (
 )
 
 __all__ = [
+    "OUTCOMES",
     "Candidate",
+    "Case",
     "Cell",
     "Channel",
     "Coordinate",
@@ -79,12 +82,15 @@ __all__ = [
     "SimulatorModel",
     "StartPrior",
     "State",
+    "Stop",
     "Trace",
     "Verdict",
+    "Withheld",
     "diagnose",
     "fit_model",
     "including",
     "measured_toml",
     "read_measured",
     "with_measured",
+    "withhold",
 ]

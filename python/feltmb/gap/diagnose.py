@@ -7,9 +7,8 @@ from collections.abc import Callable, Sequence
 
 from feltmb.data import Record
 from feltmb.fit.model import Effect, Model
-from feltmb.gap.fit import Stop
 from feltmb.gap.options import Options
-from feltmb.gap.progress import Meter, Progress
+from feltmb.gap.progress import Meter, Progress, Stop
 from feltmb.gap.records import prepare
 from feltmb.gap.report import Report
 from feltmb.gap.search import SEARCH, search
@@ -46,7 +45,8 @@ def diagnose(
         Options; default: ``Options()``.
     tell
         Is called with the stage, the share of the work that is done, and the time that is left;
-        default: nothing is called.
+        default: nothing is called. If it raises :class:`Stop`, the search ends as at its limit of
+        time.
 
     Returns
     -------
@@ -57,6 +57,8 @@ def diagnose(
     ------
     InvalidParameter, DataError
         Model, effects and records do not fit together.
+    Stop
+        ``tell`` raised it before there was a fit of the model.
     """
     options = options or Options()
     end = time.monotonic() + options.seconds

@@ -26,8 +26,9 @@ from feltmb.gap.evidence import (
 )
 from feltmb.gap.linear import Ask, Linear, Point, count_global, evaluate, local_of
 from feltmb.gap.problem import Members, Observed, Problem
+from feltmb.gap.progress import Stop
 
-__all__ = ["Start", "Stop", "first_step", "fit_local", "fit_sets", "together"]
+__all__ = ["Start", "first_step", "fit_local", "fit_sets", "together"]
 
 #: Smallest gain of a step that continues a fit [log evidence].
 CONVERGED = 0.1
@@ -48,20 +49,6 @@ SAME_POINT = 0.05
 POOR = 0.3
 
 Steps = Generator[Ask, list[Linear], Any]
-
-
-class Stop(Exception):
-    """The time is up, or the user interrupts.
-
-    Parameters
-    ----------
-    fits
-        The fits as far as they are, one for each set; None: there is none.
-    """
-
-    def __init__(self, fits: Sequence[Fitted | None] = ()) -> None:
-        super().__init__()
-        self.fits = fits
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,17 +149,17 @@ def fit_sets(
         behind = max(log_odds(problem, other, own) for other in (*others, *rivals))
         return fits[i].gain < CATCH_UP * (behind - NEAR)
 
-    stopped = False
+    reason: BaseException | None = None
     try:
         together(problem, [_descend(f) for f in fits], check, hopeless)
-    except (Stop, KeyboardInterrupt):
-        stopped = True
+    except (Stop, KeyboardInterrupt) as stop:
+        reason = stop
     best, found = [], iter(fits)
     for s in starts:
         own = [f.now for f in (next(found) for _ in s.points) if f.now is not None]
         best.append(best_of(problem, own) if own else None)
-    if stopped:
-        raise Stop(best)
+    if reason is not None:
+        raise Stop(best) from reason
     return best
 
 

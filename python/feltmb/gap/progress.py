@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-__all__ = ["Meter", "Progress"]
+__all__ = ["Meter", "Progress", "Stop"]
 
 #: Typical number of joint steps of the fits of a round, and of the comparison with held-out
 #: records.
@@ -26,6 +27,22 @@ FIRST, LATER, EXCHANGE, AFTER = 0.35, 0.9, 0.5, 0.45
 GROWTH = 1.25
 #: Share of the expected duration of a stage that is left when it takes longer than expected [1].
 LEAST = 0.2
+
+
+class Stop(Exception):
+    """Ends a search: its answer is that of the fits so far.
+
+    The function that is told the progress may raise it, from any thread.
+
+    Parameters
+    ----------
+    fits
+        The fits as far as they are, one for each set; None: there is none.
+    """
+
+    def __init__(self, fits: Sequence[Any] = ()) -> None:
+        super().__init__()
+        self.fits = fits
 
 
 @dataclass(frozen=True)
@@ -48,7 +65,8 @@ class Meter:
     Parameters
     ----------
     tell
-        Is called with the progress at each stage and step; None: nothing is called.
+        Is called with the progress at each stage and step; None: nothing is called. If it raises
+        :class:`Stop`, the next step raises it.
     seconds
         Limit of time of the search [s].
     tries
@@ -72,6 +90,7 @@ class Meter:
         self._round = math.nan  # expected duration of a round
         self._step = math.nan  # duration of a step of the fit of the model alone
         self._share = 0.0
+        self._stopped = False
 
     def stage(self, name: str, share: float = 0.0) -> None:
         """A stage begins, or another round of it.
@@ -98,10 +117,18 @@ class Meter:
         self._report(now)
 
     def step(self) -> None:
-        """The fits that proceed together begin their next step."""
+        """The fits that proceed together begin their next step.
+
+        Raises
+        ------
+        Stop
+            The function that is told the progress has raised it.
+        """
         now = self._clock()
         self._times.append(now)
         self._report(now)
+        if self._stopped:
+            raise Stop
 
     @property
     def progress(self) -> Progress:
@@ -109,8 +136,12 @@ class Meter:
         return self._state(self._clock())
 
     def _report(self, now: float) -> None:
-        if self._tell is not None:
+        if self._tell is None or self._stopped:
+            return
+        try:
             self._tell(self._state(now))
+        except Stop:  # there may be no fit yet, or the results are being computed
+            self._stopped = True
 
     def _state(self, now: float) -> Progress:
         left = 0.0 if self._stage == "done" else self._left(now)

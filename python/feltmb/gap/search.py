@@ -18,7 +18,6 @@ from feltmb.gap.evidence import Fitted, best_of, log_odds
 from feltmb.gap.fit import (
     POOR,
     Start,
-    Stop,
     empty_point,
     first_step,
     fit_sets,
@@ -28,9 +27,10 @@ from feltmb.gap.held_out import Predicted
 from feltmb.gap.linear import Ask, Linear, Point, evaluate, local_of, unknowns_of
 from feltmb.gap.options import Options
 from feltmb.gap.problem import Member, Members, Observed, Problem
+from feltmb.gap.progress import Stop
 from feltmb.gap.score import Score, scores
 
-__all__ = ["Searched", "search", "with_all_records"]
+__all__ = ["Searched", "model_alone", "search", "with_all_records"]
 
 #: Log evidence that a larger set must gain, and that a change must gain.
 WORTH, BETTER = 0.5, 0.1
@@ -102,7 +102,8 @@ def search(
             tell(stage, share)
 
     found = Searched(problem)
-    now = _model_alone(problem, found, step)
+    now = model_alone(problem, step)
+    _keep(found, [now])
     try:
         _climb(problem, options, found, now, check, told)
     except (Stop, KeyboardInterrupt):
@@ -120,12 +121,24 @@ def _keep(found: Searched, fits: Sequence[Fitted | None]) -> None:
             found.sets[fitted.causes] = fitted
 
 
-def _model_alone(problem: Problem, found: Searched, step: Callable[[], None]) -> Fitted:
+def model_alone(problem: Problem, step: Callable[[], None] = lambda: None) -> Fitted:
     """Fit of the model without causes.
 
     If the first step does not gain what it promises, growing parts of the records are fitted: the
     end of a record depends more strongly on the unknowns than its beginning, so that a fit of whole
     records from poor values may end far from the best one.
+
+    Parameters
+    ----------
+    problem
+        Model and records.
+    step
+        Is called before each simulation.
+
+    Raises
+    ------
+    InvalidParameter
+        The model cannot be simulated.
     """
     point, fitted = empty_point(problem, (), problem.fit), None
     try:
@@ -136,14 +149,13 @@ def _model_alone(problem: Problem, found: Searched, step: Callable[[], None]) ->
             fitted = fit_sets(cut, [replace(start, points=(point,))], step)[0]
             if fitted is not None:
                 point = fitted.point
-    except Stop:  # there is nothing to answer with
-        raise KeyboardInterrupt from None
+    except Stop as stop:  # there is nothing to answer with
+        raise stop.__cause__ or stop from None
     if fitted is None:
         raise InvalidParameter(
             f"model {problem.model.name}: its simulation gives no finite outputs for the "
             "tabulated parameters, expected a model that can follow the records"
         )
-    found.sets[()] = fitted
     return fitted
 
 

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from feltmb.data import Array
 from feltmb.gap.evidence import Fitted, prior_of, system, weights
-from feltmb.gap.fit import Stop, empty_point
+from feltmb.gap.fit import empty_point
 from feltmb.gap.held_out import Predicted, compare, predict
 from feltmb.gap.linear import (
     Ask,
@@ -24,6 +24,7 @@ from feltmb.gap.linear import (
 from feltmb.gap.locate import cells, events, most_different, places
 from feltmb.gap.options import Options
 from feltmb.gap.problem import Problem
+from feltmb.gap.progress import Stop
 from feltmb.gap.result import (
     Channel,
     Named,

@@ -193,16 +193,42 @@ def test_a_slow_clock_is_told_as_the_clock(causes):
 
 
 @pytest.mark.parametrize("stage", ["search", "held_out"])
-def test_an_interrupted_diagnosis_answers_with_what_is_done(spring, causes, stage):
+@pytest.mark.parametrize("reason", [KeyboardInterrupt, Stop])
+def test_an_interrupted_diagnosis_answers_with_what_is_done(spring, causes, stage, reason):
     seen = []
 
     def interrupt(progress):
         seen.append(progress.stage)
         if progress.stage == stage and seen.count(stage) == 4:
-            raise KeyboardInterrupt
+            raise reason
 
     result = diagnose(spring, causes, three(hardening=3000.0), tell=interrupt)
     assert Reason.NOT_COMPLETE in result.reasons
     assert not result.complete
     best = result.sets[0]
     assert best.causes == ("hardening",)
+
+
+@pytest.mark.parametrize("reason", [KeyboardInterrupt, Stop])
+def test_without_a_fit_there_is_no_answer(spring, causes, reason):
+    def interrupt(progress):
+        if progress.stage == "fit":
+            raise reason
+
+    with pytest.raises(reason):
+        diagnose(spring, causes, three(), tell=interrupt)
+
+
+def test_no_function_is_told_after_it_has_stopped_the_search(spring, causes):
+    told = []
+
+    def stop(progress):
+        told.append(progress.stage)
+        if progress.stage == "search":
+            raise Stop
+
+    result = diagnose(spring, causes, three(hardening=3000.0), tell=stop)
+    assert told[-1] == "search"
+    assert told.count("search") == 1
+    assert [s.causes for s in result.sets] == [()]
+    assert result.verdict is Verdict.UNKNOWN

@@ -1,0 +1,356 @@
+"""How often a diagnosis is right on the user's own machine: known effects are withheld from it.
+
+Each case draws the parameters of the model from their priors, adds one effect of the list with a
+magnitude from its prior, and simulates the inputs of the records with the noise of their sensors.
+The diagnosis gets the simulated records only. Machine and model share their equations, so that the
+result is an upper bound: a real machine differs from its model in more than one effect.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from feltmb.arguments import checked
+from feltmb.data import Array, Record
+from feltmb.errors import DataError, FeltmbError, InvalidParameter
+from feltmb.files import Store, digest_of, make_folder, package_digest
+from feltmb.fit.model import Candidate, Effect, Model
+from feltmb.fit.observe import observe_whole
+from feltmb.fit.shift import shifted
+from feltmb.gap.diagnose import diagnose
+from feltmb.gap.fit import empty_point
+from feltmb.gap.linear import Ask, start_states, theta_at
+from feltmb.gap.options import Options
+from feltmb.gap.problem import Problem
+from feltmb.gap.records import prepare, sensor_noise
+from feltmb.gap.result import Result, Verdict
+from feltmb.gap.search import SEARCH, model_alone
+from feltmb.gap.split import split_records
+
+__all__ = ["OUTCOMES", "Case", "Withheld", "withhold"]
+
+#: Outcomes of a case. With an effect: it is named, and nothing else is told; the only class that is
+#: told contains it; no cause is told, and the rest does not matter, or does ("unknown"); another
+#: cause is told. Without an effect: no cause is told, or one is. The diagnosis failed.
+OUTCOMES = ("right", "class", "silent", "unknown", "wrong", "quiet", "false alarm", "none")
+#: Norm of the change of the records by an effect from which it is clear [standard deviations].
+CLEAR = 5.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """One withheld effect and its diagnosis."""
+
+    number: int
+    effect: str
+    """Name of the effect; empty: nothing was withheld."""
+    magnitude: float
+    """True magnitude [unit]."""
+    unit: str
+    signal_to_noise: float
+    """Norm of the change of the records by the effect, in standard deviations of the noise [1]."""
+    outcome: str = "none"
+    """One of :data:`OUTCOMES`."""
+    verdict: str = ""
+    told: tuple[tuple[str, ...], ...] = ()
+    """Named causes and classes; one name: a named cause."""
+    covered: int = 0
+    """Number of 95 % intervals of parameters and of the effect that contain the true value."""
+    intervals: int = 0
+    error: str = ""
+    """Message of a failed diagnosis."""
+
+
+@dataclass(frozen=True)
+class Withheld:
+    """Cases of :func:`withhold`, and how often the diagnosis was right."""
+
+    cases: tuple[Case, ...]
+
+    def shares(self) -> dict[str, tuple[float, float, float, int]]:
+        """Shares with their 95 % intervals (Wilson), and the number of cases.
+
+        Outcomes among the cases with a clear effect (a signal-to-noise ratio of at least 5), quiet
+        ones and false alarms among those without an effect, and "intervals" that contain the truth.
+        """
+        clear = [c.outcome for c in self.cases if c.effect and c.signal_to_noise >= CLEAR]
+        empty = [c.outcome for c in self.cases if not c.effect]
+        hits = {word: (clear.count(word), len(clear)) for word in OUTCOMES[:5]}
+        hits |= {word: (empty.count(word), len(empty)) for word in OUTCOMES[5:7]}
+        covered, intervals = (sum(getattr(c, k) for c in self.cases)
+                              for k in ("covered", "intervals"))  # fmt: skip
+        hits["intervals"] = covered, intervals
+        return {word: _share(*pair) for word, pair in hits.items() if pair[1]}
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row per effect: cases, median signal-to-noise ratio, number of each outcome."""
+        out = []
+        for name in dict.fromkeys(c.effect for c in self.cases):
+            own = [c for c in self.cases if c.effect == name]
+            row: dict[str, Any] = {"effect": name, "cases": len(own)}
+            row["signal_to_noise"] = float(np.median([c.signal_to_noise for c in own]))
+            out.append(row | {word: sum(c.outcome == word for c in own) for word in OUTCOMES})
+        return out
+
+    def as_dict(self) -> dict[str, Any]:
+        """Results as plain data for JSON."""
+        return {
+            "shares": self.shares(),
+            "rows": self.rows(),
+            "cases": [asdict(c) for c in self.cases],
+        }
+
+
+def _share(hits: int, count: int) -> tuple[float, float, float, int]:
+    from scipy.stats import binomtest
+
+    interval = binomtest(hits, count).proportion_ci(method="wilson")
+    return hits / count, float(interval.low), float(interval.high), count
+
+
+def _outcome(effect: str, result: Result) -> str:
+    """One of :data:`OUTCOMES`, given the name of the withheld effect."""
+    told = [(n,) for n in result.named] + list(result.classes)
+    if not told:
+        quiet = "silent" if effect else "quiet"
+        return "unknown" if result.verdict is Verdict.UNKNOWN else quiet
+    if not effect:
+        return "false alarm"
+    found = len(told) == 1 and effect in {n.cause for n in told[0] if not n.parameter}
+    return "wrong" if not found else "right" if result.named else "class"
+
+
+@checked
+def withhold(
+    model: Model,
+    effects: Sequence[Effect],
+    records: Sequence[Record],
+    *,
+    cases: int | None = None,
+    seed: int = 0,
+    only: Sequence[str] | None = None,
+    hold_out: Sequence[str] | None = None,
+    options: Options | None = None,
+    folder: str | Path | None = None,
+    progress: Callable[[int, int, Case], None] | None = None,
+) -> Withheld:
+    """Withhold effects of a list in turn and count how often the diagnosis is right.
+
+    Parameters
+    ----------
+    model, effects, records
+        As in :func:`feltmb.gap.diagnose`. Inputs, times, sensors and noise of the records are used;
+        the measured outputs are replaced. Unknown start states, and parameters without a prior, are
+        those of a fit of the model to the measured outputs.
+    cases
+        Number of cases; default: one without an effect and one for each effect, in turn.
+    seed
+        Seed of all random numbers, together with the number of the case.
+    only
+        Names of the effects that are withheld; default: all. The diagnosis always gets all effects.
+    hold_out
+        Held-out records, as in :func:`feltmb.gap.diagnose`.
+    options
+        Options of each diagnosis.
+    folder
+        Folder for finished cases, one file each. A case is not diagnosed again as long as its
+        records, the effects, the options and the version of feltmb are the same.
+    progress
+        ``progress(done, total, case)`` is called after every case.
+
+    Raises
+    ------
+    InvalidParameter, DataError
+        Arguments are out of range, or model, effects and records do not fit together.
+    """
+    known = {e.name: e for e in effects}
+    turns = ["", *(known if only is None else only)]
+    total = len(turns) if cases is None else cases
+    unknown = ", ".join(n for n in turns[1:] if n not in known)
+    if unknown:
+        raise InvalidParameter(f"only: no effect {unknown}; there are {', '.join(known) or 'none'}")
+    if total < 1 or seed < 0:
+        raise InvalidParameter(f"cases = {total}, seed = {seed}: expected >= 1 and >= 0")
+    split_records(records, hold_out, masked=True)
+    machine = _machine(model, effects, records, options or Options())
+    store = None if folder is None else Store(make_folder(folder))
+    done: list[Case] = []
+    for number in range(total):
+        effect = known.get(turns[number % len(turns)])
+        rng = np.random.default_rng([seed, number])
+        done.append(machine.diagnosed(number, effect, rng, hold_out, store))
+        if progress is not None:
+            progress(len(done), total, done[-1])
+    return Withheld(tuple(done))
+
+
+@dataclass(frozen=True)
+class _Machine:
+    """A model that generates records instead of measurements."""
+
+    problem: Problem
+    """All records are fitted ones."""
+    effects: Sequence[Effect]
+    options: Options
+    theta: Array
+    """Parameters [their units]; those without a prior are used."""
+    starts: tuple[Array, ...]
+    """Start states of the records [their units]; those without a prior are used."""
+
+    def diagnosed(
+        self,
+        number: int,
+        effect: Effect | None,
+        rng: np.random.Generator,
+        hold_out: Sequence[str] | None,
+        store: Store | None,
+    ) -> Case:
+        """A finished case, or else a new one."""
+        case = Case(number, "" if effect is None else effect.name, 0.0, "", 0.0)
+        given, theta = () if effect is None else (_drawn(effect, rng),), self._parameters(rng)
+        try:
+            shown, ratio = self._records(theta, given, rng)
+            for candidate, size in given:
+                case = replace(case, magnitude=size, unit=candidate.effect.unit)
+            case, key = replace(case, signal_to_noise=ratio), ""
+            if store is not None:
+                key = self._key(shown, hold_out, case)
+                if (kept := store.get(key)) is not None:
+                    own = {k: kept.data[k] for k in asdict(case)}
+                    return Case(**own | {"told": tuple(map(tuple, own["told"]))})
+            model, options = self.problem.model, self.options
+            report = diagnose(model, self.effects, shown, hold_out=hold_out, options=options)
+        except FeltmbError as fault:
+            return replace(case, error=str(fault))
+        if not report.complete and report.seconds < 0.9 * SEARCH * options.seconds:
+            raise KeyboardInterrupt  # the diagnosis has answered it with its fits so far
+        true = {p.name: v for p, v in zip(model.parameters, theta, strict=True)}
+        told = [(n,) for n in report.named] + list(report.classes)
+        within = [p.low <= true[p.name] <= p.high for p in report.parameters]
+        within += [n.low <= case.magnitude <= n.high for group in told for n in group
+                   if n.cause == case.effect and not n.parameter]  # fmt: skip
+        case = replace(
+            case,
+            outcome=_outcome(case.effect, report),
+            verdict=report.verdict.name,
+            told=tuple(tuple(n.cause for n in group) for group in told),
+            covered=int(sum(within)),
+            intervals=len(within),
+        )
+        if store is not None:
+            store.put(key, asdict(case))
+        return case
+
+    def _parameters(self, rng: np.random.Generator) -> Array:
+        """Parameters from their priors."""
+        z, own = rng.standard_normal(self.theta.size), self.problem.model.parameters
+        drawn = [p.value + p.sd * v if math.isfinite(p.sd) else known
+                 for p, known, v in zip(own, self.theta, z, strict=True)]  # fmt: skip
+        return np.asarray(np.clip(drawn, [p.lower for p in own], [p.upper for p in own]))
+
+    def _records(
+        self, theta: Array, given: _Given, rng: np.random.Generator
+    ) -> tuple[list[Record], float]:
+        """Records of a machine with an effect, and the signal-to-noise ratio of the effect."""
+        included, sizes = tuple(c for c, _ in given), np.array([size for _, size in given])
+        model = self.problem.model.with_variability_at(theta, included, sizes)
+        shown, square = [], 0.0
+        for observed, known in zip(self.problem.fit, self.starts, strict=True):
+            record, start = observed.record, known.copy()
+            for q in (q for q in observed.local if q.kind == "start" and q.weight > 1e-4):
+                start[q.index] = q.mean + q.scale * rng.standard_normal()
+            own = theta + [p.process_sd * rng.standard_normal() for p in model.parameters]
+            clean, y = (_outputs(model, record, own, start, some) for some in ((), given))
+            outputs = {}
+            for c, name in zip(self.problem.channels, self.problem.names, strict=True):
+                if name not in record.outputs:
+                    continue
+                measured = np.isfinite(record.outputs[name])
+                if not np.isfinite(y[measured, c]).all():
+                    raise InvalidParameter(
+                        f"record {record.name}: the machine gives no number for {name} at drawn "
+                        "parameters"
+                    )
+                change = (y[:, c] - clean[:, c]) / sensor_noise(record, name).sd(clean[:, c])
+                square += float(np.sum(change[measured] ** 2))
+                outputs[name] = np.where(measured, _seen(record, name, y[:, c], rng), np.nan)
+            # The noise of an input is a part of the run-to-run variability of some models.
+            noisy = {} if model.variability_has_input_noise else record.input_sigma
+            inputs = {k: u + noisy.get(k, 0.0) * rng.standard_normal(u.size)
+                      for k, u in record.inputs.items()}  # fmt: skip
+            sensors = {k: v for k, v in record.sensors.items() if k in outputs}
+            shown.append(replace(record, outputs=outputs, inputs=inputs, sensors=sensors))
+        return shown, math.sqrt(square)
+
+    def _key(self, records: Sequence[Record], hold_out: Sequence[str] | None, case: Case) -> str:
+        """Hash of everything that a case depends on; equations of effects count by results."""
+        model, parts = self.problem.model, []
+        for e in self.effects:
+            given = ((Candidate(e, e.shapes[0]), float(np.clip(e.scale, *e.bounds))),)
+            y = _outputs(model, self.problem.fit[0].record, self.theta, self.starts[0], given)
+            parts.append((e.name, e.scale, e.bounds, e.weight, repr(e.shapes), np.nan_to_num(y)))
+        data = [(r.name, r.role, r.time, r.inputs, r.outputs, repr(r.sensors)) for r in records]
+        own = (package_digest(), repr(self.options), repr(model.parameters), repr(model.states()))
+        return digest_of(own, hold_out, parts, data, repr(case))
+
+
+#: An effect and its magnitude, or nothing.
+_Given = tuple[tuple[Candidate, float], ...]
+
+
+def _machine(
+    model: Model, effects: Sequence[Effect], records: Sequence[Record], options: Options
+) -> _Machine:
+    for r in records:
+        for n, y in r.outputs.items():
+            if r.sensors[n].sigma is None and np.unique(y[np.isfinite(y)]).size < 2:
+                raise DataError(
+                    f"record {r.name}: nothing was measured of {n}, and its sensor has no noise; "
+                    "expected sigma, or a measured record"
+                )
+    model.forget()
+    # The diagnosis splits the records; here all are fitted, and a copy is the held-out record.
+    copy = [replace(r, name=f"{r.name} once more") for r in records[:1]]
+    every = [replace(r, role="fit") for r in (*records, *copy)]
+    problem = prepare(model, effects, every, [r.name for r in copy], options)
+    planned = not problem.motion.any()
+    point = empty_point(problem, (), problem.fit) if planned else model_alone(problem).point
+    ask = Ask((), point, problem.fit)
+    starts = tuple(start_states(problem, ask, r) for r in range(len(problem.fit)))
+    return _Machine(problem, effects, options, theta_at(problem, point.x), starts)
+
+
+def _drawn(effect: Effect, rng: np.random.Generator) -> tuple[Candidate, float]:
+    """A shape of an effect, and a magnitude from its prior: normal, within its limits."""
+    shape = effect.shapes[int(rng.integers(len(effect.shapes)))]
+    low, high = effect.bounds
+    size = float(effect.scale * rng.standard_normal())
+    size = size if low <= size <= high else -size  # half-normal distribution
+    return Candidate(effect, shape), float(np.clip(size, low, high))
+
+
+def _outputs(model: Model, record: Record, theta: Array, start: Array, given: _Given) -> Array:
+    """Outputs of a machine, (n, ny)."""
+    included = tuple(c for c, _ in given)
+    states = [*start, *(s.start for s in model.states(included)[start.size :])]
+    sizes = np.array([size for _, size in given])
+    return observe_whole(model, record, theta, np.array(states), included, sizes)
+
+
+def _seen(record: Record, name: str, y: Array, rng: np.random.Generator) -> Array:
+    """Readings of a sensor with its unknown errors and its noise."""
+    sensor = record.sensors[name]
+    if sensor.delay_sd > 0.0:
+        delay = np.array([sensor.delay_sd * rng.standard_normal()])
+        y = shifted(record, y[None, :], np.array([[0, record.samples - 1]]), delay)[0]
+    y = (1.0 + sensor.gain_sd * rng.standard_normal()) * y
+    y = y + sensor.offset_sd * rng.standard_normal()
+    noise = sensor_noise(record, name).without_rounding(sensor.quantum)
+    y = y + noise.draw(record.time, rng, y)
+    return np.round(y / sensor.quantum) * sensor.quantum if sensor.quantum > 0.0 else y
