@@ -6,7 +6,6 @@ This layer is between :mod:`feltmb.run.simulate`, which runs mechanisms, and :mo
 
 from feltmb.adapters.apply_effects import action_with_effects
 from feltmb.adapters.effects import effect_of
-from feltmb.adapters.impacts import ImpactModel, impact_record, load_impacts
 from feltmb.adapters.library import Entry, Library, load_library
 from feltmb.adapters.mechanism import mechanism_model
 from feltmb.adapters.model import MechanismModel
@@ -21,14 +20,11 @@ from feltmb.adapters.planned import (
 __all__ = [
     "STROKE_KINDS",
     "Entry",
-    "ImpactModel",
     "Library",
     "MechanismModel",
     "action_with_effects",
     "effect_of",
     "finger_limits",
-    "impact_record",
-    "load_impacts",
     "load_library",
     "mechanism_model",
     "planned_strokes",

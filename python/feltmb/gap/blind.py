@@ -21,17 +21,16 @@ from feltmb.data import Array, Record
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import Store, digest_of, make_folder, package_digest
 from feltmb.fit.model import Candidate, Effect, Model
-from feltmb.fit.observe import observe_whole
+from feltmb.fit.observe import observe
 from feltmb.fit.shift import shifted
 from feltmb.gap.diagnose import diagnose
 from feltmb.gap.fit import empty_point
 from feltmb.gap.linear import Ask, start_states, theta_at
 from feltmb.gap.options import Options
 from feltmb.gap.problem import Problem
-from feltmb.gap.records import prepare, sensor_noise
+from feltmb.gap.records import prepare, noise_of_channel, split_records
 from feltmb.gap.result import Result, Verdict
 from feltmb.gap.search import SEARCH, model_alone
-from feltmb.gap.split import split_records
 
 __all__ = ["OUTCOMES", "Case", "Withheld", "withhold"]
 
@@ -177,7 +176,7 @@ def withhold(
         raise InvalidParameter(f"only: no effect {unknown}; there are {', '.join(known) or 'none'}")
     if total < 1 or seed < 0:
         raise InvalidParameter(f"cases = {total}, seed = {seed}: expected >= 1 and >= 0")
-    split_records(records, hold_out, masked=True)
+    split_records(records, hold_out)
     machine = _machine(model, effects, records, options or Options())
     store = None if folder is None else Store(make_folder(folder))
     done: list[Case] = []
@@ -258,8 +257,7 @@ class _Machine:
         self, theta: Array, given: _Given, rng: np.random.Generator
     ) -> tuple[list[Record], float]:
         """Records of a machine with an effect, and the signal-to-noise ratio of the effect."""
-        included, sizes = tuple(c for c, _ in given), np.array([size for _, size in given])
-        model = self.problem.model.with_variability_at(theta, included, sizes)
+        model = self.problem.model
         shown, square = [], 0.0
         for observed, known in zip(self.problem.fit, self.starts, strict=True):
             record, start = observed.record, known.copy()
@@ -277,7 +275,7 @@ class _Machine:
                         f"record {record.name}: the machine gives no number for {name} at drawn "
                         "parameters"
                     )
-                change = (y[:, c] - clean[:, c]) / sensor_noise(record, name).sd(clean[:, c])
+                change = (y[:, c] - clean[:, c]) / noise_of_channel(record, name).sd(clean[:, c])
                 square += float(np.sum(change[measured] ** 2))
                 outputs[name] = np.where(measured, _seen(record, name, y[:, c], rng), np.nan)
             # The noise of an input is a part of the run-to-run variability of some models.
@@ -314,11 +312,7 @@ def _machine(
                     f"record {r.name}: nothing was measured of {n}, and its sensor has no noise; "
                     "expected sigma, or a measured record"
                 )
-    model.forget()
-    # The diagnosis splits the records; here all are fitted, and a copy is the held-out record.
-    copy = [replace(r, name=f"{r.name} once more") for r in records[:1]]
-    every = [replace(r, role="fit") for r in (*records, *copy)]
-    problem = prepare(model, effects, every, [r.name for r in copy], options)
+    problem = prepare(model, effects, records, (), options)
     planned = not problem.motion.any()
     point = empty_point(problem, (), problem.fit) if planned else model_alone(problem).point
     ask = Ask((), point, problem.fit)
@@ -340,7 +334,7 @@ def _outputs(model: Model, record: Record, theta: Array, start: Array, given: _G
     included = tuple(c for c, _ in given)
     states = [*start, *(s.start for s in model.states(included)[start.size :])]
     sizes = np.array([size for _, size in given])
-    return observe_whole(model, record, theta, np.array(states), included, sizes)
+    return observe(model, record, theta, np.array(states), included, sizes)
 
 
 def _seen(record: Record, name: str, y: Array, rng: np.random.Generator) -> Array:
@@ -348,9 +342,9 @@ def _seen(record: Record, name: str, y: Array, rng: np.random.Generator) -> Arra
     sensor = record.sensors[name]
     if sensor.delay_sd > 0.0:
         delay = np.array([sensor.delay_sd * rng.standard_normal()])
-        y = shifted(record, y[None, :], np.array([[0, record.samples - 1]]), delay)[0]
+        y = shifted(record, y[None, :], delay)[0]
     y = (1.0 + sensor.gain_sd * rng.standard_normal()) * y
     y = y + sensor.offset_sd * rng.standard_normal()
-    noise = sensor_noise(record, name).without_rounding(sensor.quantum)
+    noise = noise_of_channel(record, name).without_rounding(sensor.quantum)
     y = y + noise.draw(record.time, rng, y)
     return np.round(y / sensor.quantum) * sensor.quantum if sensor.quantum > 0.0 else y

@@ -24,7 +24,7 @@ from feltmb.gap.problem import (
     spread,
 )
 
-__all__ = ["causes_of", "prepare", "problem_of", "sensor_noise", "split_records"]
+__all__ = ["causes_of", "noise_of_channel", "prepare", "problem_of", "split_records"]
 
 #: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
 #: zero of a sensor in each record [1].
@@ -188,7 +188,7 @@ def _observed(model: Model, record: Record, names: Sequence[str]) -> Observed:
         if not valid[:, c].any():
             continue
         sensor = record.sensors[name]
-        sd[:, c] = sensor_noise(record, name).sd_of_measured(record.time, values[:, c])
+        sd[:, c] = noise_of_channel(record, name).sd_of_measured(record.time, values[:, c])
         for kind, scale in (
             ("gain", sensor.gain_sd),
             ("offset", sensor.offset_sd),
@@ -199,8 +199,16 @@ def _observed(model: Model, record: Record, names: Sequence[str]) -> Observed:
     return Observed(record, np.where(valid, values, 0.0), valid, sd, tuple(local))
 
 
-def sensor_noise(record: Record, name: str) -> Noise:
-    """Noise of a channel: stated, or estimated from the differences of neighboring samples."""
+def noise_of_channel(record: Record, name: str) -> Noise:
+    """Noise of a channel: stated, or estimated from the differences of neighboring samples.
+
+    Parameters
+    ----------
+    record
+        Record with the channel.
+    name
+        Name of an output of the record.
+    """
     sensor, values = record.sensors[name], record.outputs[name]
     sigma = sensor.sigma
     if sigma is None:

@@ -180,9 +180,9 @@ def _remains(result: Result) -> str:
         if c.explained <= NOISE * c.noise:
             return "Nothing but the noise of the sensor remains."
         return f"The rest, {_times(c) or _part(c, c.explained)}, does not matter."
-    c = max(material, key=lambda c: c.explained / c.good_enough)
+    c = max(material, key=lambda c: c.explained / c.limit)
     more = f" (and {len(material) - 1} more)" if len(material) > 1 else ""
-    enough = _part(c, c.good_enough)
+    enough = _part(c, c.limit)
     return (
         f"The rest matters: {_part(c, c.explained)} of {c.name}{more}"
         f"{', ' * bool(_times(c))}{_times(c)}; {enough} would be good enough."

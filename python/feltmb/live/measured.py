@@ -22,9 +22,9 @@ from feltmb.data.columns import MEASURED_FILES, Columns, read_columns
 from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.fit import Progress
-from feltmb.gap import Belief, check, diagnose
-from feltmb.gap.report import Report, plain
+from feltmb.experiment import Belief
+from feltmb.fit import Effect
+from feltmb.gap import Named, Options, ParameterValue, Progress, Report, Stop, check, diagnose
 from feltmb.graphics.viewer.packing import pack_columns, pack_times
 from feltmb.live.knobs import Bench
 from feltmb.live.proposals import Abandoned, propose
@@ -39,6 +39,8 @@ MOST_FILES = 12
 MOST_KEPT = 60_000_000
 #: Number of samples of a curve, number of drawn records, interval of progress messages [s].
 MOST_SAMPLES, MOST_RECORDS, TELL_EVERY = 1500, 6, 0.3
+#: Number of told parameters and of told candidates; smallest probability of a candidate [1].
+MOST_ROWS, LEAST = 8, 0.01
 
 Text = Annotated[str, Field(max_length=200)]
 
@@ -62,7 +64,7 @@ class _Asked(BaseModel):
     files: Annotated[list[Text], Field(max_length=MOST_FILES)] = []
     reading: _Reading = _Reading()
     turned: Turned = Turned()
-    budget: Annotated[float, Field(gt=0, le=7200)] = 300.0
+    seconds: Annotated[float, Field(gt=0, le=7200)] = 300.0
 
 
 class _Shelved(NamedTuple):
@@ -259,7 +261,7 @@ class Measured:
             }
             for r in found.rows
         ]
-        notes = [self._named(n) for n in found.told]
+        notes = [self._named(n) for n in found.notes]
         return {"records": records, "rows": rows, "notes": list(dict.fromkeys(notes))[:12]}
 
     async def _diagnose(self, asked: _Asked) -> None:
@@ -267,29 +269,25 @@ class Measured:
         bench = self._bench()
         last = [0.0]
 
-        def progress(p: Progress) -> None:
+        def tell(p: Progress) -> None:
+            if self._stop:
+                raise Stop
             now = time.monotonic()
             if now - last[0] < TELL_EVERY:
                 return
             last[0] = now
-            message = {"on": "diagnosing", **plain(p)}
+            left = p.left if math.isfinite(p.left) else None
+            message = {"on": "diagnosing", "stage": p.stage, "share": p.share, "left": left}
             loop.call_soon_threadsafe(self._tell, "diagnosing", message)
 
         def work() -> dict[str, Any]:
             model, effects = mechanism_model(asked.turned.action(bench))
+            options = Options(seconds=asked.seconds)
             report = diagnose(
-                model,
-                effects,
-                self._records(asked, model),
-                progress=progress,
-                budget=asked.budget,
-                stop=lambda: self._stop,
+                model, effects, self._records(asked, model), options=options, tell=tell
             )
-            # A stopped diagnosis has not tested all effects.
-            if not report.stopped:
-                belief = Belief.of_report({"which": plain(report.which)})
-                self._believed = (_state(asked, bench), belief)
-            return told(report, bench)
+            self._believed = (_state(asked, bench), Belief.of_report(report))
+            return told(report, effects, bench) | {"stopped": self._stop}
 
         await self._answer("diagnosis", work)
 
@@ -321,6 +319,8 @@ class Measured:
             found = await asyncio.to_thread(work)
         except Abandoned:
             found = {"rows": [], "stopped": True}
+        except Stop:
+            found = {"fault": "stopped before the model was fitted to the records"}
         except Exception as error:  # otherwise the page would wait forever
             found = self._fault(error)
         self._tell(on, {"on": on, **found})
@@ -339,45 +339,82 @@ def _state(asked: _Asked, bench: Bench) -> Any:
     return (asked.files, asked.reading, asked.turned, bench.action.hash)
 
 
-def told(report: Report, bench: Bench) -> dict[str, Any]:
-    """A report for the page: verdict, candidates with their knobs, places with their shares."""
-    ranked = sorted(report.which.effects, key=lambda r: -r.posterior)[:10]
+def told(report: Report, effects: Sequence[Effect], bench: Bench) -> dict[str, Any]:
+    """A report for the page: what is told, parameters that moved, candidates, colors of parts.
+
+    Parameters
+    ----------
+    report
+        Result of the diagnosis.
+    effects
+        Effects that it considered.
+    bench
+        Mechanism of the page, whose knobs change some of the numbers.
+    """
+    causes = [(n, f"{n.probability:.0%} probable") for n in report.named]
+    causes += [(n, f"one of {len(group)}") for group in report.classes for n in group]
+    known = {n.cause for n, _ in causes}
+    moved = [p for p in report.parameters if not p.low <= p.tabulated <= p.high]
+    moved.sort(key=_tolerances, reverse=True)
+    chances: dict[str, float] = {}
+    for s in report.sets:
+        for name in set(s.causes) - known:
+            chances[name] = chances.get(name, 0.0) + s.probability
+    others = sorted(((v, n) for n, v in chances.items() if v >= LEAST), reverse=True)
+    mechanism = {e.name: e.mechanism for e in effects}
+    tabulated = {p.name: p.tabulated for p in report.parameters}
     return {
-        "verdict": report.verdict.value,
-        "statement": report.statement,
-        "named": list(report.named),
-        "calibrated": [
-            {
-                "effect": c.part or c.name,
-                "magnitude": plain(c.value - c.tabulated),
-                "unit": c.unit,
-                "share": plain(c.share),
-                "text": c.text,
-                "knob": knob_of(bench, c.name),
-            }
-            for c in report.calibrated
+        "verdict": report.verdict.value.capitalize(),
+        "statement": report.summary(),
+        "reasons": [reason.value for reason in report.reasons],
+        "causes": [
+            _row(bench, n.cause, n.unit, how, ". ".join(filter(None, (n.mechanism, n.remedy))))
+            | _numbers(n, n.magnitude, tabulated[n.cause] if n.parameter else 0.0)
+            for n, how in causes
+        ],
+        "parameters": [
+            _row(bench, p.name, p.unit, f"{_tolerances(p):.2g} tolerances", p.title)
+            | _numbers(p, p.value, p.tabulated)
+            for p in moved[:MOST_ROWS]
+            if p.name not in known
         ],
         "candidates": [
-            {
-                "effect": r.effect,
-                "component": r.component,
-                "mechanism": r.mechanism,
-                "magnitude": plain(r.magnitude),
-                "unit": r.unit,
-                "posterior": plain(r.posterior),
-                "named": r.named,
-                "remedy": r.remedy,
-                "knob": knob_of(bench, r.effect),
-            }
-            for r in ranked
+            _row(bench, name, "", f"{value:.0%} probable", mechanism.get(name, ""))
+            for value, name in others[:MOST_ROWS]
         ],
-        "tint": tint_of(
-            bench,
-            [(c.component, c.explained) for c in report.where.components if c.significant]
-            + [(knob_of(bench, c.name) or c.component, c.share) for c in report.calibrated],
-        ),
-        "stopped": report.stopped,
+        "tint": tint_of(bench, _shares(report, moved, bench)),
     }
+
+
+def _tolerances(p: ParameterValue) -> float:
+    """Change of a parameter in standard deviations of its prior [1]."""
+    return abs(p.value - p.tabulated) / p.sd if p.sd > 0.0 else 0.0
+
+
+def _row(bench: Bench, name: str, unit: str, how: str, text: str) -> dict[str, Any]:
+    return {"effect": name, "unit": unit, "how": how, "text": text, "knob": knob_of(bench, name)}
+
+
+def _numbers(x: Named | ParameterValue, value: float, zero: float) -> dict[str, float | None]:
+    """Change that a knob applies, with its 95 % interval."""
+    found = {"magnitude": value - zero, "low": x.low - zero, "high": x.high - zero}
+    return {k: v if math.isfinite(v) else None for k, v in found.items()}
+
+
+def _shares(
+    report: Report, moved: Sequence[ParameterValue], bench: Bench
+) -> list[tuple[str, float]]:
+    """Places with the share that they take away from the residual of the worst channel."""
+    c = report.worst
+    total = c.tabulated if 0.0 < c.tabulated < math.inf else max(c.calibrated, 1e-300)
+    most = max(map(_tolerances, moved), default=0.0) or 1.0
+    fitted = 1.0 - c.calibrated / total
+    found = [(knob_of(bench, p.name), fitted * _tolerances(p) / most) for p in moved]
+    told = (*report.named, *(n for group in report.classes for n in group))
+    taken = (c.calibrated - c.explained) / total
+    found += [(knob_of(bench, n.cause) or n.component, taken) for n in told]
+    k = report.channels.index(c)
+    return found + [(p.name, (c.explained - p.left[k]) / total) for p in report.places]
 
 
 def knob_of(bench: Bench, effect: str) -> str:

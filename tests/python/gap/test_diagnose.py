@@ -21,6 +21,7 @@ from feltmb.gap import (
 )
 from feltmb.gap.diagnose import diagnose
 from feltmb.gap.options import Options
+from feltmb.gap.progress import Stop
 from feltmb.gap.result import Reason, Verdict
 
 from .conftest import spring_record

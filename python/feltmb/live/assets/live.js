@@ -959,7 +959,7 @@ class Live {
         this.measure();
       }, {"aria-label": `remove ${f.name}`}), " "))),
       element("details", {}, element("summary", {}, "columns"), rows),
-      element("p", {}, button("Diagnose", () => this.diagnose()), " for at most ", this.budget = element("input",
+      element("p", {}, button("Diagnose", () => this.diagnose()), " for at most ", this.minutes = element("input",
         {type: "number", class: "minutes", min: "0.5", max: "120", step: "any", value: "5", "aria-label": "minutes of a diagnosis"}),
         " minutes ", button("Stop", () => this.line.send({do: "stop"})),
         " ", this.diagnosing_ = element("span", {class: "hint", role: "status"})));
@@ -1006,7 +1006,7 @@ class Live {
 
   diagnose() {
     this.line.send({do: "diagnose", id: this.id, turned: this.turned(), reading: this.reading || {},
-      files: this.hello.files.map(f => f.file), budget: 60 * Number(this.budget.value || 5)});
+      files: this.hello.files.map(f => f.file), seconds: 60 * Number(this.minutes.value || 5)});
   }
 
   // Strokes that would tell most of what is not known yet; a click plays one.
@@ -1040,8 +1040,8 @@ class Live {
   }
 
   diagnosing(m) {
-    if (this.diagnosing_) this.diagnosing_.textContent = [m.stage, `${m.simulations} simulations`,
-      m.left ? `at least ${round(m.left, 2)} s left` : "", m.detail].filter(t => t).join(", ");
+    if (this.diagnosing_) this.diagnosing_.textContent = [m.stage.replace("_", " "), `${round(100 * m.share, 2)} % done`,
+      m.left ? `about ${round(m.left, 2)} s left` : ""].filter(t => t).join(", ");
   }
 
   diagnosed(m) {
@@ -1054,19 +1054,20 @@ class Live {
       this.change("apply " + c.knob, n => { n.knobs[c.knob] = (n.knobs[c.knob] || 0) + c.magnitude; });
       this.fillTurn();
     });
-    const row = (c, share, text) => {
-      const [factor, unit] = READER[c.unit] || [1, c.unit];
-      table.insertRow().append(element("td", {}, c.named ? element("b", {}, c.effect) : c.effect),
-        element("td", {class: "n"}, Number.isFinite(c.magnitude) ? `${round(factor * c.magnitude, 3)} ${unit}` : "–"),
-        element("td", {class: "n"}, share), element("td", {}, apply(c)), element("td", {class: "hint"}, text));
+    const row = (c, told) => {
+      const [factor, unit] = READER[c.unit] || [1, c.unit], number = x => Number.isFinite(x) ? round(factor * x, 3) : "–";
+      table.insertRow().append(element("td", {}, told ? element("b", {}, c.effect) : c.effect),
+        element("td", {class: "n"}, Number.isFinite(c.magnitude) ? `${number(c.magnitude)} ${unit} (${number(c.low)} to ${number(c.high)})` : "–"),
+        element("td", {class: "n"}, c.how), element("td", {}, apply(c)), element("td", {class: "hint"}, c.text));
     };
-    for (const c of m.calibrated) row(c, Number.isFinite(c.share) ? `${round(100 * c.share, 3)} % of the gap` : "", c.text);
-    for (const c of m.candidates) row(c, `${round(100 * c.posterior, 3)} % probable`, c.mechanism);
+    for (const c of m.causes) row(c, true);
+    for (const c of [...m.parameters, ...m.candidates]) row(c, false);
     if (this.viewer?.stage) { this.viewer.stage.tint = m.tint; this.viewer.render(); }
-    this.diagnosisBox.replaceChildren(element("h3", {}, m.verdict), element("p", {}, m.statement), table,
-      element("p", {class: "hint"}, "The parts are colored by their share of the gap. ",
+    this.diagnosisBox.replaceChildren(element("h3", {}, m.verdict), element("p", {}, m.statement),
+      ...m.reasons.map(text => element("p", {class: "hint"}, text)), table,
+      element("p", {class: "hint"}, "The parts are colored by the share of the gap that they take away. ",
         button("Clear colors", () => { this.viewer.stage.tint = null; this.viewer.render(); })),
-      m.stopped ? element("p", {class: "hint"}, "stopped in " + m.stopped) : "");
+      m.stopped ? element("p", {class: "hint"}, "Stopped: the answer is that of the fits so far.") : "");
   }
 }
 
