@@ -42,7 +42,7 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
         ),
         (
             "Library of effects",
-            "[Diagnosis of the action](../../explanation/gap-action.md#your-own-library).",
+            "[Effects of the action](../gap-effects.md#your-own-library).",
             LibraryFile,
         ),
     ]

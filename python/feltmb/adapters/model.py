@@ -28,7 +28,7 @@ from feltmb.adapters.unreached import unreached
 from feltmb.adapters.variability import RunVariability, variability_of
 from feltmb.adapters.writing import write_mechanism
 from feltmb.data import Array, Record
-from feltmb.errors import InvalidParameter
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import (
     VARIABILITY,
     Candidate,
@@ -44,6 +44,9 @@ from feltmb.fit import (
 from feltmb.mechanism import Action
 
 __all__ = ["MechanismModel"]
+
+#: Longest record [s]; the simulation of a wrong clock would take minutes.
+LONGEST = 20.0
 
 
 class MechanismModel(Model):
@@ -182,6 +185,12 @@ class MechanismModel(Model):
             return out
 
         for record in records:
+            if (lasts := float(np.ptp(record.time))) > LONGEST:
+                raise DataError(
+                    f"record {record.name}: lasts {lasts:.4g} s, expected a stroke of at most "
+                    f"{LONGEST:g} s: is the unit of its time another one (--unit time=ms, unit of "
+                    "the time in the TOML file)?"
+                )
             record, said = self._referred(record)
             notes += said
             record = with_noise(record, notes)

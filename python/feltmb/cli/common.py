@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from feltmb.action.actuator import Actuator
-    from feltmb.fit import Progress
+    from feltmb.gap import Progress
     from feltmb.mechanism import Action
 
 __all__ = [
@@ -164,8 +164,21 @@ def redraw(text: str, *, end: bool = False) -> None:
     click.echo(f"\r\x1b[2K{printable(text)}", nl=end, err=True)
 
 
+#: Stages of a diagnosis in words.
+STAGES = {
+    "prepare": "prepares the records",
+    "fit": "fits the model",
+    "search": "searches causes",
+    "exchange": "tries to exchange causes",
+    "held_out": "predicts the held-out records",
+    "judge": "judges",
+    "locate": "looks where something is left",
+    "done": "done",
+}
+
+
 class ProgressLine:
-    """Progress of a fit or diagnosis on stderr.
+    """Progress of a diagnosis on stderr.
 
     On a terminal, one line is rewritten; elsewhere, one line per stage and one every half a minute
     is printed.
@@ -173,47 +186,24 @@ class ProgressLine:
 
     def __init__(self) -> None:
         self._stage = ""
-        self._estimate = ""
         self._next = 0.0
-        self._lock = threading.Lock()
 
     def __call__(self, p: Progress) -> None:
         """Show the progress."""
-        with self._lock:
-            if p.notice:
-                if is_terminal():
-                    redraw("")
-                say(f"feltmb: {p.notice}", err=True)
-            if is_terminal():
-                redraw(self.text(p)[: max(console(stderr=True).width - 1, 20)])
-            elif p.stage != self._stage or p.elapsed >= self._next or self._is_estimate(p):
-                self._next = p.elapsed + 30.0
-                say(f"feltmb: {self.text(p)}", err=True)
-            self._stage = p.stage
-
-    def _is_estimate(self, p: Progress) -> bool:
-        """Whether it has the estimate of the work, which is always shown."""
-        new = p.stage == "checks of the data" and p.detail not in ("", self._estimate)
-        if new:
-            self._estimate = p.detail
-        return new
+        if is_terminal():
+            redraw(self.text(p)[: max(console(stderr=True).width - 1, 20)])
+        elif p.stage not in (self._stage, "done") or p.elapsed >= self._next:
+            self._next = p.elapsed + 30.0
+            say(f"feltmb: {self.text(p)}", err=True)
+        self._stage = p.stage
 
     @staticmethod
     def text(p: Progress) -> str:
         """The line; the most important parts come first, because its end may be cut."""
-        parts = [p.stage]
-        if p.simulations:
-            about = f" of at least {p.about}" if p.about else ""
-            parts.append(f"{p.simulations}{about} simulations")
-        if p.misfit is not None:
-            parts.append(f"misfit {p.misfit:.3g}")
-        parts.append(duration(p.elapsed))
-        if p.left is not None and p.left_most is not None:
-            least, most = duration(p.left), duration(p.left_most)
-            parts.append(f"at most {most} left" if least == most else f"{least} to {most} left")
-        elif p.left is not None:
-            parts.append(f"at least {duration(p.left)} left")
-        return ", ".join(parts) + (f": {p.detail}" if p.detail else "")
+        parts = [STAGES.get(p.stage, p.stage), f"{p.share:.0%}", duration(p.elapsed)]
+        if math.isfinite(p.left) and p.stage != "done":
+            parts.append(f"about {duration(p.left)} left")
+        return ", ".join(parts)
 
     def close(self) -> None:
         """Clear the line."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -20,15 +21,14 @@ from feltmb.cli.common import (
     print_json,
     save_figure,
     say,
-    say_written,
 )
 from feltmb.cli.completing import actions
 from feltmb.cli.gap_reading import reading_options
-from feltmb.errors import DataError, InvalidParameter
+from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from feltmb.data import ReadOptions, Record
-    from feltmb.gap import DataChecks, GapBefore, GapBeforeRow
+    from feltmb.gap import Comparison
 
 __all__ = ["command"]
 
@@ -44,13 +44,6 @@ __all__ = ["command"]
     type=click.Path(path_type=Path),
     help="Draw records, model and difference: .png, .pdf or .svg.",
 )
-@click.option(
-    "--html",
-    "html_page",
-    metavar="PAGE",
-    type=click.Path(path_type=Path),
-    help="Write a page that shows records and model together, as in feltmb view.",
-)
 @reading_options
 @model_set_option
 @json_option
@@ -58,64 +51,49 @@ __all__ = ["command"]
 def command(
     model_and_data: tuple[str, ...],
     picture: Path | None,
-    html_page: Path | None,
     reading: ReadOptions,
     settings: tuple[str, ...],
     as_json: bool,
     force: bool,
 ) -> None:
-    """Check measured DATA: clocks, units, noise, repeatability.
+    """Check measured DATA: clocks, units, codes for missing values, spikes.
 
-    With MODEL (as in `gap diagnose`), also simulate each record with the tabulated numbers and show
-    the difference between record and model before any fit.
+    With MODEL (as in `gap diagnose`), also simulate each record with the tabulated numbers, show
+    the difference between record and model before any fit, and tell a unit, sign, clock or order
+    of columns that would explain it.
     """
-    from feltmb.gap.checks import check_records
-    from feltmb.gap.report import plain
-
     name, data = _split(model_and_data)
-    check_targets(html_page, pictures=(picture,), force=force)
-    if html_page is not None and html_page.suffix.lower() not in (".html", ".htm"):
-        raise InvalidParameter(f"--html {html_page}: expected a name that ends in .html")
+    check_targets(pictures=(picture,), force=force)
     if name is None:
-        if picture is not None or html_page is not None or settings:
-            raise InvalidParameter(
-                "gap check: --out, --html and --set need a MODEL before the data"
-            )
+        if picture is not None or settings:
+            raise InvalidParameter("gap check: --out and --set need a MODEL before the data")
         from feltmb.data.files import read_each
+        from feltmb.gap.data_check import check_records
 
         records = [r for group in read_each(data, options=reading) for r in group]
-        checks = check_records(records)
+        notes = check_records(records)
         if as_json:
-            print_json(plain(checks))
+            print_json({"channels": _channels(records), "notes": notes})
         else:
-            _print_checks(checks)
-            _print_warnings(checks.told)
-        _refuse(checks)
+            _print_channels(records)
+            _print_notes(notes)
         return
     from feltmb.cli.gap_models import load_adapter
     from feltmb.gap import check
 
     adapter = load_adapter(name, settings)
-    records = list(adapter.read(data, reading))
-    checks = check_records(records, adapter.model.outputs)
-    if checks.problems and not as_json:
-        _print_checks(checks)
-    _refuse(checks)
-    found = check(adapter.model, records)
+    found = check(adapter.model, adapter.read(data, reading))
+    hints = [h.text for h in found.hints]
     if as_json:
-        print_json({"checks": plain(found.checks), "gap": plain(found.rows), "notes": found.notes})
+        rows = [_plain(r) for r in found.frame.to_dict("records")]
+        print_json({"rows": rows, "hints": [asdict(h) for h in found.hints], "notes": found.notes})
     else:
-        _print_checks(found.checks)
+        _print_channels(found.records)
         _print_inputs(found.records, adapter.model.units)
-        _print_gap(found)
-        _print_warnings(found.told)
+        _print_comparison(found)
+        _print_notes([*found.notes, *hints])
     if picture is not None:
         save_figure(found.plot(), picture, force=force)
-    if html_page is not None:
-        from feltmb.cli.gap_curves import overlay_page
-        from feltmb.files import write_text
-
-        say_written(write_text(html_page, overlay_page(found), force=force))
 
 
 def _split(given: Sequence[str]) -> tuple[str | None, list[Path]]:
@@ -132,39 +110,41 @@ def _split(given: Sequence[str]) -> tuple[str | None, list[Path]]:
     return given[0], [Path(g) for g in given[1:]]
 
 
-def _refuse(checks: DataChecks) -> None:
-    if checks.problems:
-        raise DataError("records: " + "; ".join(checks.problems))
+def _channels(records: Sequence[Record]) -> list[dict[str, Any]]:
+    """Numbers of each channel of each record."""
+    import numpy as np
+
+    from feltmb.gap.records import noise_of_channel
+
+    rows = []
+    for r in records:
+        for name, values in r.outputs.items():
+            known = values[np.isfinite(values)]
+            rows.append({
+                "record": r.name, "channel": name, "unit": r.sensors[name].unit,
+                "samples": known.size, "missing": 1.0 - known.size / values.size,
+                "motion": float(np.std(known)) if known.size else 0.0,
+                "noise": noise_of_channel(r, name).sigma,
+                "stated": r.sensors[name].sigma is not None,
+            })  # fmt: skip
+    return rows
 
 
-def _print_checks(checks: DataChecks) -> None:
+def _plain(row: Mapping[Any, Any]) -> dict[str, Any]:
+    """A row with None where a number is not known."""
+    return {str(k): None if isinstance(v, float) and not isfinite(v) else v for k, v in row.items()}
+
+
+def _print_channels(records: Sequence[Record]) -> None:
     table = new_table(
-        "channels",
-        "record",
-        "channel",
-        "unit",
-        "samples",
-        "missing",
-        "spread",
-        "noise",
-        "from",
-        right=(3, 4, 5, 6),
-        whole=(0, 1, 6),
-    )
-    for c in checks.channels:
-        table.add_row(
-            c.record,
-            c.channel,
-            c.unit,
-            str(c.samples),
-            f"{c.missing:.0%}",
-            f"{c.spread:.4g}",
-            f"{c.sigma:.2g}" + (f" + {100.0 * c.relative:.2g}%" if c.relative else ""),
-            c.method,
-        )
+        "channels", "record", "channel", "unit", "samples", "missing", "motion", "noise", "from",
+        right=(3, 4, 5, 6), whole=(0, 1, 6),
+    )  # fmt: skip
+    for c in _channels(records):
+        numbers = [str(c["samples"]), f"{c['missing']:.0%}", f"{c['motion']:.4g}"]
+        origin = "sensor" if c["stated"] else "estimate"
+        table.add_row(c["record"], c["channel"], c["unit"], *numbers, f"{c['noise']:.2g}", origin)
     console().print(table)
-    for label, channel, sd in checks.repeatability:
-        say(f"repeats {label}: {channel} differs by {sd:.3g}")
 
 
 def _print_inputs(records: Sequence[Record], units: Mapping[str, str]) -> None:
@@ -181,31 +161,25 @@ def _print_inputs(records: Sequence[Record], units: Mapping[str, str]) -> None:
         console().print(table)
 
 
-def _print_gap(found: GapBefore) -> None:
+def _print_comparison(found: Comparison) -> None:
     """Print a table for each record, because a table is as wide as a terminal."""
     for record in found.records:
         table = new_table(
             f"{record.name} - {found.model}, nothing fitted",
-            "channel",
-            "rms",
-            "largest",
-            "in noise",
-            "corr.",
-            "looks like",
-            right=(1, 2, 3, 4),
-            whole=(0, 1, 2, 3, 4),
-        )
+            "channel", "rms", "of motion", "in noise", "factor", "delay", "corr.",
+            right=(1, 2, 3, 4, 5, 6), whole=(0, 1, 2, 3, 4, 5, 6),
+        )  # fmt: skip
         for r in found.rows:
-            if r.record != record.name:
-                continue
-            table.add_row(
-                r.channel,
-                _size(r.rms, r.unit),
-                _size(r.largest, r.unit),
-                f"{r.in_noise:.3g}, {abs(r.largest_in_noise):.3g}",
-                f"{r.correlation:.3f}" if isfinite(r.correlation) else "",
-                _looks(r),
-            )
+            if r.record == record.name:
+                table.add_row(
+                    r.channel,
+                    _size(r.rms, r.unit),
+                    f"{r.share:.2g}",
+                    f"{r.in_noise:.3g}" if r.stated else "",
+                    f"{r.factor:.4g}",
+                    _size(r.delay, "s") if isfinite(r.delay) else "",
+                    f"{r.correlation:.3f}",
+                )
         console().print(table)
 
 
@@ -213,20 +187,6 @@ def _size(value: float, unit: str) -> str:
     return " ".join(pretty(value, unit)) if unit != "1" else f"{value:.4g}"
 
 
-def _looks(row: GapBeforeRow) -> str:
-    """Delay or factor that alone explains at least half of the squared difference, as text."""
-    from feltmb.units import readable_unit
-
-    texts = []
-    if isfinite(row.delay):
-        factor, unit = readable_unit(row.delay, "s")
-        size = f"{abs(factor * row.delay):.3g} {unit}"
-        texts.append(f"{size} {'late' if row.delay > 0 else 'early'}")
-    if isfinite(row.factor):
-        texts.append(f"{row.factor:.4g} times")
-    return "\n".join(texts)
-
-
-def _print_warnings(warnings: Sequence[str]) -> None:
-    for warning in warnings:
-        say(f"Warning: {warning}")
+def _print_notes(notes: Sequence[str]) -> None:
+    for note in notes:
+        say(f"Note: {note}")

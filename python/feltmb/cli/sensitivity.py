@@ -100,6 +100,7 @@ def command(
     """
     from feltmb.errors import InvalidParameter
     from feltmb.files import write_text
+    from feltmb.run.arrays import missing_number
     from feltmb.run.reading import summary_rows
     from feltmb.run.sensitivity import gradient
     from feltmb.run.stroke import load_stroke
@@ -123,15 +124,19 @@ def command(
     else:
         result = run()
     if number is None:
-        number = next((n for n in ("impact_speed", *result.summary) if n in result.summary), None)
+        known = [n for n in result.summary if n not in result.unknown] or list(result.summary)
+        number = next((n for n in ("impact_speed", *known) if n in known), None)
         if number is None:
             raise InvalidParameter(
                 f"stroke {stroke!r} of {mechanism.name!r} has no number to order by: [reading] of "
                 "the mechanism names no strike_contact and no key_point"
             )
     if number not in result.summary:
-        known = ", ".join(result.summary) or "none"
-        raise InvalidParameter(f"--number {number!r}: this stroke has {known}")
+        raise InvalidParameter(f"--number {missing_number(number, result.summary)}")
+    if number in result.unknown and not as_json:
+        raise InvalidParameter(
+            f"--number {number!r} has no derivative in this stroke: {result.unknown[number]}"
+        )
     effects = result.effects()
     words = {
         name: text.partition(" (")[0]

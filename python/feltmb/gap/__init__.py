@@ -26,8 +26,12 @@ from feltmb.fit import (
     State,
     including,
 )
+from feltmb.gap.beside import Compared
 from feltmb.gap.blind import OUTCOMES, Case, Withheld, withhold
+from feltmb.gap.compare import Comparison, check
 from feltmb.gap.diagnose import diagnose, fit_model
+from feltmb.gap.explained import Explained, explained_model
+from feltmb.gap.hints import Hint
 from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured
 from feltmb.gap.options import Options
 from feltmb.gap.progress import Progress, Stop
@@ -52,12 +56,16 @@ __all__ = [
     "Case",
     "Cell",
     "Channel",
+    "Compared",
+    "Comparison",
     "Coordinate",
     "Coupling",
     "Effect",
     "Event",
+    "Explained",
     "Exposed",
     "FunctionModel",
+    "Hint",
     "Jobs",
     "LinearModel",
     "Measured",
@@ -86,7 +94,9 @@ __all__ = [
     "Trace",
     "Verdict",
     "Withheld",
+    "check",
     "diagnose",
+    "explained_model",
     "fit_model",
     "including",
     "measured_toml",

@@ -1,15 +1,17 @@
-"""The diagnosis, step by step: prepare, fit, score, search, predict held-out records, judge."""
+"""The diagnosis, step by step: compare, prepare, fit, search, predict held-out records, judge."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from feltmb.data import Record
 from feltmb.fit.model import Effect, Model
+from feltmb.gap.compare import compared, refuse
 from feltmb.gap.options import Options
 from feltmb.gap.progress import Meter, Progress, Stop
-from feltmb.gap.records import prepare
+from feltmb.gap.records import prepare, ready_records
 from feltmb.gap.report import Report
 from feltmb.gap.search import SEARCH, search
 from feltmb.gap.variation import varies, with_variation
@@ -21,7 +23,7 @@ __all__ = ["diagnose", "fit_model"]
 def diagnose(
     model: Model,
     effects: Sequence[Effect],
-    records: Sequence[Record],
+    records: Sequence[Record] | Record,
     *,
     hold_out: Sequence[str] | str | None = None,
     options: Options | None = None,
@@ -70,7 +72,11 @@ def diagnose(
             raise Stop
 
     meter.stage("prepare")
-    problem = prepare(model, effects, records, hold_out, options)
+    ready = ready_records(model, records)
+    before = compared(ready)
+    refuse(before)
+    problem = prepare(ready.model, effects, ready.records, hold_out, options)
+    problem = replace(problem, notes=(*before.notes, *(h.text for h in before.hints)))
     if varies(problem):
         problem = with_variation(problem)
     meter.stage("fit")

@@ -5,20 +5,35 @@ from __future__ import annotations
 import io
 import itertools
 import re
+from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from feltmb.data import Array, Record
 from feltmb.gap.result import Result
-from feltmb.style import BLUE, GRAY, GREEN, NORMAL, RED, new_figure, plain_text, style_axes
+from feltmb.style import (
+    BLUE,
+    GRAY,
+    GREEN,
+    NORMAL,
+    ORANGE,
+    RED,
+    new_figure,
+    plain_text,
+    style_axes,
+)
+from feltmb.units import readable_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["correlation", "residuals", "steps", "svg", "told_set", "waterfall"]
+__all__ = ["comparison", "correlation", "residuals", "steps", "svg", "told_set", "waterfall"]
 
 WIDTH = 9.0  # inches
+#: Largest number of channels of a comparison.
+CHANNELS = 24
 #: Largest numbers of records, points of a curve, unknowns, and letters of a name in a figure.
 RECORDS, POINTS, UNKNOWNS, LETTERS = 6, 1200, 24, 44
 
@@ -173,4 +188,35 @@ def correlation(result: Result) -> Figure:
                 ink = "white" if abs(value) > 0.7 else "black"
                 ax.text(column, row, f"{value:.2f}"[-5:], color=ink, fontsize=5.5, ha="center",
                         va="center")  # fmt: skip
+    return figure
+
+
+def comparison(title: str, channels: Sequence[tuple[str, str, Record, Array, float]]) -> Figure:
+    """Records beside the model, and the difference; a row of panels for each channel.
+
+    Parameters
+    ----------
+    title
+        Title of the figure.
+    channels
+        Name, unit, record, values of the model, and noise [its unit] of each channel.
+    """
+    shown = channels[:CHANNELS]
+    figure = new_figure(WIDTH, 1.7 * max(len(shown), 1) + 0.6)
+    panels = figure.subplots(max(len(shown), 1), 2, squeeze=False, width_ratios=(3, 2))
+    for (left, right), (name, unit, record, model, noise) in zip(panels, shown, strict=False):
+        measured = record.outputs[name]
+        factor, own = readable_unit(float(np.nanmax(np.abs(measured))), unit)
+        label = "" if own == "1" else f" [{own}]"
+        style_axes(left, y=plain_text(f"{name}{label}"), title=plain_text(record.name))
+        left.plot(record.time, factor * measured, color=BLUE, lw=1.2, label="record")
+        left.plot(record.time, factor * model, color=ORANGE, lw=1.0, ls="--", label="model")
+        style_axes(right, y=plain_text(f"record - model{label}"))
+        right.axhspan(-2.0 * factor * noise, 2.0 * factor * noise, color=GREEN, alpha=0.18, lw=0)
+        right.plot(record.time, factor * (measured - model), color=BLUE, lw=0.9)
+    if shown:
+        panels[0, 0].legend(frameon=False, fontsize=NORMAL, loc="best")
+    for ax in panels[-1]:
+        ax.set_xlabel("time [s]", fontsize=NORMAL)
+    figure.suptitle(plain_text(title), fontsize=NORMAL, x=0.01, ha="left")
     return figure

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +11,9 @@ import numpy as np
 from feltmb.data import Record, Role
 from feltmb.data.smoothing import noise_of_record
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.fit.model import Effect, Model
-from feltmb.fit.noise import Noise, noise_of
+from feltmb.fit.model import Effect, Model, Ready
+from feltmb.fit.noise import Noise, noise_of, rounding_error
+from feltmb.gap.data_check import check_records
 from feltmb.gap.library import clock_rate
 from feltmb.gap.options import Options
 from feltmb.gap.problem import (
@@ -24,13 +25,77 @@ from feltmb.gap.problem import (
     spread,
 )
 
-__all__ = ["causes_of", "noise_of_channel", "prepare", "problem_of", "split_records"]
+__all__ = [
+    "causes_of",
+    "noise_of_channel",
+    "prepare",
+    "problem_of",
+    "ready_records",
+    "split_records",
+]
 
 #: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
 #: zero of a sensor in each record [1].
 WRONG_STATEMENT = 0.05
 #: Expected offset of a sensor in each record, as a share of the motion [1].
 OFFSET = 0.1
+
+
+def ready_records(model: Model, records: Sequence[Record] | Record) -> Ready:
+    """Model and records, checked and prepared, with notes about what was assumed.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    records
+        Measured runs; at least one.
+
+    Raises
+    ------
+    DataError
+        The faults because of which the records cannot be used, all in one message.
+    """
+    records = (records,) if isinstance(records, Record) else tuple(records)
+    notes = check_records(records, model)
+    records, told = _without_constant(records, model.outputs)
+    notes += told
+    ready = model.ready(records)
+    return replace(ready, notes=tuple(dict.fromkeys((*notes, *ready.notes))))
+
+
+def _without_constant(
+    records: Sequence[Record], outputs: Sequence[str]
+) -> tuple[tuple[Record, ...], list[str]]:
+    """Remove outputs without a stated noise that change in no record: their noise is not known."""
+    moves: dict[str, bool] = {}
+    for r in records:
+        for n in [n for n in r.outputs if n in outputs]:
+            y = r.outputs[n][np.isfinite(r.outputs[n])]
+            known = r.sensors[n].sigma is not None or not y.size
+            moves[n] = moves.get(n, False) or known or bool(np.ptp(y) > 0.0)
+    still = [n for n, v in moves.items() if not v]
+    for r in records:
+        if still and not {*r.outputs} & {*outputs} - {*still}:
+            raise DataError(
+                f"record {r.name}: {', '.join(still)}: never changes, so that its noise cannot be "
+                "estimated; expected sigma of its sensor, or a channel that changes"
+            )
+    kept = tuple(
+        replace(
+            r,
+            outputs={n: v for n, v in r.outputs.items() if n not in still},
+            sensors={n: v for n, v in r.sensors.items() if n not in still},
+        )
+        if still
+        else r
+        for r in records
+    )
+    return kept, [
+        f"{n}: never changes, so that its noise cannot be estimated: it is not used; state sigma "
+        "of its sensor to use it"
+        for n in still
+    ]
 
 
 def prepare(
@@ -61,7 +126,7 @@ def prepare(
         The model does not accept an effect, or no record shows an output of the model.
     """
     _check_effects(model, effects)
-    ready = model.ready(tuple(records))
+    ready = ready_records(model, records)
     fitted, held = split_records(ready.records, hold_out)
     return problem_of(ready.model, effects, fitted, held, options, ready.notes)
 
@@ -83,20 +148,22 @@ def problem_of(
     """
     shown = {n for r in fitted for n, y in r.outputs.items() if np.isfinite(y).any()}
     channels = tuple(i for i, n in enumerate(model.outputs) if n in shown)
-    if not channels:
-        raise DataError(
-            f"records: they show {', '.join(sorted(shown)) or 'nothing'}, expected an output of "
-            f"the model {model.name} ({', '.join(model.outputs)})"
-        )
     names = [model.outputs[c] for c in channels]
+    units = dict.fromkeys(u for r in ready.records for n, u in r.units.items() if n in names)
+    if unknown := [n for n in options.good_enough if n not in {*model.outputs, *units}]:
+        raise InvalidParameter(
+            f"good_enough: got {', '.join(unknown)}, expected an output "
+            f"({', '.join(model.outputs)}) or a unit of one ({', '.join(units)})"
+        )
     sensors = [r.sensors[n] for r in fitted for n in names if n in r.outputs]
-    observed = tuple(_observed(model, r, names) for r in fitted)
+    noise = _noise_levels(ready.records)
+    observed = tuple(_observed(model, r, names, noise) for r in fitted)
     of_records = _errors(model, effects, observed, names)
     return Problem(
         model=model,
         causes=causes_of(model, effects, options.missing, of_records),
         fit=observed,
-        held_out=tuple(_observed(model, r, names) for r in held),
+        held_out=tuple(_observed(model, r, names, noise) for r in held),
         channels=channels,
         exact=all(s.sigma is None for s in sensors),
         notes=notes,
@@ -178,7 +245,9 @@ def _check_effects(model: Model, effects: Sequence[Effect]) -> None:
         raise InvalidParameter("; ".join(faults))
 
 
-def _observed(model: Model, record: Record, names: Sequence[str]) -> Observed:
+def _observed(
+    model: Model, record: Record, names: Sequence[str], noise: Mapping[str, float]
+) -> Observed:
     """A record with the noise of its sensors and its unknowns."""
     values = record.output_array(names)
     valid = np.isfinite(values)
@@ -188,7 +257,8 @@ def _observed(model: Model, record: Record, names: Sequence[str]) -> Observed:
         if not valid[:, c].any():
             continue
         sensor = record.sensors[name]
-        sd[:, c] = noise_of_channel(record, name).sd_of_measured(record.time, values[:, c])
+        own = noise_of_channel(record, name, noise[name])
+        sd[:, c] = own.sd_of_measured(record.time, values[:, c])
         for kind, scale in (
             ("gain", sensor.gain_sd),
             ("offset", sensor.offset_sd),
@@ -199,8 +269,25 @@ def _observed(model: Model, record: Record, names: Sequence[str]) -> Observed:
     return Observed(record, np.where(valid, values, 0.0), valid, sd, tuple(local))
 
 
-def noise_of_channel(record: Record, name: str) -> Noise:
+def _noise_levels(records: Sequence[Record]) -> dict[str, float]:
+    """Noise of each channel, for a record in which it does not move [its unit].
+
+    Parameters
+    ----------
+    records
+        Measured runs.
+    """
+    found: dict[str, list[float]] = {}
+    for r in records:
+        for name in r.outputs:
+            found.setdefault(name, []).append(noise_of_channel(r, name).sigma)
+    return {name: max(values) for name, values in found.items()}
+
+
+def noise_of_channel(record: Record, name: str, others: float = 0.0) -> Noise:
     """Noise of a channel: stated, or estimated from the differences of neighboring samples.
+
+    An estimate is at least the rounding error of the smallest step between two values.
 
     Parameters
     ----------
@@ -208,14 +295,19 @@ def noise_of_channel(record: Record, name: str) -> Noise:
         Record with the channel.
     name
         Name of an output of the record.
+    others
+        Noise of the channel in other records, for one in which it does not move [its unit].
     """
     sensor, values = record.sensors[name], record.outputs[name]
     sigma = sensor.sigma
+    most = float(np.nanmax(np.abs(values), initial=0.0))
     if sigma is None:
+        steps = np.diff(np.unique(values[np.isfinite(values)]))
+        steps = steps[steps > 1e-9 * most]
         sigma = noise_of_record(values[np.isfinite(values)])
+        sigma = max(sigma, rounding_error(float(steps.min()))) if steps.size else others
     found = noise_of(sensor, sigma, sensor.quantum)
-    least = 1e-9 * (float(np.nanmax(np.abs(values))) or 1.0)
-    return replace(found, sigma=max(found.sigma, least))
+    return replace(found, sigma=max(found.sigma, 1e-9 * (most or 1.0)))
 
 
 def _starts(model: Model, record: Record) -> list[Local]:

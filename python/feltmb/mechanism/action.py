@@ -23,7 +23,7 @@ from feltmb.mechanism.checking import validate
 from feltmb.mechanism.numbers import Value, number_at
 from feltmb.mechanism.reading import load_raw, resolve
 from feltmb.mechanism.to_core import describe
-from feltmb.mechanism.values import apply_numbers, apply_values, plain_data
+from feltmb.mechanism.values import apply_numbers, apply_values, expand_path, plain_data
 from feltmb.units.quantity import (
     is_quantity,
 )
@@ -73,6 +73,7 @@ class Action:
             raise InvalidParameter(f"{origin}: {error}") from None
         self.origin = origin
         self._laws: dict[str, Law] = {}
+        self._doubts: dict[str, tuple[Value, str]] = {}
         self.config, self.mechanism = validate(self._raw, origin)
 
     def __repr__(self) -> str:
@@ -122,6 +123,11 @@ class Action:
         return tuple(self.mechanism.coordinates)
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """Sentences about changed numbers that may have been meant in the unit of the file."""
+        return tuple(text for _, text in self._doubts.values())
+
+    @property
     def raw(self) -> dict[str, Any]:
         """Copy of the tables of the file, with units and sources."""
         return copy.deepcopy(self._raw)
@@ -160,7 +166,7 @@ class Action:
         Parameters
         ----------
         path
-            A path as for :meth:`with_values`, without ``*``: ``"bodies.key.mass"``.
+            A path as for :meth:`with_values`, which names one number: ``"bodies.key.mass"``.
 
         Returns
         -------
@@ -171,9 +177,13 @@ class Action:
         Raises
         ------
         InvalidParameter
-            The path does not exist, or is no number.
+            The path does not exist, is no number, or names several.
         """
-        return number_at(self.config, path)
+        found = expand_path(self._raw, path)
+        if len(found) != 1:
+            names = ", ".join(".".join(parts) for parts in found[:20]) or "nothing"
+            raise InvalidParameter(f"value: {path!r} names {names}; expected one number")
+        return number_at(self.config, found[0])
 
     def with_values(self, values: Mapping[str, Any]) -> Action:
         """Copy with other values by dotted path.
@@ -193,8 +203,13 @@ class Action:
         InvalidParameter
             A path does not exist, or a value is out of range.
         """
+        from feltmb.mechanism.parameters import doubtful_values
+
         changed = self._with_numbers(values) or Action(
             apply_values(self._raw, values, "with_values"), self.origin
+        )
+        changed._doubts = doubtful_values(
+            self._raw, self.config, changed.config, values, self._doubts
         )
         return changed.with_laws(self._laws) if self._laws else changed
 
@@ -222,7 +237,7 @@ class Action:
                 raise InvalidParameter(f"with_laws: {key}: got {shown(own)}, expected a law")
         changed = Action.__new__(Action)
         changed._raw, changed.origin, changed.config = self._raw, self.origin, self.config
-        changed._laws = given
+        changed._laws, changed._doubts = given, self._doubts
         changed.mechanism = changed._assembled()
         return changed
 
@@ -250,7 +265,7 @@ class Action:
         except (ValidationError, InvalidParameter, ValueError, TypeError, KeyError):
             return None  # the complete check reports the fault
         changed = Action.__new__(Action)
-        changed._raw, changed.origin, changed._laws = raw, self.origin, {}
+        changed._raw, changed.origin, changed._laws, changed._doubts = raw, self.origin, {}, {}
         changed.config, changed.mechanism = config, mechanism
         return changed
 

@@ -130,17 +130,16 @@ class Value(NamedTuple):
     unit: str
 
 
-def number_at(config: BaseModel, path: str) -> Value:
-    """Number or vector at a path.
+def number_at(config: BaseModel, names: list[str]) -> Value:
+    """Number or vector at the parts of a path; ``value``, the number of a quantity, may be one.
 
     Raises
     ------
     InvalidParameter
         The path does not exist, or is a text, a flag or a table.
     """
-    names = path.split(".")
-    if names[0] not in type(config).model_fields and names[0] in getattr(config, "bodies", {}):
-        names = ["bodies", *names]
+    names = [name for name in names if name != "value"]
+    path = ".".join(names)
     node: Any = config
     parents: list[Any] = []
     for i, name in enumerate(names):

@@ -20,7 +20,7 @@ from feltmb import _core
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, describe, expand_path, parse_setting
-from feltmb.mechanism.numbers import AXES, Parameter, numbers_below
+from feltmb.mechanism.numbers import AXES, Parameter, Value, number_at, numbers_below
 from feltmb.mechanism.values import si_factor, split_operator
 from feltmb.units import conversion_factor, split_quantity, unit_suffix
 from feltmb.units.quantity import is_quantity, shortened
@@ -29,6 +29,7 @@ __all__ = [
     "Parameter",
     "all_parameters",
     "bare_numbers",
+    "doubtful_values",
     "find_parameters",
     "mechanism_with",
     "told_bare_numbers",
@@ -106,6 +107,48 @@ def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> 
             rule = f". A number without a unit is in SI units{_other_units(at)}" if ruled else ""
             told.append(f"{'; '.join(texts[:TOLD])}{more}{rule}")
     return told
+
+
+#: Factor by which a changed number may differ from the old one before its unit is doubted.
+DOUBTED = 10.0
+
+
+def doubtful_values(
+    raw: Mapping[str, Any],
+    before: BaseModel,
+    after: BaseModel,
+    values: Mapping[str, Any],
+    known: Mapping[str, tuple[Value, str]],
+) -> dict[str, tuple[Value, str]]:
+    """Numbers without a unit that may have been meant in that of the file.
+
+    They became more than ten times, or less than a tenth, of what they were in the model
+    ``before``, and the file has another unit than SI there. By path: the number that was, before
+    the changes that ``known`` has too, and a sentence.
+    """
+    out = dict(known)
+    for given, value in values.items():
+        name, operator = split_operator(given)
+        for parts in expand_path(raw, name):
+            path = ".".join(part for part in parts if part != "value")
+            was = out.pop(path, (None,))[0]
+            unit = _unit_in_file(raw, parts[:-1] if parts[-1] == "value" else parts)
+            bare = _is_bare(value) and operator != "*"
+            if not bare or not unit or si_factor(None, unit) == 1.0:
+                continue
+            was, now = was or number_at(before, parts), number_at(after, parts)
+            small, large = sorted(_size(v.value) for v in (was, now))
+            if large > DOUBTED * small:
+                text = (
+                    f"{path} = {_size(now.value):g} {now.unit} (was {_size(was.value):g} {was.unit}"
+                    f"). A number without a unit is in SI units; the file has {unit}"
+                )
+                out[path] = (was, text)
+    return out
+
+
+def _size(value: float | tuple[float, ...]) -> float:
+    return max(map(abs, value)) if isinstance(value, tuple) else abs(value)
 
 
 def _other_units(at: Iterable[tuple[Parameter, str]]) -> str:

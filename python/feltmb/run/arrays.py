@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
+
+from feltmb.errors import near_names, shown
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-__all__ = ["renamed", "summary_unit", "table_to_dataset"]
+__all__ = ["Numbers", "missing_number", "renamed", "summary_unit", "table_to_dataset"]
 
 #: Suffix of the name of a number in ``Run.summary`` -> its SI unit; other numbers are lengths.
 ENDINGS = (
@@ -41,6 +43,20 @@ def renamed(data: Any) -> Any:
     if not isinstance(data, str):
         return data
     return re.sub(rf"\b({'|'.join(_EARLIER)})(?=_time\b|\b)", lambda m: _EARLIER[m[0]], data)
+
+
+def missing_number(name: object, known: Iterable[str]) -> str:
+    """Message about a number that a summary does not have, with its present name if it had one."""
+    new = renamed(name)
+    hint = f"; the present name is {new!r}" if new != name else near_names(name, known)
+    return f"{shown(name)} is no number of this stroke{hint}; it has {', '.join(known) or 'none'}"
+
+
+class Numbers(dict[str, float]):
+    """Numbers of a run by name; a number that is missing is told with those that are there."""
+
+    def __missing__(self, name: str) -> float:
+        raise KeyError(missing_number(name, self))
 
 
 def summary_unit(name: str) -> str:

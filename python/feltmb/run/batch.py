@@ -98,9 +98,9 @@ def simulate_many(
                 else:
                     give(position, fault)
                 continue
-            under_way[begun] = (position, action, stroke, settings)
-            begun += 1
             mechanism, drive, start, monitors, memory = arguments
+            under_way[begun] = (position, action, stroke, settings, (start, memory))
+            begun += 1
             yield _core.BatchStroke(mechanism, drive, settings, start, monitors, memory)
 
     def give(position: int, outcome: Run | FeltmbError) -> None:
@@ -113,14 +113,14 @@ def simulate_many(
             going = False
 
     def hand_on(index: int, result: Any, failure: str) -> bool:
-        position, action, stroke, settings = under_way.pop(index)
+        position, action, stroke, settings, start = under_way.pop(index)
         if ordered:
             for earlier in sorted(p for p in faults if p < position):
                 give(earlier, faults.pop(earlier))
         if failure:
             give(position, ModelError(failure))
             return going
-        run = to_run(action, stroke, settings, result)
+        run = to_run(action, stroke, settings, result, start)
         if run.status == "done":
             give(position, run)
         elif run.status != "interrupted":

@@ -19,7 +19,7 @@ from feltmb.display import html_table, picture
 from feltmb.errors import DataError, InvalidParameter, no_such
 from feltmb.files import check_suffix, plain_text, write_file
 from feltmb.files.hdf5 import HDF5_FAULTS, open_hdf5
-from feltmb.run.arrays import renamed, summary_unit
+from feltmb.run.arrays import Numbers, renamed, summary_unit
 from feltmb.units.quantity import shortened
 
 if TYPE_CHECKING:
@@ -121,6 +121,7 @@ class Run:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_index", {name: i for i, name in enumerate(self.names)})
+        object.__setattr__(self, "summary", Numbers(self.summary))
 
     def __repr__(self) -> str:
         action = self.provenance.get("action", "?")

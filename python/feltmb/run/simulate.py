@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Evaluation", "evaluate", "simulate"]
 
+#: Beyond it, squares of an initial value or its energy are no numbers [SI].
+LARGEST = 1e9
 #: Compression at the start beyond that of the rest pose, above which it is told [m].
 PRESSED = 1e-5
 
@@ -170,7 +172,7 @@ def simulate(
     settings, arguments = prepare(action, stroke, chosen, start)
     mechanism, drive, y, monitors, memory = arguments
     result = _core.simulate(mechanism, drive, settings, y, monitors, progress, memory)
-    run = to_run(action, stroke, settings, result)
+    run = to_run(action, stroke, settings, result, (y, memory))
     pressed: list[str] = []
     if isinstance(start, Mapping):
         run.provenance["initial"] = {k: str(v) for k, v in start.items()}
@@ -227,7 +229,7 @@ def prepare(
     if roles.key_point is not None:
         names = action.mechanism.point_names
         options.lowest_points = [names.index(roles.key_point)]
-    if given.summary_only and not any(row.output for row in roles.rows.values()):
+    if given.summary_only:
         # One additional sample in case of rounding; the core rejects an invalid rate or duration.
         early = CHECK_WINDOW + 1.5 / options.output_rate if options.output_rate > 0.0 else 0.0
         options.outputs_from = max(0.0, options.duration - early)
@@ -345,6 +347,9 @@ def initial_values(action: Action, values: Mapping[str, float | str]) -> dict[in
             out[index] = parse_scalar(value, unit)
         except ValueError as error:
             faults.append(f"start: {name}: {error}")
+        else:
+            if not abs(out[index]) <= LARGEST:
+                faults.append(f"start: {name} = {value}, expected at most {LARGEST:g} {unit}")
     if faults:
         raise InvalidParameter("\n".join(faults))
     return out
@@ -389,11 +394,16 @@ def start_monitors(action: Action, y: Array | None = None) -> list[Any]:
     return monitors
 
 
-def to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
-    """Convert a result of the core to a run."""
+def to_run(
+    action: Action, stroke: Stroke, options: Any, result: Any, start: tuple[Any, Any]
+) -> Run:
+    """Convert a result of the core to a run; ``start``: its state and memory at the start."""
+    from feltmb.run.sensitivity.summary import row_values
+
     monitor_names = [name for name, rule in action.config.events.items() if rule.point is not None]
     changes = list_changes(action, result.events, monitor_names)
     named = name_events(changes, action.config.events)
+    when = {name: changes[i].time for name, i in named.items()}
     n = len(action.coordinates)
     modes = action.mechanism.total_modes
     energy = _energy(result)
@@ -452,7 +462,8 @@ def to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
         values=result.data,
         eta=states[:, 2 * n + laws : 2 * n + laws + modes],
         event_table=_event_table(action, changes, named, result),
-        summary=_summary(action, named, changes, result),
+        summary=_summary(action, named, changes, result)
+        | row_values(action, stroke.input, start, options, when, result.reached),
         energy=energy,
         stats=stats,
         provenance=provenance,
@@ -580,44 +591,7 @@ def _summary(
         if "check" in named:
             add_check(action, column, result, out)
     _add_key(action, result, out)
-    _add_rows(action, named, changes, result, out)
     return out
-
-
-def _add_rows(
-    action: Action,
-    named: Mapping[str, int],
-    changes: list[Change],
-    result: Any,
-    out: dict[str, float],
-) -> None:
-    """Add the rows of ``[reading]`` whose events happened."""
-    when = {name: changes[index].time for name, index in named.items()}
-    for name, row in action.config.reading.rows.items():
-        needed = [*(row.between or ()), row.at, row.after, row.before]
-        if any(event is not None and event not in when for event in needed):
-            continue
-        if row.output is None:
-            begin, end = row.between or (None, row.at)
-            out[name] = when[str(end)] - (0.0 if begin is None else when[begin])
-            continue
-        values = result.data[:, result.names.index(row.output)]
-        if row.at is not None:
-            out[name] = float(np.interp(when[row.at], result.time, values))
-            continue
-        within = result.time >= when.get(str(row.after), -np.inf)
-        within &= result.time <= when.get(str(row.before), np.inf)
-        if np.any(within):
-            out[name] = float(_TAKEN[str(row.take)](values[within]))
-
-
-#: Statistics of the samples of an output that a row may have.
-_TAKEN: dict[str, Callable[[npt.NDArray[np.float64]], Any]] = {
-    "largest": np.max,
-    "smallest": np.min,
-    "mean": np.mean,
-    "range": np.ptp,
-}
 
 
 def _add_key(action: Action, result: Any, out: dict[str, float]) -> None:

@@ -33,7 +33,7 @@ def run_warnings(
     action: Action, stroke: Stroke, options: Any, result: Any, energy: Mapping[str, Any]
 ) -> list[str]:
     """Warnings about the accuracy, the input, or the validity of the equations of a run."""
-    out = []
+    out = list(action.doubts)
     residual = energy.get("residual_relative", 0.0)
     if residual > 1e-3:
         out.append(

@@ -80,12 +80,11 @@ def record(name, amplitude, seed, *, dry=0.0, cubic=0.0, noise=1e-4, samples=600
     )
     jobs = Jobs(
         theta=TRUTH[None, :],
-        segments=np.array([[0, fine.samples - 1]]),
         starts=np.zeros((1, 2)),
         included=(Candidate(DRY), Candidate(CUBIC)),
         magnitudes=np.array([[dry, cubic]]),
     )
-    clean = NOMINAL.simulate(fine, jobs).outputs[0, ::4, 0]
+    clean = NOMINAL.simulate(fine, jobs)[0, ::4, 0]
     return Record(
         name=name,
         time=empty.time,

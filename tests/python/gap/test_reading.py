@@ -10,7 +10,6 @@ from feltmb.data import ReadOptions, read_record, read_records, write_record
 from feltmb.data.mapping import Signals
 from feltmb.data.sketch import sketch_sheet
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.gap import check_records
 from feltmb.units import spelled_unit, split_column
 
 UNITS = {"force": "N", "displacement": "m", "tip.x": "m", "tip.y": "m"}
@@ -369,17 +368,13 @@ def test_deeplabcut(tmp_path):
     assert list(record.outputs) == ["one.tip.x", "one.tip.y", "two.toe.x", "two.toe.y"]
 
 
-def test_the_zero_of_a_load_cell_is_told_and_can_be_subtracted(tmp_path):
+def test_the_zero_of_a_load_cell_can_be_subtracted(tmp_path):
     rows = [(i, 0.8 + max(0.0, i - 30), max(0.0, i - 30)) for i in range(60)]
     text = "t,force [N],tip.x [mm]\n" + "".join(f"{t},{f},{x}\n" for t, f, x in rows)
     path = put(tmp_path, text)
-    record = read_record(path, **MODEL)
-    (told,) = [w for w in check_records([record]).warnings if "before the motion" in w]
-    assert f"{record.name}.force is 0.8 N before the motion" in told
     for options in (ReadOptions(origins={"force": "start"}), ReadOptions(origins={"force": "0.8"})):
         own = read_record(path, **MODEL, options=options)
         np.testing.assert_allclose(own.inputs["force"], [f - 0.8 for _, f, _ in rows], atol=1e-12)
-        assert not [w for w in check_records([own]).warnings if "before the motion" in w]
 
 
 @pytest.mark.parametrize("header", ["tip_x,tip_y,tip_likelihood", "tip.x,tip.y,Tip Confidence",

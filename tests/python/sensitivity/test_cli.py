@@ -42,6 +42,7 @@ def test_json(capsys):
     [
         (["--parameters", "key.mss"], "bodies.key.mass"),
         ([*PATHS, "--number", "loudness"], "impact_speed"),
+        ([*PATHS, "--number", "max_string_force"], "the present name is 'max_impact_force'"),
         ([*PATHS, "--most", "0"], "0 is not in the range x>=1"),
     ],
 )
@@ -59,3 +60,26 @@ def test_number_is_a_row_of_the_reading(capsys, data):
     assert code == 0, err
     found = json.loads(out)["derivatives"]["head_force"]["bodies.beater.mass"]
     assert found == pytest.approx(-242.9, rel=0.02)
+
+
+def test_a_number_without_a_derivative_is_no_empty_table(capsys, data, monkeypatch):
+    """Whatever the reason is; the first number that has a derivative is chosen by itself."""
+    import dataclasses
+
+    from feltmb.run import sensitivity
+
+    whole = sensitivity.gradient
+    why = "two contacts change order"
+
+    def without(*args, **options):
+        g = whole(*args, **options)
+        return dataclasses.replace(g, unknown={"impact_speed": why, "meets": why})
+
+    monkeypatch.setattr(sensitivity, "gradient", without)
+    machine = [str(data / "pedal.toml"), str(data / "kick.toml"), "--parameters", "beater.mass"]
+    code, out, err = run(capsys, *machine, "--number", "meets")
+    assert (code, out) == (2, "")
+    assert f"'meets' has no derivative in this stroke: {why}" in err
+    code, out, err = run(capsys, *machine)
+    assert code == 0, err
+    assert "hit time is" in out

@@ -108,9 +108,8 @@ def test_rows_of_the_reading(data, tmp_path):
     path = "bodies.beater.mass"
     (parameter,) = find_parameters(action, path)
     options = {"duration": 0.15}
-    g = feltmb.gradient(action, stroke, [path], (), output_rate=20_000.0, **options)
+    g = feltmb.gradient(action, stroke, [path], (), output_rate=10_000.0, **options)
     h = 1e-3
-    options["output_rate"] = 500_000.0
     up, down, middle = (run(action, stroke, parameter, s, **options) for s in (h, -h, 0.0))
     assert set(action.config.reading.rows) <= set(g.summary)
     assert g.summary_units["swing"] == "rad"

@@ -478,3 +478,38 @@ def test_files_of_a_mechanism_are_all_that_it_names(tmp_path):
     assert files_of(top) == (top, base, felt)
     base.write_text('schema = 1\nextends = "steinway45"\n', encoding="utf-8")
     assert [p.name for p in files_of(top)] == ["top.toml", "base.toml", "steinway45.toml"]
+
+
+def test_a_number_that_may_be_in_the_unit_of_the_file_is_told_with_every_run(data):
+    """200 is kilograms, of a beater whose file says grams."""
+    pedal, kick = feltmb.load_action(data / "pedal.toml"), feltmb.load_stroke(data / "kick.toml")
+    heavy = pedal.with_values({"beater.mass": 200})
+    told = "bodies.beater.mass = 200 kg (was 0.13 kg)"
+    (text,) = feltmb.simulate(heavy, kick, duration=0.001).warnings
+    assert text.startswith(told)
+    assert text.endswith("the file has g")
+    light = pedal.with_values({"bodies.board.mass": 0.5, "beater.mass": "200 g"})
+    right = heavy.with_values({"beater.mass": 0.2})
+    assert light.doubts == right.doubts == ()
+    assert heavy.with_values({"board.mass": 0.5}).doubts[0].startswith(told)
+    assert len(pedal.with_values({"beater.position": [5.0, 2.0]}).doubts) == 1
+    assert len(pedal.with_values({"beater.mass *=": 2000.0, "gravity": [0.0, 0.0]}).doubts) == 0
+
+
+@pytest.mark.parametrize(
+    ("path", "wanted"),
+    [
+        ("beater.mass.value", (0.13, "kg")),
+        ("bodies.beater.position.value.x", (0.25, "m")),
+        ("bodies.beater.position.0", (0.25, "m")),
+        ("contacts.*.hunt_crossley.stiffness", "contacts.02.hunt_crossley.stiffness"),
+        ("surfaces.ball.dampers.x", "does not exist"),
+    ],
+)
+def test_value_takes_the_paths_of_with_values(path, wanted, data):
+    pedal = feltmb.load_action(data / "pedal.toml")
+    if isinstance(wanted, tuple):
+        assert pedal.value(path) == pytest.approx(wanted)
+        return
+    with pytest.raises(feltmb.InvalidParameter, match=wanted):
+        pedal.value(path)

@@ -32,7 +32,6 @@ PAGES = [
     "README.md",
     *TUTORIALS,
     "docs/explanation/gap.md",
-    "docs/explanation/diagnosis.md",
     "docs/reference/mechanism_files.md",
     *HOWTO,
 ]

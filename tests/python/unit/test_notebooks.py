@@ -31,7 +31,7 @@ def test_notebook_runs(file, tmp_path, monkeypatch):
     for cell in cells(file, "code"):
         exec(compile("".join(cell["source"]), str(file), "exec"), scope)
     if file.stem == "diagnosis_of_a_model":
-        assert scope["report"].named == ("dry friction slide",)
+        assert [c.cause for c in scope["report"].named] == ["dry friction slide"]
     if file.stem == "strokes_and_regulation":
         assert scope["result"].converged
     if file.stem == "sweep_with_dask":

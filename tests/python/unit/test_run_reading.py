@@ -45,12 +45,25 @@ def test_rows_are_read_off_outputs_and_events():
     assert s["lasts"] == left - met > 0.0
     assert s["met_at"] == met
     force, x = run["contact01.force"], run["head.x"]
-    assert s["most"] == force.max()
-    assert s["mean"] == pytest.approx(force.mean(), rel=1e-14)
+    assert force.max() < s["most"] < 1.001 * force.max()  # between two samples
+    assert s["mean"] == pytest.approx(force.mean(), rel=1e-3)
     inside = (run.time >= met) & (run.time <= left)
-    assert s["within"] == pytest.approx(x[inside].max() - x[inside].min(), rel=1e-12)
+    assert s["within"] == pytest.approx(x[inside].max() - x[inside].min(), rel=2e-2)
     at = run.time.searchsorted(met)
     assert min(x[at - 1 : at + 1]) <= s["there"] <= max(x[at - 1 : at + 1])
+
+
+def test_rows_do_not_depend_on_the_samples():
+    action = with_reading(rows={k: v for k, v in ROWS.items() if k != "mean"})
+    few, many = (feltmb.simulate(action, STROKE, output_rate=rate).summary for rate in (1e3, 1e5))
+    assert few == pytest.approx(many, rel=1e-12)
+
+
+def test_a_run_that_goes_on_has_the_rows_of_its_own_part():
+    action = with_reading(rows=ROWS)
+    first = feltmb.simulate(action, STROKE, duration=0.02)
+    on = feltmb.simulate(action, STROKE, start=first, duration=0.01)
+    assert on.summary["most"] >= on["contact01.force"].max()
 
 
 def test_a_time_of_an_event_is_one_row_of_the_table():
@@ -139,3 +152,19 @@ def test_a_run_without_its_mechanism_names_no_parts():
     run = feltmb.simulate(with_reading(strike_contact=1), STROKE)
     bare = replace(run, provenance={**run.provenance, "toml": ""})
     assert strike_words(bare)["impact_time"] == "impact"
+
+
+def test_a_number_that_is_missing_is_told_with_its_present_name():
+    run = feltmb.simulate(with_reading(rows=ROWS), STROKE)
+    with pytest.raises(KeyError, match="the present name is 'max_impact_force'"):
+        run.summary["max_string_force"]
+    with pytest.raises(KeyError, match="near are met_at"):
+        run.summary["met_a"]
+
+
+@pytest.mark.parametrize("name", ["arm.angle", "arm.angle.rate"])
+def test_a_start_beyond_all_numbers_is_named(name):
+    with pytest.raises(feltmb.InvalidParameter, match=rf"start: {name} = 1e300 .*at most 1e\+09"):
+        feltmb.simulate(
+            with_reading(), STROKE, start={name: "1e300 rad" + "/s" * name.count("rate")}
+        )

@@ -81,38 +81,84 @@ def looks_of(
     action: Action, outputs: Outputs, rules: list[str], rate: float
 ) -> Callable[[Any], list[tuple[str, Any]]]:
     """Function that lists what the summary needs of a stroke, with the names of the values."""
+    key = action.config.reading.key_point
 
     def choose(run: Any) -> list[tuple[str, Any]]:
-        when = _times(action, run, rules)
-        found: list[tuple[str, Any]] = []
-
-        def look(name: str, output: str, begin: float, end: float, sign: int) -> None:
-            found.append((name, _core.SensitivityLook(outputs[output][0], begin, end, sign)))
-
-        key = action.config.reading.key_point
+        found = []
         if key is not None and f"{key}.y" in outputs:
-            look(_KEY, f"{key}.y", 0.0, 0.0, 0)
-            look(_KEY, f"{key}.y", 0.0, run.reached, -1)
-        for name, row in _rows(action, when).items():
-            if row.output is None:
-                continue
-            if row.at is not None:
-                look(name, row.output, when[row.at], when[row.at], 0)
-                continue
-            begin = when.get(str(row.after), 0.0)
-            end = when.get(str(row.before), run.reached)
-            if begin > end:
-                continue
-            if row.take == "mean":
-                count = max(2, round((end - begin) * rate) + 1)
-                for i in range(count):
-                    t = begin + (end - begin) * i / (count - 1)
-                    look(name, row.output, t, t, 0)
-            for sign in _SIGNS.get(str(row.take), ()):
-                look(name, row.output, begin, end, sign)
-        return found
+            place = outputs[f"{key}.y"][0]
+            found.append((_KEY, _core.SensitivityLook(place, 0.0, 0.0, 0)))
+            found.append((_KEY, _core.SensitivityLook(place, 0.0, run.reached, -1)))
+        return found + _row_looks(action, outputs, _times(action, run, rules), run.reached, rate)
 
     return choose
+
+
+def _row_looks(
+    action: Action, outputs: Outputs, when: Mapping[str, float], reached: float, rate: float
+) -> list[tuple[str, Any]]:
+    """What the rows of ``[reading]`` need of a stroke, with their names."""
+    found: list[tuple[str, Any]] = []
+
+    def look(name: str, output: str, begin: float, end: float, sign: int) -> None:
+        found.append((name, _core.SensitivityLook(outputs[output][0], begin, end, sign)))
+
+    for name, row in _rows(action, when).items():
+        if row.output is None:
+            continue
+        if row.at is not None:
+            look(name, row.output, when[row.at], when[row.at], 0)
+            continue
+        begin = when.get(str(row.after), 0.0)
+        end = when.get(str(row.before), reached)
+        if begin > end:
+            continue
+        if row.take == "mean":
+            count = max(2, round((end - begin) * rate) + 1)
+            for i in range(count):
+                t = begin + (end - begin) * i / (count - 1)
+                look(name, row.output, t, t, 0)
+        for sign in _SIGNS.get(str(row.take), ()):
+            look(name, row.output, begin, end, sign)
+    return found
+
+
+def row_values(
+    action: Action,
+    drive: Any,
+    start: tuple[Any, Any],
+    options: Any,
+    when: Mapping[str, float],
+    reached: float,
+) -> dict[str, float]:
+    """Rows of ``[reading]`` of a run, as :func:`feltmb.gradient` has them.
+
+    For rows of an output, the run is repeated: an extremum lies between samples. ``drive``,
+    ``start`` (state, memory) and ``options`` are those of the run; ``when``: its named events.
+    """
+    import numpy as np
+
+    out, still = Summary(), dict.fromkeys(when, np.zeros(0))
+    _add_times(action, out, when, still, 0.0)
+    named = _core.observables(action.mechanism)
+    outputs = {name: (i, unit) for i, (name, unit, _) in enumerate(named)}
+    looks = _row_looks(action, outputs, when, reached, options.output_rate)
+    if not looks:
+        return out.values
+    settings = _core.SensitivityOptions()
+    settings.simulation = options
+    settings.outputs = []
+    settings.output_rate = options.output_rate
+    settings.set_looks(lambda _: [look for _, look in looks])
+    state, memory = (np.asarray(part, dtype=float) for part in start)
+    segment = _core.SensitivitySegment(
+        0.0, reached, state.tolist(), memory.tolist(), np.zeros((state.size, 0))
+    )
+    (result,) = _core.sensitivities(action.mechanism, drive, [], [segment], settings)
+    if result.run.status == "done":
+        for name, found in _by_name(looks, result.looks).items():
+            _add_look(out, name, found, action.config.reading.rows[name], still, outputs)
+    return out.values
 
 
 def summarize(
@@ -165,11 +211,8 @@ def summarize(
             put("let_off_gap", gap, -let_off.compression[column])
     unknown = np.full(result.end_state.shape[1], np.nan)
     moved = {n: getattr(by_index[i], "time", unknown) for n, i in named.items()}
-    _add_rows(action, out, changes, named, moved, begin)
-    looked: dict[str, list[Any]] = {}
-    for (name, _), look in zip(choose(run), result.looks, strict=True):
-        looked.setdefault(name, []).append(look)
-    for name, looks in looked.items():
+    _add_times(action, out, _times(action, run, rules), moved, begin)
+    for name, looks in _by_name(choose(run), result.looks).items():
         if name != _KEY:
             _add_look(out, name, looks, action.config.reading.rows[name], moved, outputs)
         elif begin == 0.0:
@@ -191,16 +234,21 @@ def summarize(
     return out
 
 
-def _add_rows(
+def _by_name(chosen: list[tuple[str, Any]], looks: list[Any]) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {}
+    for (name, _), look in zip(chosen, looks, strict=True):
+        found.setdefault(name, []).append(look)
+    return found
+
+
+def _add_times(
     action: Action,
     out: Summary,
-    changes: Any,
-    named: Mapping[str, int],
+    when: Mapping[str, float],
     moved: Mapping[str, Array],
     begin: float,
 ) -> None:
     """Add the rows of ``[reading]`` that are times."""
-    when = {name: changes[i].time for name, i in named.items()}
     for name, row in _rows(action, when).items():
         if row.output is not None:
             continue

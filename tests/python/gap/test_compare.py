@@ -1,0 +1,474 @@
+"""A model beside records before anything is fitted, and what would explain the difference."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb import gap
+from feltmb.cli import main
+from feltmb.data import Record, Sensor, write_record
+from feltmb.errors import DataError, InvalidParameter
+
+from . import models
+
+POINTS = ("key_front.y", "hammer_tip.x")
+QUICK = gap.Options(tries=2, most=1)
+
+
+def command(*arguments):
+    """Exit code of a command."""
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return stop.value.code
+
+
+@cache
+def action():
+    from feltmb.adapters import mechanism_model
+
+    return mechanism_model(feltmb.load_action("steinway45"), channels=POINTS)[0]
+
+
+@cache
+def run():
+    return feltmb.simulate("steinway45", "forte", duration=0.1, output_rate=2000.0)
+
+
+def stroke(shift=None, *, sigma=2e-5, scale=1.0, late=0):
+    """The run as a record; ``shift``: what is added to absolute coordinates, None: from rest."""
+    generator = np.random.default_rng(3)
+    done = run()
+    outputs, sensors = {}, {}
+    for name in POINTS:
+        values = np.array(done[name])
+        values = values - values[0] if shift is None else values + shift
+        values = np.roll(values, late) if late else values
+        values[:late] = values[late]
+        outputs[name] = scale * values + sigma * generator.standard_normal(values.size)
+        sensors[name] = Sensor(name=name, unit="m", sigma=sigma)
+    force = np.array(done["finger.force"])
+    return Record(
+        name="run", time=done.time, inputs={"force": force}, outputs=outputs, sensors=sensors
+    )
+
+
+def kinds(model, records):
+    """Kind and certainty of each hint."""
+    return [(h.kind, h.sure) for h in gap.check(model, records).hints]
+
+
+# ---------------------------------------------------------------- the numbers
+
+
+def test_a_model_that_is_right_leaves_the_noise():
+    found = gap.check(action(), stroke(0.0))
+    assert [r.channel for r in found.rows] == list(POINTS)
+    for row in found.rows:
+        assert row.in_noise == pytest.approx(1.0, abs=0.2)
+        assert row.factor == pytest.approx(1.0, abs=0.01)
+        assert row.correlation > 0.999
+        assert np.isnan(row.delay)
+    assert found.hints == ()
+    assert any("absolute coordinates" in n for n in found.notes)
+    assert list(found.frame["channel"]) == list(POINTS)
+    figure = found.plot()
+    assert len(figure.axes) == 2 * len(POINTS)
+    assert [line.get_label() for line in figure.axes[0].lines] == ["record", "model"]
+
+
+def test_numbers_of_a_difference_are_those_by_hand():
+    time = np.arange(400) * 0.01
+    u = np.sin(3.0 * time)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(400)
+    record = Record(
+        name="r", time=time, inputs={"x": u}, outputs={"y": 1.3 * u + 0.2 + noise},
+        sensors={"y": Sensor(name="y", sigma=1e-3)},
+    )  # fmt: skip
+    (row,) = gap.check(models.line(0.1), record).rows
+    difference = 0.3 * u + 0.2 + noise
+    assert row.rms == pytest.approx(np.sqrt(np.mean(difference**2)))
+    assert row.motion == pytest.approx(np.std(record.outputs["y"]))
+    assert row.share == pytest.approx(row.rms / row.motion)
+    assert row.factor == pytest.approx(1.3, rel=1e-3)
+    assert (row.noise, row.stated, row.samples) == (pytest.approx(1e-3), True, 400)
+
+
+def swinging(start_sd, *, rate=lambda q, v: -9.0 * q):
+    """A free oscillator, and two records of it that start at a turn and at full speed."""
+    model = gap.OdeModel(
+        name="pendulum",
+        states=[
+            gap.State(name="q", unit="rad", scale=0.5, start_sd=start_sd),
+            gap.State(name="v", unit="rad/s", scale=1.5, start_sd=start_sd),
+        ],
+        rates=lambda t, x, u, p: (x.v, rate(x.q, x.v)),
+        outputs={"angle": "q"},
+    )
+    time = np.arange(400) * 0.01
+    generator = np.random.default_rng(3)
+    sensor = Sensor(name="angle", unit="rad", sigma=2e-3)
+    records = [
+        Record(
+            name=name,
+            time=time,
+            inputs={},
+            outputs={"angle": angle + 2e-3 * generator.standard_normal(time.size)},
+            sensors={"angle": sensor},
+        )
+        for name, angle in (("turn", 0.7 * np.cos(3.0 * time)), ("fast", 0.4 * np.sin(3.0 * time)))
+    ]
+    return model, records
+
+
+def test_a_start_that_is_not_known_is_taken_from_the_record():
+    """A free motion was compared with a model that never moved."""
+    for row in gap.check(*swinging(2.0)).rows:
+        assert row.in_noise == pytest.approx(1.0, abs=0.4)
+    model, records = swinging(0.0)  # the start is known: at rest, so that nothing moves
+    assert all(row.in_noise > 100.0 for row in gap.check(model, records).rows)
+
+
+def test_a_model_that_diverges_from_the_start_of_the_record_starts_as_expected():
+    found = gap.check(*swinging(2.0, rate=lambda q, v: 1e4 * q**3))
+    np.testing.assert_array_equal(found.simulated["turn"]["angle"], 0.0)
+
+
+def test_a_model_without_finite_outputs_is_refused():
+    model, records = swinging(0.0, rate=lambda q, v: float("nan") + 0.0 * q)
+    with pytest.raises(InvalidParameter, match="no finite outputs"):
+        gap.check(model, records)
+
+
+# ---------------------------------------------------------------- units and signs
+
+
+def straight(factor, sd=0.1):
+    """A line through records that are a factor too large."""
+    model = gap.LinearModel(
+        name="line",
+        output="y",
+        columns={"slope": lambda r: r.inputs["u"]},
+        parameters=[gap.Parameter(name="slope", value=1.0, sd=sd)],
+    )
+    generator = np.random.default_rng(4)
+    time = np.arange(200) * 1e-3
+    records = []
+    for i in range(2):
+        u = np.sin((20.0 + 9.0 * i) * time)
+        y = factor * u + 1e-3 * generator.standard_normal(time.size)
+        sensor = Sensor(name="y", unit="m", sigma=1e-3)
+        role = "held_out" if i else "fit"
+        records.append(
+            Record(name=f"r{i}", time=time, inputs={"u": u}, outputs={"y": y},
+                   sensors={"y": sensor}, role=role)
+        )  # fmt: skip
+    return model, records
+
+
+@pytest.mark.parametrize(
+    ("factor", "kind", "told"),
+    [
+        (10.0, "unit", "mm labeled as cm"),
+        (0.1, "unit", "cm labeled as mm"),
+        (1.13e3, "unit", "mm labeled as m"),
+        (28.6, "unit", "mm labeled as inches"),
+        (-1.12, "sign", "the other direction"),
+    ],
+)
+def test_a_wrong_unit_or_sign_ends_a_diagnosis_before_any_fit(factor, kind, told):
+    """Also beside a gap: a spring that the model lacks made the force 1.13 times as large."""
+    model, records = straight(factor)
+    (hint,) = gap.check(model, records).hints
+    assert (hint.kind, hint.channels, hint.sure) == (kind, ("y",), True)
+    assert told in hint.text
+    stages = []
+    with pytest.raises(DataError, match=f"{told}.*--unit"):
+        gap.diagnose(model, [], records, tell=stages.append)
+    assert {p.stage for p in stages} == {"prepare"}
+
+
+def test_a_wrong_unit_of_one_record_is_found():
+    model, (right, held_out) = straight(1.0)
+    wrong = replace(straight(1e3)[1][0], name="w")
+    (hint,) = gap.check(model, [right, wrong, held_out]).hints
+    assert hint.sure
+    assert "in record w: mm labeled as m" in hint.text
+
+
+def test_factors_that_differ_or_are_no_unit_are_not_told():
+    model, (first, held_out) = straight(3.0)
+    third = replace(straight(8.0)[1][0], name="third")
+    assert kinds(model, [first, third, held_out]) == []
+    assert kinds(*straight(1.3)) == []
+
+
+def test_a_unit_belongs_to_its_quantity():
+    model, records = straight(9.81)
+    newtons = [replace(r, sensors={"y": Sensor(name="y", unit="N", sigma=1e-3)}) for r in records]
+    (of_length,) = gap.check(model, records).hints
+    (of_force,) = gap.check(model, newtons).hints
+    assert "mm labeled as cm" in of_length.text
+    assert "N labeled as kgf" in of_force.text
+
+
+def test_a_factor_that_a_parameter_may_be_is_no_certain_unit():
+    assert kinds(*straight(10.0, np.inf)) == []
+    assert kinds(*straight(10.0, 5.0)) == [("unit", False)]
+    model, records = straight(10.0, 5.0)
+    report = gap.diagnose(model, [], records, options=QUICK)
+    assert report.parameters[0].value == pytest.approx(10.0, rel=0.01)
+    assert any("mm labeled as cm" in n for n in report.notes)
+
+
+def test_a_mechanism_in_a_wrong_unit_and_a_late_clock_are_seen():
+    scaled = gap.check(action(), stroke(scale=1e-3, sigma=1e-8))
+    for row in scaled.rows:
+        assert row.factor == pytest.approx(1e-3, rel=0.01)
+    assert [(h.kind, h.channels) for h in scaled.hints] == [("unit", POINTS)]
+    late = gap.check(action(), stroke(late=8))  # samples of 0.5 ms
+    for row in late.rows:
+        assert row.delay == pytest.approx(4e-3, abs=3e-4)
+    assert [h.kind for h in late.hints] == ["delay"]
+
+
+def heated(change_input=1.0, scale=(1.0, 0.0), gain=1.0):
+    """Model and records of a block in a room of 22 degC, with a wrong input or scale."""
+    random = np.random.default_rng(2)
+    model = gap.OdeModel(
+        name="block",
+        states=[gap.State(name="T", unit="degC", scale=10.0, start=22.0, start_sd=0.5)],
+        parameters=[
+            gap.Parameter(name="C", value=100.0, sd=5.0, lower=1.0),
+            gap.Parameter(name="G", value=1.0, sd=0.1, lower=0.01),
+        ],
+        inputs=["P"],
+        rates=lambda t, x, u, p: ((u.P - p.G * (x.T - 22.0)) / p.C,),
+        outputs={"T": "T"},
+    )
+    records = []
+    for k in range(3):
+        time = np.arange(0.0, 400.0, 2.0)
+        power = 20.0 * (np.sin(0.02 * time + k) > 0.0)
+        rise = np.zeros(time.size)
+        for i in range(1, time.size):
+            rise[i] = rise[i - 1] + 2.0 * (power[i - 1] - 1.02 * rise[i - 1]) / 103.0
+        shown = (
+            scale[0] * (22.0 + gain * rise) + scale[1] + 0.02 * random.standard_normal(time.size)
+        )
+        records.append(
+            Record(name=f"r{k}", time=time, inputs={"P": change_input * power},
+                   outputs={"T": shown}, sensors={"T": Sensor(name="T", unit="degC", sigma=0.02)})
+        )  # fmt: skip
+    return model, records
+
+
+@pytest.mark.parametrize(
+    ("wrong", "kind", "told"),
+    [
+        ({"change_input": 1e-3}, "input", "1000 times the values of P"),
+        ({"change_input": 1e3}, "input", "0.001 times the values of P"),
+        ({"scale": (1.0, 273.15)}, "scale", "K labeled as degC"),
+        ({"scale": (1.8, 32.0)}, "scale", "degF labeled as degC"),
+        # The label of the file is not the unit of the model.
+        ({"scale": (1.0, -273.15)}, "scale", "degC labeled as K"),
+        ({"scale": (1.0 / 1.8, -32.0 / 1.8)}, "scale", "degC labeled as degF"),
+    ],
+)
+def test_a_wrong_unit_beside_a_constant_is_found(wrong, kind, told):
+    (hint,) = gap.check(*heated(**wrong)).hints
+    assert (hint.kind, hint.sure) == (kind, True)
+    assert told in hint.text
+
+
+@pytest.mark.parametrize("gain", [1.0, 2.0, 5.0])
+def test_a_gap_of_a_temperature_is_no_wrong_unit(gain):
+    assert not [h for h in gap.check(*heated(gain=gain)).hints if h.sure]
+
+
+def test_uncertain_start_states_do_not_hide_a_wrong_unit():
+    """A start state that is estimated could absorb degrees that were labeled as radians."""
+    model = gap.OdeModel(
+        name="arm",
+        states=[gap.State(name="q", unit="rad", scale=0.1, start_sd=1.0),
+                gap.State(name="v", unit="rad/s", scale=1.0, start_sd=10.0)],
+        parameters=[gap.Parameter(name="k", value=100.0, sd=5.0)],
+        inputs=["M"],
+        rates=lambda t, x, u, p: (x.v, u.M - p.k * x.q - 1.0 * x.v),
+        outputs={"angle": "q"},
+    )  # fmt: skip
+    wrong = []
+    for i in range(2):
+        time = np.arange(400) * 5e-3
+        moment = (5.0 + 2.0 * i) * np.sin((5.0 + i) * time)
+        empty = Record(name=f"r{i}", time=time, inputs={"M": moment}, outputs={"angle": 0.0 * time})
+        jobs = gap.Jobs(theta=np.array([[103.0]]), starts=np.zeros((1, 2)))
+        angle = np.degrees(model.simulate(empty, jobs)[0, :, 0])
+        noise = 0.02 * np.random.default_rng(i).standard_normal(time.size)
+        sensor = Sensor(name="angle", unit="rad", sigma=0.02)
+        wrong.append(replace(empty, outputs={"angle": angle + noise}, sensors={"angle": sensor}))
+    found = gap.check(model, wrong)
+    assert [(h.kind, h.sure) for h in found.hints] == [("unit", True)]
+    assert "degrees labeled as rad" in found.hints[0].text
+
+
+# ---------------------------------------------------------------- clocks
+
+
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [(1.0 / 60.0, "minutes labeled as s"), (60.0, "s labeled as min")],
+)
+def test_a_clock_in_a_wrong_unit_is_found(factor, told):
+    model, records = heated()
+    wrong = [replace(r, time=factor * r.time) for r in records]
+    with pytest.raises(DataError, match=f"unit of time .*{told}"):
+        gap.diagnose(model, [], wrong)
+
+
+def test_a_clock_of_a_stroke_in_a_wrong_unit_is_found_before_a_long_simulation():
+    wrong = stroke(0.0)
+    with pytest.raises(DataError, match="--unit time=ms"):
+        gap.check(action(), replace(wrong, time=1e3 * wrong.time))
+
+
+def test_a_reversed_oscillation_is_not_called_late():
+    model, records = straight(-1.0)
+    assert kinds(model, records) == [("sign", True)]
+
+
+# ---------------------------------------------------------------- exchanged columns
+
+
+def exchanged(r, *names):
+    """The record with each channel under the name of the next one."""
+    moved = dict(zip((*names[1:], names[0]), [r.outputs[n] for n in names], strict=True))
+    return replace(r, outputs={**r.outputs, **moved})
+
+
+def three(stiffness_sd=0.1):
+    """Three outputs of one input, with the records of a model that is a tenth softer."""
+    model = gap.SimulatorModel(
+        lambda time, inputs, p: {
+            "a": p["k"] * inputs["u"], "b": np.cumsum(inputs["u"]) * 0.02, "c": inputs["u"] ** 2
+        },
+        parameters=[gap.Parameter(name="k", value=1.0, sd=stiffness_sd)],
+        inputs={"u": "1"},
+        outputs=dict.fromkeys("abc", "m"),
+    )  # fmt: skip
+    generator = np.random.default_rng(5)
+    time = np.arange(200) * 1e-3
+    records = []
+    for i in range(2):
+        u = np.sin((20.0 + 9.0 * i) * time)
+        clean = {"a": 0.9 * u, "b": np.cumsum(u) * 0.02, "c": u**2}
+        sensors = {n: Sensor(name=n, unit="m", sigma=1e-3) for n in clean}
+        outputs = {n: v + 1e-3 * generator.standard_normal(time.size) for n, v in clean.items()}
+        made = Record(name=f"r{i}", time=time, inputs={"u": u}, outputs=outputs, sensors=sensors,
+                      role="held_out" if i else "fit")  # fmt: skip
+        records.append(made)
+    return model, records
+
+
+def test_exchanged_columns_are_told():
+    assert kinds(action(), stroke()) == []
+    (hint,) = gap.check(action(), exchanged(stroke(), *POINTS)).hints
+    assert (hint.kind, set(hint.channels)) == ("exchange", set(POINTS))
+    model, records = three()
+    (hint,) = gap.check(model, [exchanged(r, *"abc") for r in records]).hints
+    assert hint.text.startswith("a looks like c, c looks like b, b looks like a")
+    with pytest.raises(DataError, match="are the columns exchanged"):
+        gap.diagnose(model, [], [exchanged(r, *"abc") for r in records])
+
+
+def test_exchanged_columns_of_one_record_or_of_a_free_model_are_not_certain():
+    model, records = three()
+    assert kinds(model, [exchanged(records[0], "a", "b"), records[1]]) == [("exchange", False)]
+    free, own = three(np.inf)
+    assert kinds(free, [exchanged(r, "a", "b") for r in own]) == []
+    # Records may list their outputs in another order, or lack some.
+    turned = replace(records[1], outputs=dict(reversed(records[1].outputs.items())))
+    blank = replace(records[0], outputs={**records[0].outputs, "c": np.full(200, np.nan)})
+    assert kinds(model, [exchanged(r, "a", "b") for r in (blank, turned)]) == [("exchange", True)]
+
+
+def test_single_numbers_are_not_exchanged_columns():
+    model, (first, _) = three()
+    blank = {n: np.where(np.arange(v.size) == 5, v, np.nan) for n, v in first.outputs.items()}
+    assert kinds(model, exchanged(replace(first, outputs=blank), "a", "b")) == []
+
+
+def pair(model_shares, record_shares, noise, sd=0.02):
+    """A model of two channels in proportion to the input, and records of other shares."""
+    names = ("left", "right")
+    model = gap.SimulatorModel(
+        lambda time, inputs, p: {
+            n: p["size"] * s * inputs["u"] for n, s in zip(names, model_shares, strict=True)
+        },
+        parameters=[gap.Parameter(name="size", value=1.0, sd=sd)],
+        inputs={"u": "1"},
+        outputs=dict.fromkeys(names, "m"),
+    )  # fmt: skip
+    generator = np.random.default_rng(6)
+    time = np.arange(200) * 1e-3
+    records = []
+    for i in range(2):
+        u = np.sin((20.0 + 9.0 * i) * time)
+        outputs = {n: s * u + noise * generator.standard_normal(time.size)
+                   for n, s in zip(names, record_shares, strict=True)}  # fmt: skip
+        sensors = {n: Sensor(name=n, unit="m", sigma=noise) for n in names}
+        made = Record(name=f"r{i}", time=time, inputs={"u": u}, outputs=outputs, sensors=sensors)
+        records.append(made)
+    return model, records
+
+
+def test_exchanged_channels_that_are_alike_are_told_unless_they_are_nearly_equal():
+    """Two thermocouples: each explains three quarters of the other one."""
+    assert kinds(*pair((1.0, 0.6), (0.63, 1.0), 2e-3)) == [("exchange", True)]
+    assert kinds(*pair((1.1, 0.9), (0.92, 1.08), 1e-3)) == []
+    wrong_signs = gap.check(*pair((1.0, -1.0), (-1.0, 1.0), 1e-3)).hints
+    assert [h.kind for h in wrong_signs] == ["sign"]
+
+
+def test_a_channel_without_values_is_not_compared():
+    model, records = three()
+    blank = [replace(r, outputs={**r.outputs, "c": np.full(200, np.nan)}) for r in records]
+    report = gap.diagnose(model, [], blank, options=QUICK)
+    assert report.verdict is gap.Verdict.CALIBRATED
+    assert {c.name for c in report.channels} == {"a", "b"}
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_the_command_prints_numbers_and_draws_a_picture(tmp_path, capsys):
+    path, picture = tmp_path / "run.csv", tmp_path / "run.png"
+    assert command("stroke", "steinway45", "forte", "--duration", "0.1", "-o", path) == 0
+    capsys.readouterr()
+    given = ["gap", "check", "steinway45", path]
+    assert command(*given, "--json", "-o", picture) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {r["channel"] for r in found["rows"]} > set(POINTS)
+    assert all(r["rms"] < 1e-6 for r in found["rows"])
+    assert found["hints"] == []
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+    assert command(*given, "-o", picture) == 2
+    assert "--force" in capsys.readouterr().err
+
+
+def test_what_cannot_be_compared_is_refused(tmp_path, capsys):
+    with pytest.raises(DataError, match="none of its outputs"):
+        gap.check(models.NOMINAL, stroke())
+    assert command("gap", "check", "steinway45") == 2
+    assert "got 'steinway45' alone, expected measured files" in capsys.readouterr().err
+    path = write_record(models.records(1)[0], tmp_path / "one.csv")
+    assert command("gap", "check", path, "-o", tmp_path / "a.png") == 2
+    assert "need a MODEL before the data" in capsys.readouterr().err
+    assert command("gap", "check", path, "--json") == 0
+    (row,) = json.loads(capsys.readouterr().out)["channels"]
+    assert (row["channel"], row["unit"], row["samples"]) == ("q", "m", 600)
