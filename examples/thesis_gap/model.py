@@ -58,7 +58,9 @@ class Impacts(Model):
             row = ROWS[record.name]
             key = repr((record.name, [(e.name, size, shape) for e, size, shape in entries if size]))
             if key not in self.known:
-                self.known[key] = self.numbers(row, entries, float(record.inputs["impact_speed"][0]))
+                self.known[key] = self.numbers(
+                    row, entries, float(record.inputs["impact_speed"][0])
+                )
             outputs[b] = [self.known[key].get(name, np.nan) for name in self.outputs]
         return outputs
 

@@ -1,84 +1,25 @@
-"""Error of simulated outputs: of the integration, and of the noise of a measured motion."""
+"""Error of simulated forces by the noise of a measured motion."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.adapters.drives import DISPLACEMENT
 from feltmb.adapters.simulator import Simulator
 from feltmb.data import Array, Record
 from feltmb.data.smoothing import LEAST_SAMPLES, WINDOW, smooth_record
 
-__all__ = ["with_force_error", "with_integration_error"]
+__all__ = ["with_force_error"]
 
 Mask = NDArray[np.bool_]
 
-#: If the noise of a sensor is below this many relative tolerances of the integrator, as a share of
-#: the motion, it is compared with the error of the simulation.
-SHARP = 100.0
-#: The same for an encoder at the finger, which is as precise as an integration near let-off.
-SHARP_AT_FINGER = 1000.0
 #: Number of simulated motions with noise: their rms is then known to a fifth in each window.
 DRAWS = 4
 #: A key moves where its speed exceeds so many standard deviations of the noise of the speed.
 MOVING = 3.0
-
-
-def with_integration_error(
-    simulator: Simulator, records: Sequence[Record], notes: list[str]
-) -> list[Record]:
-    """Increase the noise of sensors to the error of the integration, if it is smaller.
-
-    The error is estimated from a simulation with a tenth of the tolerance. It varies slowly. It is
-    therefore expressed as the white noise with an equal spectrum at low frequencies; otherwise
-    every sample would count as independent information. The largest error of all records counts.
-    """
-    errors: dict[str, float] = {}
-    for record in records:
-        sharp = [
-            (i, o)
-            for i, o in enumerate(simulator.outputs)
-            if o in record.outputs
-            and (record.sensors[o].sigma or 0.0)
-            < (SHARP_AT_FINGER if o == DISPLACEMENT else SHARP)
-            * simulator.rtol
-            * float(np.nanmax(np.abs(record.outputs[o]), initial=0.0))
-        ]
-        if not sharp:
-            continue
-        runs = [simulator.as_tabulated(record, r * simulator.rtol) for r in (1.0, 0.1)]
-        if runs[0] is None or runs[1] is None:
-            continue
-        for i, name in sharp:
-            off = runs[0][:, i] - runs[1][:, i]
-            kept = float(off[1:] @ off[:-1]) / max(float(off @ off), 1e-300)
-            kept = min(max(kept, 0.0), 1.0 - 1.0 / off.size)
-            # Variance of a long mean of an AR(1) process relative to that of white noise.
-            smooth = math.sqrt((1.0 + kept) / (1.0 - kept))
-            error = smooth * float(np.sqrt(np.mean(off**2)))
-            if error > (record.sensors[name].sigma or 0.0):
-                errors[name] = max(errors.get(name, 0.0), error)
-    out = []
-    for record in records:
-        sensors = dict(record.sensors)
-        for name, error in errors.items():
-            own = sensors[name].sigma if name in sensors else None
-            if own is not None and own < error:
-                unit = simulator.units[name]
-                notes.append(
-                    f"{record.name}: noise of {name} is {own:.2g} {unit}, less than the error of a "
-                    f"simulation, which is equivalent to white noise of {error:.2g} {unit}: the "
-                    "latter is used"
-                )
-            if name in sensors:
-                sensors[name] = replace(sensors[name], sigma=max(own or 0.0, error))
-        out.append(replace(record, sensors=sensors) if errors else record)
-    return out
 
 
 def with_force_error(

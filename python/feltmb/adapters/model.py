@@ -17,7 +17,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from feltmb.adapters.accuracy import with_force_error, with_integration_error
+from feltmb.adapters.accuracy import with_force_error
 from feltmb.adapters.derivatives import Derivatives, SimulatedPoint
 from feltmb.adapters.drives import DISPLACEMENT, FORCE, driven, with_noise
 from feltmb.adapters.landmarks import first_turn, landmarks
@@ -25,12 +25,10 @@ from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
 from feltmb.adapters.simulator import Simulator, key_of
 from feltmb.adapters.unreached import unreached
-from feltmb.adapters.variability import RunVariability, variability_of
 from feltmb.adapters.writing import write_mechanism
 from feltmb.data import Array, Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import (
-    VARIABILITY,
     Candidate,
     Effect,
     Jobs,
@@ -47,13 +45,15 @@ __all__ = ["MechanismModel"]
 
 #: Longest record [s]; the simulation of a wrong clock would take minutes.
 LONGEST = 20.0
+#: Beginnings of the names of parameters of felt and friction, which vary from stroke to stroke.
+VARYING = ("felt.", "joint_friction.", "contact_friction.")
 
 
 class MechanismModel(Model):
     """A mechanism as a model of a fit or a diagnosis: parameters, records, files.
 
-    :func:`mechanism_model` makes one. ``chaotic`` is False: records should end soon after the
-    impact, while a stroke is still a smooth function of the parameters.
+    :func:`mechanism_model` makes one. Records should end soon after the impact, while a stroke is
+    still a smooth function of the parameters.
 
     Parameters
     ----------
@@ -76,8 +76,8 @@ class MechanismModel(Model):
     workers
         Number of threads; default: number of cores.
     variation
-        Relative variation of felt and friction from stroke to stroke [1], for
-        :meth:`with_variability`; None: no variability.
+        Relative standard deviation of felt and friction from stroke to stroke [1]; None: no
+        variation.
 
     Raises
     ------
@@ -122,7 +122,10 @@ class MechanismModel(Model):
         )
         self.derivatives = Derivatives(self.simulator)
         self.units = self.simulator.units | {"force": "N", "displacement": "m"}
-        self.parameters = self.simulator.parameters
+        self.parameters = tuple(
+            replace(p, process_sd=variation or 0.0) if varies(p) else p
+            for p in self.simulator.parameters
+        )
         self.until = library.until
         if until is not None and math.isfinite(until) and library.until is None:
             raise InvalidParameter(
@@ -133,9 +136,6 @@ class MechanismModel(Model):
             self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
         self.carried: frozenset[int] = frozenset()
         """Motions whose noise was carried into the force of their records by :meth:`ready`."""
-        self.variation = variation
-        self.variabilities: dict[str, RunVariability] = {}
-        """Run-to-run variability by record."""
 
     @property
     def action(self) -> Action:
@@ -147,11 +147,6 @@ class MechanismModel(Model):
         """Estimated parameters of the mechanism."""
         return self.simulator.tolerances
 
-    @property
-    def mechanical(self) -> int:
-        """Number of parameters of the mechanism; those of the variability follow."""
-        return len(self.simulator.parameters)
-
     # --- the interface of Model ---------------------------------------------------------------
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
@@ -160,7 +155,7 @@ class MechanismModel(Model):
         return ()
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """Prepare records: the part until shortly after the impact, with their variability.
+        """Prepare records: the part until shortly after the impact.
 
         The noise of the input is estimated if it is not specified.
         """
@@ -209,15 +204,9 @@ class MechanismModel(Model):
                 )
                 record = record.cut(0, kept)
             cut.append(with_error(record, turn))
-        ready = tuple(with_integration_error(self.simulator, cut, notes))
-        far = unreached(self.simulator, ready)
+        far = unreached(self.simulator, cut)
         notes += [far] * bool(far)
-        if model.carried == self.carried:
-            model = self
-        known = [(r, model.variabilities.get(r.name)) for r in ready]
-        if not all(v is not None and v.covers(r) for r, v in known):
-            model = model.with_variability(ready)
-        return Ready(model, ready, tuple(notes))
+        return Ready(self if model.carried == self.carried else model, tuple(cut), tuple(notes))
 
     def _referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
         """Channels of tracking points as displacements from rest, also if they are absolute.
@@ -265,99 +254,28 @@ class MechanismModel(Model):
         return write_mechanism(
             path,
             self.action,
-            self.simulator.chosen(theta[: self.mechanical], tuple(included), magnitudes),
+            self.simulator.chosen(theta, tuple(included), magnitudes),
             provenance=provenance,
             besides=[t.name for t in included if not isinstance(t.effect.data, Entry)],
             force=force,
         )
 
-    # --- run-to-run variability -------------------------------------------------------------------
-
-    @property
-    def variability_has_input_noise(self) -> bool:  # type: ignore[override]
-        """Whether the records have a run-to-run variability; it contains the noise of the force."""
-        return bool(self.variabilities)
-
-    @property
-    def _tabulated(self) -> Array:
-        return np.array([p.value for p in self.simulator.parameters])
-
-    def with_variability(
-        self, records: Sequence[Record], variation: float | None = None
-    ) -> MechanismModel:
-        """The same model with the run-to-run variability of records.
-
-        Parameters
-        ----------
-        records
-            All records of the diagnosis, held-out ones included.
-        variation
-            Relative standard deviation of felt and friction from stroke to stroke [1]; None: the
-            value of the model.
-
-        Returns
-        -------
-        MechanismModel
-            Model with additional parameters ``variability.RECORD.K``; the model itself if its own
-            variation is None as well.
-        """
-        variation = self.variation if variation is None else variation
-        if variation is None:
-            return self
-        at, none = self._tabulated, np.zeros(0)
-        out = copy.copy(self)
-        out.variabilities = {
-            r.name: variability_of(self.derivatives, r, variation, at, (), none)
-            or RunVariability(
-                r, np.zeros((r.samples, len(self.outputs), 0)), variation, at, (), none
-            )
-            for r in records
-        }
-        out.parameters = self.simulator.parameters + tuple(
-            Parameter(name=f"variability.{name}.{k + 1}", value=0.0, sd=1.0, component=VARIABILITY)
-            for name, known in out.variabilities.items()
-            for k in range(known.count)
-        )
-        return out
-
-    def _variability_of(self, record: Record) -> tuple[RunVariability, slice] | None:
-        """Variability of a record, or of the record from which it was cut; its parameters."""
-        own = self.variabilities.get(record.name) or self.variabilities.get(record.whole)
-        at = self.mechanical
-        for known in self.variabilities.values():
-            if known is own:
-                return known, slice(at, at + known.count)
-            at += known.count
-        return None
-
-    def _variability_shift(self, record: Record, theta: Array) -> Array | None:
-        """Change of the outputs (n, ny) by the variability; None: no change."""
-        own = self._variability_of(record)
-        if own is None or not np.any(theta[own[1]]):
-            return None
-        known, at = own
-        return np.asarray(known.over(record) @ theta[at])
-
     # --- simulations and derivatives --------------------------------------------------------------
 
     def simulate(self, record: Record, jobs: Jobs) -> Array:
-        """Simulate jobs; equal versions of the mechanism are run once. Variability is added."""
+        """Simulate jobs; equal versions of the mechanism are run once."""
         outputs = np.full((jobs.count, record.samples, len(self.outputs)), np.nan)
+        sizes = jobs.magnitudes if jobs.included else np.zeros((jobs.count, 0))
         groups: dict[bytes, list[int]] = {}
         for b in range(jobs.count):
-            magnitudes = jobs.magnitudes[b] if jobs.included else np.zeros(0)
-            theta = jobs.theta[b, : self.mechanical]
-            groups.setdefault(key_of(record, theta, jobs.included, magnitudes), []).append(b)
+            key = key_of(record, jobs.theta[b], jobs.included, sizes[b])
+            groups.setdefault(key, []).append(b)
 
         def work(rows: list[int]) -> None:
-            magnitudes = jobs.magnitudes[rows[0]] if jobs.included else np.zeros(0)
-            theta = jobs.theta[rows[0], : self.mechanical]
-            motion = self.simulator.motion(record, theta, jobs.included, magnitudes)
-            if motion is None:
-                return
-            for b in rows:
-                shift = self._variability_shift(record, jobs.theta[b])
-                outputs[b] = motion if shift is None else motion + shift
+            first = rows[0]
+            motion = self.simulator.motion(record, jobs.theta[first], jobs.included, sizes[first])
+            if motion is not None:
+                outputs[rows] = motion
 
         self.simulator.in_parallel(work, list(groups.values()))
         return outputs
@@ -371,45 +289,26 @@ class MechanismModel(Model):
     def _sensitivity(self, request: SensitivityRequest) -> Sensitivity:
         request.check(self)
         record, theta, included = request.record, request.theta, request.included
-        candidates, wanted = request.candidates, request.parameters_of(self)
-        own, changes = theta[: self.mechanical], request.input_changes
-        base = self.simulator.motion(record, own, included, request.sizes)
+        wanted, effects = request.parameters_of(self), (*included, *request.candidates)
+        base = self.simulator.motion(record, theta, included, request.sizes)
         none = np.zeros((record.samples, len(self.outputs), 0))
         if base is None:
-            counts = (len(wanted), len(included), len(candidates), len(changes))
-            blank = [np.zeros((*none.shape[:2], k)) for k in counts]
-            return Sensitivity(
-                outputs=np.full(none.shape[:2], np.nan),
-                d_theta=blank[0],
-                d_magnitudes=blank[1],
-                d_starts=none,
-                d_candidates=blank[2],
-                d_inputs=blank[3],
-            )
-        shift = self._variability_shift(record, theta)
-        inner = [i for i in wanted if i < self.mechanical]
-        point = SimulatedPoint(record, own, included, request.sizes, base)
-        found, of, by_inputs = self.derivatives.at(point, inner, (*included, *candidates), changes)
+            base = np.full(none.shape[:2], np.nan)
+            counts = (len(wanted), len(effects), len(request.input_changes))
+            by, of, by_inputs = (np.zeros((*base.shape, k)) for k in counts)
+        else:
+            point = SimulatedPoint(record, theta, included, request.sizes, base)
+            by, of, by_inputs = self.derivatives.at(point, wanted, effects, request.input_changes)
         return Sensitivity(
-            outputs=base if shift is None else base + shift,
-            d_theta=self._with_own_variability(record, found, wanted),
+            outputs=base,
+            d_theta=by,
             d_magnitudes=of[..., : len(included)],
             d_starts=none,
             d_candidates=of[..., len(included) :],
             d_inputs=by_inputs,
         )
 
-    def _with_own_variability(
-        self, record: Record, mechanical: Array, wanted: Sequence[int]
-    ) -> Array:
-        """Derivatives (n, ny, p) by parameters of the mechanism and of the variability."""
-        out = np.zeros((*mechanical.shape[:2], len(wanted)))
-        out[..., [c for c, i in enumerate(wanted) if i < self.mechanical]] = mechanical
-        own = self._variability_of(record)
-        if own is not None:
-            known, at = own
-            columns = known.over(record)
-            for c, i in enumerate(wanted):
-                if at.start <= i < at.stop:
-                    out[..., c] = columns[..., i - at.start]
-        return out
+
+def varies(parameter: Parameter) -> bool:
+    """Whether a parameter scales a law of felt or friction, which vary from stroke to stroke."""
+    return parameter.unit == "1" and parameter.name.startswith(VARYING)

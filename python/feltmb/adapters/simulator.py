@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from feltmb.adapters.aliases import Alias, alias_of
 from feltmb.adapters.drives import DISPLACEMENT, FORCE, Drives, start_state
 from feltmb.adapters.effects import parameter_of
 from feltmb.adapters.library import Entry
-from feltmb.adapters.refined import KINDS, refined
 from feltmb.adapters.sampling import at_times, output_rate
 from feltmb.adapters.shifter import Shifter
 from feltmb.adapters.variants import Variant, Workshop
@@ -111,16 +109,6 @@ class Simulator:
                 f"{', '.join(known) or 'no tracking points'}"
             )
 
-    @cached_property
-    def refined(self) -> tuple[Simulator, ...]:
-        """Simulators of refined numerical models, one by kind of refinement."""
-        actions = [refined(self.action, (kind,)) for kind in KINDS]
-        return tuple(
-            Simulator(a, self.outputs, self.tolerances, rtol=self.rtol, workers=self.workers)
-            for a in actions
-            if a is not self.action
-        )
-
     # --- versions of the mechanism ----------------------------------------------------------------
 
     def version(
@@ -189,16 +177,13 @@ class Simulator:
         place = (record.excitation, key_of(record, theta, included, magnitudes))
         return self._motions.get(place, make)
 
-    def as_tabulated(self, record: Record, rtol: float | None = None) -> Array | None:
-        """Outputs of the tabulated mechanism over a whole record, (n, ny); None if it failed.
+    def as_tabulated(self, record: Record) -> Array | None:
+        """Outputs of the tabulated mechanism over a whole record, (n, ny); None if it failed."""
+        return self.whole(record, self.base)
 
-        ``rtol``: relative tolerance [1]; None: that of the simulator.
-        """
-        return self.whole(record, self.base, rtol)
-
-    def whole(self, record: Record, variant: Variant, rtol: float | None = None) -> Array | None:
+    def whole(self, record: Record, variant: Variant) -> Array | None:
         """Outputs of one version over the whole record, (n, ny); None if it failed."""
-        run = self.run(record, variant, rtol)
+        run = self.run(record, variant)
         if run is None:
             return None
         time = record.time - record.time[0]
@@ -212,12 +197,12 @@ class Simulator:
         column = np.array(run.data)[:, list(run.names).index(output)]
         return record.time[0] + run.time, column - self.at_rest(self.base, output)
 
-    def run(self, record: Record, variant: Variant, rtol: float | None = None) -> Any | None:
+    def run(self, record: Record, variant: Variant) -> Any | None:
         """Result of the core for one version; None if the simulation failed."""
         time = record.time - record.time[0]
         options = _core.SimulationOptions()
         options.duration = float(time[-1])
-        options.rtol = self.rtol if rtol is None else rtol
+        options.rtol = self.rtol
         options.output_rate = output_rate(time)
         options.ledger = options.events = options.diagnose = False
         options.finger_reference = variant.finger_reference

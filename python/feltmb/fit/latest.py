@@ -1,38 +1,16 @@
-"""Caches: the most recently used values by key, and results that live as long as an object."""
+"""Cache of the most recently used values by key."""
 
 from __future__ import annotations
 
-import functools
 import threading
-import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
-__all__ = ["Latest", "cached_for_first"]
+__all__ = ["Latest"]
 
 K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-def cached_for_first(function: F) -> F:
-    """Cache the results of a function as long as its first argument exists.
-
-    Unlike ``functools.lru_cache``, it does not keep the first argument alive, unless a result
-    refers to it. Arguments are positional and hashable. Threads that ask for the same result at the
-    same time may all compute it.
-    """
-    known: weakref.WeakKeyDictionary[Any, dict[Any, Any]] = weakref.WeakKeyDictionary()
-
-    @functools.wraps(function)
-    def call(first: Any, *args: Any) -> Any:
-        own = known.setdefault(first, {})
-        if args not in own:
-            own[args] = function(first, *args)
-        return own[args]
-
-    return call  # type: ignore[return-value]
 
 
 class Latest(Generic[K, V]):
@@ -90,9 +68,3 @@ class Latest(Generic[K, V]):
         made = make()
         self.keep(key, made)
         return made
-
-    def clear(self) -> None:
-        """Remove all values."""
-        with self._lock:
-            self._made.clear()
-            self._total = 0

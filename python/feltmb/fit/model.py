@@ -25,8 +25,6 @@ from feltmb.fit.noise_of_function import difference_offsets
 
 __all__ = [
     "INTERPOLATION",
-    "LAWS",
-    "OF_RECORDS",
     "VARIABILITY",
     "Batch",
     "Candidate",
@@ -49,10 +47,6 @@ VARIABILITY = "run-to-run variability"
 INTERPOLATION = "interpolation of inputs"
 
 EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
-#: Kinds of effects whose magnitude multiplies a law of force.
-LAWS = ("force", "state")
-#: Kinds of effects that change the records, not the machine.
-OF_RECORDS = ("sensor", "input")
 
 
 @checked

@@ -11,11 +11,9 @@ import sys
 import time as clock
 import warnings
 import weakref
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,21 +24,7 @@ from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fit.calling import explained
 from feltmb.fit.latest import Latest
 
-__all__ = ["Run", "Runner", "untold_trials"]
-
-#: Whether a failed trial is expected, so that it is not told.
-_untold: ContextVar[bool] = ContextVar("untold", default=False)
-
-
-@contextmanager
-def untold_trials() -> Iterator[None]:
-    """No warnings about trials that fail in this block, such as those with another clock."""
-    token = _untold.set(True)
-    try:
-        yield
-    finally:
-        _untold.reset(token)
-
+__all__ = ["Run", "Runner"]
 
 #: Largest number of cached values (two hundred megabytes).
 KEPT = 25_000_000
@@ -229,7 +213,7 @@ class Runner:
         new = {k: run for k, run in zip(keys, runs, strict=True) if k not in found}
         for (key, run), got in zip(new.items(), self._make(list(new.values())), strict=True):
             fault = f"raises {got}" if isinstance(got, str) else self._undefined(run, got)
-            if fault and not self._failed and not _untold.get():
+            if fault and not self._failed:
                 self._failed = True
                 warnings.warn(
                     f"model {self._name}: its function {fault} ({run}); this trial, and others "
@@ -251,11 +235,8 @@ class Runner:
         j, i = bad[0]
         return f"returns {found[j, i]} for {self._outputs[i]} at t = {run.time[j]:g} s, sample {j}"
 
-    def _count(self) -> None:
-        self.made += 1
-
     def _one(self, run: Run) -> Array | str:
-        self._count()
+        self.made += 1
         try:
             return call(self._function, run, self._outputs)
         except Unusable as error:
@@ -272,7 +253,7 @@ class Runner:
         for run, future in zip(runs, futures, strict=True):
             try:
                 out.append(future.result())
-                self._count()
+                self.made += 1
             except KeyboardInterrupt:
                 for waiting in futures:
                     waiting.cancel()

@@ -7,8 +7,8 @@ import feltmb
 from feltmb.adapters import load_library, mechanism_model
 from feltmb.adapters.variants import changed_config
 from feltmb.data import Record
-from feltmb.fit import Candidate, Jobs
-from feltmb.fit.observe import observe_jobs
+from feltmb.fit import Candidate
+from feltmb.fit.observe import observe
 
 CONDITIONS = {"relative_humidity": 70.0, "cycle": 100.0}
 
@@ -36,14 +36,8 @@ def adapter():
 
 def outputs(model, record, candidate=None, size=0.0):
     included = () if candidate is None else (candidate,)
-    jobs = Jobs(
-        theta=np.zeros((1, len(model.parameters))),
-        segments=np.array([[0, record.samples - 1]]),
-        starts=np.zeros((1, len(model.states(included)))),
-        included=included,
-        magnitudes=np.array([[size]]) if included else np.zeros((0, 0)),
-    )
-    return observe_jobs(model, record, jobs).outputs[0]
+    theta, sizes = np.zeros(len(model.parameters)), np.full(len(included), size)
+    return observe(model, record, theta, np.zeros(0), included, sizes)
 
 
 @pytest.fixture(scope="module")

@@ -89,7 +89,6 @@ ENOUGH = 1e-4
 
 def richardson(model, record, included, place, step):
     """Column by a parameter (place) or by an effect, from four tight runs."""
-    whole, none = np.array([[0, record.samples - 1]], dtype=np.intp), np.zeros((1, 0))
 
     def at(size):
         theta = np.zeros(len(model.parameters))
@@ -98,7 +97,13 @@ def richardson(model, record, included, place, step):
             sizes[:] = size
         else:
             theta[place] = size
-        return model.simulate(record, Jobs.at_point(theta, whole, none, included, sizes)).outputs[0]
+        jobs = Jobs(
+            theta=theta[None],
+            starts=np.zeros((1, 0)),
+            included=included,
+            magnitudes=sizes[None],
+        )
+        return model.simulate(record, jobs)[0]
 
     def central(h):
         return (at(h) - at(-h)) / (2.0 * h)
@@ -125,14 +130,13 @@ def agreement(monkeypatch, stroke, effects, tolerances, tolerance=2e-6, rtol=1e-
         if can_differentiate(model.simulator, record, c) and c.effect.bounds[0] < 0.0
         and c.effect.data.condition is None
     )  # fmt: skip
-    s = model.sensitivities([SensitivityRequest(
-            record, np.zeros(len(model.parameters)), np.array([[0, time.size - 1]], dtype=np.intp),
-            np.zeros((1, 0)), candidates=candidates,
-        )])[0]  # fmt: skip
-    wanted = [(p.name, (), i, p.size, s.d_theta[0, ..., i]) for i, p in enumerate(model.parameters)]
+    request = SensitivityRequest(
+        record, np.zeros(len(model.parameters)), np.zeros(0), candidates=candidates
+    )
+    (s,) = model.sensitivities([request])
+    wanted = [(p.name, (), i, p.size, s.d_theta[..., i]) for i, p in enumerate(model.parameters)]
     wanted += [
-        (c.name, (c,), -1, c.effect.scale, s.d_candidates[0, ..., i])
-        for i, c in enumerate(candidates)
+        (c.name, (c,), -1, c.effect.scale, s.d_candidates[..., i]) for i, c in enumerate(candidates)
     ]
     found = {}
     for name, included, place, scale, column in wanted:

@@ -1,4 +1,4 @@
-"""Whole strokes as a model: derivatives, run-to-run variability, configurations in a row."""
+"""Whole strokes as a model: derivatives, variation from stroke to stroke, configurations."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,10 @@ from feltmb.adapters.variants import changed_config
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Candidate, Jobs, SensitivityRequest
-from feltmb.fit.observe import observe_jobs, observed_sensitivities
+from feltmb.fit.observe import observe, observed_sensitivities
+from feltmb.gap import Options
+from feltmb.gap.records import prepare
+from feltmb.gap.variation import varies, with_variation
 
 LENGTH = 0.085  # up to shortly before the impact
 
@@ -50,8 +53,13 @@ def adapter():
     return model, effects, record
 
 
-def whole(record):
-    return np.array([[0, record.samples - 1]], dtype=np.intp)
+def at(theta):
+    """One simulation at these parameters."""
+    return Jobs(theta=theta[None], starts=np.zeros((1, 0)))
+
+
+def asked(record, theta, **fields):
+    return SensitivityRequest(record, theta, np.zeros(0), **fields)
 
 
 def test_a_row_of_configurations_is_that_of_single_ones():
@@ -93,26 +101,17 @@ def assert_close(a, b):
 def test_one_pass_a_point_and_only_what_is_missing_later(adapter):
     model, effects, record = adapter
     candidates = tuple(Candidate(e, s) for e in effects for s in e.shapes)
-    theta = np.zeros(len(model.parameters))
-    none = np.zeros((1, 0))
-    model.forget()
-    before = model.derivatives.passes
-    s = model.sensitivities([SensitivityRequest(record, theta, whole(record), none)])[0]
-    assert model.derivatives.passes == before + 1
-    again = model.sensitivities(
-        [SensitivityRequest(record, theta, whole(record), none, candidates=candidates)]
-    )[0]
-    assert model.derivatives.passes == before + 2  # the candidates
+    theta = np.full(len(model.parameters), 1e-8)
+    passes = model.derivatives.passes
+    (s,) = model.sensitivities([asked(record, theta)])
+    assert model.derivatives.passes == passes + 1
+    (again,) = model.sensitivities([asked(record, theta, candidates=candidates)])
+    assert model.derivatives.passes == passes + 2  # the candidates
     assert np.array_equal(again.d_theta, s.d_theta)
-    model.sensitivities(
-        [SensitivityRequest(record, theta, whole(record), none, candidates=candidates)]
-    )[0]
-    assert model.derivatives.passes == before + 2
-    model.sensitivities([SensitivityRequest(record, theta + 1e-9, whole(record), none)])[0]
-    assert model.derivatives.passes == before + 3
-    model.forget()
-    model.sensitivities([SensitivityRequest(record, theta, whole(record), none)])[0]
-    assert model.derivatives.passes == before + 4
+    model.sensitivities([asked(record, theta, candidates=candidates)])
+    assert model.derivatives.passes == passes + 2
+    model.sensitivities([asked(record, theta + 1e-9)])
+    assert model.derivatives.passes == passes + 3
 
 
 def test_an_effect_that_is_a_tolerance_has_its_column(adapter):
@@ -123,113 +122,63 @@ def test_an_effect_that_is_a_tolerance_has_its_column(adapter):
     entry = model.library.effect("capstan_height")
     assert model.simulator.alias(entry) is not None
     effect = effect_of(entry, model.outputs, model.library.channels)
-    s = model.sensitivities([SensitivityRequest(
-            record, np.zeros(len(model.parameters)), whole(record), np.zeros((1, 0)),
-            candidates=(Candidate(effect),),
-        )])[0]  # fmt: skip
+    theta = np.zeros(len(model.parameters))
+    (s,) = model.sensitivities([asked(record, theta, candidates=(Candidate(effect),))])
     place = [p.name for p in model.parameters].index("capstan_height")
-    ours, theirs = s.d_candidates[0, ..., 0], s.d_theta[0, ..., place]
+    ours, theirs = s.d_candidates[..., 0], s.d_theta[..., place]
     assert np.abs(theirs).max() > 0.0
     assert np.array_equal(ours, theirs)
 
 
 def test_a_camera_that_lags_and_a_force_sensor_that_leads_show_the_same(adapter):
-    """Their traces mirror each other, wherever the record is cut into segments of output."""
     model, effects, record = adapter
-    segments = np.array([[0, 110], [110, 140], [140, record.samples - 1]], dtype=np.intp)
     camera, force = (
         next(e for e in effects if e.name == n) for n in ("camera_skew", "input_delay")
     )
-    theta, states = np.zeros(len(model.parameters)), np.zeros((3, 0))
+    theta, none = np.zeros(len(model.parameters)), np.zeros(0)
 
     def shown(effect, size):
-        included = (Candidate(effect),)
-        jobs = Jobs.at_point(theta, segments, states, included, np.array([size]))
-        outputs = observe_jobs(model, record, jobs).outputs
-        parts = zip(outputs, segments[:, 1] - segments[:, 0] + 1, strict=True)
-        return np.concatenate([y[:length] for y, length in parts])
+        return observe(model, record, theta, none, (Candidate(effect),), np.array([size]))
 
     still, lag, lead = shown(camera, 0.0), shown(camera, 6e-4), shown(force, -6e-4)
     assert np.max(np.abs(still - lag)) > 1e-3
     assert np.max(np.abs(lead - lag)) < 4e-6  # a fifth of the noise of a camera
 
 
-def test_the_variability_is_linear_and_belongs_to_its_record(adapter):
-    model, _, record = adapter
-    with_variability = model.with_variability([record], 0.01)
-    extra = len(with_variability.parameters) - len(model.parameters)
-    assert extra == with_variability.variabilities["forte"].columns.shape[2] >= 2
-    assert all(p.sd == 1.0 and p.name.startswith("variability.forte.") for p in
-               with_variability.parameters[-extra:])  # fmt: skip
-    none = np.zeros((1, 0))
-    theta = np.zeros(len(with_variability.parameters))
-    s = with_variability.sensitivities([SensitivityRequest(record, theta, whole(record), none)])[0]
-    moved = theta.copy()
-    moved[-extra:] = np.linspace(-1.0, 2.0, extra)
-    y = with_variability.simulate(
-        record, Jobs.at_point(moved, whole(record), none, (), np.zeros(0))
-    )
-    expected = s.outputs[0] + s.d_theta[0, ..., -extra:] @ moved[-extra:]
-    assert np.allclose(y.outputs[0], expected, rtol=0.0, atol=1e-15)
-    other = Record(
-        name="other", time=record.time, inputs=record.inputs, outputs=record.outputs
+def test_the_modes_of_a_record_hold_the_noise_of_its_input(adapter):
+    """Replays with noisy input differ as much as the modes say."""
+    rough, _, record = adapter
+    model, _ = mechanism_model(
+        rough.action, channels=["key", "whippen", "hammer"], library=rough.library,
+        tolerances=[], effects=[], rtol=1e-7, workers=1, variation=None,
     )  # fmt: skip
-    y = with_variability.simulate(other, Jobs.at_point(moved, whole(record), none, (), np.zeros(0)))
-    assert np.array_equal(y.outputs[0], s.outputs[0])
-
-
-def test_the_variability_holds_the_noise_of_the_input(adapter):
-    """Replays with noisy input depart as much as run-to-run variability says."""
-    model, _, record = adapter
-    variability = model.with_variability([record], 0.0).variabilities["forte"].columns / 2e-5
-    assert variability.shape[2] >= 1
+    problem = prepare(model, (), [record], (), Options())
+    assert varies(problem)
+    modes = with_variation(problem).fit[0].modes / 2e-5
     rng = np.random.default_rng(3)
-    none, theta = np.zeros((1, 0)), np.zeros(len(model.parameters))
-    jobs = Jobs.at_point(theta, whole(record), none, (), np.zeros(0))
-    base = model.simulate(record, jobs).outputs[0]
+    (kept,) = model.ready([record]).records
+    base = model.simulate(kept, at(np.zeros(0)))[0]
     magnitudes = []
     for _ in range(12):
-        noisy = record.inputs["force"] + 0.01 * rng.standard_normal(record.samples)
-        y = model.simulate(record.with_inputs({"force": noisy}), jobs).outputs[0]
+        noisy = kept.inputs["force"] + 0.01 * rng.standard_normal(kept.samples)
+        y = model.simulate(kept.with_inputs({"force": noisy}), at(np.zeros(0)))[0]
         magnitudes.append(np.sum(((y - base) / 2e-5) ** 2))
-    assert np.mean(magnitudes) == pytest.approx(np.sum(variability**2), rel=0.8)
+    assert np.mean(magnitudes) == pytest.approx(np.sum(modes**2), rel=0.5)
 
 
-def test_the_variability_at_other_parameters_is_that_of_the_motion_there(adapter):
-    """The motion of a mechanism with more beam shapes, at parameters far from the tabulated ones.
-
-    The difference to the motion of the model is one direction of the variability. It is computed
-    here by another model.
-    """
-    model, _, record = adapter
-    time = np.arange(0.0, 0.105, 5e-4)  # the impact is later at these parameters
-    stroke = feltmb.load_stroke("forte")
-    record = Record(
-        name="forte", time=time, inputs={"force": stroke.at(time)}, sensors=record.sensors,
-        outputs={o: np.zeros(time.size) for o in model.outputs},
-    )  # fmt: skip
-    theta = 3.0 * np.array([p.sd for p in model.parameters])
-    tabulated = model.with_variability([record], 0.0)
-    there = tabulated.with_variability_at(
-        np.append(theta, np.ones(len(tabulated.parameters) - theta.size)), (), np.zeros(0)
-    )
-    assert there.parameters == tabulated.parameters
-    library = load_library(model.action)
-    resolved, _ = mechanism_model(
-        refined(model.action, ("shapes",)), channels=["key", "whippen", "hammer"], library=library,
-        tolerances=[p.name for p in model.parameters], effects=[],
-        rtol=1e-7, workers=1,
-    )  # fmt: skip
-    jobs = Jobs.at_point(theta, whole(record), np.zeros((1, 0)), (), np.zeros(0))
-    difference = (resolved.simulate(record, jobs).outputs - model.simulate(record, jobs).outputs)[0]
-
-    def left(seen):
-        columns = seen.variabilities["forte"].columns.reshape(difference.size, -1)
-        found = np.linalg.lstsq(columns, difference.ravel(), rcond=None)[0]
-        return np.linalg.norm(difference.ravel() - columns @ found) / np.linalg.norm(difference)
-
-    assert left(there) < 1e-6
-    assert left(tabulated) > 0.1
+def test_felt_and_friction_vary_from_stroke_to_stroke(adapter):
+    model, _, _ = adapter
+    assert {p.name: p.process_sd for p in model.parameters} == {
+        "let_off_button": 0.0,
+        "capstan_height": 0.0,
+        "mass.head": 0.0,
+        "felt.03": 0.01,
+        "joint_friction.butt": 0.01,
+    }
+    other, _ = resolve("steinway45", {"variation": "0.02", "tolerances": "felt.03"})
+    assert other.parameters[0].process_sd == 0.02
+    none, _ = resolve("steinway45", {"variation": "none", "tolerances": "felt.03"})
+    assert none.parameters[0].process_sd == 0.0
 
 
 def test_refined_changes_what_it_says():
@@ -264,26 +213,21 @@ def test_derivatives_by_the_input_are_exact_and_in_the_same_pass(adapter, monkey
     )  # fmt: skip
     delay = Candidate(next(e for e in effects if e.name == "input_delay"))
     hat = np.maximum(0.0, 1.0 - np.abs(record.time - 0.03) / 0.008)
-    at, none = np.zeros(1), np.zeros((1, 0))
-    request = SensitivityRequest(
-        record, at, whole(record), none, candidates=(delay,), input_changes=({"force": 0.1 * hat},)
+    theta = np.zeros(1)
+    request = asked(record, theta, candidates=(delay,), input_changes=({"force": 0.1 * hat},))
+    passes = model.derivatives.passes
+    (s,) = observed_sensitivities(model, [request])
+    assert model.derivatives.passes == passes + 1
+    (included,) = observed_sensitivities(
+        model, [asked(record, theta, included=(delay,), magnitudes=np.array([1e-3]))]
     )
-    before = model.derivatives.passes
-    s = observed_sensitivities(model, [request])[0]
-    assert model.derivatives.passes == before + 1
-    included = observed_sensitivities(
-        model, [SensitivityRequest(record, at, whole(record), none, (delay,), np.array([1e-3]))]
-    )[0]
 
     def late(size):
-        jobs = Jobs.at_point(at, whole(record), none, (delay,), np.array([size]))
-        return observe_jobs(model, record, jobs).outputs
+        return observe(model, record, theta, np.zeros(0), (delay,), np.array([size]))
 
     def pushed(size):
         changed = record.with_inputs({"force": record.inputs["force"] + size * hat})
-        return model.simulate(
-            changed, Jobs.at_point(at, whole(record), none, (), np.zeros(0))
-        ).outputs
+        return model.simulate(changed, at(theta))[0]
 
     for found, run, place, step, scale in (
         (s.d_candidates, late, 0.0, 1e-5, 1.0),
@@ -305,12 +249,11 @@ def test_derivatives_belong_to_the_samples_of_an_uneven_clock(adapter):
         inputs={n: v[kept] for n, v in record.inputs.items()},
         outputs={n: v[kept] for n, v in record.outputs.items()},
     )
-    at, none = np.zeros(len(model.parameters)), np.zeros((1, 0))
-    found = model.sensitivities([SensitivityRequest(thin, at, whole(thin), none)])[0]
-    every = model.sensitivities([SensitivityRequest(record, at, whole(record), none)])[0]
-    run = model.simulate(thin, Jobs.at_point(at, whole(thin), none, (), np.zeros(0)))
-    assert np.abs(found.outputs - run.outputs).max() < 1e-7
-    for column in range(at.size):
-        want = every.d_theta[0, kept, :, column]
-        error = np.abs(found.d_theta[0, ..., column] - want).max()
+    theta = np.zeros(len(model.parameters))
+    (found,) = model.sensitivities([asked(thin, theta)])
+    (every,) = model.sensitivities([asked(record, theta)])
+    assert np.abs(found.outputs - model.simulate(thin, at(theta))[0]).max() < 1e-7
+    for column in range(theta.size):
+        want = every.d_theta[kept][..., column]
+        error = np.abs(found.d_theta[..., column] - want).max()
         assert error <= 0.02 * np.abs(want).max(), model.parameters[column].name

@@ -9,7 +9,6 @@ import pytest
 import feltmb
 from feltmb.adapters import mechanism_model
 from feltmb.data import read_records
-from feltmb.gap import check
 
 CASES = Path(__file__).parents[3] / "examples" / "gap_action"
 
@@ -62,10 +61,3 @@ def test_a_stroke_that_is_not_held_does_not_reach_the_check(model, strokes):
     (note,) = told(model, [staccato])
     assert note.startswith("no record reaches the check (contact 08 stays 0.95 mm open), by")
     assert note.endswith("add a stroke that goes further and is held there")
-
-
-def test_gap_check_tells_it_too(model, strokes):
-    (staccato,) = (r for r in strokes if r.name == "staccato")
-    found = check(model, [staccato])
-    assert sum("no record reaches the check" in n for n in found.told) == 1
-    assert not any("no record reaches" in n for n in check(model, strokes[:1]).told)

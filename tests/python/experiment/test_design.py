@@ -104,9 +104,7 @@ ALIKE = effect("alike", lambda u: -2.0 * u**2, scale=0.5)
 
 def alike_effects(parts=(), **more):
     cube = effect("cube", lambda u: u**3 - u)
-    return planned(
-        line(), [SQUARE, ALIKE, cube], limits(least=-1.0, parts=parts), budget=3, **more
-    )
+    return planned(line(), [SQUARE, ALIKE, cube], limits(least=-1.0, parts=parts), budget=3, **more)
 
 
 def test_effects_of_equal_signature_are_told_to_be_inseparable():

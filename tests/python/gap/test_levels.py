@@ -6,7 +6,7 @@ import pytest
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit.model import Candidate, Jobs, SensitivityRequest
-from feltmb.gap import OdeModel, Options, Parameter, State, Verdict, diagnose, library
+from feltmb.gap import OdeModel, Parameter, State, Verdict, diagnose, library
 
 MINUTE = 60.0
 VESSEL = OdeModel(
@@ -72,23 +72,20 @@ def test_exchange_and_its_derivative_have_closed_forms(power, start):
     request = SensitivityRequest(
         record=one,
         theta=np.zeros(0),
-        segments=np.array([[0, 100]]),
-        starts=np.array([[start]]),
+        start=np.array([start]),
         included=(Candidate(effect),),
         magnitudes=np.array([size]),
-        candidates=(),
     )
     (found,) = alone.sensitivities([request])
-    assert np.allclose(found.outputs[0, :, 0], room + sign * exact, atol=1e-4)
-    assert np.allclose(found.d_magnitudes[0, :, 0, 0], sign * slope, atol=1e-2 * np.ptp(slope))
+    assert np.allclose(found.outputs[:, 0], room + sign * exact, atol=1e-4)
+    assert np.allclose(found.d_magnitudes[:, 0, 0], sign * slope, atol=1e-2 * np.ptp(slope))
     jobs = Jobs(
         theta=np.zeros((1, 0)),
-        segments=request.segments,
-        starts=request.starts,
+        starts=request.start[None],
         included=request.included,
         magnitudes=np.zeros((1, 1)),
     )
-    assert np.array_equal(alone.simulate(one, jobs).outputs[0, :, 0], np.full(101, start))
+    assert np.array_equal(alone.simulate(one, jobs)[0, :, 0], np.full(101, start))
 
 
 def test_a_quadratic_loss_to_the_room_is_named():
@@ -101,11 +98,10 @@ def test_a_quadratic_loss_to_the_room_is_named():
         library.sensor_gain(["vessel"], "vessel"),
     )
     days = [measured(seed, 1.4e-6) for seed in (1, 2, 3)]
-    options = Options(bootstrap=0, restarts=0, advice=False)
-    report = diagnose(VESSEL, effects, days, ["day 3"], options)
+    report = diagnose(VESSEL, effects, days, hold_out=["day 3"])
     assert report.verdict is Verdict.NAMED
-    assert report.named == ("exchange ~ (T - room)^2",)
-    found = report.which["exchange ~ (T - room)^2"]
+    (found,) = report.named
+    assert found.cause == "exchange ~ (T - room)^2"
     assert found.low < 1.4e-6 < found.high
     assert 0.8 < found.magnitude / 1.4e-6 < 1.2
 

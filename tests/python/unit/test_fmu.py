@@ -383,10 +383,8 @@ def test_a_unit_is_a_model_of_a_diagnosis(pendulum, tmp_path):
         outputs={"arm.angle": np.zeros(60)},
         sensors={"arm.angle": gap.Sensor(name="arm.angle", sigma=1e-5, unit="rad")},
     )
-    jobs = fit.Jobs(
-        theta=np.array([[0.02], [0.025]]), segments=np.array([[0, 59]] * 2), starts=np.zeros((2, 0))
-    )
-    out = model.simulate(record, jobs).outputs[:, :, 0]
+    jobs = fit.Jobs(theta=np.array([[0.02], [0.025]]), starts=np.zeros((2, 0)))
+    out = model.simulate(record, jobs)[:, :, 0]
     heavier = pendulum.with_values({"arm.mass": {"value": 25.0, "unit": "g"}})
     for row, each in zip(out, (pendulum, heavier), strict=True):
         assert np.allclose(row, held(each, -0.4, 59, ("arm.angle",))[:, 0], atol=1e-6)

@@ -264,11 +264,10 @@ def test_a_sensor_and_an_input_have_the_same_signs(error):
         "offset": library.sensor_offset(["f"], "f", unit="N", scale=1.0),
         "delay": library.sensor_delay(["f"], "f", scale=1.0),
     }[error]
-    segments = np.array([[0, TIME.size - 1]])
     truth = _truth(TIME)[None, :, None]
     mechanical = observe_by(Signal(kind=error, channels="f"), ["f"], {})
     for observe in (sensor.observe, mechanical):
-        shown = observe(record, truth, segments, np.array([size]), None)[0, :, 0]
+        shown = observe(record, truth, np.array([size]), None)[0, :, 0]
         assert shown[10:-10] == pytest.approx(reading[10:-10], abs=1e-5)
 
 
