@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from feltmb.cli.common import (
     ProgressLine,
-    budget_option,
     console,
     folder_option,
     force_option,
-    interruptible,
     json_option,
     model_set_option,
     new_table,
@@ -22,6 +21,10 @@ from feltmb.cli.common import (
     say_written,
 )
 from feltmb.cli.completing import actions
+from feltmb.cli.gap_reading import reading_options
+
+if TYPE_CHECKING:
+    from feltmb.data import ReadOptions
 
 __all__ = ["command"]
 
@@ -29,26 +32,24 @@ __all__ = ["command"]
 @click.command(name="fit")
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--segment", type=positive("s"), help="Length of shooting segments [s].")
 @click.option(
-    "--restarts",
-    type=click.IntRange(0, 10_000),
-    default=3,
+    "--seconds",
+    type=positive("s"),
+    default="120 s",
     show_default=True,
-    help="Largest number of further starting points.",
+    help="Limit of time, such as 5min [s].",
 )
 @folder_option("Folder for fit.json.")
-@budget_option
+@reading_options
 @model_set_option
 @json_option
 @force_option
 def command(
     model: str,
     data: tuple[Path, ...],
-    segment: float | None,
-    restarts: int,
+    seconds: float,
     output: Path | None,
-    budget: float | None,
+    reading: ReadOptions,
     settings: tuple[str, ...],
     as_json: bool,
     force: bool,
@@ -56,85 +57,47 @@ def command(
     """Fit the parameters of MODEL to measured DATA, and print values and intervals.
 
     MODEL is a mechanism (packaged or a TOML file), or a Python file that defines `model` and
-    `effects`. An interrupted fit continues when it is started again with the same output folder.
+    `effects`. Effects are not searched; `feltmb gap diagnose` does that.
     """
-    import json
-
     from feltmb.cli.gap_models import load_adapter
     from feltmb.files import check_writable, make_folder, write_text
-    from feltmb.fit.solve import NOT_CONVERGED, FitSettings
-    from feltmb.gap import fit_model
-    from feltmb.gap.report import plain
-    from feltmb.gap.resumed import discard, remaining
+    from feltmb.gap import Options, fit_model
 
-    # Fits of interrupted diagnoses may stand beside these.
-    fits = None if output is None else output / ".resume" / "fit"
     if output is not None:
         check_writable(make_folder(output) / "fit.json", force=force)
-
     adapter = load_adapter(model, settings)
-    records = adapter.read(data)
+    records = adapter.read(data, reading)
     line = ProgressLine()
-    with interruptible() as stop:
-        fit = fit_model(
-            adapter.model,
-            records,
-            segment=segment,
-            settings=FitSettings(restarts=restarts),
-            progress=line,
-            resume=fits,
-            budget=budget,
-            stop=stop,
-        )
-        stop.writing()
-        line.close()
-        rows = fit.intervals()
-        result = {
-            "model": adapter.model.name,
-            "parameters": plain(rows),
-            "chi2": plain(fit.chi2),
-            "dof": plain(fit.dof),
-            "level": plain(fit.level),
-            "converged": fit.converged,
-            "notes": list(fit.notes),
-        }
-        if output is not None:
-            text = json.dumps(result, indent=2) + "\n"
-            say_written(write_text(output / "fit.json", text, force=force))
-            stopped = any(n.startswith("stopped") for n in fit.notes)
-            if fits is not None and not stopped:
-                discard(fits)
-            if kept := remaining(output / ".resume"):
-                say(kept, err=True)
+    report = fit_model(adapter.model, records, options=Options(seconds=seconds), tell=line)
+    line.close()
+    if output is not None:
+        say_written(write_text(output / "fit.json", report.to_json(), force=force))
     if as_json:
-        print_json(result)
+        print_json(report.as_dict())
         return
+    screen = console()
     table = new_table(
-        adapter.model.name,
-        "parameter",
-        "fitted",
-        "95 %",
-        "prior",
-        "learned",
-        right=(1, 2, 3, 4),
-        whole=(0,),
+        adapter.model.name, "parameter", "fitted", "95 %", "prior", right=(1, 2, 3), whole=(0,)
     )
-    for r in rows:
-        unit = "" if r.unit == "1" else f" [{r.unit}]"
-        prior = f"{r.prior:.4g} ± {r.prior_sd:.2g}"
+    for p in report.parameters:
+        unit = "" if p.unit == "1" else f" [{p.unit}]"
         table.add_row(
-            r.name + unit,
-            f"{r.value:.5g}" + (" (limit)" if r.at_limit else ""),
-            f"{r.low:.4g} .. {r.high:.4g}" if r.converged else NOT_CONVERGED,
-            prior,
-            f"{r.contraction:.0%}",
+            p.name + unit,
+            f"{p.value:.5g}",
+            f"{p.low:.4g} .. {p.high:.4g}",
+            f"{p.tabulated:.4g} ± {p.sd:.2g}",
         )
-    console().print(table)
-    say(
-        f"sum of squares {fit.chi2 / fit.dof:.3g} of its expectation, "
-        f"{'converged' if fit.converged else 'NOT converged'}"
+    screen.print(table)
+    residuals = new_table(
+        "residual (rms)", "channel", "tabulated", "fitted", "noise", right=(1, 2, 3), whole=(0,)
     )
-    for note in fit.notes:
+    for c in report.channels:
+        noise = "" if c.noise != c.noise else f"{c.noise:.3g}"
+        residuals.add_row(f"{c.name} [{c.unit}]", f"{c.tabulated:.3g}", f"{c.explained:.3g}", noise)
+    screen.print(residuals)
+    for cause in (*report.named, *(c for group in report.classes for c in group)):
+        say(f"{cause.cause}: it is wrong, probability {cause.probability:.0%}")
+    for note in report.notes:
         say(f"note: {note}")
-    if not fit.explains:
-        say("the model does not explain the records: intervals are too narrow; try gap diagnose")
+    if any(c.material for c in report.channels):
+        say("the model does not explain the records: see feltmb gap diagnose")

@@ -28,7 +28,7 @@ from feltmb.gap.fit import empty_point
 from feltmb.gap.linear import Ask, start_states, theta_at
 from feltmb.gap.options import Options
 from feltmb.gap.problem import Problem
-from feltmb.gap.records import prepare, noise_of_channel, split_records
+from feltmb.gap.records import noise_of_channel, prepare, split_records
 from feltmb.gap.result import Result, Verdict
 from feltmb.gap.search import SEARCH, model_alone
 
@@ -312,7 +312,7 @@ def _machine(
                     f"record {r.name}: nothing was measured of {n}, and its sensor has no noise; "
                     "expected sigma, or a measured record"
                 )
-    problem = prepare(model, effects, records, (), options)
+    problem = prepare(model.ready(tuple(records)), effects, (), options)
     planned = not problem.motion.any()
     point = empty_point(problem, (), problem.fit) if planned else model_alone(problem).point
     ask = Ask((), point, problem.fit)

@@ -75,7 +75,7 @@ def diagnose(
     ready = ready_records(model, records)
     before = compared(ready)
     refuse(before)
-    problem = prepare(ready.model, effects, ready.records, hold_out, options)
+    problem = prepare(ready, effects, hold_out, options)
     problem = replace(problem, notes=(*before.notes, *(h.text for h in before.hints)))
     if varies(problem):
         problem = with_variation(problem)

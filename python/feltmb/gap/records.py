@@ -99,9 +99,8 @@ def _without_constant(
 
 
 def prepare(
-    model: Model,
+    ready: Ready,
     effects: Sequence[Effect],
-    records: Sequence[Record],
     hold_out: Sequence[str] | str | None,
     options: Options,
 ) -> Problem:
@@ -109,12 +108,10 @@ def prepare(
 
     Parameters
     ----------
-    model
-        Model of the machine.
+    ready
+        Model and records, see :func:`ready_records`.
     effects
-        Effects that it may lack.
-    records
-        Measured runs.
+        Effects that the model may lack.
     hold_out
         Names of the held-out records; None: see :func:`split_records`.
     options
@@ -125,8 +122,7 @@ def prepare(
     InvalidParameter, DataError
         The model does not accept an effect, or no record shows an output of the model.
     """
-    _check_effects(model, effects)
-    ready = ready_records(model, records)
+    _check_effects(ready.model, effects)
     fitted, held = split_records(ready.records, hold_out)
     return problem_of(ready.model, effects, fitted, held, options, ready.notes)
 
@@ -148,15 +144,20 @@ def problem_of(
     """
     shown = {n for r in fitted for n, y in r.outputs.items() if np.isfinite(y).any()}
     channels = tuple(i for i, n in enumerate(model.outputs) if n in shown)
-    names = [model.outputs[c] for c in channels]
-    units = dict.fromkeys(u for r in ready.records for n, u in r.units.items() if n in names)
+    if not channels:
+        raise DataError(
+            f"records: they show {', '.join(sorted(shown)) or 'nothing'}, expected an output of "
+            f"the model {model.name} ({', '.join(model.outputs)})"
+        )
+    names, records = [model.outputs[c] for c in channels], (*fitted, *held)
+    units = dict.fromkeys(u for r in records for n, u in r.units.items() if n in names)
     if unknown := [n for n in options.good_enough if n not in {*model.outputs, *units}]:
         raise InvalidParameter(
             f"good_enough: got {', '.join(unknown)}, expected an output "
             f"({', '.join(model.outputs)}) or a unit of one ({', '.join(units)})"
         )
     sensors = [r.sensors[n] for r in fitted for n in names if n in r.outputs]
-    noise = _noise_levels(ready.records)
+    noise = _noise_levels(records)
     observed = tuple(_observed(model, r, names, noise) for r in fitted)
     of_records = _errors(model, effects, observed, names)
     return Problem(
