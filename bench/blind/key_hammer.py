@@ -284,6 +284,7 @@ class KeyHammer(Model):
     outputs = ("key", "hammer")
     units = MappingProxyType({"key": "m", "hammer": "m"})
     chaotic = True
+    cheap_derivatives = True
     ports = (
         Port(name="key", component="key", unit="N", scale=0.1),
         Port(name="hammer", component="hammer", unit="N", scale=0.02),

@@ -28,6 +28,9 @@ from feltmb.mechanism import Action, MechanismFile
 
 __all__ = ["Simulator", "key_of"]
 
+#: Largest number of steps per second of a record [1/s], 20 times those of a staccato: a mechanism of
+#: absurd parameters takes minutes.
+MOST_STEPS = 1e6
 #: Number of cached simulated motions.
 MOTIONS = 64
 #: Number of cached versions of the mechanism: all of one linearization.
@@ -203,6 +206,7 @@ class Simulator:
         options = _core.SimulationOptions()
         options.duration = float(time[-1])
         options.rtol = self.rtol
+        options.max_steps = int(MOST_STEPS * options.duration) + 10_000
         options.output_rate = output_rate(time)
         options.ledger = options.events = options.diagnose = False
         options.finger_reference = variant.finger_reference
