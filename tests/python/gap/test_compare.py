@@ -381,7 +381,7 @@ def test_exchanged_columns_are_told():
     assert (hint.kind, set(hint.channels)) == ("exchange", set(POINTS))
     model, records = three()
     (hint,) = gap.check(model, [exchanged(r, *"abc") for r in records]).hints
-    assert hint.text.startswith("a looks like c, c looks like b, b looks like a")
+    assert hint.text.startswith("a looks like c, b looks like a, c looks like b")
     with pytest.raises(DataError, match="are the columns exchanged"):
         gap.diagnose(model, [], [exchanged(r, *"abc") for r in records])
 
