@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("check")
+@click.command("check", short_help="Check measured DATA, also against a model, before any fit.")
 @click.argument("model_and_data", nargs=-1, required=True, shell_complete=actions,
                 metavar="[MODEL] DATA...")  # fmt: skip
 @click.option(

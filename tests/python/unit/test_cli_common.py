@@ -46,8 +46,8 @@ def test_every_command_speaks_json_and_has_a_help(path):
 def test_files_are_written_by_one_pair_of_options(path):
     found = options(ALL[path])
     assert "--output" not in found
-    # The demo replaces its own files; the bench and the session go on with their own.
-    if "--out" in found and path not in {("demo",), ("gap", "blind"), ("gap", "session")}:
+    # The demo replaces its own files; the bench goes on with its own.
+    if "--out" in found and path not in {("demo",), ("gap", "blind")}:
         assert {"-o", "--force"} <= found
 
 
