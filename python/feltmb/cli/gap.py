@@ -91,8 +91,8 @@ command.add_command(plan_command)
 @click.option(
     "--seconds",
     type=positive("s"),
-    default="120 s",
-    show_default=True,
+    default=120.0,
+    show_default="120 s",
     help="Limit of time; the best sets of effects until then are the answer, such as 5min [s].",
 )
 @list_option(

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from feltmb.data import Record, Role
-from feltmb.data.smoothing import noise_of_record
+from feltmb.data.smoothing import LEAST_SAMPLES, noise_of_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.model import Effect, Model, Ready
 from feltmb.fit.noise import Noise, noise_of, rounding_error
@@ -303,9 +303,11 @@ def noise_of_channel(record: Record, name: str, others: float = 0.0) -> Noise:
     sigma = sensor.sigma
     most = float(np.nanmax(np.abs(values), initial=0.0))
     if sigma is None:
-        steps = np.diff(np.unique(values[np.isfinite(values)]))
+        known = values[np.isfinite(values)]
+        steps = np.diff(np.unique(known))
         steps = steps[steps > 1e-9 * most]
-        sigma = noise_of_record(values[np.isfinite(values)])
+        # Too few values have no noise of their own: nothing smaller than their spread is known.
+        sigma = noise_of_record(known) if known.size >= LEAST_SAMPLES else float(np.std(known))
         sigma = max(sigma, rounding_error(float(steps.min()))) if steps.size else others
     found = noise_of(sensor, sigma, sensor.quantum)
     return replace(found, sigma=max(found.sigma, 1e-9 * (most or 1.0)))
