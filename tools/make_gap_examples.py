@@ -1,7 +1,7 @@
 """Writes examples/gap_action: records of the action with a cause that the model lacks.
 
 One folder a case: a record a stroke (CSV with its TOML) and truth.json, which a diagnosis does not
-read. The machine behind them is not the model; see feltmb.adapters.synthetic.
+read. The machine behind them is not the model; see bench/blind/synthetic.py.
 """
 
 import json
@@ -10,13 +10,14 @@ import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "bench"))
+
 import feltmb
-from feltmb.adapters.synthetic import Case, Sensors, make_case
+from blind.synthetic import Case, Sensors, make_case
 from feltmb.data import write_record
 
-ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "examples" / "gap_action"
-sys.path.insert(0, str(ROOT / "bench"))  # the case of the blind bench
 STROKES = (("piano", "fit"), ("staccato", "fit"), ("forte", "held_out"))
 CHANNELS = ["key", "whippen", "hammer", "backcheck"]
 # Name of the case -> effects in their own scales, whether the input is a motion.
@@ -71,7 +72,7 @@ BENCH_PART = ("pivot_clearance.whippen", "A", 4.5968303756038596e-05, 34.6418516
 def write_bench_case() -> None:
     """Write a case of the blind bench, with deviations of all tolerances and all nuisances."""
     from blind import action_truth as truth
-    from blind.action_calibration import packaged_scales, to_record
+    from blind.action_machine import packaged_scales, to_record
 
     _, base, library, outputs = truth.setup()
     drawn = truth.draw(BENCH_SEED, BENCH_CASE, packaged_scales(), library, outputs)

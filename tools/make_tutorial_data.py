@@ -14,13 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "bench"))
+
 import feltmb
+from blind.synthetic import Sensors, make_case
 from feltmb import felt
 from feltmb.adapters.library import load_library
-from feltmb.adapters.synthetic import Sensors, make_case
 from feltmb.data import write_record
 
-FOLDER = Path(__file__).resolve().parents[1] / "examples" / "tutorial"
+FOLDER = ROOT / "examples" / "tutorial"
 
 THICKNESS = 6.0e-3
 """Thickness of the specimen without load [m]."""

@@ -1,7 +1,8 @@
-"""Blind bench of the gap diagnosis: sealed cases, their diagnosis, the score.
+"""Machines of known truth, and the yardstick of the diagnosis.
 
-It has four parts that are as independent as possible: the *model* with its library of effects
-(:mod:`~blind.key_hammer`), the *generator* of truths, which shares no code with it
-(:mod:`~blind.truth`), the *bench* that seals, diagnoses and stores (:mod:`~blind.bench`), and the
-*scorer*, which reads stored files only (:mod:`~blind.score`).
+Its parts are as independent as possible: the *models* with their libraries of effects
+(:mod:`~blind.key_hammer`, the packaged action), the *generators* of truths, which share no code
+with them (:mod:`~blind.truth`, :mod:`~blind.action_truth`, :mod:`~blind.imperfect`), the *sets* of
+cases (:mod:`~blind.yardstick_sets`), and the *marks*, which read stored answers only
+(:mod:`~blind.marks`).
 """

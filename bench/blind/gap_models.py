@@ -423,31 +423,31 @@ def main() -> None:
         begin = clock.process_time()
         report = diagnose(case.model, case.effects, case.records, hold_out=[case.records[-1].name])
         spent = clock.process_time() - begin
-        first = next((r for r in report.which.effects if r.effect in case.named), None)
+        named = [n.cause for n in report.named]
+        one_of = [n.cause for group in report.classes for n in group]
+        told = [*report.named, *(n for group in report.classes for n in group)]
+        first = next((n for n in told if n.cause in case.named), None)
         row = {
             "case": name,
             "truth": case.truth,
-            "verdict": str(report.verdict),
-            "named": list(report.named),
-            "one_of": list(report.one_of),
-            "right": set(report.named) <= set(case.named)
-            and set(case.named) <= {*report.named, *report.one_of},
+            "verdict": report.verdict.name,
+            "named": named,
+            "one_of": one_of,
+            "right": set(named) <= set(case.named) and set(case.named) <= {*named, *one_of},
             "size": None if first is None else [first.low, first.magnitude, first.high],
             "true_size": case.size,
-            "closed": report.how_far.closed,
-            "component": report.where.components[0].component if report.where.components else "",
-            "looks": report.where.components[0].signature if report.where.components else "",
-            "between": [v for k, v in report.model.parameters.items() if k.startswith("between.")],
+            "held_out_gain": report.held_out_gain,
             "cpu_seconds": spent,
         }
         rows.append(row)
         size = (
             "" if first is None else f", {first.magnitude:.4g} [{first.low:.4g}, {first.high:.4g}]"
         )
-        either = f" and one of {', '.join(report.one_of)}" if report.one_of else ""
+        either = f" one of {', '.join(one_of)}" if one_of else ""
+        gain = "" if report.held_out_gain is None else f", leaves {report.held_out_gain[0]:.0%}"
         print(
-            f"{name}: {case.truth}\n    {report.verdict} {', '.join(report.named)}{either}{size}, "
-            f"closes {report.how_far.closed:.0%}, {row['looks'] or '-'}, {spent:.0f} s",
+            f"{name}: {case.truth}\n    {report.verdict.name} {', '.join(named)}{either}{size}"
+            f"{gain}, {spent:.0f} s",
             flush=True,
         )
     if chosen.json is not None:

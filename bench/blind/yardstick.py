@@ -1,11 +1,13 @@
 """The frozen yardstick of the diagnosis: runs an engine on a set and stores the answers.
 
-    python bench/blind/yardstick.py present imperfect --third --cache out/yardstick
-    python bench/blind/yardstick.py --compare present new           paired table of two files
+    python bench/blind/yardstick.py imperfect --third --cache out/yardstick
+    python bench/blind/yardstick.py --compare present feltmb        paired table of two files
+    python bench/blind/yardstick.py small --seed 20281201 --count 100    a sealed half
 
-An engine is a function ``(model, effects, records, budget, options) -> Answer``; one of your own
-is ``MODULE:FUNCTION``. Each case runs in a process of its own with a limit of processor time; no
-answer within it is the answer "none". Answers are lines of
+An engine is a function ``(model, effects, records, seconds) -> Answer``, given by ``--engine
+MODULE:FUNCTION``; the default is feltmb. With a new seed, the truths of the machines ``small`` and
+``action`` are drawn and hashed before anything is diagnosed. Each case runs in a process of its own
+with a limit of processor time; no answer within it is the answer "none". Answers are lines of
 ``bench/results/yardstick/LABEL.jsonl``; a case that has an answer is not repeated. Sets: see
 :mod:`blind.yardstick_sets`; marks: see :mod:`blind.marks`.
 """
@@ -14,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import hashlib
 import importlib
 import io
 import json
@@ -30,11 +33,11 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from blind.marks import Answer, Interval, Marked, Truth, compare, read, table
-from blind.yardstick_sets import ROOT, SETS, Task
+from blind.marks import Answer, Marked, Truth, compare, read, table
+from blind.yardstick_sets import ROOT, SEALED, SETS, Set, Task
 from feltmb import gap
 
-__all__ = ["ENGINES", "new", "present"]
+__all__ = ["ENGINES", "diagnosed", "run_case"]
 
 RESULTS = ROOT / "bench" / "results" / "yardstick"
 LIMIT = 120.0
@@ -44,49 +47,15 @@ BUSY = 30.0
 #: Signals of a process that crashes.
 CRASHES = (signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL)
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-Engine = Callable[[Any, Sequence[Any], Sequence[Any], float, Any], Answer]
+Engine = Callable[[Any, Sequence[Any], Sequence[Any], float], Answer]
 
 
 # ---------------------------------------------------------------- engines
 
 
-def present(
-    model: Any, effects: Sequence[Any], records: Sequence[Any], budget: float, options: Any
-) -> Answer:
-    """The engine of :mod:`feltmb.gap`."""
-    report = gap.diagnose(model, effects, records, options=options)
-    verdict = {
-        "NO STRUCTURAL GAP, CALIBRATED": "CALIBRATED",
-        "NAMED + RESIDUAL REMAINS": "NAMED",
-        "TOO WEAK": "NO GAP",
-        "NOT COMPLETE": "none",
-    }.get(str(report.verdict), str(report.verdict))
-    rows = {r.effect: r for r in report.which.effects}
-    told = [rows[n] for n in (*report.named, *report.one_of) if n in rows]
-    moved = report.calibrated
-    fitted: dict[str, Interval] = {
-        n: (v, float("nan"), float("nan")) for n, v in report.model.parameters.items()
-    }
-    fitted |= {c.name: (c.value, c.low, c.high) for c in moved}
-    far = report.how_far
-    return Answer(
-        verdict,
-        tuple(report.named),
-        (tuple(report.one_of),) if report.one_of else (),
-        tuple(c.name for c in moved if c.sure),
-        fitted,
-        {r.effect: (r.magnitude, r.low, r.high) for r in told},
-        held_out=(float(far.before), float(far.after)) if far.records else None,
-        said=report.statement,
-    )
-
-
-def new(
-    model: Any, effects: Sequence[Any], records: Sequence[Any], budget: float, options: Any
-) -> Answer:
-    """The engine of :mod:`feltmb.gap`, whose result has causes instead of names."""
-    engine = importlib.import_module("feltmb.gap")
-    result = engine.diagnose(model, effects, records, options=engine.Options(seconds=budget))
+def diagnosed(model: Any, effects: Sequence[Any], records: Sequence[Any], budget: float) -> Answer:
+    """The engine of :mod:`feltmb.gap`; what it names are causes, some of them parameters."""
+    result = gap.diagnose(model, effects, records, options=gap.Options(seconds=budget))
 
     def name(cause: Any) -> str:
         return f"parameter:{cause.cause}" if cause.parameter else str(cause.cause)
@@ -105,7 +74,7 @@ def new(
     )
 
 
-ENGINES: Mapping[str, Engine] = {"present": present, "new": new}
+ENGINES: Mapping[str, Engine] = {"feltmb": diagnosed}
 
 
 def _engine(name: str) -> Engine:
@@ -131,15 +100,15 @@ def _answer(run: Engine, task: Task, limit: float) -> Answer:
     """Answer of an engine to a case, in this process."""
     begin = _spent()
     try:
-        answer = run(task.model, task.effects, task.records, limit, task.options)
+        answer = run(task.model, task.effects, task.records, limit)
     except Exception as error:  # an error is a bad answer
         answer = Answer("none", said=f"{type(error).__name__}: {error}"[:500])
     return replace(answer, seconds=_spent() - begin)
 
 
-def _child(engine: str, name: str, case: int, cache: Path, limit: float) -> None:
+def _child(engine: str, cases: Set, case: int, cache: Path, limit: float) -> None:
     """Print the truth, then the answer, as JSON; the limit begins with the diagnosis."""
-    task, run = SETS[name].task(case, cache), _engine(engine)
+    task, run = cases.task(case, cache), _engine(engine)
     print(json.dumps(asdict(task.truth), default=list), flush=True)
     ceiling = int(time.process_time() + limit) + 2
     resource.setrlimit(resource.RLIMIT_CPU, (ceiling, ceiling + 5))
@@ -149,15 +118,18 @@ def _child(engine: str, name: str, case: int, cache: Path, limit: float) -> None
     print(json.dumps(asdict(answer), default=list), file=shown, flush=True)
 
 
-def run_case(engine: str, name: str, case: int, cache: Path, limit: float) -> tuple[Truth, Answer]:
-    """Answer of an engine to a case, in a process of its own.
+def run_case(
+    engine: str, name: str, case: int, cache: Path, limit: float, further: Sequence[str] = ()
+) -> tuple[Truth, Answer]:
+    """Answer of an engine to a case, in a process of its own; ``further``: options of the set.
 
     Raises
     ------
     TimeoutError
         Somebody else ended the process, or the machine is too busy for an answer.
     """
-    arguments = [engine, name, "--child", str(case), "--cache", str(cache), "--limit", str(limit)]
+    arguments = [name, "--engine", engine, "--child", str(case), "--cache", str(cache)]
+    arguments += ["--limit", str(limit), *further]
     try:
         done = subprocess.run(
             [sys.executable, str(Path(__file__).resolve()), *arguments],
@@ -214,8 +186,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("engine", nargs="?", help=f"{', '.join(ENGINES)}, or MODULE:FUNCTION")
     parser.add_argument("set", nargs="*", help=", ".join(SETS))
+    parser.add_argument("--engine", default="feltmb", help="MODULE:FUNCTION; default: feltmb")
+    parser.add_argument("--seed", type=int, help=f"other truths of {' or '.join(SEALED)}")
+    parser.add_argument("--count", type=int, default=100, help="number of cases with --seed")
     parser.add_argument("--third", action="store_true", help="every third case")
     parser.add_argument("--cases", help="some cases, such as 0,3,5-9")
     parser.add_argument("--cache", type=Path, default=ROOT / "out" / "yardstick")
@@ -235,20 +209,28 @@ def main() -> None:
         print(f"A: {given.compare[0]}, B: {given.compare[1]}\n")
         print(compare(one, two))
         return
-    unknown = [s for s in given.set if s not in SETS]
-    if not given.engine or not given.set or unknown:
-        parser.error(f"expected an engine and some of the sets {', '.join(SETS)}")
+    known_sets = SETS if given.seed is None else SEALED
+    if not given.set or set(given.set) - set(known_sets):
+        parser.error(f"expected some of the sets {', '.join(known_sets)}")
+    sets = SETS
+    further: list[str] = []
+    if given.seed is not None:
+        sets = {name: SEALED[name](given.seed, given.count) for name in given.set}
+        further = ["--seed", str(given.seed), "--count", str(given.count)]
     if given.child is not None:
-        _child(given.engine, given.set[0], given.child, given.cache, given.limit)
+        _child(given.engine, sets[given.set[0]], given.child, given.cache, given.limit)
         return
     path = file(given.label or given.engine.replace(":", "."))
     path.parent.mkdir(parents=True, exist_ok=True)
-    for name in given.set:
-        cases = SETS[name]
+    for asked in given.set:
+        cases, name = sets[asked], sets[asked].name
         numbers = cases.third() if given.third else list(range(cases.count))
         if given.cases:
             numbers = _numbers(given.cases, cases.count)
         cases.make(numbers, given.cache)
+        if given.seed is not None:
+            seal = hashlib.sha256((given.cache / name / "truths.json").read_bytes()).hexdigest()
+            print(f"{name}: SHA-256 of the truths: {seal}", flush=True)
         if given.make:
             continue
         known = read(path) if path.exists() else {}
@@ -256,7 +238,7 @@ def main() -> None:
             if (name, n) in known:
                 continue
             try:
-                truth, answer = run_case(given.engine, name, n, given.cache, given.limit)
+                truth, answer = run_case(given.engine, asked, n, given.cache, given.limit, further)
             except TimeoutError as error:
                 print(f"{error}; not stored", flush=True)
                 continue

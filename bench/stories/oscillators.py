@@ -162,13 +162,13 @@ def main() -> None:
     right, spent = [], []
     for case in given.cases or range(CASES):
         law, structure, share, report, seconds = run(case, bare=given.bare)
-        named = (*report.named, *report.one_of)
-        right.append(any(n.startswith(LAWS[law]) for n in report.named))
+        named = [n.cause for n in (*report.named, *(n for g in report.classes for n in g))]
+        right.append(any(n.cause.startswith(LAWS[law]) for n in report.named))
         spent.append(seconds)
-        first = report.which.effects[0].effect if report.which.effects else "-"
+        first = next((c for s in report.sets for c in s.causes), "-")
         print(
             f"{case:3d} {law:9s} {'none' if given.bare else structure:12s} {100 * share:4.2f} %  "
-            f"{report.verdict}: {', '.join(named) or '(' + first + ')'}; {seconds:.0f} s",
+            f"{report.verdict.name}: {', '.join(named) or '(' + first + ')'}; {seconds:.0f} s",
             flush=True,
         )
     print(

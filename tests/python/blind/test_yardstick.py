@@ -1,5 +1,6 @@
 """The yardstick: marks, comparison, imperfect machines, a case in a process of its own."""
 
+import hashlib
 import json
 import sys
 from dataclasses import replace
@@ -10,12 +11,13 @@ import numpy as np
 import pytest
 
 import blind.yardstick
+from blind import small_machine
 from blind.imperfect.generate import NOISE, ROWS, load, make, save, simulate
 from blind.imperfect.machines import TABLES
 from blind.imperfect.stated import stated, to_records
 from blind.marks import Answer, Cause, Marked, Truth, compare, mark, mcnemar, read, table
 from blind.yardstick import run_case
-from blind.yardstick_sets import SETS
+from blind.yardstick_sets import SEALED, SETS
 from feltmb.fit import Jobs
 
 FRICTION = Truth("effect", (Cause(("dry friction",), ("Stribeck friction",)),), {"m": 2.0})
@@ -220,7 +222,7 @@ def _engine(source, tmp_path, monkeypatch):
 def test_case_runs_in_a_process_of_its_own(tmp_path, monkeypatch):
     source = (
         "from blind.marks import Answer\n"
-        "def answer(model, effects, records, budget, options):\n"
+        "def answer(model, effects, records, seconds):\n"
         "    print('noise on the terminal')\n"
         "    return Answer('CALIBRATED', parameters={'k': (2.6, 2.5, float('nan'))})\n"
     )
@@ -242,7 +244,7 @@ def test_late_or_failed_answer_is_none(body, said, tmp_path, monkeypatch):
     assert said in answer.said
 
 
-def test_result_of_the_new_engine_as_an_answer(monkeypatch):
+def test_result_of_the_engine_as_an_answer(monkeypatch):
     cause = SimpleNamespace(cause="creep", parameter=False, magnitude=1.0, low=0.5, high=1.5)
     other = SimpleNamespace(cause="m", parameter=True, magnitude=3.0, low=2.5, high=3.5)
     fitted = SimpleNamespace(name="k", value=2.0, low=1.9, high=2.1, tabulated=1.0)
@@ -251,8 +253,8 @@ def test_result_of_the_new_engine_as_an_answer(monkeypatch):
         parameters=(fitted,), held_out_gain=(0.4, 0.3, 0.5),
     )  # fmt: skip
     engine = SimpleNamespace(Options=lambda seconds: seconds, diagnose=lambda *_, **__: result)
-    monkeypatch.setitem(sys.modules, "feltmb.gap", engine)
-    answer = blind.yardstick.new(None, (), (), 120.0, None)
+    monkeypatch.setattr(blind.yardstick, "gap", engine)
+    answer = blind.yardstick.diagnosed(None, (), (), 120.0)
     assert (answer.verdict, answer.named, answer.classes) == (
         "NAMED",
         ("creep",),
@@ -265,20 +267,41 @@ def test_result_of_the_new_engine_as_an_answer(monkeypatch):
 
 def test_command_stores_and_compares(tmp_path, monkeypatch, capsys):
     def answered(engine, *_):
-        return FRICTION, Answer("NAMED", ("dry friction",) if engine == "present" else ("creep",))
+        return FRICTION, Answer("NAMED", ("dry friction",) if engine == "feltmb" else ("creep",))
 
     monkeypatch.setattr(blind.yardstick, "run_case", answered)
-    for engine in ("present", "new", "present"):
-        arguments = [engine, "trials", "--third", "--results", str(tmp_path)]
+    for engine in ("feltmb", "mine:answer", "feltmb"):
+        arguments = ["trials", "--engine", engine, "--third", "--results", str(tmp_path)]
         monkeypatch.setattr(sys, "argv", ["yardstick", *arguments])
         blind.yardstick.main()
-    lines = (tmp_path / "present.jsonl").read_text().splitlines()
+    lines = (tmp_path / "feltmb.jsonl").read_text().splitlines()
     assert [json.loads(line)["case"] for line in lines] == [0, 3, 6]  # answered once
     capsys.readouterr()
-    paths = [str(Path(tmp_path) / f"{n}.jsonl") for n in ("present", "new")]
+    paths = [str(Path(tmp_path) / f"{n}.jsonl") for n in ("feltmb", "mine.answer")]
     monkeypatch.setattr(sys, "argv", ["yardstick", "--compare", *paths])
     blind.yardstick.main()
     assert "| right or quiet | 3 | 0 | 0.25 |" in capsys.readouterr().out
+
+
+def test_a_new_seed_has_other_truths_and_they_are_hashed_first(tmp_path, monkeypatch, capsys):
+    asked = []
+
+    def answered(_engine, name, case, cache, _limit, further):
+        asked.append((name, case, further))
+        task = SEALED["small"](7, 2).task(case, cache)
+        return task.truth, Answer("UNKNOWN")
+
+    monkeypatch.setattr(blind.yardstick, "run_case", answered)
+    arguments = ["small", "--seed", "7", "--count", "2", "--cache", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", ["yardstick", *arguments, "--results", str(tmp_path)])
+    blind.yardstick.main()
+    assert asked == [("small", n, ["--seed", "7", "--count", "2"]) for n in range(2)]
+    sealed = (tmp_path / "small-7" / "truths.json").read_bytes()
+    assert hashlib.sha256(sealed).hexdigest() in capsys.readouterr().out
+    rows = [json.loads(line) for line in (tmp_path / "feltmb.jsonl").read_text().splitlines()]
+    assert [(r["set"], r["case"]) for r in rows] == [("small-7", 0), ("small-7", 1)]
+    assert json.loads(sealed) == json.loads(json.dumps(small_machine.draw(7, 2)))
+    assert small_machine.draw(8, 1) != json.loads(sealed)[:1]
 
 
 def test_process_that_somebody_ends_is_no_answer(tmp_path, monkeypatch):

@@ -806,64 +806,6 @@ def _reader(name: str) -> Callable[[Case], None]:
     return lambda case: read_measured(case, name)
 
 
-@cache
-def scored_bench() -> dict[str, bytes]:
-    """Files of a small bench whose cases were diagnosed, made without a diagnosis."""
-    from blind.bench import Bench
-
-    answer = {
-        "verdict": "explained", "statement": "x", "named": ["bed_softer"], "one_of": [],
-        "confidence": 0.9, "none": 0.0, "other": 0.1, "closed": 0.5, "per_record": {"a": [1, 0.5]},
-        "effects": [{"effect": "bed_softer", "component": "bed", "kind": "force", "size": 1.0,
-                     "low": 0.5, "high": 1.5, "refitted": True, "statistic": 9.0,
-                     "posterior": 0.9, "confusable": []}],
-        "sets": [{"effects": ["bed_softer"], "posterior": 0.9}],
-        "components": [{"component": "bed", "p": 0.01, "significant": True}],
-        "onset": {"a": 0.1}, "cpu_seconds": 1.0, "engine": "x", "oracle": None,
-    }  # fmt: skip
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        bench = Bench(folder)
-        bench.seal(2, 3)
-        bench.make_records(workers=1)
-        (folder / "results").mkdir()
-        for number in range(2):
-            text = json.dumps({"number": number} | answer)
-            (folder / "results" / f"{number}.json").write_text(text)
-        bench.make_answers(workers=1)
-        return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*.*")}
-
-
-def bench_folder(case: Case) -> None:
-    """A blind bench with one of its files damaged: scored."""
-    import feltmb
-    from blind.bench import Bench
-    from blind.score import read, score
-
-    rng = case.rng
-    files = dict(scored_bench())
-    name = rng.choice([*files, "seal.json", "results/0.json", "answers/0.json"])
-    data = files[name]
-    if name.endswith(".json") and rng.random() < 0.6:
-        files[name] = json.dumps(mutate_tree(json.loads(data), rng)).encode()
-    elif rng.random() < 0.1:
-        del files[name]
-    else:
-        files[name] = mutate_bytes(data, rng)
-    case.shown = f"{name}: {files.get(name, b'')[:2000]!r}"
-    for key, content in files.items():
-        path = case.folder / key
-        path.parent.mkdir(exist_ok=True)
-        path.write_bytes(content)
-    bench = Bench(case.folder)
-    try:
-        cases = read(case.folder, bench.numbers("both"))
-    except ValueError as error:  # it imports nothing of feltmb; the command makes it a message
-        raise feltmb.InvalidParameter(str(error)) from None
-    score(cases)
-    bench.machine.read_records(case.folder / "records" / "0.npz")
-
-
 SAFE = (  # command lines that are quick when they are right
     ["list"],
     ["list", "--json"],
@@ -986,7 +928,7 @@ TARGETS: dict[str, Callable[[Case], None]] = {
             attacked_run,
             csv_heading,
         ),
-        *(record_file, bench_folder, command_line, npz, live),
+        *(record_file, command_line, npz, live),
     )
 }
 TARGETS |= {name: _reader(name) for name in READERS if name not in TARGETS}
@@ -1048,8 +990,6 @@ def prepare(target: str) -> None:
         reader_seeds()
     elif target in ("npz", "live"):
         {"npz": checkpoint, "live": studio}[target]()
-    elif target == "bench_folder":
-        scored_bench()
 
 
 def readers(first: int, count: int) -> int:

@@ -22,7 +22,6 @@ TARGETS = {  # cases of the fast set and of the slow set, together 140 000
     "attacked_run": (30, 1_000),
     "csv_heading": (60, 10_000),
     "record_file": (60, 8_000),
-    "bench_folder": (20, 2_000),
     "command_line": (40, 5_000),
     **dict.fromkeys(("mat4", "mat5", "mat73", "netcdf", "npz", "csv", "toml"), (10, 4_000)),
     "live": (5, 1_000),

@@ -5,7 +5,6 @@ import multiprocessing
 import os
 import random
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -164,43 +163,3 @@ def test_a_place_that_cannot_be_written_is_told_before_the_work(kind, started, g
     assert "model fit" not in said
     assert "Traceback" not in said
     assert (tmp_path / "file").read_text() == "mine"
-
-
-# ---------------------------------------------------------------- benches
-
-CHILD = """
-from blind.bench import _run
-code = "import os, pathlib as p, time; p.Path({folder!r}, str(os.getpid())).touch(); time.sleep(99)"
-if __name__ == "__main__":
-    list(_run([(exec, (code,))] * 4, 2))
-"""
-
-
-def alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-def test_workers_of_a_killed_bench_end_too(tmp_path):
-    folder = tmp_path / "pids"
-    folder.mkdir()
-    script = tmp_path / "child.py"
-    script.write_text(CHILD.format(folder=str(folder)))
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    process = subprocess.Popen([sys.executable, str(script)], env=environment)
-    limit = time.monotonic() + 120.0
-    while len(list(folder.iterdir())) < 2 and time.monotonic() < limit:
-        time.sleep(0.05)
-    workers = [int(p.name) for p in folder.iterdir()]
-    assert len(workers) == 2
-    process.kill()
-    process.wait()
-    limit = time.monotonic() + 30.0
-    while any(map(alive, workers)) and time.monotonic() < limit:
-        time.sleep(0.05)
-    left = [pid for pid in workers if alive(pid)]
-    for pid in left:
-        os.kill(pid, signal.SIGKILL)
-    assert not left

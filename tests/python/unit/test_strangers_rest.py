@@ -245,18 +245,6 @@ def test_the_sequences_of_numbers_are_finite():
         take(np.array([np.inf]))
 
 
-def _machine(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "bench"))
-    return importlib.import_module("blind.machine")
-
-
-def test_a_digest_of_missing_names_is_refused(monkeypatch):
-    machine = _machine(monkeypatch)
-    assert machine.digest_of("machine.py") != machine.digest_of("bench.py")
-    with pytest.raises(DataError, match="no_such_file"):
-        machine.digest_of("no_such_file.py")
-
-
 def test_members_know_the_code():
     assert len(package_digest()) == 64
 
