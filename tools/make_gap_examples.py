@@ -10,13 +10,13 @@ import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "bench"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 
 import feltmb
 from blind.synthetic import Case, Sensors, make_case
 from feltmb.data import write_record
 
+ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "examples" / "gap_action"
 STROKES = (("piano", "fit"), ("staccato", "fit"), ("forte", "held_out"))
 CHANNELS = ["key", "whippen", "hammer", "backcheck"]

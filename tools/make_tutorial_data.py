@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "bench"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 
 import feltmb
 from blind.synthetic import Sensors, make_case
@@ -23,6 +22,7 @@ from feltmb import felt
 from feltmb.adapters.library import load_library
 from feltmb.data import write_record
 
+ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "examples" / "tutorial"
 
 THICKNESS = 6.0e-3

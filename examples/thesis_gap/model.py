@@ -52,19 +52,23 @@ class Impacts(Model):
         """Both samples of a record have the numbers of its impact."""
         outputs = np.full((jobs.count, record.samples, len(self.outputs)), np.nan)
         for b in range(jobs.count):
-            entries = [(e, float(v), None) for e, v in zip(self.tolerances, jobs.theta[b])]
-            entries += [(c.effect.data, float(m), c.shape)
-                        for c, m in zip(jobs.included, jobs.magnitudes[b]) if jobs.included]  # fmt: skip
+            sizes = jobs.magnitudes[b] if jobs.included else ()
+            entries = [
+                *((e, float(v), None) for e, v in zip(self.tolerances, jobs.theta[b], strict=True)),
+                *((c.effect.data, float(v), c.shape)
+                  for c, v in zip(jobs.included, sizes, strict=True)),
+            ]  # fmt: skip
             row = ROWS[record.name]
             key = repr((record.name, [(e.name, size, shape) for e, size, shape in entries if size]))
             if key not in self.known:
-                self.known[key] = self.numbers(
+                self.known[key] = self._numbers(
                     row, entries, float(record.inputs["impact_speed"][0])
                 )
-            outputs[b] = [self.known[key].get(name, np.nan) for name in self.outputs]
+            found = self.known[key]
+            outputs[b] = [found.get(name, np.nan) for name in self.outputs]
         return outputs
 
-    def numbers(self, row, entries, speed):
+    def _numbers(self, row, entries, speed):
         """Numbers of an impact by name; {} if it cannot be simulated."""
         stroke = load_stroke(row["stroke"])
         if stroke.name not in self.starts:
@@ -74,13 +78,13 @@ class Impacts(Model):
         action = self.action.with_values(row["values"]) if "values" in row else self.action
         try:
             v = self.workshop.build(changed_config(action.config, entries, {}))
-            before = self.run(v, stroke, list(v.rest), list(v.memory), start)
+            before = self._run(v, stroke, list(v.rest), list(v.memory), start)
             n, found, factor = len(v.mechanism.coordinates), {}, 1.0
             for _ in range(3):
                 state = np.array(before.end_state)
                 state[n : 2 * n] *= factor
                 memory = list(before.end_largest_compression)
-                found = self.told(self.run(v, stroke.shifted(-start), list(state), memory, AFTER))
+                found = self._told(self._run(v, stroke.shifted(-start), list(state), memory, AFTER))
                 if not found or abs(found["impact_speed"] / speed - 1.0) < 1e-5:
                     break
                 factor *= speed / found["impact_speed"]
@@ -88,7 +92,7 @@ class Impacts(Model):
         except (FeltmbError, RuntimeError):
             return {}
 
-    def run(self, v, stroke, state, memory, duration):
+    def _run(self, v, stroke, state, memory, duration):
         options = _core.SimulationOptions()
         options.duration, options.rtol, options.output_rate = duration, 1e-7, 2.0 / duration
         options.ledger = options.diagnose = False
@@ -96,7 +100,7 @@ class Impacts(Model):
         options.finger_reference = v.finger_reference
         return _core.simulate(v.mechanism, stroke.input, options, state, [], None, memory)
 
-    def told(self, run):
+    def _told(self, run):
         """First closing of the contact, its last opening within the impact, and the peak."""
         contact = self.action.mechanism.contact_numbers.index(self.contact)
         changes = [(i, t, way) for i, (t, c, _, way) in enumerate(run.events) if c == contact]
@@ -108,7 +112,8 @@ class Impacts(Model):
         off = [(i, t) for i, t, way in changes if way < 0 and on[1] < t <= on[1] + ONE_STRIKE]
         if off:
             out |= {"rebound_speed": -approach[off[-1][0]], "impact_duration": off[-1][1] - on[1]}
-        return out | {"max_impact_force": f for c, f, _ in run.peaks if c == contact}
+        peaks = [force for c, force, _ in run.peaks if c == contact]
+        return out | ({"max_impact_force": peaks[0]} if peaks else {})
 
 
 action = load_action(FILE["action"]).with_values(FILE["values"])
