@@ -29,8 +29,6 @@ BEFORE, AFTER = 3e-3, 13e-3
 class Impacts(Model):
     """A mechanism whose hammer meets string or stop with a given speed."""
 
-    units = {"rebound_speed": "m/s", "max_impact_force": "N", "impact_duration": "s",
-             "impact_speed": "m/s"}  # fmt: skip
     outputs = ("rebound_speed", "max_impact_force", "impact_duration")
     inputs = ("impact_speed",)
     least_samples = 2
@@ -38,14 +36,18 @@ class Impacts(Model):
 
     def __init__(self, action, tolerances):
         self.name, self.action, self.tolerances = action.name, action, tolerances
+        self.units = {"rebound_speed": "m/s", "max_impact_force": "N", "impact_duration": "s",
+                      "impact_speed": "m/s"}  # fmt: skip
         self.parameters = tuple(parameter_of(e) for e in tolerances)
         self.contact = action.config.reading.strike_contact
         self.workshop, self.known, self.starts = Workshop(), {}, {}
 
-    def states(self, included=()):
-        return ()  # an impact starts at rest
+    def states(self, _included=()):
+        """No states: an impact starts at rest."""
+        return ()
 
     def accepts(self, effect):
+        """Whether it is an effect of the library."""
         return isinstance(effect.data, Entry) or super().accepts(effect)
 
     def simulate(self, record, jobs):
