@@ -20,7 +20,7 @@ from feltmb.contact.tables import CORE_LAWS, LAWS
 from feltmb.display import html_table, picture
 from feltmb.errors import InvalidParameter, shown
 from feltmb.mechanism.checking import validate
-from feltmb.mechanism.numbers import Value, number_at
+from feltmb.mechanism.numbers import Value, doubtful_values, number_at
 from feltmb.mechanism.reading import load_raw, resolve
 from feltmb.mechanism.to_core import describe
 from feltmb.mechanism.values import apply_numbers, apply_values, expand_path, plain_data
@@ -203,8 +203,6 @@ class Action:
         InvalidParameter
             A path does not exist, or a value is out of range.
         """
-        from feltmb.mechanism.parameters import doubtful_values
-
         changed = self._with_numbers(values) or Action(
             apply_values(self._raw, values, "with_values"), self.origin
         )

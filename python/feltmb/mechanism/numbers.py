@@ -11,9 +11,16 @@ from pydantic import BaseModel
 
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism.schema import Body, Contact
+from feltmb.mechanism.values import (
+    expand_path,
+    is_bare,
+    si_factor,
+    split_operator,
+    unit_in_file,
+)
 from feltmb.units.quantity import shortened, unit_of
 
-__all__ = ["AXES", "Parameter", "Value", "number_at", "numbers_below"]
+__all__ = ["AXES", "Parameter", "Value", "doubtful_values", "number_at", "numbers_below"]
 
 #: Integers and choices, which have no derivative.
 _COUNTS = frozenset({"modes", "count", "axial_shapes", "lateral_shapes"})
@@ -163,3 +170,45 @@ def number_at(config: BaseModel, names: list[str]) -> Value:
             f"value: {shortened(path)} is {shortened(hint, 300)}, expected a number"
         )
     return Value(node, _unit(config, parents, names))
+
+
+#: Factor by which a changed number may differ from the old one before its unit is doubted.
+DOUBTED = 10.0
+
+
+def doubtful_values(
+    raw: Mapping[str, Any],
+    before: BaseModel,
+    after: BaseModel,
+    values: Mapping[str, Any],
+    known: Mapping[str, tuple[Value, str]],
+) -> dict[str, tuple[Value, str]]:
+    """Numbers without a unit that may have been meant in that of the file.
+
+    They became more than ten times, or less than a tenth, of what they were in the model
+    ``before``, and the file has another unit than SI there. By path: the number that was, before
+    the changes that ``known`` has too, and a sentence.
+    """
+    out = dict(known)
+    for given, value in values.items():
+        name, operator = split_operator(given)
+        for parts in expand_path(raw, name):
+            path = ".".join(part for part in parts if part != "value")
+            was = out.pop(path, (None,))[0]
+            unit = unit_in_file(raw, parts[:-1] if parts[-1] == "value" else parts)
+            bare = is_bare(value) and operator != "*"
+            if not bare or not unit or si_factor(None, unit) == 1.0:
+                continue
+            was, now = was or number_at(before, parts), number_at(after, parts)
+            small, large = sorted(_size(v.value) for v in (was, now))
+            if large > DOUBTED * small:
+                text = (
+                    f"{path} = {_size(now.value):g} {now.unit} (was {_size(was.value):g} {was.unit}"
+                    f"). A number without a unit is in SI units; the file has {unit}"
+                )
+                out[path] = (was, text)
+    return out
+
+
+def _size(value: float | tuple[float, ...]) -> float:
+    return max(map(abs, value)) if isinstance(value, tuple) else abs(value)

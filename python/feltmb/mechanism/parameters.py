@@ -20,16 +20,15 @@ from feltmb import _core
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, describe, expand_path, parse_setting
-from feltmb.mechanism.numbers import AXES, Parameter, Value, number_at, numbers_below
-from feltmb.mechanism.values import si_factor, split_operator
-from feltmb.units import conversion_factor, split_quantity, unit_suffix
-from feltmb.units.quantity import is_quantity, shortened
+from feltmb.mechanism.numbers import AXES, Parameter, numbers_below
+from feltmb.mechanism.values import is_bare, si_factor, split_operator, unit_in_file
+from feltmb.units import conversion_factor, unit_suffix
+from feltmb.units.quantity import shortened
 
 __all__ = [
     "Parameter",
     "all_parameters",
     "bare_numbers",
-    "doubtful_values",
     "find_parameters",
     "mechanism_with",
     "told_bare_numbers",
@@ -82,7 +81,7 @@ def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> 
     was = now = None
     for given, value in values.items():
         path, operator = split_operator(given)
-        bare = _is_bare(value) and operator != "*"
+        bare = is_bare(value) and operator != "*"
         if not (operator or bare):
             continue
         if was is None:
@@ -109,48 +108,6 @@ def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> 
     return told
 
 
-#: Factor by which a changed number may differ from the old one before its unit is doubted.
-DOUBTED = 10.0
-
-
-def doubtful_values(
-    raw: Mapping[str, Any],
-    before: BaseModel,
-    after: BaseModel,
-    values: Mapping[str, Any],
-    known: Mapping[str, tuple[Value, str]],
-) -> dict[str, tuple[Value, str]]:
-    """Numbers without a unit that may have been meant in that of the file.
-
-    They became more than ten times, or less than a tenth, of what they were in the model
-    ``before``, and the file has another unit than SI there. By path: the number that was, before
-    the changes that ``known`` has too, and a sentence.
-    """
-    out = dict(known)
-    for given, value in values.items():
-        name, operator = split_operator(given)
-        for parts in expand_path(raw, name):
-            path = ".".join(part for part in parts if part != "value")
-            was = out.pop(path, (None,))[0]
-            unit = _unit_in_file(raw, parts[:-1] if parts[-1] == "value" else parts)
-            bare = _is_bare(value) and operator != "*"
-            if not bare or not unit or si_factor(None, unit) == 1.0:
-                continue
-            was, now = was or number_at(before, parts), number_at(after, parts)
-            small, large = sorted(_size(v.value) for v in (was, now))
-            if large > DOUBTED * small:
-                text = (
-                    f"{path} = {_size(now.value):g} {now.unit} (was {_size(was.value):g} {was.unit}"
-                    f"). A number without a unit is in SI units; the file has {unit}"
-                )
-                out[path] = (was, text)
-    return out
-
-
-def _size(value: float | tuple[float, ...]) -> float:
-    return max(map(abs, value)) if isinstance(value, tuple) else abs(value)
-
-
 def _other_units(at: Iterable[tuple[Parameter, str]]) -> str:
     """The units of a file that are not SI, as the end of a sentence; "" if there are none."""
     other = dict.fromkeys(u for p, u in at if si_factor(None, u) != 1.0)
@@ -170,7 +127,7 @@ def told_paths(model: _OfFile, values: Mapping[str, Iterable[Any]]) -> list[str]
     told = []
     for given_path, given in values.items():
         path, operator = split_operator(given_path)
-        bare = operator != "*" and any(map(_is_bare, given))
+        bare = operator != "*" and any(map(is_bare, given))
         at = list(_at(model, path, numbers)) if bare else []
         if other := _other_units(at):
             told.append(f"{path}: numbers without a unit are in SI units, {at[0][0].unit}{other}")
@@ -181,36 +138,13 @@ def _at(model: _OfFile, path: str, numbers: list[Parameter]) -> Iterator[tuple[P
     """Numbers at a path, each with the unit that the file gives."""
     raw = model.raw
     for parts in expand_path(raw, path):
-        unit = _unit_in_file(raw, parts[:-1] if parts[-1] == "value" else parts)
+        unit = unit_in_file(raw, parts[:-1] if parts[-1] == "value" else parts)
         start = ".".join(parts).removesuffix(".value")
         for k, axis in enumerate(AXES):
             start = f"{start[:-2]}.{axis}" if start.endswith(f".{k}") else start
         for p in numbers:
             if p.path == start or p.path.startswith(f"{start}."):
                 yield p, unit or p.unit
-
-
-def _unit_in_file(raw: Mapping[str, Any], parts: Sequence[str]) -> str | None:
-    """Unit that a file gives for an entry; "": it has none; None: the entry is not in the file."""
-    node: Any = raw
-    unit = ""
-    for part in parts:
-        if is_quantity(node) or isinstance(node, list):  # a component
-            values = node["value"] if is_quantity(node) else node
-            index = AXES.index(part) if part in AXES else -1
-            node = values[index] if isinstance(values, list) and index < len(values) else None
-        elif isinstance(node, Mapping):
-            three = node.get("unit")  # of a curve with the coefficients a, b, c
-            if isinstance(three, list) and part in "abc":
-                unit = str(three["abc".index(part)])
-            node = node.get(part)
-        else:
-            return None
-        if isinstance(node, str):
-            unit = (split_quantity(node) or (0.0, ""))[1]
-        elif is_quantity(node):
-            unit = str(node.get("unit", ""))
-    return None if node is None else unit
 
 
 @checked
@@ -229,7 +163,7 @@ def bare_numbers(model: _OfFile) -> list[tuple[Parameter, tuple[str, ...]]]:
     bare: list[Parameter] = []
     units: dict[str, dict[str, None]] = {}
     for p in numbers_below(model.config, model.config, [], []):
-        unit = None if p.unit == "1" else _unit_in_file(raw, p.path.split("."))
+        unit = None if p.unit == "1" else unit_in_file(raw, p.path.split("."))
         if unit == "" and p.value != 0.0:
             bare.append(p)
         elif unit and conversion_factor(unit, p.unit) != 1.0:
@@ -286,12 +220,6 @@ def with_values_told(
         for text in told_numbers(model, changed, values):
             tell(text)
     return changed
-
-
-def _is_bare(value: Any) -> bool:
-    if isinstance(value, (list, tuple)):
-        return bool(value) and all(_is_bare(v) for v in value)
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _numbers_of(config: BaseModel) -> list[Parameter]:

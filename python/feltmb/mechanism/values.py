@@ -6,7 +6,7 @@ import copy
 import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -25,10 +25,12 @@ __all__ = [
     "apply_numbers",
     "apply_values",
     "expand_path",
+    "is_bare",
     "parse_setting",
     "plain_data",
     "split_operator",
     "tidy",
+    "unit_in_file",
 ]
 
 #: Path and operator of a change; ``contacts.*`` ends with a wildcard, not with an operator.
@@ -358,6 +360,36 @@ def apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) 
     if faults:
         raise InvalidParameter("\n".join(faults))
     return out
+
+
+def unit_in_file(raw: Mapping[str, Any], parts: Sequence[str]) -> str | None:
+    """Unit that a file gives for an entry; "": it has none; None: the entry is not in the file."""
+    node: Any = raw
+    unit = ""
+    for part in parts:
+        if is_quantity(node) or isinstance(node, list):  # a component
+            values = node["value"] if is_quantity(node) else node
+            index = _AXES.get(part, -1)
+            node = values[index] if isinstance(values, list) and index < len(values) else None
+        elif isinstance(node, Mapping):
+            three = node.get("unit")  # of a curve with the coefficients a, b, c
+            if isinstance(three, list) and part in "abc":
+                unit = str(three["abc".index(part)])
+            node = node.get(part)
+        else:
+            return None
+        if isinstance(node, str):
+            unit = (split_quantity(node) or (0.0, ""))[1]
+        elif is_quantity(node):
+            unit = str(node.get("unit", ""))
+    return None if node is None else unit
+
+
+def is_bare(value: Any) -> bool:
+    """Whether a value is a number without a unit, or a list of such numbers."""
+    if isinstance(value, (list, tuple)):
+        return bool(value) and all(is_bare(v) for v in value)
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 #: Tables of parts whose numbers refer to nothing else in the file.
