@@ -133,7 +133,6 @@ class _Table(Schema):
     source: str = ""
     note: str = ""
     part: str = ""
-    words: Annotated[list[str], Field(min_length=2, max_length=2)] = ["lower", "higher"]
 
 
 class _UntilTable(Schema):
@@ -216,8 +215,6 @@ class Entry:
     source: str = ""
     part: str = ""
     """Name in a report: the subject of "... is 10 % lighter than tabulated"."""
-    words: tuple[str, str] = ("lower", "higher")
-    """Words of a report for a value below and above the tabulated one."""
 
 
 @dataclass(frozen=True)
@@ -598,7 +595,6 @@ def _entry(
         remedy=_put(table.remedy, words),
         source=table.source,
         part=_put(table.part, words),
-        words=(table.words[0], table.words[1]),
     )
 
 

@@ -82,7 +82,6 @@ class Simulator:
             replace(
                 parameter_of(e),
                 label=e.part or f"The {e.component}",
-                words=e.words,
                 relative=e.unit == "1",
             )
             for e in self.tolerances

@@ -5,7 +5,6 @@ from feltmb.fit.fmu import fmu_model
 from feltmb.fit.inclusion import Including, including
 from feltmb.fit.linear import FunctionModel, LinearModel
 from feltmb.fit.model import (
-    VARIABILITY,
     Candidate,
     Effect,
     EffectKind,
@@ -22,7 +21,6 @@ from feltmb.fit.ode import OdeModel
 from feltmb.fit.simulator import Exposed, SimulatorModel
 
 __all__ = [
-    "VARIABILITY",
     "Candidate",
     "Coordinate",
     "Coupling",

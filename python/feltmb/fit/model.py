@@ -25,7 +25,6 @@ from feltmb.fit.noise_of_function import difference_offsets
 
 __all__ = [
     "INTERPOLATION",
-    "VARIABILITY",
     "Batch",
     "Candidate",
     "Effect",
@@ -41,8 +40,6 @@ __all__ = [
     "State",
 ]
 
-#: Component name of parameters that represent random variation from record to record.
-VARIABILITY = "run-to-run variability"
 #: Component name of parameters of the interpolation of inputs between samples.
 INTERPOLATION = "interpolation of inputs"
 
@@ -66,8 +63,6 @@ class Parameter:
     """Scale for steps of finite differences [unit]; default: sd if finite, else abs(value) or 1."""
     label: str = ""
     """Name for people, as the subject of a sentence: "the hammer head"; default: the name."""
-    words: tuple[str, str] = ("lower", "higher")
-    """Words of a report for a value below and above the tabulated one."""
     relative: bool = False
     """Whether the value is a relative deviation from a tabulated value."""
     before: Parameter | None = None
@@ -97,7 +92,7 @@ class Parameter:
     @property
     def of_the_machine(self) -> bool:
         """Whether it is a property of the machine: not of the simulation of single records."""
-        return self.component not in (VARIABILITY, INTERPOLATION)
+        return self.component != INTERPOLATION
 
     @property
     def size(self) -> float:
@@ -560,6 +555,12 @@ class Model(ABC):
         del record, outputs
         return []
 
+    def _offsets(self, of: Parameter | Effect, at: float) -> tuple[tuple[float, float], ...]:
+        """Changes of a parameter or magnitude, each with its weight in the derivative."""
+        if isinstance(of, Parameter):
+            return difference_offsets(at, self.difference_step * of.size, of.lower, of.upper)
+        return difference_offsets(at, of.step * of.scale, *of.bounds)
+
     def sensitivities(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:
         """Outputs and derivatives, one result per request.
 
@@ -637,9 +638,9 @@ def _changed_jobs(model: Model, request: SensitivityRequest) -> tuple[Jobs, list
     rows = {kind: [value] for kind, value in base.items()}
     columns: list[Weighted] = []
 
-    def add(kind: str, index: int, step: float, low: float, high: float) -> None:
+    def add(kind: str, index: int, offsets: Sequence[tuple[float, float]]) -> None:
         entry = []
-        for offset, weight in difference_offsets(base[kind][index], step, low, high):
+        for offset, weight in offsets:
             for other, value in base.items():
                 rows[other].append(value.copy() if other == kind else value)
             rows[kind][-1][index] += offset
@@ -647,14 +648,13 @@ def _changed_jobs(model: Model, request: SensitivityRequest) -> tuple[Jobs, list
         columns.append(entry)
 
     for i in request.parameters_of(model):
-        p = model.parameters[i]
-        add("theta", i, model.difference_step * p.size, p.lower, p.upper)
+        add("theta", i, model._offsets(model.parameters[i], base["theta"][i]))
     for i, candidate in enumerate(included):
-        step = candidate.effect.step * candidate.effect.scale
-        add("magnitudes", i, step, *candidate.effect.bounds)
+        add("magnitudes", i, model._offsets(candidate.effect, base["magnitudes"][i]))
     if request.by_starts:
         for i, state in enumerate(states):
-            add("starts", i, 0.1 * model.difference_step * state.scale, -np.inf, np.inf)
+            step = 0.1 * model.difference_step * state.scale
+            add("starts", i, difference_offsets(base["starts"][i], step, -np.inf, np.inf))
     return Jobs(included=included, **{k: np.array(v) for k, v in rows.items()}), columns
 
 
@@ -671,8 +671,8 @@ def _add_candidates(
             states = model.states((*request.included, *some))
             rows, columns = [np.zeros(len(some))], []
             for c, candidate in enumerate(some):
-                entry, step = [], candidate.effect.step * candidate.effect.scale
-                for size, weight in difference_offsets(0.0, step, *candidate.effect.bounds):
+                entry = []
+                for size, weight in model._offsets(candidate.effect, 0.0):
                     entry.append((len(rows), weight))
                     rows.append(np.zeros(len(some)))
                     rows[-1][c] = size

@@ -25,11 +25,7 @@ from feltmb.fit.model import (
     Model,
     Parameter,
     Ready,
-    Sensitivity,
-    SensitivityRequest,
     State,
-    Weighted,
-    derived,
 )
 from feltmb.fit.noise import Noise
 from feltmb.fit.noise_of_function import Step, choose_step, noise_of_function
@@ -309,55 +305,11 @@ class SimulatorModel(Model):
             values[candidate.effect.data] += float(magnitude)
         return values
 
-    def sensitivities(  # noqa: D102
-        self, requests: Sequence[SensitivityRequest]
-    ) -> list[Sensitivity]:
-        # Finite differences with the steps chosen for the noise of the function.
-        changed = [self._changed_jobs(request) for request in requests]
-        runs = self.simulate_all(
-            [(r.record, jobs) for r, (jobs, _) in zip(requests, changed, strict=True)]
-        )
-        out = []
-        for request, run, (_, columns) in zip(requests, runs, changed, strict=True):
-            found, a = derived(run, columns), len(request.parameters_of(self))
-            b = a + len(request.included)
-            out.append(
-                Sensitivity(
-                    outputs=run[0],
-                    d_theta=found[..., :a],
-                    d_magnitudes=found[..., a:b],
-                    d_starts=np.zeros((*run.shape[1:], 0)),
-                    d_candidates=found[..., b:],
-                )
-            )
-        return out
-
-    def _changed_jobs(self, request: SensitivityRequest) -> tuple[Jobs, list[Weighted]]:
-        """Jobs with changes of parameters and magnitudes, and their use by column."""
-        request.check(self)
-        theta, everything = request.theta, (*request.included, *request.candidates)
-        at = np.concatenate([theta, request.sizes, np.zeros(len(request.candidates))])
-        own = [(i, self.parameters[i]) for i in request.parameters_of(self)]
-        variables = [(i, p.name, p.size, p.lower, p.upper) for i, p in own]
-        variables += [
-            (len(theta) + k, str(c.effect.data), c.effect.scale, *c.effect.bounds)
-            for k, c in enumerate(everything)
-        ]
-        rows, columns = [at], []
-        for index, name, scale, low, high in variables:
-            step = self._steps.get(name) or Step(TRIAL * scale, central=True)
-            entry = []
-            for offset, weight in step.offsets(at[index], low, high):
-                row = at.copy()
-                row[index] += offset
-                entry.append((len(rows), weight))
-                rows.append(row)
-            columns.append(entry)
-        table = np.array(rows)
-        jobs = Jobs(
-            theta=table[:, : len(theta)],
-            starts=np.zeros((len(rows), 0)),
-            included=everything,
-            magnitudes=table[:, len(theta) :],
-        )
-        return jobs, columns
+    def _offsets(self, of: Parameter | Effect, at: float) -> tuple[tuple[float, float], ...]:
+        # With the steps chosen for the noise of the function.
+        if isinstance(of, Parameter):
+            name, scale, low, high = of.name, of.size, of.lower, of.upper
+        else:
+            name, scale, (low, high) = str(of.data), of.scale, of.bounds
+        step = self._steps.get(name) or Step(TRIAL * scale, central=True)
+        return step.offsets(at, low, high)
