@@ -100,10 +100,10 @@ def test_fits_in_python_use_one_thread_of_the_blas():
     """NumPy is loaded there; the number is set back, and one that the user sets is kept."""
     code = (
         "import numpy, threadpoolctl\n"
-        "from feltmb.fit.watch import Watch, watching\n"
+        "from feltmb.blas import one_thread\n"
         "def most(): return max(p['num_threads'] for p in threadpoolctl.threadpool_info())\n"
         "threadpoolctl.threadpool_limits(2)\n"
-        "with watching(Watch()):\n    print(most())\n"
+        "with one_thread():\n    print(most())\n"
         "print(most())"
     )
     free = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
