@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb import actuator, contact, felt, fiber, fit, gap, sensitivity
+from feltmb import actuator, contact, experiment, felt, fiber, fit, gap, sensitivity
 from feltmb.arguments import AnyNumber, checked
 from feltmb.errors import FeltmbError, InvalidParameter, shown
 
@@ -23,6 +23,7 @@ MODULES = [
     "fiber",
     "fit",
     "gap",
+    "experiment",
     "fiber.material",
     "action.regulate",
     "run.fmu",
@@ -202,13 +203,15 @@ LIMITS_FILE = 'schema = 1\nduration = "0.4 s"\n[inputs.f]\nunit = "N"\nmost = 1.
 
 
 def limits():
-    own = gap.InputLimits(most=1.0, rate=100.0, unit="N")
-    return gap.Limits(inputs={"f": own}, duration=0.4, sample_rate=250.0)
+    own = experiment.InputLimits(most=1.0, rate=100.0, unit="N")
+    return experiment.Limits(inputs={"f": own}, duration=0.4, sample_rate=250.0)
 
 
 @cache
 def designed():
-    return gap.design(oscillator(), [DRY], limits=limits(), budget=1.0, candidates=1, refinements=0)
+    return experiment.design(
+        oscillator(), [DRY], limits=limits(), budget=1.0, candidates=1, refinements=0
+    )
 
 
 def written(name, text):
@@ -218,14 +221,6 @@ def written(name, text):
 
 def jobs():
     return gap.Jobs(theta=np.array([[1.0, 100.0]]), starts=np.zeros((1, 2)))
-
-
-def withheld_case():
-    return gap.WithheldCase(
-        number=0, effect="dry", magnitude=1.0, unit="N", signal_to_noise=9.0, outcome="right",
-        verdict="NAMED", named=("dry",), one_of=(), first="dry", confidence=1.0, seconds=0.0,
-        error="",
-    )  # fmt: skip
 
 
 @cache
@@ -1044,7 +1039,6 @@ CALLS = {
     "feltmb.gap.StartPrior": lambda: {"mean": {"q": 0.0}, "sd": {"q": 0.1}, "known": True},
     "feltmb.gap.Verdict": None,  # an enumeration
     "feltmb.gap.check": lambda: {"model": oscillator(), "records": [record()]},
-    "feltmb.gap.check_records": lambda: {"records": [record()], "outputs": ["q"]},
     "feltmb.gap.diagnose": lambda: {
         "model": oscillator(),
         "effects": [DRY],
@@ -1056,54 +1050,40 @@ CALLS = {
     "feltmb.gap.fit_model": lambda: {
         "model": oscillator(),
         "records": [record()],
-        "settings": None,
-        "progress": None,
-        "resume": None,
+        "options": None,
+        "tell": None,
     },
-    "feltmb.gap.plan": lambda: {
-        "model": oscillator(),
-        "effects": [DRY],
-        "records": [record()],
-        "channels": None,
-        "sensors": None,
-        "experiments": (),
-    },
-    "feltmb.gap.Belief": lambda: {
-        "weights": {"dry friction": 0.5},
-        "none": 0.1,
-        "magnitudes": {"dry friction": 0.1},
-    },
-    "feltmb.gap.Belief.even": lambda: (
-        gap.Belief,
-        {"candidates": [gap.Candidate(DRY)], "none": 0.1},
-    ),
-    "feltmb.gap.Belief.of_report": lambda: (
-        gap.Belief,
-        {"report": {"which": {"effects": [], "none": 1.0}}},
-    ),
-    "feltmb.gap.Belief.over": lambda: (
-        gap.Belief(weights={}),
-        {"candidates": [gap.Candidate(DRY)]},
-    ),
-    "feltmb.gap.FurtherSensor": lambda: {
-        "output": "q",
-        "sigma": 0.001,
-        "cost": 1.0,
-        "how": "camera",
-    },
-    "feltmb.gap.InputLimits": lambda: {
-        name: getattr(limits().inputs["f"], name)
-        for name in inspect.signature(gap.InputLimits).parameters
-    },
-    "feltmb.gap.InputLimits.shortest": lambda: (limits().inputs["f"], {"change": 1.0}),
-    "feltmb.gap.Limits": lambda: {
-        name: getattr(limits(), name) for name in inspect.signature(gap.Limits).parameters
-    },
-    "feltmb.gap.Limits.check": lambda: (limits(), {"model": oscillator()}),
-    "feltmb.gap.Limits.without_tests": lambda: (limits(), {"names": ["k"]}),
     "feltmb.gap.Measured": lambda: {"parameter": "k", "value": 99.0, "sd": 1.0, "how": "scale"},
-    "feltmb.gap.PartTest": lambda: {"parameter": "k", "sd": 1.0, "cost": 1.0, "how": "scale"},
-    "feltmb.gap.design": lambda: {
+    "feltmb.gap.measured_toml": lambda: {
+        "measured": [gap.Measured(parameter="k", value=99.0, sd=1.0)],
+        "path": "measured.toml",
+        "force": True,
+    },
+    "feltmb.gap.read_measured": lambda: {
+        "path": written("measured.toml", "[measured.k]\nvalue = 99.0\nsd = 1.0\n"),
+        "model": oscillator(),
+    },
+    "feltmb.gap.session": None,  # calls a machine: test_session.py
+    "feltmb.gap.with_measured": lambda: {
+        "model": oscillator(),
+        "measured": [gap.Measured(parameter="k", value=99.0, sd=1.0)],
+    },
+    # experiment
+    "feltmb.experiment.InputLimits": lambda: {
+        name: getattr(limits().inputs["f"], name)
+        for name in inspect.signature(experiment.InputLimits).parameters
+    },
+    "feltmb.experiment.InputLimits.shortest": lambda: (limits().inputs["f"], {"change": 1.0}),
+    "feltmb.experiment.Limits": lambda: {
+        name: getattr(limits(), name) for name in inspect.signature(experiment.Limits).parameters
+    },
+    "feltmb.experiment.PartTest": lambda: {
+        "parameter": "k",
+        "sd": 1.0,
+        "cost": 1.0,
+        "how": "scale",
+    },
+    "feltmb.experiment.design": lambda: {
         "model": oscillator(),
         "effects": [DRY],
         "records": [record()],
@@ -1116,58 +1096,18 @@ CALLS = {
         "candidates": 1,
         "refinements": 0,
         "seed": 0,
-        "folder": None,
         "progress": None,
     },
-    "feltmb.gap.draw_experiment": lambda: {
-        "model": oscillator(),
-        "limits": limits(),
-        "sensors": None,
-        "families": ["pulse"],
-        "seed": 0,
-    },
-    "feltmb.gap.measured_toml": lambda: {
-        "measured": [gap.Measured(parameter="k", value=99.0, sd=1.0)],
-        "path": "measured.toml",
-        "force": True,
-    },
-    "feltmb.gap.read_limits": lambda: {
+    "feltmb.experiment.read_limits": lambda: {
         "path": written("limits.toml", LIMITS_FILE),
         "model": oscillator(),
     },
-    "feltmb.gap.read_measured": lambda: {
-        "path": written("measured.toml", "[measured.k]\nvalue = 99.0\nsd = 1.0\n"),
-        "model": oscillator(),
-    },
-    "feltmb.gap.session": None,  # calls a machine: test_session.py
-    "feltmb.gap.write_design": lambda: {
+    "feltmb.experiment.write_design": lambda: {
         "design": designed(),
         "folder": "plan",
         "units": {"f": "N"},
         "input_files": lambda *_: [],
         "force": True,
-    },
-    "feltmb.gap.with_measured": lambda: {
-        "model": oscillator(),
-        "measured": [gap.Measured(parameter="k", value=99.0, sd=1.0)],
-    },
-    "feltmb.gap.Withheld": lambda: {"cases": (withheld_case(),)},
-    "feltmb.gap.Withheld.share": lambda: (
-        gap.Withheld(cases=(withheld_case(),)),
-        {"outcome": "right", "clear": True},
-    ),
-    "feltmb.gap.WithheldCase": lambda: dataclasses.asdict(withheld_case()),
-    "feltmb.gap.withhold": lambda: {
-        "model": oscillator(),
-        "effects": [DRY],
-        "records": [record("one", 1), record("two", 2)],
-        "cases": 1,
-        "seed": 0,
-        "only": None,
-        "hold_out": None,
-        "options": gap.Options(bootstrap=0, advice=False),
-        "folder": None,
-        "progress": None,
     },
     # contact
     "feltmb.contact.Law": lambda: {"core": law().core, "name": None},
