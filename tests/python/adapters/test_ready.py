@@ -17,7 +17,7 @@ from feltmb.data.smoothing import smooth_record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Jobs, including
 from feltmb.gap import Options, diagnose
-from feltmb.gap.records import prepare, split_records
+from feltmb.gap.records import prepare, ready_records, split_records
 from feltmb.gap.variation import with_variation
 
 ACTION = feltmb.load_action("steinway45")
@@ -340,7 +340,7 @@ def test_a_measured_force_drives_a_record_of_a_motion(driven, incomplete):
     base = own.simulator.as_tabulated(kept)
     at_finger = own.outputs.index("finger.displacement")
     left = (kept.outputs["finger.displacement"] - base[:, at_finger]) / 5e-6
-    problem = with_variation(prepare(own, (), [kept], (), Options()))
+    problem = with_variation(prepare(ready_records(own, [kept]), (), (), Options()))
     columns = problem.fit[0].modes[:, problem.channels.index(at_finger)] / 5e-6
     unit = np.eye(columns.shape[1])
     z = np.linalg.solve(columns.T @ columns + unit, columns.T @ left)

@@ -14,7 +14,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.fit import Candidate, Jobs, SensitivityRequest
 from feltmb.fit.observe import observe, observed_sensitivities
 from feltmb.gap import Options
-from feltmb.gap.records import prepare
+from feltmb.gap.records import prepare, ready_records
 from feltmb.gap.variation import varies, with_variation
 
 LENGTH = 0.085  # up to shortly before the impact
@@ -152,7 +152,7 @@ def test_the_modes_of_a_record_hold_the_noise_of_its_input(adapter):
         rough.action, channels=["key", "whippen", "hammer"], library=rough.library,
         tolerances=[], effects=[], rtol=1e-7, workers=1, variation=None,
     )  # fmt: skip
-    problem = prepare(model, (), [record], (), Options())
+    problem = prepare(ready_records(model, [record]), (), (), Options())
     assert varies(problem)
     modes = with_variation(problem).fit[0].modes / 2e-5
     rng = np.random.default_rng(3)

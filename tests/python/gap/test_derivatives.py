@@ -8,7 +8,7 @@ import pytest
 from feltmb.gap import Coordinate, OdeModel, Options, Parameter, Record, Sensor, State, library
 from feltmb.gap.linear import Ask, Point, count_global, evaluate, local_of
 from feltmb.gap.problem import Member
-from feltmb.gap.records import prepare
+from feltmb.gap.records import prepare, ready_records
 
 MASS = Coordinate(name="mass", position="x", speed="v", inertia="m")
 
@@ -58,7 +58,7 @@ EFFECTS = (
 )
 def test_derivatives_by_all_unknowns_are_those_of_the_simulation(name, shape):
     model, record = slide()
-    problem = prepare(model, EFFECTS, [record], [], Options())
+    problem = prepare(ready_records(model, [record]), EFFECTS, (), Options())
     (which,) = [i for i, c in enumerate(problem.causes) if c.name == name]
     members = (Member(which, shape),)
     x = np.zeros(count_global(problem, members))

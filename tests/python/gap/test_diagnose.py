@@ -181,7 +181,7 @@ def test_a_slow_clock_is_told_as_the_clock(causes):
             start=StartPrior(mean={"q": start, "v": 0.0}, sd={"q": 0.01, "v": 0.01}),
         )
         job = Jobs(theta=np.array([[0.12]]), starts=np.array([[start, 0.0]]))
-        angle = model.simulate(true, job).outputs[0]
+        angle = model.simulate(true, job)[0]
         angle = angle + np.random.default_rng(k).normal(0.0, 1e-3, angle.shape)
         records.append(replace(true, time=time, outputs={"angle": angle[:, 0]}))
     effects = library.for_coordinate(model.coordinates[0], force=5.0, travel=1.0, speed=3.0)

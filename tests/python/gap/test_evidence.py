@@ -10,7 +10,7 @@ from feltmb.gap import LinearModel, Parameter
 from feltmb.gap.evidence import DISCREPANCY, effective_share, log_evidence, weights
 from feltmb.gap.fit import Start, empty_point, fit_sets
 from feltmb.gap.options import Options
-from feltmb.gap.records import prepare
+from feltmb.gap.records import prepare, ready_records
 
 from .conftest import SIGMA, spring_record
 
@@ -48,7 +48,7 @@ def _fitted(value, sd, record):
         ],
     )
     held_out = spring_record("held out", 3, role="held_out")
-    problem = prepare(model, (), [record, held_out], None, Options())
+    problem = prepare(ready_records(model, [record, held_out]), (), None, Options())
     (fitted,) = fit_sets(problem, [Start((), (empty_point(problem, (), problem.fit),))])
     return problem, fitted
 
