@@ -32,13 +32,13 @@ from feltmb.units import readable_unit, unit_suffix
 if TYPE_CHECKING:
     from feltmb.cli.gap_models import Adapter
     from feltmb.data import Record, Sensor
-    from feltmb.experiment import Belief, Design, DesignedExperiment, HelpfulTest, Limits, Visible
+    from feltmb.experiment import Belief, Design, DesignedExperiment, Limits, Visible
     from feltmb.experiment.files import InputFiles
 
 __all__ = ["command", "input_files", "measured_option"]
 
-#: Largest numbers of causes, and of helpful tests, that are listed.
-MOST_CAUSES, MOST_TESTS = 12, 5
+#: Largest numbers of causes, and of helpful tests or sensors, that are listed.
+MOST_CAUSES, MOST_HELP = 12, 5
 #: Smallest probability of a cause that is listed, as a share of the largest.
 LIKELY = 0.1
 
@@ -315,19 +315,12 @@ def _print(found: Design) -> None:
     _print_causes(found.effects)
     for group in found.inseparable:
         say("no experiment within the limits separates: " + ", ".join(group))
-    for t in found.tests[:MOST_TESTS]:
-        say(f"measure a part separately: {_test(t)} ({value(t.after)})")
-    for s in found.sensors:
-        say(f"add a sensor: {s.output} with {_amount(s.sigma, s.unit)} ({value(s.after)})")
+    for what, kind in (("measure a part separately", found.tests), ("add a sensor", found.sensors)):
+        for h in kind[:MOST_HELP]:
+            to = f"{h.sd:.1%}" if h.unit == "1" else _amount(h.sd, h.unit)
+            say(f"{what}: {h.name} to {to} ({value(h.after)})")
     if found.failed:
         say(f"{found.failed} profiles could not be simulated and are omitted")
-
-
-def _test(test: HelpfulTest) -> str:
-    sd = f"{test.sd:.1%}" if test.unit == "1" else _amount(test.sd, test.unit)
-    what = f"{test.measured} to {sd}"
-    cause, *others = test.separates or ("",)
-    return f"{what} separates {cause} from {', '.join(others)}" if others else what
 
 
 def _name(cause: Visible) -> str:

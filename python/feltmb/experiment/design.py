@@ -40,8 +40,7 @@ from feltmb.gap.measured import no_test_of
 __all__ = [
     "Design",
     "DesignedExperiment",
-    "HelpfulSensor",
-    "HelpfulTest",
+    "Help",
     "Separated",
     "Visible",
     "design",
@@ -64,8 +63,8 @@ LEAST_GAIN = 1e-4
 PAIRS, TESTS = 2, 8
 #: Smallest decrease of the probability of confusion, and smallest gain by a test, that are told.
 WORTH_TELLING = 0.02
-#: Accuracy of a test of a part, as a share of the uncertainty that the plan leaves; at best this
-#: share of the tolerance.
+#: Accuracy of the test of a parameter: share of the uncertainty that the plan leaves, but at least
+#: this share of its tolerance.
 HALF, BEST = 0.5, 0.1
 
 
@@ -128,27 +127,13 @@ class Visible:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HelpfulTest:
-    """A test of one part by itself that would help after the plan."""
+class Help:
+    """A test of one part by itself, or a further sensor, that would help in addition to a plan."""
 
-    measured: str
-    """Parameter or effect that the test measures."""
+    name: str
+    """Parameter or effect that the test measures, or output that the sensor shows."""
     sd: float
-    """Standard deviation that the test needs [unit]."""
-    unit: str
-    after: float
-    """Expected probability of the correct name with it [1], or information [log evidence]."""
-    separates: tuple[str, ...] = ()
-    """Inseparable causes of which it decides one; (): a tolerance that hides causes."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class HelpfulSensor:
-    """A sensor that could be added to all experiments of the plan."""
-
-    output: str
-    sigma: float
-    """Its noise [unit]."""
+    """Standard deviation that the test needs, or noise of the sensor [unit]."""
     unit: str
     after: float
     """Expected probability of the correct name with it [1], or information [log evidence]."""
@@ -163,8 +148,10 @@ class Design:
     """Experiments in the order in which they should be made; plan again after each of them."""
     effects: tuple[Visible, ...]
     """All causes that may be missing, the most probable first."""
-    tests: tuple[HelpfulTest, ...]
-    sensors: tuple[HelpfulSensor, ...]
+    tests: tuple[Help, ...]
+    """Tests of parts that would help, the most helpful first."""
+    sensors: tuple[Help, ...]
+    """The further sensors of the limits, the most helpful first."""
     before: float
     """Expected probability of the correct name now [1], or information [log evidence]."""
     after: float
@@ -316,7 +303,7 @@ def sensors_now(
 
 
 def example(model: Model, limits: Limits) -> Record:
-    """A simulated record within limits: every input goes to its largest value and back.
+    """A simulated record within limits: the first input goes to its largest value and back.
 
     Parameters
     ----------
@@ -331,20 +318,15 @@ def example(model: Model, limits: Limits) -> Record:
         Inputs, and the outputs that the model predicts.
     """
     check_limits(limits, model)
-    time = np.arange(round(limits.duration * limits.sample_rate) + 1) / limits.sample_rate
-    rise = 0.5 - 0.5 * np.cos(2.0 * np.pi * time / limits.duration)
-    sensors = sensors_now(model, limits, (), None)
-    bare = Record(
-        name="limits",
-        time=time,
-        inputs={n: i.start + (i.most - i.start) * rise for n, i in limits.inputs.items()},
-        outputs={n: np.zeros(time.size) for n in sensors},
-        sensors=sensors,
-    )
-    outputs = Study(model, (Effect(name="", component=""),)).simulated([bare])[0]
-    if outputs is None:
-        raise InvalidParameter(f"limits: {model.name} could not be simulated within them")
-    return replace(bare, outputs=outputs)
+    work = _Work(Study(model, ()), limits, sensors_now(model, limits, (), None), 0, None)
+    name = next(iter(limits.inputs))
+    profile = FAMILIES["pulse"].make((1.0, 0.0, 0.5), limits.inputs[name], limits)
+    record = None if profile is None else work.simulated([work.record(name, profile)])[0]
+    if record is None:
+        raise InvalidParameter(
+            f"limits: no pulse of {name} fits into them, or {model.name} cannot simulate it"
+        )
+    return replace(record, name="limits")
 
 
 def _greedy(
@@ -616,10 +598,7 @@ def _result(
         aim=aim,
         experiments=tuple(experiments),
         effects=_visible(start, knowledge),
-        tests=(
-            *_decisive(everything, groups, value),
-            *_tolerances(knowledge, value),
-        ),
+        tests=_tests(knowledge, groups, value),
         sensors=_sensors(knowledge, work, value),
         before=value(start),
         after=value(knowledge),
@@ -676,72 +655,48 @@ def _visible(before: Knowledge, after: Knowledge) -> tuple[Visible, ...]:
     return tuple(sorted(rows.values(), key=lambda r: (-r.belief, -r.right, r.cause)))
 
 
-def _decisive(
-    everything: Knowledge,
-    groups: Sequence[Sequence[str]],
-    value: Callable[[Knowledge], float],
-) -> list[HelpfulTest]:
-    """Tests of parts that separate an effect from the others of its group.
+def _tests(
+    knowledge: Knowledge, groups: Sequence[Sequence[str]], value: Callable[[Knowledge], float]
+) -> tuple[Help, ...]:
+    """Tests of single parts that would help.
 
-    If two effects of a group change the same number, a test of this number does not separate them.
-    The standard deviation s of the test of an effect with the magnitude m gives the log evidence
-    m^2 / (2 s^2), which must be enough to tell one of two equally probable causes.
+    Of a parameter: to half of its uncertainty. Of an inseparable effect: as exact as it takes to
+    tell it from another one. With the standard deviation s, the magnitude m has the log evidence
+    m^2 / (2 s^2).
     """
-    model, effects = everything.study.model, list(everything.study.effects)
-    parameters = {p.name: p for p in model.parameters}
-    size = dict(
-        zip([h.name for h in everything.study.hypotheses], everything.expected, strict=True)
-    )
-    out = []
-    for group in groups:
-        own = {e.name: e for e in effects if e.name in group}
-        measured = {n: e.tolerance_parameter or n for n, e in own.items()}
-        for name, e in own.items():
-            what = measured[name]
-            p = parameters.get(what)
-            if list(measured.values()).count(what) > 1 or no_test_of(what, model, effects):
-                continue
-            change = size[name] * e.scale * (1.0 if p is None else abs(e.tolerance_ratio))
-            variance = change**2 / (2.0 * TOLD) - (0.0 if p is None else p.sd**2)
-            if variance > 0.0:
-                sd = math.sqrt(variance)
-                out.append(
-                    HelpfulTest(
-                        measured=what,
-                        sd=sd,
-                        unit=e.unit if p is None else p.unit,
-                        after=value(everything.plus(everything.test(what, sd))),
-                        separates=(name, *(n for n in group if n != name)),
-                    )
-                )
-    return out
-
-
-def _tolerances(knowledge: Knowledge, value: Callable[[Knowledge], float]) -> list[HelpfulTest]:
-    """Parameters whose uncertainty limits the plan most: half of it is assumed after a test."""
-    now, spread, out = value(knowledge), knowledge.spread(), []
-    for p in knowledge.study.model.parameters:
-        if not (0.0 < p.sd < math.inf and p.of_the_machine):
-            continue
-        sd = max(HALF * spread[p.name], BEST * p.sd)
-        after = value(knowledge.plus(knowledge.test(p.name, sd)))
-        if sd < p.sd and after - now > WORTH_TELLING:
-            out.append(HelpfulTest(measured=p.name, sd=sd, unit=p.unit, after=after))
-    return sorted(out, key=lambda t: -t.after)[:TESTS]
+    study, now, spread = knowledge.study, value(knowledge), knowledge.spread()
+    wanted = [
+        (p.name, max(HALF * spread[p.name], BEST * p.sd), p.unit)
+        for p in study.model.parameters
+        if 0.0 < p.sd < math.inf and p.of_the_machine
+    ]
+    for h, size in zip(study.hypotheses, knowledge.expected, strict=True):
+        if (
+            h.effect
+            and any(h.name in g for g in groups)
+            and not no_test_of(h.name, study.model, study.effects)
+        ):
+            wanted.append((h.name, size * h.scale / math.sqrt(2.0 * TOLD), h.unit))
+    found = [
+        Help(name=name, sd=sd, unit=unit, after=value(knowledge.plus(knowledge.test(name, sd))))
+        for name, sd, unit in dict.fromkeys(wanted)
+    ]
+    useful = [t for t in found if t.after - now > WORTH_TELLING]
+    return tuple(sorted(useful, key=lambda t: -t.after)[:TESTS])
 
 
 def _sensors(
     knowledge: Knowledge, work: _Work, value: Callable[[Knowledge], float]
-) -> tuple[HelpfulSensor, ...]:
-    """Sensors that could be added, the most helpful first: the plan as it is, measured with it."""
+) -> tuple[Help, ...]:
+    """Further sensors, the most helpful first: the plan as it is, measured with each of them."""
     out = []
     for name, sigma in work.limits.further.items():
         records = []
         for r in knowledge.records:
-            has = {n: s for o in r.problem.fit for n, s in o.record.sensors.items()}
-            own = has[name].sigma if r.planned and name in has else None
+            (observed,) = r.problem.fit
+            own = observed.record.sensors[name].sigma if r.planned else None
             records.append(r if own is None else replace(r, read={**r.read, name: sigma / own}))
         then = replace(knowledge, records=tuple(records))
         unit = work.study.model.units.get(name) or "1"
-        out.append(HelpfulSensor(output=name, sigma=sigma, unit=unit, after=value(then)))
+        out.append(Help(name=name, sd=sigma, unit=unit, after=value(then)))
     return tuple(sorted(out, key=lambda s: -s.after))

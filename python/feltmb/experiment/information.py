@@ -55,8 +55,8 @@ MAGNITUDES = (0.5, 1.0, 2.0)
 WIDE = 10.0
 #: Probability that the cause is none of those that a diagnosis believes in.
 RESERVE = 0.1
-#: Prior weight of an unknown below which there is no prior knowledge, and a weight that replaces it:
-#: a parameter without a prior then imitates an effect completely.
+#: Prior weight below which there is no prior knowledge, and the weight that replaces it: such a
+#: parameter imitates an effect completely.
 UNKNOWN, NONE = 1e-5, 1e-12
 #: Options of a diagnosis by default.
 OPTIONS = Options()
@@ -184,7 +184,10 @@ class Study:
     @classmethod
     def of(cls, model: Model, effects: Sequence[Effect], belief: Belief | None = None) -> Study:
         """A study of the effects that the model can simulate and that no test has measured."""
-        return cls(model, tuple(open_effects(effects, model)), belief)
+        able = tuple(open_effects(effects, model))
+        if not able:
+            raise InvalidParameter(f"plan: model {model.name} can simulate none of the effects")
+        return cls(model, able, belief)
 
     @cached_property
     def problem(self) -> Problem:

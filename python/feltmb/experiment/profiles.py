@@ -152,7 +152,7 @@ def _pulse(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | No
     path = _Path(own, limits)
     level = _level(u[0], own)
     least = path.least(level)
-    rise = _between(u[1], least, 0.15 * limits.duration)
+    rise = _between(u[1], least, 0.4 * limits.duration)
     hold = u[2] * 0.25 * limits.duration
     path.go(level, rise)
     path.wait(hold)
@@ -160,18 +160,6 @@ def _pulse(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | No
     return path.profile(
         "pulse", {"level": level, "rise": rise, "hold": hold}, tail=TAIL * limits.duration
     )
-
-
-def _slow(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
-    path = _Path(own, limits)
-    level = _level(u[0], own)
-    longest = 0.8 * (limits.duration - limits.lead)
-    rise = _between(u[1], 0.15 * limits.duration, 0.5 * longest)
-    path.go(level, rise)
-    path.wait(0.1 * limits.duration * u[2])
-    path.go(own.start, rise)
-    numbers = {"level": level, "rise": rise, "hold": 0.1 * limits.duration * u[2]}
-    return path.profile("slow pulse", numbers, tail=0.1 * limits.duration)
 
 
 def _repeat(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
@@ -240,7 +228,6 @@ FAMILIES: dict[str, Family] = {
     for f in (
         Family("step", ("level", "rise"), _step),
         Family("pulse", ("level", "rise", "hold"), _pulse),
-        Family("slow pulse", ("level", "rise", "hold"), _slow),
         Family("repeated pulse", ("level", "rise", "hold", "return"), _repeat),
         Family("two steps", ("level", "then", "hold", "rise"), _two_levels),
         Family("chirp", ("amplitude", "mean", "from", "to"), _chirp),

@@ -16,7 +16,7 @@ from feltmb.live.states import Playing
 __all__ = ["Abandoned", "propose"]
 
 #: Profiles that a person can repeat; a chirp needs a machine.
-FAMILIES = ("step", "pulse", "slow pulse", "repeated pulse", "two steps")
+FAMILIES = ("step", "pulse", "repeated pulse", "two steps")
 #: Numbers of evaluated profiles and of proposed strokes, for an answer within seconds.
 CANDIDATES, STROKES = 4, 3
 #: Number of records that the plan uses.
