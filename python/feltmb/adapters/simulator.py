@@ -28,8 +28,8 @@ from feltmb.mechanism import Action, MechanismFile
 
 __all__ = ["Simulator", "key_of"]
 
-#: Largest number of steps per second of a record [1/s], 20 times those of a staccato: a mechanism of
-#: absurd parameters takes minutes.
+#: Largest number of steps per second of a record [1/s], ten times those of a staccato: a mechanism
+#: with absurd parameters takes minutes.
 MOST_STEPS = 1e6
 #: Number of cached simulated motions.
 MOTIONS = 64

@@ -13,7 +13,7 @@ from feltmb.data import ReadOptions, Record
 from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import InvalidParameter
-from feltmb.experiment import Limits, example, read_limits
+from feltmb.experiment import Limits
 from feltmb.files import is_file
 from feltmb.fit import Effect, Model, including
 from feltmb.fit.calling import calling
@@ -64,11 +64,8 @@ class Adapter:
         """Read records by file; a file may contain several runs."""
         return read_each(data, self.signals, options)
 
-    def with_records(self, records: Sequence[Record], limits: Path | None = None) -> Adapter:
+    def with_records(self, records: Sequence[Record]) -> Adapter:
         """Copy of the adapter whose effects are made from these records, or from planned ones.
-
-        ``limits``: file with the limits of experiments, which describe a record before there is
-        one.
 
         Raises
         ------
@@ -78,14 +75,10 @@ class Adapter:
         if self.made is None:
             return self
         records = tuple(records) or self.planned
-        if not records and (limits is not None or self.limits is not None):
-            known = self.limits if limits is None else read_limits(limits, self.model, None)
-            assert known is not None
-            records = (example(self.model, known),)
         if not records:
             raise InvalidParameter(
                 f"model {self.model.name}: its effects are a function of the records; give "
-                "measured files, or define limits or planned records"
+                "measured files, or define planned records"
             )
         with calling(f"model {self.model.name}: effects(records)"):
             effects, fault = _listed(self.made(records))

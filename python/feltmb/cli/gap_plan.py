@@ -173,7 +173,7 @@ def command(
     lever = None if arm is None else _lever(arm)
     adapter = load_adapter(model, settings, channels)
     records = adapter.read(data) if data else ()
-    adapter = adapter.with_records(records, limits_file).measured(measured)
+    adapter = adapter.with_records(records).measured(measured)
     limits = _limits(model, adapter, limits_file)
     telling = Telling()
     found = design(

@@ -10,7 +10,6 @@ from feltmb.experiment.design import (
     Separated,
     Visible,
     design,
-    example,
 )
 from feltmb.experiment.files import design_json, reasons, write_design
 from feltmb.experiment.information import Belief
@@ -29,7 +28,6 @@ __all__ = [
     "Visible",
     "design",
     "design_json",
-    "example",
     "read_limits",
     "reasons",
     "write_design",

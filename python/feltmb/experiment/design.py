@@ -44,7 +44,6 @@ __all__ = [
     "Separated",
     "Visible",
     "design",
-    "example",
 ]
 
 Aim = Literal["names", "sizes"]
@@ -300,33 +299,6 @@ def sensors_now(
     if limits.sensors:
         return {n: replace(known.get(n, every[n]), sigma=s) for n, s in limits.sensors.items()}
     return known or every
-
-
-def example(model: Model, limits: Limits) -> Record:
-    """A simulated record within limits: the first input goes to its largest value and back.
-
-    Parameters
-    ----------
-    model
-        Model of the machine.
-    limits
-        Limits of the experiments with it.
-
-    Returns
-    -------
-    Record
-        Inputs, and the outputs that the model predicts.
-    """
-    check_limits(limits, model)
-    work = _Work(Study(model, ()), limits, sensors_now(model, limits, (), None), 0, None)
-    name = next(iter(limits.inputs))
-    profile = FAMILIES["pulse"].make((1.0, 0.0, 0.5), limits.inputs[name], limits)
-    record = None if profile is None else work.simulated([work.record(name, profile)])[0]
-    if record is None:
-        raise InvalidParameter(
-            f"limits: no pulse of {name} fits into them, or {model.name} cannot simulate it"
-        )
-    return replace(record, name="limits")
 
 
 def _greedy(

@@ -42,7 +42,7 @@ from feltmb.gap.linear import Ask, Linear, Point, evaluate, magnitudes_at, shape
 from feltmb.gap.measured import open_effects
 from feltmb.gap.options import Options
 from feltmb.gap.problem import RELEASED, Member, Members, Problem
-from feltmb.gap.records import causes_of, problem_of
+from feltmb.gap.records import causes_of, problem_of, ready_records
 from feltmb.gap.result import Result
 from feltmb.gap.variation import varies, with_variation
 
@@ -167,10 +167,6 @@ class Study:
     """None: the prior odds of a diagnosis."""
 
     def __post_init__(self) -> None:
-        if not self.effects:
-            raise InvalidParameter(
-                f"plan: model {self.model.name} can simulate none of the effects"
-            )
         if self.belief is None:
             return
         known = {*(e.name for e in self.effects), *self.model.outputs}
@@ -283,7 +279,7 @@ class Study:
         FeltmbError
             The model cannot simulate it.
         """
-        ready = self.model.ready((record,))
+        ready = ready_records(self.model, (record,))
         problem = problem_of(ready.model, self.effects, ready.records, (), OPTIONS)
         extra = len(problem.free) - len(self.problem.free)
         shared = len(self.problem.free)

@@ -133,7 +133,7 @@ def _names_in(raw: Mapping[str, Any]) -> dict[str, list[str]]:
 
 
 @checked
-def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] | None = ()) -> Limits:
+def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] = ()) -> Limits:
     """Read ``limits.toml``: the limits of experiments with a model.
 
     Numbers are in SI units, or texts with a unit (``"20 N"``, ``"2 kN/s"``, ``"0.02 mm"``; a share
@@ -146,8 +146,7 @@ def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] | None
     model
         Model of the machine that will be measured.
     effects
-        Effects that the model lacks, which a test of a part may measure; None: they are not known
-        yet, and tests of parts are not read.
+        Effects that the model lacks, which a test of a part may measure.
 
     Returns
     -------
@@ -161,9 +160,6 @@ def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] | None
         numbers of an unknown name are not checked, because their unit is unknown.
     """
     read = TableReader(path, _LimitsFile)
-    if effects is None:
-        read.raw.pop("parts", None)
-    effects = effects or ()
     strange = _unknown_names(model, effects, _names_in(read.raw))
     read.check(strange.values())
     inputs = {

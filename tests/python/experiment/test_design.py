@@ -16,7 +16,6 @@ from feltmb.experiment import (
     PartTest,
     design,
     design_json,
-    example,
     reasons,
     write_design,
 )
@@ -283,17 +282,6 @@ def test_hidden_effects_have_a_reason():
         (np.inf, True), (np.inf, False),
     ]  # fmt: skip
     assert np.isfinite(rows["square"].smallest)
-
-
-def test_an_example_of_a_record_within_limits():
-    box = Limits(
-        inputs={"u": InputLimits(least=1.0, most=3.0)}, duration=1.0, sample_rate=100.0,
-        sensors={"y": 0.1},
-    )  # fmt: skip
-    one = example(line(), box)
-    assert (one.inputs["u"].min(), one.inputs["u"].max()) == (1.0, 3.0)
-    assert one.outputs["y"] == pytest.approx(one.inputs["u"])
-    assert one.sensors["y"].sigma == 0.1
 
 
 def test_files_of_a_plan(tmp_path):
