@@ -345,8 +345,8 @@ class _Work:
     def record(self, name: str, profile: Profile) -> Record:
         """Record of a profile; its outputs are zero."""
         limits, model = self.limits, self.study.model
-        time = np.arange(max(16, math.floor(profile.end * limits.sample_rate + 1e-6) + 1))
-        time = time / limits.sample_rate
+        count = max(16, math.floor(profile.end * limits.sample_rate + 1e-6) + 1)
+        time = np.arange(count) / limits.sample_rate
         modes = {n: mode for mode, names in model.input_modes.items() for n in names}
         mode: Any = modes.get(name, "force")
         others = model.input_modes.get(mode) or model.inputs or tuple(limits.inputs)

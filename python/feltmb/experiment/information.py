@@ -29,6 +29,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
 from feltmb.arguments import checked
@@ -526,12 +527,13 @@ class Knowledge:
     @cached_property
     def smallest(self) -> Array:
         """Smallest detectable magnitude of each hypothesis [its unit], (k,); inf: none is."""
-        return self._smallest(self.gram) * np.array([h.scale for h in self.study.hypotheses])
+        scales = np.array([h.scale for h in self.study.hypotheses])
+        return np.asarray(self._smallest(self.gram) * scales)
 
     @property
-    def detected(self) -> Array:
+    def detected(self) -> NDArray[np.bool_]:
         """Whether each hypothesis is detectable at its expected magnitude, (k,)."""
-        return self.expected >= self._smallest(self.gram)
+        return np.asarray(self.expected >= self._smallest(self.gram))
 
     @cached_property
     def chance(self) -> Array:
