@@ -7,7 +7,6 @@ from feltmb.experiment.design import (
     Design,
     DesignedExperiment,
     Help,
-    Separated,
     Visible,
     design,
 )
@@ -24,7 +23,6 @@ __all__ = [
     "InputLimits",
     "Limits",
     "PartTest",
-    "Separated",
     "Visible",
     "design",
     "design_json",

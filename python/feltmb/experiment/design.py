@@ -6,7 +6,7 @@
 3. The information of each of these is computed (:mod:`feltmb.experiment.information`).
 4. The experiment with the best gain for its cost is taken, then the best one in addition to it, and
    so on until the budget is used.
-5. The first experiment is improved by a compass search over the numbers of its profile.
+5. The first experiment is improved by a random search over the numbers of its profile.
 """
 
 from __future__ import annotations
@@ -41,7 +41,6 @@ __all__ = [
     "Design",
     "DesignedExperiment",
     "Help",
-    "Separated",
     "Visible",
     "design",
 ]
@@ -52,30 +51,19 @@ Aim = Literal["names", "sizes"]
 DRAWS = 8
 #: Number of times at which motions are compared.
 POINTS = 64
-#: First and smallest step of the compass search, as a share of the range of a number of a profile.
-COMPASS, FINEST = 0.15, 1e-3
+#: First step of the search for better profiles, as a share of the range of a number of a profile.
+STEP = 0.15
 #: Number of refinements of one family before the next family is refined.
 ROOM = 20
 #: Gain below which an experiment is left out of a plan: below it are rounding errors.
 LEAST_GAIN = 1e-4
-#: Largest number of separated pairs that are told of an experiment, and of helpful tests.
-PAIRS, TESTS = 2, 8
+#: Largest number of helpful tests.
+TESTS = 8
 #: Smallest decrease of the probability of confusion, and smallest gain by a test, that are told.
 WORTH_TELLING = 0.02
 #: Accuracy of the test of a parameter: share of the uncertainty that the plan leaves, but at least
 #: this share of its tolerance.
 HALF, BEST = 0.5, 0.1
-
-
-@dataclass(frozen=True, kw_only=True)
-class Separated:
-    """Two causes that an experiment tells apart."""
-
-    cause: str
-    rival: str
-    before: float
-    """Probability of the rival if the cause is right and no other one is possible [1]."""
-    after: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,8 +85,9 @@ class DesignedExperiment:
     """The same after it."""
     detected: tuple[int, int] = (0, 0)
     """Number of causes that are detectable at their expected magnitude, before and after it."""
-    separated: tuple[Separated, ...] = ()
-    """Most important pairs that it tells apart."""
+    separated: tuple[str, str, float, float] | None = None
+    """The cause and the rival that it separates best, and the probability of the rival, if the
+    cause is right and no other one is possible, before and after it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -277,8 +266,8 @@ def design(
     value = VALUES[aim]
     picked = _greedy(start, options, budget, value)
     if picked and refinements and picked[0].profile is not None:
-        better = work.best_of(start, options, refinements, value)
-        options = [*options, better]
+        better = work.improved(start, options, refinements, value)
+        options = [*options, *([] if better in options else [better])]
         picked = [better, *_greedy(start.plus(better.told), options, budget - 1.0, value)]
     return _result(start, picked, options, aim, work)
 
@@ -380,111 +369,88 @@ class _Work:
 
     def options(self, families: Sequence[str], count: int) -> list[_Option]:
         """Profiles with the most different motions, with their information."""
-        drawn: list[tuple[str, tuple[float, ...], Profile]] = []
+        drawn = []
         pairs = [(i, f) for i in self.limits.inputs for f in families]
         for at, (name, family) in enumerate(pairs):
-            sobol = qmc.Sobol(
-                len(FAMILIES[family].knobs), rng=np.random.default_rng([self.seed, at])
-            )
-            for knobs in sobol.random(DRAWS):
-                own = tuple(float(u) for u in knobs)
-                profile = FAMILIES[family].make(own, self.limits.inputs[name], self.limits)
-                if profile is not None:
-                    drawn.append((name, own, profile))
-        self.tell("profiles", 0, len(drawn))
-        records = self.simulated([self.record(name, profile) for name, _, profile in drawn])
-        able = [(d, r) for d, r in zip(drawn, records, strict=True) if r is not None]
-        kept = _farthest([r for _, r in able], count)
+            generator = np.random.default_rng([self.seed, at])
+            sobol = qmc.Sobol(len(FAMILIES[family].knobs), rng=generator)
+            drawn += [(name, family, tuple(float(u) for u in row)) for row in sobol.random(DRAWS)]
+        return self.evaluated(drawn, count)
+
+    def evaluated(
+        self, drawn: Sequence[tuple[str, str, tuple[float, ...]]], count: int
+    ) -> list[_Option]:
+        """The most different ones of some profiles (input, family, numbers), with information."""
+        made = []
+        for name, family, knobs in drawn:
+            profile = FAMILIES[family].make(knobs, self.limits.inputs[name], self.limits)
+            if profile is not None:
+                made.append((name, knobs, profile, self.record(name, profile)))
+        records = self.simulated([record for *_, record in made])
+        able = [(m[:3], r) for m, r in zip(made, records, strict=True) if r is not None]
         out = []
-        for done, i in enumerate(kept):
-            self.tell("what they tell", done, len(kept))
-            (name, own, profile), record = able[i]
-            out.append(self.option(name, own, profile, record))
-        return [o for o in out if o is not None]
+        for done, i in enumerate(kept := _farthest([r for _, r in able], count)):
+            if len(drawn) > 1:
+                self.tell("what they tell", done, len(kept))
+            (name, knobs, profile), record = able[i]
+            try:
+                told = self.study.linearized(record)
+            except FeltmbError as error:
+                self.failed += 1
+                self.why = f": {error}"
+                continue
+            read = {n: 1.0 for n in told.read if n in self.sensors}
+            shown = replace(
+                record,
+                outputs={n: record.outputs[n] for n in self.sensors},
+                sensors={n: record.sensors[n] for n in self.sensors},
+            )
+            out.append(
+                _Option(
+                    name=_words(profile, name, self.limits.inputs[name].unit),
+                    told=replace(told, read=read, planned=True),
+                    input=name,
+                    knobs=knobs,
+                    profile=profile,
+                    record=shown,
+                )
+            )
+        return out
 
-    def option(
-        self, name: str, knobs: tuple[float, ...], profile: Profile, record: Record
-    ) -> _Option | None:
-        """A profile with its information; None: the model cannot be linearized there."""
-        try:
-            told = self.study.linearized(record)
-        except FeltmbError as error:
-            self.failed += 1
-            self.why = f": {error}"
-            return None
-        read = {n: 1.0 for n in told.read if n in self.sensors}
-        outputs = {n: y for n, y in record.outputs.items() if n in self.sensors}
-        shown = replace(record, outputs=outputs, sensors={n: record.sensors[n] for n in outputs})
-        words = _words(profile, name, self.limits.inputs[name].unit)
-        return _Option(
-            words,
-            replace(told, read=read, planned=True),
-            1.0,
-            name,
-            knobs,
-            profile=profile,
-            record=shown,
-        )
-
-    def best_of(
+    def improved(
         self,
         knowledge: Knowledge,
         options: Sequence[_Option],
         most: int,
         value: Callable[[Knowledge], float],
     ) -> _Option:
-        """Improve the best profile and, if refinements remain, the best ones of other families."""
+        """The best profile after a random search with decreasing steps.
 
-        def worth(option: _Option) -> float:
-            return value(knowledge.plus(option.told))
-
-        leaders: dict[tuple[str, str], _Option] = {}
-        for option in sorted(
-            (o for o in options if o.profile is not None), key=lambda o: -worth(o)
-        ):
-            assert option.profile is not None
-            leaders.setdefault((option.input, option.profile.family), option)
-        starts = list(leaders.values())[: max(1, most // ROOM)]
-        own = [self.improved(knowledge, o, most // len(starts), value) for o in starts]
-        return max(own, key=worth)
-
-    def improved(
-        self,
-        knowledge: Knowledge,
-        first: _Option,
-        most: int,
-        value: Callable[[Knowledge], float],
-    ) -> _Option:
-        """Compass search over the numbers of a profile."""
-        assert first.profile is not None
-        family, own = FAMILIES[first.profile.family], self.limits.inputs[first.input]
+        It begins with the best profile of each family in turn, and ends with the best of all.
+        """
         generator = np.random.default_rng([self.seed, 7])
-        best, top = first, value(knowledge.plus(first.told))
-        width, step, tried = len(first.knobs), COMPASS, 0
-        while tried < most and step > FINEST:
-            moved = False
-            for k in generator.permutation(2 * width):
-                if tried >= most:
-                    break
-                knobs = list(best.knobs)
-                knobs[k // 2] = min(max(knobs[k // 2] + (step if k % 2 else -step), 0.0), 1.0)
-                if tuple(knobs) == best.knobs:
-                    continue
-                self.tell("a better profile", tried, most)
-                tried += 1
-                profile = family.make(knobs, own, self.limits)
-                record = (
-                    None
-                    if profile is None
-                    else self.simulated([self.record(first.input, profile)])[0]
-                )
-                if profile is None or record is None:
-                    continue
-                other = self.option(first.input, tuple(knobs), profile, record)
-                if other is not None and (worth := value(knowledge.plus(other.told))) > top:
-                    best, top, moved = other, worth, True
-            step *= 1.0 if moved else 0.5
-        return best
+        best: dict[tuple[str, str], tuple[float, _Option]] = {}
+
+        def keep(option: _Option) -> None:
+            if option.profile is not None:
+                key = option.input, option.profile.family
+                worth = value(knowledge.plus(option.told))
+                if key not in best or worth > best[key][0]:
+                    best[key] = worth, option
+
+        for option in options:
+            keep(option)
+        for k in range(most):
+            self.tell("a better profile", k, most)
+            found = sorted(best.values(), key=lambda own: -own[0])
+            turns = min(len(found), 1 + most // ROOM) if 2 * k < most else 1
+            parent = found[k % turns][1]
+            assert parent.profile is not None
+            step = STEP * (1.0 + k) ** -0.75 * generator.standard_normal(len(parent.knobs))
+            knobs = tuple(float(u) for u in np.clip(parent.knobs + step, 0.0, 1.0))
+            for one in self.evaluated([(parent.input, parent.profile.family, knobs)], 1):
+                keep(one)
+        return max(best.values(), key=lambda own: own[0])[1]
 
 
 def _farthest(records: Sequence[Record], most: int) -> list[int]:
@@ -580,26 +546,15 @@ def _result(
     )
 
 
-def _separated(before: Knowledge, after: Knowledge) -> tuple[Separated, ...]:
-    """Pairs of causes that an experiment separates, weighted by their probability."""
+def _separated(before: Knowledge, after: Knowledge) -> tuple[str, str, float, float] | None:
+    """The pair of causes that an experiment separates best, weighted by their probability."""
     weights, names = before.study.possible, [h.name for h in before.study.hypotheses]
     was, then = before.chance, after.chance
     worth = (was - then) * np.minimum(weights[:, None], weights[None, :])
-    out: list[Separated] = []
-    for flat in np.argsort(-worth, axis=None, kind="stable")[: 20 * len(names)]:
-        a, b = np.unravel_index(int(flat), worth.shape)
-        if was[a, b] - then[a, b] < WORTH_TELLING or len(out) == PAIRS:
-            continue
-        if not any(names[a] in (s.cause, s.rival) for s in out):
-            out.append(
-                Separated(
-                    cause=names[a],
-                    rival=names[b],
-                    before=float(was[a, b]),
-                    after=float(then[a, b]),
-                )
-            )
-    return tuple(out)
+    a, b = np.unravel_index(int(np.argmax(worth)), worth.shape)
+    if was[a, b] - then[a, b] < WORTH_TELLING:
+        return None
+    return names[a], names[b], float(was[a, b]), float(then[a, b])
 
 
 def _visible(before: Knowledge, after: Knowledge) -> tuple[Visible, ...]:

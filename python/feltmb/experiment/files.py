@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.experiment.design import Design, DesignedExperiment
 from feltmb.files import make_folder, write_file, write_text
+from feltmb.gap.result import plain
 from feltmb.style import new_figure, reader_unit, side_legend, style_axes
 
 __all__ = ["InputFiles", "design_json", "reasons", "write_design"]
@@ -42,39 +43,29 @@ def reasons(experiment: DesignedExperiment, causes: int) -> list[str]:
         out.append(
             f"detects {after} of {causes} causes at their expected magnitude ({before} before)"
         )
-    out += [
-        f"separates {s.cause} from {s.rival}: probability of confusion {s.before:.0%} "
-        f"-> {s.after:.0%}"
-        for s in experiment.separated
-    ]
+    if experiment.separated is not None:
+        cause, rival, was, then = experiment.separated
+        out.append(
+            f"separates {cause} from {rival}: probability of confusion {was:.0%} -> {then:.0%}"
+        )
     return out
 
 
 def design_json(design: Design) -> dict[str, Any]:
-    """Plan as one JSON object; infinite numbers are null.
+    """Plan as one JSON object; an infinite number is a text.
 
     Parameters
     ----------
     design
         The plan.
     """
-    plan: dict[str, Any] = _plain(design)
+    bare = [replace(e, record=None) for e in design.experiments]
+    plan: dict[str, Any] = plain(replace(design, experiments=tuple(bare)))
     for row, e in zip(plan["experiments"], design.experiments, strict=True):
         del row["record"]
         if e.profile is not None:
             row["profile"] = {"family": e.profile.family, **e.profile.numbers}
     return plan
-
-
-def _plain(value: Any) -> Any:
-    """Value as JSON types; of a record nothing, its inputs are files."""
-    if isinstance(value, float):
-        return value if np.isfinite(value) else None
-    if isinstance(value, tuple):
-        return [_plain(v) for v in value]
-    if is_dataclass(value) and not isinstance(value, type) and not hasattr(value, "time"):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
-    return value
 
 
 @checked

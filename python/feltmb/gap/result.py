@@ -26,6 +26,7 @@ __all__ = [
     "SetOfCauses",
     "Trace",
     "Verdict",
+    "plain",
     "worst_of",
 ]
 
@@ -271,7 +272,7 @@ class Result:
 
     def as_dict(self) -> dict[str, Any]:
         """Codes and numbers as JSON types: NaN is None, an infinite number is a text."""
-        own: dict[str, Any] = _plain(self)
+        own: dict[str, Any] = plain(self)
         return {"format": "feltmb diagnosis", "version": VERSION} | own
 
     def to_json(self) -> str:
@@ -279,16 +280,16 @@ class Result:
         return json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n"
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Value as JSON types; numbers to 9 digits."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, Enum):
         return value.name
     if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, tuple | list | np.ndarray):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if value is None or isinstance(value, bool | str):
         return value
     if isinstance(value, int | np.integer):

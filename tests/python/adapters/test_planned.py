@@ -33,7 +33,7 @@ def designed(profile, name, factor=1.0):
     time = np.arange(0.0, profile.end, 5e-4)
     record = Record(name="1", time=time, inputs={name: profile.at(time)}, outputs={"y": time})
     return DesignedExperiment(
-        name=f"{profile.family} of {name}", kind="record", cost=1.0, input=name, profile=profile,
+        name=f"{profile.family} of {name}", cost=1.0, input=name, profile=profile,
         record=record, before=0.0, after=1.0,
     )  # fmt: skip
 
