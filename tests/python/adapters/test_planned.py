@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from feltmb.gap.profiles import FAMILIES
 
 import feltmb
 from feltmb.adapters import STROKE_KINDS, finger_limits, mechanism_model
 from feltmb.cli.gap_models import Adapter
 from feltmb.cli.gap_plan import input_files
 from feltmb.data import Record
-from feltmb.gap import DesignedExperiment
+from feltmb.experiment import DesignedExperiment
+from feltmb.experiment.profiles import FAMILIES
 from feltmb.run.stroke import load_stroke, read_stroke_csv
 
 
