@@ -32,7 +32,7 @@ def shapes_of(entry: Entry) -> str:
 def shared(rows: list[list[str]]) -> list[str]:
     """Words with which all rows begin."""
     same = [len(set(column)) == 1 for column in zip(*rows, strict=False)]
-    return rows[0][: (same + [False]).index(False)]
+    return rows[0][: [*same, False].index(False)]
 
 
 def common(texts: list[str]) -> str:

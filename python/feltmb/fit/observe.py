@@ -25,6 +25,7 @@ from feltmb.fit.shift import shifted
 
 __all__ = [
     "machine_candidates",
+    "motion",
     "observe",
     "observe_all",
     "observed_sensitivities",
@@ -48,6 +49,13 @@ def observe(
     sizes = np.zeros(len(included)) if magnitudes is None else magnitudes
     jobs = Jobs(theta=theta[None], starts=start[None], included=included, magnitudes=sizes[None])
     return np.asarray(observe_all(model, [(record, jobs)])[0][0])
+
+
+def motion(model: Model, record: Record, jobs: Jobs) -> Array | None:
+    """States over a record, (n, nx), of a single job with its input effects; None: it has none."""
+    ((_, batch),) = _excited(record, jobs)
+    path = model.motion(*batch)
+    return None if path is None else path[0]
 
 
 def observe_all(model: Model, batches: Sequence[Batch]) -> list[Array]:

@@ -134,7 +134,7 @@ def _fitted_start(
 
     def residual(x: Array) -> Array:
         gap = ((run(part.record, at(x)) - part.measured) / size)[valid]
-        return np.nan_to_num(gap, nan=1e6).clip(-1e6, 1e6)
+        return np.asarray(np.nan_to_num(gap, nan=1e6).clip(-1e6, 1e6))
 
     with np.errstate(all="ignore"):
         found = least_squares(residual, np.zeros(len(free)), diff_step=1e-5, max_nfev=20)

@@ -273,7 +273,8 @@ def _descend(fit: Descent) -> Steps:
         if seen is not first:
             change = np.abs(np.log(left / noise)).max() + abs(np.log(left_share / share))
         noise, share = left, left_share
-        fit.now = Fitted(members, point, tuple(seen), noise, share)
+        if not (fit.known and seen is first):
+            fit.now = Fitted(members, point, tuple(seen), noise, share)
         now = _cost(problem, problem.fit, members, prior, point, seen, noise, share)
         gain = 0.0
         for _ in range(6):

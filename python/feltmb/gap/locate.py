@@ -15,7 +15,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.model import Jobs, Port
-from feltmb.fit.observe import observe_all
+from feltmb.fit.observe import motion, observe_all
 from feltmb.gap.evidence import Fitted, log_evidence, prior_of, system
 from feltmb.gap.fit import noise_left
 from feltmb.gap.linear import (
@@ -318,11 +318,11 @@ def _likeness(
     names = [s.name for s in problem.model.states()]
     seen = []
     for r, (o, force) in enumerate(zip(problem.fit, forces, strict=True)):
-        path = problem.model.motion(o.record, _jobs(problem, fitted, r, 1))
+        path = motion(problem.model, o.record, _jobs(problem, fitted, r, 1))
         if path is None:
             return ()
         stops = np.linspace(0, o.record.samples - 1, KNOTS).astype(int)
-        x = path[0, stops]
+        x = path[stops]
         there = [x[:, names.index(n)] if n in names else 0.0 * x[:, 0]
                  for n in (port.position, port.speed)]  # fmt: skip
         at = o.record.time[stops] - o.record.time[0]

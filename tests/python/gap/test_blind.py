@@ -69,7 +69,7 @@ def test_effects_that_act_alike_are_a_class_and_a_weak_one_is_silent(spring, cau
 
 
 def test_an_effect_that_the_diagnosis_takes_for_another_is_wrong(spring, causes, records):
-    """The twin acts as the preload does, and is much more probable before the records."""
+    """The other one acts as the preload does, and is much more probable before the records."""
     preload = causes[1]
     likely = dataclasses.replace(preload, name="likely", weight=1e4)
     found = withhold(spring, [preload, likely], records, only=["preload"], seed=1)

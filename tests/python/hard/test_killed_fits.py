@@ -1,10 +1,7 @@
 """Diagnoses on a full disk and in a closed folder, and benches that are killed."""
 
 import multiprocessing
-import os
-import signal
 import sys
-import time
 from pathlib import Path
 
 import pytest
