@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from feltmb.mechanism import NamedEvent
+    from feltmb.mechanism import Action, NamedEvent
 
-__all__ = ["Change", "matches", "name_events", "undoes"]
+__all__ = ["Change", "list_changes", "matches", "name_events", "undoes"]
 
 
 @dataclass(frozen=True)
@@ -98,3 +98,17 @@ def name_events(changes: Sequence[Change], rules: Mapping[str, NamedEvent]) -> d
         visiting.clear()
         resolve(name)
     return found
+
+
+def list_changes(action: Action, events: Any, monitors: list[str]) -> list[Change]:
+    """Events of the core, with contact numbers and names of monitored points."""
+    numbers = action.mechanism.contact_numbers
+    return [
+        Change(
+            time,
+            numbers[contact] if contact >= 0 else None,
+            monitors[monitor] if monitor >= 0 else None,
+            direction > 0,
+        )
+        for time, contact, monitor, direction in events
+    ]

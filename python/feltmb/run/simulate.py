@@ -14,7 +14,7 @@ from feltmb import _core
 from feltmb.arguments import checked
 from feltmb.errors import IntegrationError, InvalidParameter, near_names
 from feltmb.mechanism import Action, load_action
-from feltmb.run.events import Change, name_events
+from feltmb.run.events import Change, list_changes, name_events
 from feltmb.run.options import ALL_OPTIONS, RunOptions, check_options
 from feltmb.run.results import Provenance, Run
 from feltmb.run.strikes import (
@@ -474,20 +474,6 @@ def to_run(
         message=result.message,
         strike_list=list_strikes(action, changes, result),
     )
-
-
-def list_changes(action: Action, events: Any, monitors: list[str]) -> list[Change]:
-    """Events of the core, with contact numbers and names of monitored points."""
-    numbers = action.mechanism.contact_numbers
-    return [
-        Change(
-            time,
-            numbers[contact] if contact >= 0 else None,
-            monitors[monitor] if monitor >= 0 else None,
-            direction > 0,
-        )
-        for time, contact, monitor, direction in events
-    ]
 
 
 #: Largest number of events that the core stores for one run.

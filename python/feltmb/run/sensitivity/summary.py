@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from feltmb import _core
 from feltmb.mechanism import Action
 from feltmb.run.arrays import summary_unit
-from feltmb.run.events import name_events
-from feltmb.run.simulate import list_changes
+from feltmb.run.events import list_changes, name_events
 from feltmb.run.strikes import find_strikes
 
 if TYPE_CHECKING:
