@@ -1068,7 +1068,44 @@ CALLS = {
         "model": oscillator(),
         "measured": [gap.Measured(parameter="k", value=99.0, sd=1.0)],
     },
+    "feltmb.gap.Channel.share": lambda: (report().channels[0], {"residual": 1.0}),
+    "feltmb.gap.Explained.simulate": lambda: (
+        gap.explained_model(oscillator(), [DRY], report()),
+        {"record": record()},
+    ),
+    "feltmb.gap.Explained.write": None,  # of a mechanism: tests/python/gap/test_cli.py
+    "feltmb.gap.Report.html": lambda: (report(), {"title": "oscillator"}),
+    "feltmb.gap.Report.of": lambda: (gap.Report, {"result": report()}),
+    "feltmb.gap.explained_model": lambda: {
+        "model": oscillator(),
+        "effects": [DRY],
+        "result": report(),
+    },
+    "feltmb.gap.withhold": lambda: {
+        "model": oscillator(),
+        "effects": [DRY],
+        "records": [record("one", 1), record("two", 2)],
+        "cases": 1,
+        "seed": 0,
+        "only": None,
+        "hold_out": None,
+        "options": gap.Options(seconds=2.0),
+        "folder": None,
+        "progress": None,
+    },
     # experiment
+    "feltmb.experiment.Belief": lambda: {
+        "weights": {"dry friction": 0.5},
+        "none": 0.1,
+        "magnitudes": {"dry friction": 0.1},
+    },
+    "feltmb.experiment.Belief.of_report": lambda: (experiment.Belief, {"report": report()}),
+    "feltmb.experiment.design_json": lambda: {"design": designed()},
+    "feltmb.experiment.example": lambda: {"model": oscillator(), "limits": limits()},
+    "feltmb.experiment.reasons": lambda: {
+        "experiment": designed().experiments[0],
+        "causes": 1,
+    },
     "feltmb.experiment.InputLimits": lambda: {
         name: getattr(limits().inputs["f"], name)
         for name in inspect.signature(experiment.InputLimits).parameters
