@@ -306,14 +306,13 @@ def test_the_model_of_the_blind_bench_reads_inputs_with_the_same_signs(error, si
             name="r", time=time, inputs={"finger": values}, outputs={"key": zero, "hammer": zero}
         )
         included = (Candidate(effect),) if with_effect else ()
-        jobs = Jobs.at_point(
-            np.array([p.value for p in model.parameters]),
-            np.array([[0, time.size - 1]]),
-            np.zeros((1, len(model.states(included)))),
-            included,
-            np.array([size] if with_effect else []),
+        jobs = Jobs(
+            theta=np.array([[p.value for p in model.parameters]]),
+            starts=np.zeros((1, len(model.states(included)))),
+            included=included,
+            magnitudes=np.array([[size]] if with_effect else [[]]),
         )
-        return model.simulate(record, jobs).outputs[0]
+        return model.simulate(record, jobs)[0]
 
     plain, taken_back, misread = motion(truth, 0), motion(shown, 1), motion(shown, 0)
     wrong = np.max(np.abs(misread - plain)[:200])
