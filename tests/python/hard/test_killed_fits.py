@@ -1,4 +1,4 @@
-"""Diagnoses on a full disk and in a closed folder, and benches that are killed."""
+"""Diagnoses on a full disk and in a closed folder."""
 
 import multiprocessing
 import sys
