@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import runpy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -207,6 +209,17 @@ def test_the_chosen_experiment_raises_the_probability_of_the_right_cause(seed):
     known = again.plus(*(again.study.linearized(r) for r in records))
     more = replace(known, before=known.gram).plus(again.study.linearized(narrow))
     assert more.names() < 0.6
+
+
+@pytest.mark.slow
+def test_the_example_of_a_session_names_its_cause(capsys):
+    """Plan, measure, diagnose, until the friction of 0.05 N is named."""
+    runpy.run_path(str(Path(__file__).parents[3] / "examples" / "gap" / "session.py"))
+    *_, verdict, named = capsys.readouterr().out.splitlines()
+    assert verdict.endswith(": named")
+    assert float(named.removeprefix("dry friction: ").removesuffix(" N")) == pytest.approx(
+        0.05, abs=0.005
+    )
 
 
 def test_belief_is_that_of_the_sets():

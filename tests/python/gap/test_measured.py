@@ -1,8 +1,6 @@
 """Measured magnitudes of effects: the test of a part decides what no record can."""
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -174,19 +172,6 @@ def test_faults_of_names_are_told_with_the_file(tmp_path):
     with pytest.raises(DataError, match=r"m\.toml: 2 faults") as failure:
         read_measured(path, NOMINAL, [shift])
     assert "measured.shift: an effect of the records" in str(failure.value)
-
-
-def test_the_example_machine_measures_its_parts():
-    path = Path(__file__).parents[3] / "examples" / "gap" / "simulated_machine.py"
-    spec = importlib.util.spec_from_file_location("machine", path)
-    machine = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(machine)
-    assert machine.true_value("felt.04") == pytest.approx(0.05)
-    assert machine.true_value("capstan_height") == pytest.approx(1e-4)
-    assert machine.true_value("felt.05") == 0.0
-    assert machine.true_value("string_distance") == 0.0
-    # The friction of the butt is 0.0025 N m in the table, 0.0065 N m in the machine.
-    assert machine.true_value("joint_friction.butt") == pytest.approx(1.6)
 
 
 def test_an_effect_that_changes_the_number_of_a_parameter_is_refused():
