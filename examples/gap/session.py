@@ -1,7 +1,7 @@
 """Plan an experiment, make it, diagnose, and repeat until a cause is named.
 
-The rig is simulated: an oscillator whose guide rubs dry, which the model lacks. Replace `measure` by
-a function that plays `planned.inputs` on a machine and returns the record.
+The rig is simulated: an oscillator whose guide rubs dry, which the model lacks. Replace `measure`
+by a function that plays `planned.inputs` on a machine and returns the record.
 """
 
 from dataclasses import replace
