@@ -228,9 +228,8 @@ def design(
         Unknown names, a wrong number, or no profile that can be simulated.
     """
     check_limits(limits, model, effects)
-    faults = [
-        f"families: {n} is none of {', '.join(FAMILIES)}" for n in set(families) - {*FAMILIES}
-    ]
+    known = ", ".join(FAMILIES)
+    faults = [f"families: {n} is none of {known}" for n in families if n not in FAMILIES]
     if not 0.0 < budget <= 1000.0:
         faults.append(f"budget = {budget!r} records, expected in (0, 1000]")
     if not 1 <= candidates <= 10_000:
@@ -241,23 +240,16 @@ def design(
         raise InvalidParameter("plan: " + "; ".join(faults))
     study = Study.of(model, effects, belief)
     work = _Work(study, limits, sensors_now(model, limits, records, sensors), seed, progress)
-    known = []
+    start = Knowledge(study)
     for i, r in enumerate(records):
         work.tell("what the records tell", i, len(records))
-        known.append(study.linearized(r))
-    start = Knowledge(study, tuple(known))
-    if belief is not None and known:
+        start = start.plus(study.linearized(r))
+    if belief is not None and records:
         start = replace(start, before=start.gram)
     options = work.options(list(dict.fromkeys(families)) or list(FAMILIES), candidates)
-    options += [
-        _Option(
-            f"{t.how or 'test of a part'}: {t.parameter}",
-            start.test(t.parameter, t.sd),
-            t.cost,
-            part=t,
-        )
-        for t in limits.parts
-    ]
+    for t in limits.parts:
+        words = f"{t.how or 'test of a part'}: {t.parameter}"
+        options.append(_Option(words, start.test(t.parameter, t.sd), t.cost, part=t))
     if not options:
         raise InvalidParameter(
             f"plan: none of the {work.failed} profiles within the limits can be simulated by "
@@ -458,28 +450,18 @@ def _farthest(records: Sequence[Record], most: int) -> list[int]:
     if len(records) <= most:
         return list(range(len(records)))
     at = np.linspace(0.0, max(r.time[-1] for r in records), POINTS)
-    noise = {
-        n: min(s for r in records if (s := r.sensors[n].sigma or 0.0) > 0.0)
-        for n in records[0].outputs
-    }
-    largest = {
-        n: max(np.abs(r.inputs.get(n, [0.0])).max() for r in records)
-        for r in records
-        for n in r.inputs
-    }
-    rows = []
-    for r in records:
-        parts = []
-        for n, y in r.outputs.items():
-            # After the end of a record its last value is used. Large motions are compared by
-            # logarithm.
-            value = np.interp(at, r.time, y) / noise[n]
-            parts.append(np.sign(value) * np.log1p(np.abs(value)))
-        for n, limit in largest.items():  # a hundredth of the largest is one step
-            value = np.interp(at, r.time, r.inputs.get(n, 0.0 * r.time)) / (0.01 * limit or 1.0)
-            parts.append(np.sign(value) * np.log1p(np.abs(value)))
-        rows.append(np.concatenate(parts))
-    table = np.array(rows)
+    inputs = dict.fromkeys(n for r in records for n in r.inputs)
+    rows = [{n: r.inputs.get(n, 0.0 * r.time) for n in inputs} | dict(r.outputs) for r in records]
+    unit = {n: 0.01 * max(np.abs(row[n]).max() for row in rows) or 1.0 for n in inputs}
+    unit |= {n: min(r.sensors[n].sigma or np.inf for r in records) for n in records[0].outputs}
+    # After the end of a record its last value is used. Large motions are compared by logarithm.
+    table = np.array(
+        [
+            np.concatenate([np.interp(at, r.time, v) / unit[n] for n, v in row.items()])
+            for r, row in zip(records, rows, strict=True)
+        ]
+    )
+    table = np.sign(table) * np.log1p(np.abs(table))
     far = np.linalg.norm(table, axis=1)  # from nothing happens
     out: list[int] = []
     for _ in range(most):

@@ -1,7 +1,7 @@
 """Files of a plan: inputs for a controller, figures, all numbers.
 
-For experiment 1: ``1.csv`` (time and inputs) and ``1.png``; a test of a part is ``1.toml`` with
-``[part]``. ``plan.json`` holds all numbers. The caller may add files of inputs in other formats.
+For experiment 1: ``1.csv`` (time and inputs) and ``1.png``. ``plan.json`` holds all numbers, those
+of tests of parts too. The caller may add files of inputs in other formats.
 """
 
 from __future__ import annotations
@@ -103,22 +103,12 @@ def write_design(
     out = [write_text(folder / "plan.json", text, force=force)]
     for i, e in enumerate(design.experiments, 1):
         if e.record is None:
-            out.append(_request(e, folder / f"{i}.toml", force=force))
             continue
         out.append(_inputs(e, folder / f"{i}.csv", known, force=force))
         if input_files is not None:
             out += input_files(e, folder / str(i))
         out.append(_picture(e, folder / f"{i}.png", known, force=force))
     return out
-
-
-def _request(e: DesignedExperiment, path: Path, *, force: bool) -> Path:
-    """TOML with the test of a part."""
-    import tomlkit
-
-    assert e.part is not None
-    part = {"parameter": e.part.parameter, "sd": e.part.sd, "how": e.part.how}
-    return write_text(path, tomlkit.dumps({"part": part}), force=force)
 
 
 def _inputs(e: DesignedExperiment, path: Path, units: Mapping[str, str], *, force: bool) -> Path:

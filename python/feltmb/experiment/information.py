@@ -329,10 +329,7 @@ class Information:
     def matrix(self, samples: Mapping[str, float]) -> Array:
         """Information over the shared unknowns and all hypotheses, in their scales.
 
-        Parameters
-        ----------
-        samples
-            Number of values by output of all records that are diagnosed together.
+        ``samples``: number of values by output of all records that are diagnosed together.
         """
         share = np.array(
             [
@@ -412,17 +409,10 @@ class Knowledge:
         )
 
     def test(self, name: str, sd: float) -> Array:
-        """Information of a test of one part by itself: of a parameter, or of an effect.
+        """Information of a test of a parameter or effect by itself, with its standard deviation.
 
         The test of a parameter measures the sum of its deviation and of the effects that change the
         same number.
-
-        Parameters
-        ----------
-        name
-            Parameter or effect.
-        sd
-            Standard deviation of the test [unit of the parameter or effect].
         """
         study = self.study
         row = np.zeros(study.x.size + len(study.hypotheses))

@@ -64,22 +64,7 @@ SENSORS = ("sensors", "further_sensors")
 
 
 def check_limits(limits: Limits, model: Model, effects: Sequence[Effect] = ()) -> None:
-    """Check that the model has the inputs, outputs and parameters that the limits name.
-
-    Parameters
-    ----------
-    limits
-        Limits of experiments.
-    model
-        Model of the machine.
-    effects
-        Effects that the model lacks, which a test of a part may measure.
-
-    Raises
-    ------
-    InvalidParameter
-        All names that the model does not have, and effects that no test can measure.
-    """
+    """Refuse limits with names that the model does not have, or effects that no test measures."""
     faults = _unknown_names(
         model,
         effects,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +18,6 @@ from feltmb.fit.limits import InputLimits, Limits
 
 __all__ = ["FAMILIES", "Family", "Profile", "ease"]
 
-#: Moves of a profile: begin [s], length [s], height [unit].
-Moves = list[tuple[float, float, float]]
 #: Time of a record after the last move, as a share of the longest experiment.
 TAIL = 0.25
 #: Number of points of a step in a file of knots.
@@ -75,11 +74,9 @@ class Profile:
         return time, self.at(time)
 
 
-@dataclass(frozen=True)
-class Family:
-    """Profiles of one kind; ``make`` gets a number in [0, 1] for each parameter."""
+class Family(NamedTuple):
+    """Profiles of one kind; ``make`` gets a number in [0, 1] for each knob."""
 
-    name: str
     knobs: tuple[str, ...]
     make: Callable[[Sequence[float], InputLimits, Limits], Profile | None]
 
@@ -89,45 +86,33 @@ def _between(u: float, low: float, high: float) -> float:
     return float(low * (max(high, low) / low) ** u)
 
 
-class _Path:
-    """A sequence of levels."""
+def _least(change: float, own: InputLimits, limits: Limits) -> float:
+    """Shortest duration of a move [s]: from the limits, and at least two samples."""
+    return max(own.shortest(change), 2.0 / limits.sample_rate)
 
-    def __init__(self, own: InputLimits, limits: Limits):
-        self.own, self.limits = own, limits
-        self.value, self.time = own.start, limits.lead
-        self.moves: Moves = []
 
-    def least(self, level: float) -> float:
-        """Shortest duration of a move to a level [s]: from the limits, and at least two samples."""
-        step = 2.0 / self.limits.sample_rate
-        return max(self.own.shortest(level - self.value), step)
+def _steps(
+    family: str,
+    own: InputLimits,
+    limits: Limits,
+    steps: Sequence[tuple[float, float, float]],
+    numbers: Mapping[str, float],
+    tail: float = TAIL,
+) -> Profile | None:
+    """Moves to levels, each with its duration and the time at the level, not faster than permitted.
 
-    def go(self, level: float, length: float) -> None:
-        """Move to a level, not faster than permitted."""
-        length = max(length, self.least(level))
-        self.moves.append((self.time, length, level - self.value))
-        self.time += length
-        self.value = level
-
-    def wait(self, length: float) -> None:
-        """Stay at the level."""
-        self.time += length
-
-    def profile(
-        self, family: str, numbers: Mapping[str, float], *, tail: float | None = None
-    ) -> Profile | None:
-        """The completed profile; None if it takes longer than permitted."""
-        longest = self.limits.duration
-        if self.time > longest * (1.0 + 1e-9):
-            return None
-        end = longest if tail is None else min(self.time + tail, longest)
-        return Profile(
-            family=family,
-            numbers=numbers,
-            start=self.own.start,
-            moves=tuple(self.moves),
-            end=end,
-        )
+    None: they take longer than permitted. ``tail``: time after them, as a share of the longest
+    experiment.
+    """
+    value, time, moves = own.start, limits.lead, []
+    for level, length, hold in steps:
+        length = max(length, _least(level - value, own, limits))
+        moves.append((time, length, level - value))
+        value, time = level, time + length + hold
+    if time > limits.duration * (1.0 + 1e-9):
+        return None
+    end = min(time + tail * limits.duration, limits.duration)
+    return Profile(family=family, numbers=numbers, start=own.start, moves=tuple(moves), end=end)
 
 
 def _level(u: float, own: InputLimits) -> float:
@@ -140,54 +125,40 @@ def _level(u: float, own: InputLimits) -> float:
 
 
 def _step(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
-    path = _Path(own, limits)
     level = _level(u[0], own)
-    rise = _between(u[1], path.least(level), 0.5 * limits.duration)
-    path.go(level, rise)
-    path.wait(TAIL * limits.duration)
-    return path.profile("step", {"level": level, "rise": rise}, tail=0.25 * limits.duration)
+    rise = _between(u[1], _least(level - own.start, own, limits), 0.5 * limits.duration)
+    steps = [(level, rise, TAIL * limits.duration)]
+    return _steps("step", own, limits, steps, {"level": level, "rise": rise})
 
 
 def _pulse(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
-    path = _Path(own, limits)
     level = _level(u[0], own)
-    least = path.least(level)
-    rise = _between(u[1], least, 0.4 * limits.duration)
+    rise = _between(u[1], _least(level - own.start, own, limits), 0.4 * limits.duration)
     hold = u[2] * 0.25 * limits.duration
-    path.go(level, rise)
-    path.wait(hold)
-    path.go(own.start, rise)
-    return path.profile(
-        "pulse", {"level": level, "rise": rise, "hold": hold}, tail=TAIL * limits.duration
-    )
+    steps = [(level, rise, hold), (own.start, rise, 0.0)]
+    return _steps("pulse", own, limits, steps, {"level": level, "rise": rise, "hold": hold})
 
 
 def _repeat(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
-    path = _Path(own, limits)
     level = _level(u[0], own)
-    rise = _between(u[1], path.least(level), 0.08 * limits.duration)
+    rise = _between(u[1], _least(level - own.start, own, limits), 0.08 * limits.duration)
     hold = 0.02 * limits.duration + u[2] * 0.13 * limits.duration
     back = own.start + (1.0 - u[3]) * 0.6 * (level - own.start)
-    path.go(level, rise)
-    path.wait(hold)
-    path.go(back, rise)
-    path.wait(hold)
-    path.go(level, rise)
-    path.wait(hold)
+    steps = [(at, rise, hold) for at in (level, back, level)]
     numbers = {"level": level, "rise": rise, "hold": hold, "between": back}
-    return path.profile("repeated pulse", numbers, tail=TAIL * limits.duration)
+    return _steps("repeated pulse", own, limits, steps, numbers)
 
 
 def _two_levels(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
-    path = _Path(own, limits)
     first, second = _level(u[0], own), _level(u[1], own)
     left = limits.duration - limits.lead
-    stay = 0.05 * left + 0.7 * u[2] * left
-    path.go(first, path.least(first) + 0.02 * u[3] * left)
-    path.wait(stay)
-    path.go(second, path.least(second) + 0.02 * u[3] * left)
+    stay, more = 0.05 * left + 0.7 * u[2] * left, 0.02 * u[3] * left
+    steps = [
+        (first, _least(first - own.start, own, limits) + more, stay),
+        (second, _least(second - first, own, limits) + more, 0.0),
+    ]
     numbers = {"level": first, "hold": stay, "then": second}
-    return path.profile("two steps", numbers)
+    return _steps("two steps", own, limits, steps, numbers, tail=1.0)
 
 
 def _chirp(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
@@ -195,7 +166,7 @@ def _chirp(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | No
     amplitude = 0.5 * span * (0.05 + 0.95 * u[0])
     mean = own.least + amplitude + u[1] * (span - 2.0 * amplitude)
     begin, stop = limits.lead, limits.duration
-    moves: Moves = []
+    moves = []
     if mean != own.start:
         length = max(own.shortest(mean - own.start), 4.0 / limits.sample_rate)
         moves.append((begin, length, mean - own.start))
@@ -224,12 +195,9 @@ def _chirp(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | No
 
 #: Families of profiles by name.
 FAMILIES: dict[str, Family] = {
-    f.name: f
-    for f in (
-        Family("step", ("level", "rise"), _step),
-        Family("pulse", ("level", "rise", "hold"), _pulse),
-        Family("repeated pulse", ("level", "rise", "hold", "return"), _repeat),
-        Family("two steps", ("level", "then", "hold", "rise"), _two_levels),
-        Family("chirp", ("amplitude", "mean", "from", "to"), _chirp),
-    )
+    "step": Family(("level", "rise"), _step),
+    "pulse": Family(("level", "rise", "hold"), _pulse),
+    "repeated pulse": Family(("level", "rise", "hold", "return"), _repeat),
+    "two steps": Family(("level", "then", "hold", "rise"), _two_levels),
+    "chirp": Family(("amplitude", "mean", "from", "to"), _chirp),
 }
