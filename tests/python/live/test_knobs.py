@@ -4,8 +4,18 @@ import pytest
 
 import feltmb
 from feltmb.errors import InvalidParameter
+from feltmb.gap import (
+    Channel,
+    Effect,
+    Named,
+    ParameterValue,
+    Report,
+    Result,
+    SetOfCauses,
+    Verdict,
+)
 from feltmb.live.knobs import Bench
-from feltmb.live.measured import Shelf, knob_of, tint_of
+from feltmb.live.measured import Shelf, knob_of, tint_of, told
 from feltmb.live.states import MOST_KNOTS, Asked, Playing
 
 
@@ -77,6 +87,36 @@ def test_what_a_diagnosis_names_is_a_knob(bench):
     assert knob_of(bench, "capstan_height") == "screw.lost motion"
     assert knob_of(bench, "let_off_button") == "screw.let-off"
     assert knob_of(bench, "input_delay") == ""
+
+
+def test_what_a_diagnosis_tells_has_knobs_changes_and_colors(bench):
+    channel = Channel("tip", "m", 1e-5, 1e-2, 4e-3, 2e-3, 1e-3)
+    named = Named("felt.06", "contact 06, hammer - string", "1", 0.4, 0.3, 0.5, 0.97,
+                  parameter=True, remedy="Needle it.")  # fmt: skip
+    one, other = (Named(n, "input", "s", 1e-3, 0.0, 2e-3, 0.5) for n in ("input_delay", "lag"))
+    values = (
+        ParameterValue("capstan_height", "the capstan", "m", 0.0, 2e-4, -6e-4, -7e-4, -5e-4),
+        ParameterValue("felt.06", "felt 06", "1", 0.1, 0.1, 0.4, 0.3, 0.5),
+        ParameterValue("mass.key", "the key", "1", 0.0, 0.02, 0.001, -0.01, 0.012),
+    )
+    sets = (SetOfCauses(("felt.06", "creep"), 0.75, (1e-3,)), SetOfCauses(("lag",), 0.25, (2e-3,)))
+    result = Result(Verdict.NAMED, (), (channel,), (named,), ((one, other),), values, sets)
+    effects = (Effect(name="creep", component="felt", mechanism="It creeps."),)
+    page = told(Report.of(result), effects, bench)
+    assert page["verdict"] == "Named"
+    assert [c["effect"] for c in page["causes"]] == ["felt.06", "input_delay", "lag"]
+    first = page["causes"][0]
+    # Its knob changes the tabulated value, so that the change is told.
+    assert (first["knob"], first["text"]) == ("felt.06", "Needle it.")
+    changes = [first[k] for k in ("low", "magnitude", "high")]
+    assert changes == pytest.approx([0.2, 0.3, 0.4])
+    assert page["causes"][1]["how"] == "one of 2"
+    assert [p["effect"] for p in page["parameters"]] == ["capstan_height"]
+    assert page["parameters"][0]["how"] == "3 tolerances"
+    assert [(c["effect"], c["text"]) for c in page["candidates"]] == [("creep", "It creeps.")]
+    tint = dict(zip(["ground", *bench.action.config.bodies], page["tint"], strict=True))
+    assert tint["key"] == 0.5  # the capstan: calibration takes away half of the gap
+    assert tint["jack"] == 0.0
 
 
 def test_parts_are_colored_by_their_share(bench):

@@ -319,6 +319,43 @@ def test_a_proposed_stroke_is_played_by_a_click(opened):
     assert opened.complaints() == []
 
 
+def test_what_a_diagnosis_tells_is_shown_and_applied(opened):
+    row = {"unit": "m", "text": "<i>why</i>", "magnitude": -6e-4, "low": -6.1e-4, "high": -5.9e-4}
+    bodies = opened.run("feltmbLive.viewer.stage.bodies?.length || 11")
+    told = {
+        "on": "diagnosis", "verdict": "Named", "statement": "The model misses 9 %.",
+        "reasons": ["the search was ended before its end"], "stopped": True,
+        "causes": [{**row, "effect": "slip", "how": "97% probable", "knob": ""}],
+        "parameters": [{**row, "effect": "capstan_height", "how": "3 tolerances",
+                        "knob": "screw.lost motion"}],
+        "candidates": [
+            {"effect": "creep", "unit": "", "how": "2% probable", "text": "", "knob": ""}
+        ],
+        "tint": [0.0] * bodies,
+    }  # fmt: skip
+    opened.run("feltmbLive.tab = 'measured'; feltmbLive.fillTab(); 1")
+    opened.run(f"feltmbLive.hear({json.dumps(told)}); 1")
+    text = opened.run("feltmbLive.diagnosisBox.textContent")
+    for part in ("Named", "misses 9 %", "before its end", "97% probable", "<i>why</i>", "Stopped"):
+        assert part in text
+    assert "-0.6 mm (-0.61 to -0.59)" in text.replace("\u2212", "-")
+    assert opened.run("document.querySelectorAll('.candidates tr').length") == 3
+    assert opened.run("document.querySelectorAll('.candidates button').length") == 1
+    opened.run("document.querySelector('.candidates button').click(); 1")
+    turned = opened.run("feltmbLive.state.now.knobs['screw.lost motion']")
+    assert turned == pytest.approx(-6e-4)
+    until(opened, READY)
+    progress = {"on": "diagnosing", "stage": "held_out", "share": 0.834, "left": 12.3}
+    opened.run("feltmbLive.hello.files = [{file: 'r1', name: 'a.csv', columns: []}]")
+    opened.run("feltmbLive.fillFiles(); 1")
+    opened.run(f"feltmbLive.hear({json.dumps(progress)}); 1")
+    assert (
+        opened.run("feltmbLive.diagnosing_.textContent") == "held out, 83 % done, about 12 s left"
+    )
+    opened.run("feltmbLive.hello.files = []; feltmbLive.fillFiles(); feltmbLive.undo(); 1")
+    assert opened.complaints() == []
+
+
 @pytest.mark.slow
 def test_from_records_over_a_diagnosis_to_a_played_proposal(
     browser, serve, tmp_path, capstan_records

@@ -1,18 +1,22 @@
 """The live server: who may use it, numbers equal to those of feltmb stroke, nothing piled up."""
 
 import asyncio
+import contextlib
 import ctypes
 import gc
+import math
 import os
 import resource
 import socket
 import subprocess
 import sys
+import threading
 import time
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx
 import numpy as np
@@ -22,6 +26,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import feltmb
 from feltmb import Action
 from feltmb.action.touch import static_touch
+from feltmb.errors import InvalidParameter
+from feltmb.gap import Progress, Stop
 from feltmb.live.desk import Desk, simulated
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Shelf
@@ -482,12 +488,15 @@ def test_memory_is_flat_while_dragging(live, client):
 def test_a_diagnosis_names_a_capstan_and_the_page_can_apply_it(serve, client, capstan_records):
     with serve() as live, client(live) as page:
         files = [live.studio.shelf.add(n, t.encode())["file"] for n, t in capstan_records.items()]
-        page.send("diagnose", files=files, budget=300.0)
+        page.send("diagnose", files=files, seconds=300.0)
         told = page.until(lambda m: m["on"] == "diagnosis", 3000.0)
-        assert "capstan" in told["statement"]
-        (found,) = (c for c in told["calibrated"] if "capstan" in c["effect"])
+        assert not told["stopped"]
+        assert not told["causes"]
+        found = told["parameters"][0]
+        assert found["effect"] == "capstan_height"
         assert found["knob"] == "screw.lost motion"
         assert found["magnitude"] == pytest.approx(-6e-4, rel=0.05)
+        assert found["low"] < -6e-4 < found["high"]
         bodies = ["ground", *live.studio.bench.action.config.bodies]
         assert told["tint"][bodies.index("key")] > 0.5
         rms = []
@@ -515,6 +524,52 @@ def test_a_plan_proposes_strokes_that_the_page_plays(live, client):
     stroke = Playing(**playing).stroke()
     run = feltmb.simulate("steinway45", stroke)
     assert got["summary"] == pytest.approx(run.summary, rel=1e-12)
+
+
+@pytest.mark.parametrize("fitted", [False, True])
+def test_a_stopped_diagnosis_answers_with_the_fits_so_far(fitted, monkeypatch):
+    """The button raises Stop where the diagnosis tells its progress, in another thread."""
+    messages, waiting = [], threading.Event()
+
+    def endless(_model, _effects, _records, *, options, tell):
+        assert options.seconds == 300.0
+        waiting.set()
+        with contextlib.suppress(*([Stop] if fitted else [])):
+            while True:
+                tell(Progress("search", 0.5, math.nan, 1.0))
+                time.sleep(0.01)
+        return SimpleNamespace()
+
+    monkeypatch.setattr("feltmb.live.measured.diagnose", endless)
+    monkeypatch.setattr("feltmb.live.measured.told", lambda *_: {"verdict": "Calibrated"})
+    monkeypatch.setattr("feltmb.live.measured.Belief.of_report", lambda _: None)
+    monkeypatch.setattr(Measured, "_records", lambda *_: ())
+
+    async def page():
+        measured = Measured(
+            lambda: Bench(feltmb.load_action("steinway45")),
+            Shelf(Path()),
+            ThreadPoolExecutor(1),
+            lambda kind, message: messages.append((kind, message)),
+        )
+        measured.diagnose({})
+        await asyncio.to_thread(waiting.wait)
+        with pytest.raises(InvalidParameter, match="stop it first"):
+            measured.plan({})
+        await asyncio.sleep(0.05)
+        measured.stop()
+        await measured._running
+
+    asyncio.run(page())
+    assert ("diagnosing", {"on": "diagnosing", "stage": "search", "share": 0.5, "left": None}) in (
+        messages
+    )
+    kind, answer = messages[-1]
+    assert kind == "diagnosis"
+    if fitted:
+        assert answer == {"on": "diagnosis", "verdict": "Calibrated", "stopped": True}
+    else:
+        assert "before the model was fitted" in answer["fault"]
 
 
 @pytest.mark.parametrize("work", ["plan", "diagnose"])
