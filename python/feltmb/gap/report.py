@@ -292,7 +292,8 @@ def _where(result: Result) -> _Section:
 def _left(result: Result, place: Place) -> tuple[float, float]:
     """Largest share of the motion that remains, without and with an action at a place."""
     shares = [c.share(v) for c, v in zip(result.channels, place.left, strict=True)]
-    return float(np.nanmax([c.share(c.explained) for c in result.channels])), max(shares)
+    now = [c.share(c.explained) for c in result.channels]
+    return np.fmax.reduce(now, initial=0.0), np.fmax.reduce(shares, initial=0.0)
 
 
 def _useful(result: Result) -> list[Place]:

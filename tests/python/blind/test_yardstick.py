@@ -157,8 +157,8 @@ def test_machine_without_a_cause_is_the_stated_model(name):
     theta = np.array([[made.parameters[p.name] for p in model.parameters]])
     starts = np.array([[s.start for s in model.states()]])
     for record in records:
-        jobs = Jobs(theta=theta, segments=np.array([[0, record.samples - 1]]), starts=starts)
-        y = model.simulate(record, jobs).outputs[0]
+        jobs = Jobs(theta=theta, starts=starts)
+        y = model.simulate(record, jobs)[0]
         for k, channel in enumerate(model.outputs):
             left = record.outputs[channel] - y[:, k]
             noise = made.noise[channel]

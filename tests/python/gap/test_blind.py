@@ -115,14 +115,14 @@ def test_an_interrupted_run_ends(spring, causes, records, tmp_path):
 
     def even(record, _shape):
         calls.append(bool(np.nanmax(record.outputs["force"])))  # of the simulated machine
-        if calls.count(True) == 5:
+        if calls[-1]:
             raise KeyboardInterrupt
         return record.inputs["x"] ** 2
 
     slow = (*causes[:2], dataclasses.replace(causes[2], regressor=even))
     with pytest.raises(KeyboardInterrupt):
         withhold(spring, slow, records, cases=30, folder=tmp_path)
-    assert calls.count(True) < 10
+    assert calls.count(True) == 1
     assert not list(tmp_path.glob("*.json"))
 
 
@@ -197,11 +197,11 @@ def test_the_command_writes_what_it_prints(tmp_path, capsys, root):
     data = sorted((folder / "data").glob("emps_*.csv"))
     arguments = ["gap", "blind", str(folder / "emps.py"), *map(str, data)]
     with pytest.raises(SystemExit) as end:
-        main([*arguments, "--cases", "1", "-o", str(tmp_path / "b"), "--json"])
+        main([*arguments, "--effect", "dry friction", "-o", str(tmp_path / "b"), "--json"])
     assert not end.value.code
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((tmp_path / "b" / "blind.json").read_text())
-    assert printed["cases"][0]["outcome"] == "quiet"
+    assert printed["cases"][1]["outcome"] == "right"
     with pytest.raises(SystemExit) as end:
         main([*arguments, "--effect", "no such"])
     assert end.value.code == 2
