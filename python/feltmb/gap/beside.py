@@ -95,7 +95,7 @@ def simulated(
 
     def run(part: Record, x: Array) -> Array:
         with np.errstate(all="ignore"):
-            return observe(model, part, theta, x, included, magnitudes)[: part.samples]
+            return np.asarray(observe(model, part, theta, x, included, magnitudes))[: part.samples]
 
     measured, values = record.output_array(model.outputs), run(record, start)
     if free:
