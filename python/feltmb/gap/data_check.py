@@ -154,7 +154,7 @@ def _numbers(values: Array) -> Iterator[tuple[bool, str]]:
                 "leave the cells empty, or state missing = [NUMBER] with the number of the file "
                 "(--missing NUMBER, in Python missing of ReadOptions)",
             )
-        elif 8 < same.sum() > SATURATED * values.size and 2 * same.sum() < values.size:
+        elif 8 < same.sum() > SATURATED * values.size and not (same[0] or same[-1]):
             yield False, f"{same.mean():.0%} of the values are at the end of the range: saturated?"
     if (count := int(_spikes(values).sum())) and count <= max(2, 0.01 * values.size):
         yield (
