@@ -142,7 +142,7 @@ def _print_channels(records: Sequence[Record]) -> None:
     )  # fmt: skip
     for c in _channels(records):
         numbers = [str(c["samples"]), f"{c['missing']:.0%}", f"{c['motion']:.4g}"]
-        origin = "sensor" if c["stated"] else "estimate"
+        origin = "sensor" if c["stated"] else "data"
         table.add_row(c["record"], c["channel"], c["unit"], *numbers, f"{c['noise']:.2g}", origin)
     console().print(table)
 
