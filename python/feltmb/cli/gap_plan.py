@@ -175,6 +175,7 @@ def command(
     records = adapter.read(data) if data else ()
     adapter = adapter.with_records(records).measured(measured)
     limits = _limits(model, adapter, limits_file)
+    belief = None if report is None else _belief(report)
     telling = Telling()
     found = design(
         adapter.model,
@@ -184,7 +185,7 @@ def command(
         sensors=_sensors(adapter, limits, records, channels),
         budget=budget,
         aim=aim,
-        belief=None if report is None else _belief(report),
+        belief=belief,
         families=families,
         candidates=candidates,
         refinements=refinements,
@@ -196,7 +197,9 @@ def command(
         print_json(design_json(found))
     else:
         _print(found)
-        if records and report is None:
+        if belief is not None and belief.included:
+            say(f"Named causes are part of the model: {', '.join(belief.included)}.")
+        if records and belief is None:
             say("The data count by their inputs and sensors only; --report adds what they say.")
     if output is not None:
         units = {**adapter.model.units, **{n: i.unit for n, i in limits.inputs.items()}}
