@@ -17,6 +17,7 @@ MODULES = (
     "feltmb.fit",
     "feltmb.gap",
     "feltmb.gap.library",
+    "feltmb.experiment",
     "feltmb.adapters",
     "feltmb.action.actuator",
     "feltmb.run.quasistatic",
