@@ -121,7 +121,6 @@ class Including(Model):
         self.ports = model.ports
         self.difference_step = model.difference_step
         self.cheap_derivatives = model.cheap_derivatives
-        self.variability_has_input_noise = model.variability_has_input_noise
         self.input_modes = model.input_modes
         self.input_names = model.input_names
         self.any_inputs = model.any_inputs

@@ -446,8 +446,6 @@ class Model(ABC):
     cheap_derivatives: bool = False
     """Whether derivatives take about as long as a simulation. If not, a fit uses them at several
     points."""
-    variability_has_input_noise: bool = False
-    """Whether the noise of the inputs is a part of the run-to-run variability of the records."""
 
     @abstractmethod
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:

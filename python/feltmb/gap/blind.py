@@ -121,7 +121,7 @@ def _outcome(effect: str, result: Result) -> str:
         return "unknown" if result.verdict is Verdict.UNKNOWN else quiet
     if not effect:
         return "false alarm"
-    found = len(told) == 1 and effect in {n.cause for n in told[0] if not n.parameter}
+    found = len(told) == 1 and effect in {n.cause for n in told[0]}
     return "wrong" if not found else "right" if result.named else "class"
 
 
@@ -230,6 +230,9 @@ class _Machine:
         if not report.complete and report.seconds < 0.9 * SEARCH * options.seconds:
             raise KeyboardInterrupt  # the diagnosis has answered it with its fits so far
         true = {p.name: v for p, v in zip(model.parameters, theta, strict=True)}
+        for e in (e for e in self.effects if e.name == case.effect):
+            if e.tolerance_parameter in true:  # one number has both deviations
+                true[e.tolerance_parameter] += e.tolerance_ratio * case.magnitude
         told = [(n,) for n in report.named] + list(report.classes)
         within = [p.low <= true[p.name] <= p.high for p in report.parameters]
         within += [n.low <= case.magnitude <= n.high for group in told for n in group
@@ -279,7 +282,7 @@ class _Machine:
                 square += float(np.sum(change[measured] ** 2))
                 outputs[name] = np.where(measured, _seen(record, name, y[:, c], rng), np.nan)
             # The noise of an input is a part of the run-to-run variability of some models.
-            noisy = {} if model.variability_has_input_noise else record.input_sigma
+            noisy = record.input_sigma
             inputs = {k: u + noisy.get(k, 0.0) * rng.standard_normal(u.size)
                       for k, u in record.inputs.items()}  # fmt: skip
             sensors = {k: v for k, v in record.sensors.items() if k in outputs}

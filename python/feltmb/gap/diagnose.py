@@ -9,6 +9,7 @@ from dataclasses import replace
 from feltmb.data import Record
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.compare import compared, refuse
+from feltmb.gap.measured import known_by_test
 from feltmb.gap.options import Options
 from feltmb.gap.progress import Meter, Progress, Stop
 from feltmb.gap.records import prepare, ready_records
@@ -36,7 +37,8 @@ def diagnose(
     model
         Model of the machine.
     effects
-        Effects that it may lack.
+        Effects that it may lack. Those of parts that were tested (:func:`with_measured`) are
+        omitted.
     records
         Measured runs; at least one.
     hold_out
@@ -72,6 +74,7 @@ def diagnose(
             raise Stop
 
     meter.stage("prepare")
+    effects = [e for e in effects if not known_by_test(e, model)]
     ready = ready_records(model, records)
     before = compared(ready)
     refuse(before)

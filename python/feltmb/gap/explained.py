@@ -12,6 +12,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.fit.model import Candidate, Effect, Model
 from feltmb.gap.beside import simulated
+from feltmb.gap.records import same_number
 from feltmb.gap.result import Result
 
 __all__ = ["Explained", "explained_model"]
@@ -93,7 +94,11 @@ def explained_model(model: Model, effects: Sequence[Effect], result: Result) -> 
     """
     fitted = {p.name: p.value for p in result.parameters}
     by_name = {e.name: e for e in effects}
-    named = [n for n in result.named if n.cause in by_name]
+    named = [
+        n
+        for n in result.named
+        if n.cause in by_name and same_number(model, by_name[n.cause]) is None
+    ]
     return Explained(
         model,
         np.array([fitted.get(p.name, p.value) for p in model.parameters]),

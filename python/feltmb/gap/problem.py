@@ -59,6 +59,8 @@ class Cause:
     """Unknown that each record has: an error of a sensor that differs from record to record."""
     log_odds: float = 0.0
     """Log of the prior odds that it exists."""
+    alias: Effect | None = None
+    """Effect that changes the same number as the parameter, and whose name the cause has."""
 
     @property
     def of_records(self) -> bool:

@@ -31,6 +31,7 @@ __all__ = [
     "prepare",
     "problem_of",
     "ready_records",
+    "same_number",
     "split_records",
 ]
 
@@ -124,7 +125,33 @@ def prepare(
     """
     _check_effects(ready.model, effects)
     fitted, held = split_records(ready.records, hold_out)
-    return problem_of(ready.model, effects, fitted, held, options, ready.notes)
+    problem = problem_of(ready.model, effects, fitted, held, options, ready.notes)
+    return replace(problem, causes=tuple(_as_parameter(ready.model, c) for c in problem.causes))
+
+
+def same_number(model: Model, effect: Effect) -> int | None:
+    """Index of the parameter with a tolerance that an effect changes; None: there is none.
+
+    A diagnosis has one unknown for both: two would share one deviation, and neither of them would
+    be its size.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    effect
+        An effect.
+    """
+    for i, p in enumerate(model.parameters):
+        if p.name == effect.tolerance_parameter and 0.0 < p.sd < math.inf:
+            return i
+    return None
+
+
+def _as_parameter(model: Model, cause: Cause) -> Cause:
+    if cause.effect is None or (index := same_number(model, cause.effect)) is None:
+        return cause
+    return replace(cause, effect=None, parameter=index, alias=cause.effect)
 
 
 def problem_of(

@@ -31,9 +31,8 @@ SMALLEST = 0.3
 def varies(problem: Problem) -> bool:
     """Whether inputs have noise or parameters vary from record to record."""
     model = problem.model
-    return any(p.process_sd > 0.0 for p in model.parameters) or (
-        not model.variability_has_input_noise
-        and any(s > 0.0 for o in problem.fit for s in o.record.input_sigma.values())
+    return any(p.process_sd > 0.0 for p in model.parameters) or any(
+        s > 0.0 for o in problem.fit for s in o.record.input_sigma.values()
     )
 
 
@@ -67,9 +66,7 @@ def _with_modes(
             magnitudes_at(problem, members, x),
             by_theta=varying,
             by_starts=False,
-            input_changes=()
-            if problem.model.variability_has_input_noise
-            else tuple(_changes(o.record)),
+            input_changes=tuple(_changes(o.record)),
         )
         for r, o in enumerate(plain)
     ]

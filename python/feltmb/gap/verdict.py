@@ -298,6 +298,10 @@ def _named(
         scale, zero, unit = problem.unit[k], p.value, p.unit
         low, high = p.lower, p.upper
         shape, mechanism, remedy = None, "", ""
+        if (alias := found.alias) is not None:
+            scale, zero, unit = scale / alias.tolerance_ratio, 0.0, alias.unit
+            low, high = alias.bounds
+            mechanism, remedy = alias.mechanism, alias.remedy
         names: tuple[str, ...] = ()
     else:
         effect = found.effect
@@ -321,7 +325,7 @@ def _named(
         shape_names=names,
         by_record=tuple(float(zero + scale * v) for v in values),
         same=same,
-        parameter=found.effect is None,
+        parameter=found.effect is None and found.alias is None,
         mechanism=mechanism,
         remedy=remedy,
     )

@@ -71,13 +71,6 @@ def test_it_is_the_model_with_the_candidate():
     np.testing.assert_array_equal(mine.d_magnitudes[..., 0], both.d_magnitudes[..., 1])
 
 
-def test_the_noise_of_inputs_is_where_the_model_has_it():
-    model = KeyHammer()
-    for value in (True, False):
-        model.variability_has_input_noise = value
-        assert including(model, [CREEP], [3e-5]).variability_has_input_noise is value
-
-
 def test_with_the_effect_included_there_is_no_gap():
     data = models.records(1, dry=6e-3)
     (missing,) = diagnose(models.NOMINAL, models.EFFECTS, data).named
