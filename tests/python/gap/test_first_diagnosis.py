@@ -56,7 +56,7 @@ def test_effects_of_a_model_file_may_be_a_function_of_the_records(tmp_path):
     assert effects["offset of input motor"].unit == "N"
     assert effects["saturation of input motor"].shape_names == ("level [N]",)
     assert effects["delay of sensor table"].scale == pytest.approx(0.01)
-    with pytest.raises(InvalidParameter, match="give measured files, or define limits or planned"):
+    with pytest.raises(InvalidParameter, match="give measured files, or define planned"):
         adapter.with_records([])
     for text, told in (
         ("effects = lambda records: [1]", r"effects\(records\) holds something that is no"),
