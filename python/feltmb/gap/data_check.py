@@ -19,6 +19,8 @@ __all__ = ["check_records"]
 JUMP = 20.0
 #: Share of the values at the end of the range from which a sensor may be saturated [1].
 SATURATED = 0.05
+#: Samples in a row at the end of the range from which it is no rounding of a rest [1].
+PLATEAU = 8
 #: Digits of the numbers that loggers write for "no value", and their smallest distance from all
 #: other values, in ranges of these.
 CODE, FAR = re.compile(r"9{3,}|999[89]|32767|32768|65535|21474836\d\d"), 0.5
@@ -154,7 +156,11 @@ def _numbers(values: Array) -> Iterator[tuple[bool, str]]:
                 "leave the cells empty, or state missing = [NUMBER] with the number of the file "
                 "(--missing NUMBER, in Python missing of ReadOptions)",
             )
-        elif 8 < same.sum() > SATURATED * values.size and not (same[0] or same[-1]):
+        elif (
+            same.sum() > SATURATED * values.size
+            and not (same[0] or same[-1])
+            and max(len(run) for run in "".join(map(str, same.astype(int))).split("0")) > PLATEAU
+        ):
             yield False, f"{same.mean():.0%} of the values are at the end of the range: saturated?"
     if (count := int(_spikes(values).sum())) and count <= max(2, 0.01 * values.size):
         yield (
