@@ -8,7 +8,7 @@ import numpy as np
 from show import Found, show
 
 from feltmb.data import Record, Sensor
-from feltmb.gap import Coordinate, OdeModel, Options, Parameter, State, diagnose, library
+from feltmb.gap import Coordinate, OdeModel, Parameter, State, diagnose, library
 from feltmb.style import BLUE, RED, new_figure, style_axes
 
 FRICTION, NOISE = 0.8, 2e-5  # N, m
@@ -88,11 +88,10 @@ def records():
 def compute() -> Found:
     """Diagnose, the last run held-out."""
     runs = records()
-    options = Options(bootstrap=0, max_effects=1)
-    report = diagnose(model(), effects, runs, hold_out=["run 3"], options=options)
-    named = [e for e in report.which.effects if e.named]
+    report = diagnose(model(), effects, runs, hold_out=["run 3"])
+    named = report.named
     size = named[0].magnitude if named else 0.0
-    found = Found(f"missing: {named[0].effect if named else report.verdict}", size, "N")
+    found = Found(f"missing: {named[0].cause if named else report.verdict.value}", size, "N")
     found.data.update(runs=runs, report=report)
     found.check("number of causes named", len(named), 1, 0.0)
     found.check("its size [N]", size, FRICTION, 0.03)
@@ -104,9 +103,10 @@ def draw(found: Found):
     report = found.data["report"]
     figure = new_figure(6.0, 3.2)
     ax = figure.subplots()
-    rows = [g for g in report.how_far.rows if g.metric == "open loop"]
+    channel = report.worst
     names = ["model", "with friction", "noise"]
-    values = [1e3 * rows[0].before, 1e3 * rows[0].after, 1e3 * rows[0].noise]
+    values = [channel.held_out_calibrated, channel.held_out_explained, channel.noise]
+    values = [1e3 * v for v in values]
     ax.bar(names, values, color=[RED, BLUE, "#999999"], width=0.5)
     for i, value in enumerate(values):
         ax.text(i, value, f"{value:.3f}", ha="center", va="bottom", fontsize=8)

@@ -84,9 +84,9 @@ def main():
         *library.for_sensor(model.outputs, "x", records[0]),
     ]
     report = diagnose(model, effects, records)
-    first = report.which.effects[0]
-    print(report.statement)
-    print(f"{first.effect}: {first.magnitude:.3g} N, {TRUTH['friction']:g} N in truth")
+    print(report.summary())
+    for cause in report.named:
+        print(f"{cause.cause}: {cause.magnitude:.3g} N, {TRUTH['friction']:g} N in truth")
     print(f"{model.simulations} simulations")
     return report
 
