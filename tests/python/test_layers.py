@@ -56,7 +56,7 @@ MAY_USE = {
         "felt": RUN,
         "run": f"{MODEL} data",
         "fit": f"{GROUND} blas data",
-        "gap": f"{GROUND} _core data fit",
+        "gap": f"{GROUND} blas data fit",
         "experiment": f"{GROUND} data fit gap",
         "adapters": f"{RUN} fit",
         "action": RUN,

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from feltmb.arguments import checked
+from feltmb.blas import one_thread
 from feltmb.data import Record
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.compare import compared, refuse
@@ -21,6 +23,7 @@ from feltmb.gap.verdict import judge
 __all__ = ["diagnose", "fit_model"]
 
 
+@checked
 def diagnose(
     model: Model,
     effects: Sequence[Effect],
@@ -73,23 +76,25 @@ def diagnose(
         if time.monotonic() > end:
             raise Stop
 
-    meter.stage("prepare")
-    effects = [e for e in effects if not known_by_test(e, model)]
-    ready = ready_records(model, records)
-    before = compared(ready)
-    refuse(before)
-    problem = prepare(ready, effects, hold_out, options)
-    problem = replace(problem, notes=(*before.notes, *(h.text for h in before.hints)))
-    if varies(problem):
-        problem = with_variation(problem)
-    meter.stage("fit")
-    searched = search(problem, options, meter.stage, meter.step)
-    seconds = meter.progress.elapsed
-    result = judge(searched, options, seconds, meter.stage, check)
-    meter.stage("done")
+    with one_thread():
+        meter.stage("prepare")
+        effects = [e for e in effects if not known_by_test(e, model)]
+        ready = ready_records(model, records)
+        before = compared(ready)
+        refuse(before)
+        problem = prepare(ready, effects, hold_out, options)
+        problem = replace(problem, notes=(*before.notes, *(h.text for h in before.hints)))
+        if varies(problem):
+            problem = with_variation(problem)
+        meter.stage("fit")
+        searched = search(problem, options, meter.stage, meter.step)
+        seconds = meter.progress.elapsed
+        result = judge(searched, options, seconds, meter.stage, check)
+        meter.stage("done")
     return Report.of(result)
 
 
+@checked
 def fit_model(
     model: Model,
     records: Sequence[Record],
