@@ -8,10 +8,8 @@ import json
 import math
 import os
 import re
-import signal
 import sys
-import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -34,13 +32,11 @@ __all__ = [
     "ListOption",
     "ProgressLine",
     "Quantity",
-    "budget_option",
     "caution",
     "complain",
     "console",
     "diameter_option",
     "force_option",
-    "interruptible",
     "is_terminal",
     "json_option",
     "list_option",
@@ -219,57 +215,6 @@ def duration(seconds: float) -> str:
     if whole < 6000:
         return f"{whole // 60}:{whole % 60:02d} min"
     return f"{whole // 3600}:{whole % 3600 // 60:02d} h"
-
-
-class Interrupts:
-    """Whether there was a Ctrl-C; see :func:`interruptible`."""
-
-    def __init__(self) -> None:
-        self._asked = threading.Event()
-        self._writing = False
-
-    def __call__(self) -> bool:
-        return self._asked.is_set()
-
-    def writing(self) -> None:
-        """From here on the results are written, which no Ctrl-C stops."""
-        self._writing = True
-
-    def handle(self, *_: object) -> None:
-        """Handle a Ctrl-C."""
-        if self._asked.is_set() and not self._writing:
-            raise KeyboardInterrupt
-        self._asked.set()
-        told = (
-            "writes the results, without further pictures"
-            if self._writing
-            else "ends within seconds with the results so far; a second Ctrl-C stops without them"
-        )
-        # The interrupted code may hold the stream.
-        with contextlib.suppress(RuntimeError):
-            say(f"\nfeltmb: {told}", err=True)
-
-
-@contextlib.contextmanager
-def interruptible() -> Iterator[Interrupts]:
-    """Context in which the first Ctrl-C ends the work with its results; the second stops it.
-
-    Yields a function that returns whether there was a Ctrl-C. After a call of its ``writing``, no
-    Ctrl-C stops the work.
-    """
-    asked = Interrupts()
-    if (
-        threading.current_thread() is not threading.main_thread()
-        or signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-    ):
-        yield asked
-        return
-
-    signal.signal(signal.SIGINT, asked.handle)
-    try:
-        yield asked
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def say_written(path: Path) -> None:
@@ -580,13 +525,6 @@ def folder_option(text: str, *, required: bool = False) -> Callable[[F], F]:
     )
 
 
-budget_option = click.option(
-    "--budget",
-    type=positive("s"),
-    help="Time after which fits stop and the best answer is reported, with the effects that were "
-    "not tested: 5min [s]. Fits of a diagnosis stop after three fifths of it; if the test on "
-    "held-out records takes more than two fifths, nothing is named.",
-)
 credibility_option = click.option(
     "--credibility",
     type=Number(0.5, 1, max_open=True),
@@ -594,14 +532,6 @@ credibility_option = click.option(
     show_default=True,
     help="Posterior probability that a named effect needs, compared with the other causes of the "
     "library.",
-)
-form_option = click.option(
-    "--form",
-    type=Number(0, 0.3),
-    default=0.03,
-    show_default=True,
-    help="Relative error of the force of a law. The interval of its magnitude contains it, and a "
-    "tenth of it may remain as a residual.",
 )
 
 
