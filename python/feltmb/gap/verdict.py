@@ -79,11 +79,13 @@ def judge(
     tell("held_out", 0.0)
     problem, sets, weight, predicted, worse = _posterior(searched, check)
     tell("judge", 0.0)
-    told, classes, refused = _told(problem, sets, weight, options.credibility)
+    first = sets[0]
+    sets, weight = _consistent(problem, sets, weight)
+    told, classes = _told(sets, weight, options.credibility)
     best = _representative(sets, told, classes)
     alone = next(s for s in sets if not s.causes)
     channels = _channels(problem, shown, alone, best, predicted, options)
-    reasons = list(refused)
+    reasons = [] if sets[0] is first else [Reason.DIFFERS_BETWEEN_RECORDS]
     if not searched.complete:
         reasons.append(Reason.NOT_COMPLETE)
     if problem.exact:
@@ -181,13 +183,31 @@ def _posterior(
     return everything.problem, sets, weight, known, worse
 
 
+def _consistent(
+    problem: Problem, sets: Sequence[Fitted], weight: Array
+) -> tuple[list[Fitted], Array]:
+    """The sets whose causes have the same magnitude in every record, with their probabilities.
+
+    A cause with another magnitude in each record is an imitation of something that no cause of the
+    list has, whatever its evidence.
+    """
+    kept = [
+        k
+        for k, s in enumerate(sets)
+        if all(
+            problem.causes[i].local is not None or _by_record(problem, s, i)[1] >= SAME
+            for i in s.causes
+        )
+    ]
+    return [sets[k] for k in kept], weight[kept] / weight[kept].sum()
+
+
 def _told(
-    problem: Problem, sets: Sequence[Fitted], weight: Array, credibility: float
-) -> tuple[list[int], list[list[int]], list[Reason]]:
-    """Causes that are named, classes of which one is missing, and why names are refused."""
+    sets: Sequence[Fitted], weight: Array, credibility: float
+) -> tuple[list[int], list[list[int]]]:
+    """Causes that are named, and classes of which one is missing."""
     told: list[int] = []
     classes: list[list[int]] = []
-    refused: list[Reason] = []
     taken: set[int] = set()
     while True:
         rest = [set(s.causes) - taken for s in sets]
@@ -209,22 +229,9 @@ def _told(
             break
         if len(group) > 1:
             classes.append(group)
-            continue
-        reason = _against(problem, sets, group[0])
-        if reason is None:
-            told.append(group[0])
         else:
-            refused.append(reason)
-    return told, classes, refused
-
-
-def _against(problem: Problem, sets: Sequence[Fitted], cause: int) -> Reason | None:
-    """Why a probable cause is not named, or None."""
-    fitted = _where(sets, cause)
-    if problem.causes[cause].local is not None:
-        return None
-    _, same = _by_record(problem, fitted, cause)
-    return Reason.DIFFERS_BETWEEN_RECORDS if same < SAME else None
+            told.append(group[0])
+    return told, classes
 
 
 def _where(sets: Sequence[Fitted], cause: int) -> Fitted:
