@@ -187,9 +187,11 @@ def test_a_mechanism_is_one_file(tmp_path):
     run = feltmb.simulate(action, feltmb.load_stroke(tmp_path / "push.toml"), output_rate=20000.0)
     stop = run.event_time("stop_met")
     assert run.summary["stop_time"] == stop
-    assert run.summary["stop_force"] == run["contact01.force"].max()
+    # The largest force of the motion lies between two samples.
+    highest = run["contact01.force"].max()
+    assert highest <= run.summary["stop_force"] == pytest.approx(highest, rel=1e-3)
     near = np.interp(stop, run.time, run["tip.vy"])
-    assert run.summary["meeting_speed"] == pytest.approx(near, rel=1e-12)
+    assert run.summary["meeting_speed"] == pytest.approx(near, rel=1e-4)
     assert np.array_equal(striker_speed(run), run["tip.vy"])
     panels = {p["title"]: p["outputs"] for p in default_panels([run])}
     assert panels["felt stop"] == ["contact01.force"]

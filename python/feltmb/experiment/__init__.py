@@ -3,7 +3,7 @@
 The information of a planned record follows from the derivatives of the model, as in a diagnosis.
 """
 
-from feltmb.experiment.design import (
+from feltmb.experiment.designs import (
     Design,
     DesignedExperiment,
     Help,

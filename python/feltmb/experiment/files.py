@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.experiment.design import Design, DesignedExperiment
+from feltmb.experiment.designs import Design, DesignedExperiment
 from feltmb.files import make_folder, write_file, write_text
 from feltmb.gap.result import plain
 from feltmb.style import new_figure, reader_unit, side_legend, style_axes

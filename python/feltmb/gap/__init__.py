@@ -29,7 +29,7 @@ from feltmb.fit import (
 from feltmb.gap.beside import Compared
 from feltmb.gap.blind import OUTCOMES, Case, Withheld, withhold
 from feltmb.gap.compare import Comparison, check
-from feltmb.gap.diagnose import diagnose, fit_model
+from feltmb.gap.diagnosis import diagnose, fit_model
 from feltmb.gap.explained import Explained, explained_model
 from feltmb.gap.hints import Hint
 from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured

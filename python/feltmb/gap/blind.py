@@ -23,7 +23,7 @@ from feltmb.files import Store, digest_of, make_folder, package_digest
 from feltmb.fit.model import Candidate, Effect, Model
 from feltmb.fit.observe import observe
 from feltmb.fit.shift import shifted
-from feltmb.gap.diagnose import diagnose
+from feltmb.gap.diagnosis import diagnose
 from feltmb.gap.fit import empty_point
 from feltmb.gap.linear import Ask, start_states, theta_at
 from feltmb.gap.options import Options

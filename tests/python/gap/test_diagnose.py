@@ -19,7 +19,7 @@ from feltmb.gap import (
     State,
     library,
 )
-from feltmb.gap.diagnose import diagnose
+from feltmb.gap.diagnosis import diagnose
 from feltmb.gap.options import Options
 from feltmb.gap.progress import Stop
 from feltmb.gap.result import Reason, Verdict
