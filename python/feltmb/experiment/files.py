@@ -27,6 +27,7 @@ __all__ = ["InputFiles", "design_json", "reasons", "write_design"]
 InputFiles = Callable[[DesignedExperiment, Path], Sequence[Path]]
 
 
+@checked
 def reasons(experiment: DesignedExperiment, causes: int) -> list[str]:
     """Why an experiment is proposed, in sentences.
 
@@ -51,6 +52,7 @@ def reasons(experiment: DesignedExperiment, causes: int) -> list[str]:
     return out
 
 
+@checked
 def design_json(design: Design) -> dict[str, Any]:
     """Plan as one JSON object; an infinite number is a text.
 

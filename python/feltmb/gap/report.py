@@ -399,6 +399,7 @@ class Report(Result):
     """Result of :func:`feltmb.gap.diagnose`, with its texts, table and figures."""
 
     @classmethod
+    @checked
     def of(cls, result: Result) -> Report:
         """The report of a result.
 

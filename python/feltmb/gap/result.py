@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from feltmb.arguments import checked
 from feltmb.data import Array
 
 __all__ = [
@@ -80,6 +81,7 @@ class Channel:
     good_enough: float = 0.0
     """Residual that does not matter."""
 
+    @checked
     def share(self, residual: float) -> float:
         """A residual as a share of the motion [1]."""
         return residual / self.motion if self.motion > 0.0 else math.nan

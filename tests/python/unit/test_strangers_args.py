@@ -1063,7 +1063,6 @@ CALLS = {
         "path": written("measured.toml", "[measured.k]\nvalue = 99.0\nsd = 1.0\n"),
         "model": oscillator(),
     },
-    "feltmb.gap.session": None,  # calls a machine: test_session.py
     "feltmb.gap.with_measured": lambda: {
         "model": oscillator(),
         "measured": [gap.Measured(parameter="k", value=99.0, sd=1.0)],
@@ -1101,7 +1100,6 @@ CALLS = {
     },
     "feltmb.experiment.Belief.of_report": lambda: (experiment.Belief, {"report": report()}),
     "feltmb.experiment.design_json": lambda: {"design": designed()},
-    "feltmb.experiment.example": lambda: {"model": oscillator(), "limits": limits()},
     "feltmb.experiment.reasons": lambda: {
         "experiment": designed().experiments[0],
         "causes": 1,
