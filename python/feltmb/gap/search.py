@@ -30,7 +30,7 @@ from feltmb.gap.problem import Member, Members, Observed, Problem
 from feltmb.gap.progress import Stop
 from feltmb.gap.score import Score, scores
 
-__all__ = ["Searched", "model_alone", "search", "with_all_records"]
+__all__ = ["Searched", "model_alone", "rank", "search", "with_all_records"]
 
 #: Log evidence that a larger set must gain, and that a change must gain.
 WORTH, BETTER = 0.5, 0.1
@@ -53,11 +53,17 @@ class Searched:
 
     def ranked(self) -> tuple[list[Fitted], Array]:
         """Sets in the order of their posterior probability, and these probabilities."""
-        return _rank(self.problem, list(self.sets.values()))
+        return rank(self.problem, list(self.sets.values()))
 
 
-def _rank(problem: Problem, sets: Sequence[Fitted]) -> tuple[list[Fitted], Array]:
-    """Sets in the order of their posterior probability, and these probabilities."""
+def rank(problem: Problem, sets: Sequence[Fitted]) -> tuple[list[Fitted], Array]:
+    """Sets in the order of their posterior probability, and these probabilities.
+
+    Parameters
+    ----------
+    problem, sets
+        The problem and fitted sets.
+    """
     best = best_of(problem, sets)
     values = np.array([log_odds(problem, s, best) for s in sets])
     order = np.argsort(-values, kind="stable")

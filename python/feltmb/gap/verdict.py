@@ -37,7 +37,7 @@ from feltmb.gap.result import (
     worst_of,
 )
 from feltmb.gap.score import by_record
-from feltmb.gap.search import Searched, with_all_records
+from feltmb.gap.search import Searched, rank, with_all_records
 
 __all__ = ["judge"]
 
@@ -186,20 +186,17 @@ def _posterior(
 def _consistent(
     problem: Problem, sets: Sequence[Fitted], weight: Array
 ) -> tuple[list[Fitted], Array]:
-    """The sets whose causes have the same magnitude in every record, with their probabilities.
+    """The sets without imitations, with their probabilities.
 
-    A cause with another magnitude in each record is an imitation of something that no cause of the
-    list has, whatever its evidence.
+    A cause whose magnitude differs between records in every set is an imitation of something that
+    no cause of the list has, whatever its evidence.
     """
-    kept = [
-        k
-        for k, s in enumerate(sets)
-        if all(
-            problem.causes[i].local is not None or _by_record(problem, s, i)[1] >= SAME
-            for i in s.causes
-        )
-    ]
-    return [sets[k] for k in kept], weight[kept] / weight[kept].sum()
+    causes = {i for s in sets for i in s.causes if problem.causes[i].local is None}
+    imitations = {
+        i for i in causes if all(_by_record(problem, s, i)[1] < SAME for s in sets if i in s.causes)
+    }
+    kept = [s for s in sets if not imitations & set(s.causes)]
+    return (list(sets), weight) if len(kept) == len(sets) else rank(problem, kept)
 
 
 def _told(
