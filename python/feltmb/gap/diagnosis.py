@@ -22,6 +22,9 @@ from feltmb.gap.verdict import judge
 
 __all__ = ["diagnose", "fit_model"]
 
+#: Share of the limit of time after which no fit goes on; the rest is for the verdict.
+FITS = 0.85
+
 
 @checked
 def diagnose(
@@ -68,7 +71,7 @@ def diagnose(
         ``tell`` raised it before there was a fit of the model.
     """
     options = options or Options()
-    end = time.monotonic() + options.seconds
+    end = time.monotonic() + FITS * options.seconds
     meter = Meter(tell, SEARCH * options.seconds, options.tries)
 
     def check() -> None:
