@@ -43,7 +43,7 @@ from feltmb.gap.linear import Ask, Linear, Point, evaluate, magnitudes_at, shape
 from feltmb.gap.measured import open_effects
 from feltmb.gap.options import Options
 from feltmb.gap.problem import RELEASED, Member, Members, Problem
-from feltmb.gap.records import causes_of, problem_of, ready_records
+from feltmb.gap.records import causes_of, problem_of, ready_records, same_number
 from feltmb.gap.result import Result
 from feltmb.gap.variation import varies, with_variation
 
@@ -194,12 +194,14 @@ class Study:
 
     @cached_property
     def members(self) -> Members:
-        """The named causes."""
+        """The named causes; the fitted parameters have those that change the same number."""
         included = {} if self.belief is None else self.belief.included
         return tuple(
             Member(i, included[c.name][1])
             for i, c in enumerate(self.problem.causes)
-            if c.effect is not None and c.name in included
+            if c.effect is not None
+            and c.name in included
+            and same_number(self.model, c.effect) is None
         )
 
     @cached_property
@@ -218,10 +220,10 @@ class Study:
     @cached_property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Causes that may be missing, one for each shape."""
-        out, told = [], [m.cause for m in self.members]
+        out, told = [], () if self.belief is None else self.belief.included
         for i, c in enumerate(self.problem.causes):
             odds = math.exp(c.log_odds)
-            if c.effect is not None and i not in told:
+            if c.effect is not None and c.name not in told:
                 e = c.effect
                 out += [
                     Hypothesis(e.name, e.unit, e.scale, odds / len(e.shapes), Member(i, shape), e)

@@ -281,9 +281,7 @@ class _Machine:
                 change = (y[:, c] - clean[:, c]) / noise_of_channel(record, name).sd(clean[:, c])
                 square += float(np.sum(change[measured] ** 2))
                 outputs[name] = np.where(measured, _seen(record, name, y[:, c], rng), np.nan)
-            # The noise of an input is a part of the run-to-run variability of some models.
-            noisy = record.input_sigma
-            inputs = {k: u + noisy.get(k, 0.0) * rng.standard_normal(u.size)
+            inputs = {k: u + record.input_sigma.get(k, 0.0) * rng.standard_normal(u.size)
                       for k, u in record.inputs.items()}  # fmt: skip
             sensors = {k: v for k, v in record.sensors.items() if k in outputs}
             shown.append(replace(record, outputs=outputs, inputs=inputs, sensors=sensors))

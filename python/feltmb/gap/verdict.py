@@ -315,7 +315,7 @@ def _named(
         at = members.index(next(m for m in members if m.cause == cause))
         shape = shapes_of(problem, fitted.members, fitted.point.x)[at].shape
         names, mechanism, remedy = effect.shape_names, effect.mechanism, effect.remedy
-    half = HALF * sd * scale
+    half = HALF * sd * abs(scale)
     value = zero + scale * x
     return Named(
         cause=found.name,

@@ -160,6 +160,14 @@ def test_within_its_tolerance_it_is_none(slope):
     assert report.worst.explained < 0.1 * report.worst.tabulated
 
 
+def test_an_effect_may_change_its_parameter_backwards():
+    model, records = line(2.0, 0.1)
+    flatter = replace(steeper("slope"), name="flatter", tolerance_ratio=-2.0)
+    (found,) = diagnose(model, [flatter], records, hold_out=["r2"]).named
+    assert found.cause == "flatter"
+    assert found.low < -0.5 < found.high
+
+
 def test_without_such_an_effect_the_parameter_is_told():
     model, records = line(2.0, 0.1)
     (found,) = diagnose(model, [], records, hold_out=["r2"]).named

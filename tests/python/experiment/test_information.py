@@ -258,3 +258,14 @@ def test_start_states_count_as_in_a_diagnosis():
         for sd in (1.0, 0.0)
     )
     assert 0.0 < free < 0.9 * fixed
+
+
+def test_a_deviation_that_a_parameter_has_is_not_counted_twice():
+    model = line(sd=0.1)
+    name = model.parameters[0].name
+    steeper = replace(SQUARE, name="steeper", tolerance_parameter=name)
+    belief = Belief(weights={}, included={"steeper": (0.7, None)}, parameters={name: 1.7})
+    study = Study.of(model, [steeper, CUBE], belief)
+    assert study.members == ()
+    assert study.x == pytest.approx([(1.7 - model.parameters[0].value) / 0.1])
+    assert "steeper" not in [h.name for h in study.hypotheses]
