@@ -60,11 +60,11 @@ class Telling:
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Show the progress."""
-        text = f"{stage}: {done + 1} of {total}, {time.monotonic() - self._start:.0f} s"
         if is_terminal():
-            redraw(text)
+            elapsed = time.monotonic() - self._start
+            redraw(f"{stage}: {done + 1} of {total}, {elapsed:.0f} s")
         elif stage != self._stage:
-            say(f"feltmb: {text}", err=True)
+            say(f"feltmb: {stage}", err=True)
         self._stage = stage
 
     def close(self) -> None:

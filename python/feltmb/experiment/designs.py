@@ -383,7 +383,7 @@ class _Work:
         out = []
         for done, i in enumerate(kept := _farthest([r for _, r in able], count)):
             if len(drawn) > 1:
-                self.tell("what they tell", done, len(kept))
+                self.tell("expected information", done, len(kept))
             (name, knobs, profile), record = able[i]
             try:
                 told = self.study.linearized(record)
@@ -433,7 +433,7 @@ class _Work:
         for option in options:
             keep(option)
         for k in range(most):
-            self.tell("a better profile", k, most)
+            self.tell("refinement", k, most)
             found = sorted(best.values(), key=lambda own: -own[0])
             turns = min(len(found), 1 + most // ROOM) if 2 * k < most else 1
             parent = found[k % turns][1]
