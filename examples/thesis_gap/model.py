@@ -31,7 +31,6 @@ class Impacts(Model):
 
     outputs = ("rebound_speed", "max_impact_force", "impact_duration")
     inputs = ("impact_speed",)
-    least_samples = 2
     difference_step = 0.05
 
     def __init__(self, action, tolerances):

@@ -195,7 +195,7 @@ class MechanismModel(Model):
             turn = self._turn(record)
             last = record.time[-1] if turn is None else turn + self.until.after_turn
             kept = int(np.searchsorted(record.time, last + 1e-9, side="right"))
-            if self.least_samples <= kept < record.samples:
+            if 2 <= kept < record.samples:
                 notes.append(
                     f"{record.name}: samples after {record.time[kept - 1]:.4g} s are not used, "
                     f"{self.until.after_turn:g} s after the reversal of {self.until.output}: later "

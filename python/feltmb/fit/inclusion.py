@@ -117,7 +117,6 @@ class Including(Model):
         )
         self.outputs = model.outputs
         self.units = model.units
-        self.least_samples = model.least_samples
         self.ports = model.ports
         self.difference_step = model.difference_step
         self.cheap_derivatives = model.cheap_derivatives

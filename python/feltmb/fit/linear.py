@@ -28,7 +28,6 @@ class FunctionModel(Model):
     """
 
     cheap_derivatives = True
-    least_samples = 2
     any_inputs = True
 
     def __init__(

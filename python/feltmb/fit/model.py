@@ -435,9 +435,6 @@ class Model(ABC):
     """Other names of inputs in measured files, for example the names in a run of the model."""
     any_inputs: bool = False
     """Whether every column of a measured file that is no output is an input of this name."""
-    least_samples: int = 8
-    """Smallest number of samples of a record; fewer than the default only if an output is a single
-    number."""
     ports: tuple[Port, ...] = ()
     """Places where unknown forces may act; empty: no test of unknown forces."""
     difference_step: float = 1e-3

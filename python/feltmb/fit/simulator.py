@@ -108,8 +108,6 @@ class SimulatorModel(Model):
         Number of processes; 1: none; default: number of cores if a run takes longer than 5 ms.
     """
 
-    least_samples = 2
-
     def __init__(
         self,
         function: Callable[..., Mapping[str, Any]],

@@ -100,11 +100,6 @@ def _against(model: Model, record: Record) -> Iterator[str]:
             f"{record.name}: start of {', '.join(unknown)}, no state of the model {model.name} "
             f"({', '.join(states)})"
         )
-    if record.samples < model.least_samples:
-        yield (
-            f"{record.name}: {record.samples} samples; the model {model.name} needs at least "
-            f"{model.least_samples}"
-        )
     if not set(model.outputs) & set(record.outputs):
         yield (
             f"{record.name}: none of its outputs ({', '.join(record.outputs)}) is one of the model "

@@ -19,7 +19,15 @@ from feltmb.data import (
     write_record,
 )
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.gap import SimulatorModel, diagnose, fit_model, library
+from feltmb.gap import (
+    OdeModel,
+    Parameter,
+    SimulatorModel,
+    State,
+    diagnose,
+    fit_model,
+    library,
+)
 from feltmb.gap.data_check import check_records
 from feltmb.gap.records import noise_of_channel, ready_records
 
@@ -472,15 +480,24 @@ def test_the_input_of_a_mechanism_has_a_unit_too():
         check_records([record], model)
 
 
-def test_two_samples_are_no_time_series():
-    sensors = {"q": Sensor(name="q", unit="m", sigma=1e-4)}
-    short = Record(
-        name="a", time=[0.0, 0.1], inputs={"f": [0.0, 1.0]}, outputs={"q": [0.0, 1e-3]},
-        sensors=sensors,
+def test_six_samples_are_enough_for_one_parameter():
+    """First-order decay from published samples: dCa/dt = -k Ca, least squares give k = 2.589."""
+    model = OdeModel(
+        name="first-order decay",
+        states=[State(name="Ca", unit="mol/l", scale=1.0, start=2.0081, start_sd=0.0)],
+        parameters=[Parameter(name="k", value=1.3, unit="1/s", lower=0.0)],
+        inputs=[],
+        rates=lambda _t, x, _u, p: (-p.k * x.Ca,),
+        outputs={"Ca": "Ca"},
+    )
+    record = Record(
+        name="decay", time=[0.0, 0.1, 0.2, 0.4, 0.8, 1.0], inputs={},
+        outputs={"Ca": [2.0081, 1.5512, 1.1903, 0.7160, 0.2562, 0.1495]},
+        sensors={"Ca": Sensor(name="Ca", unit="mol/l", sigma=0.01)},
     )  # fmt: skip
-    for work in (diagnose, lambda n, e, r: fit_model(n, r)):
-        with pytest.raises(DataError, match="a: 2 samples; the model oscillator needs at least 8"):
-            work(models.NOMINAL, models.EFFECTS, [short])
+    (k,) = fit_model(model, [record]).parameters
+    assert k.value == pytest.approx(2.589, abs=0.01)
+    assert k.low < 2.589 < k.high and k.high - k.low < 0.2
 
 
 MODES = {"force": ("force",), "motion": ("displacement",)}
