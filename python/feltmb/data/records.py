@@ -357,6 +357,25 @@ class Record:
         before = None if self.before is None else self.before.stretched(factor)
         return replace(self, time=factor * self.time, before=before)
 
+    def continued(self, share: float) -> Record:
+        """Copy that goes on after its end: the inputs keep their values, outputs are missing.
+
+        Parameters
+        ----------
+        share
+            Number of further samples as a share of those that there are [1], rounded down.
+        """
+        if not (count := int(share * self.samples)):
+            return self
+        later = self.time[-1] + self.interval * np.arange(1, count + 1)
+        nothing = np.full(count, np.nan)
+        return replace(
+            self,
+            time=np.concatenate([self.time, later]),
+            inputs={k: np.pad(v, (0, count), mode="edge") for k, v in self.inputs.items()},
+            outputs={k: np.concatenate([v, nothing]) for k, v in self.outputs.items()},
+        )
+
     def _up_to(self, first: int) -> Record | None:
         """The run from its start to a sample of this record; None if that is less than a step."""
         whole = self if self.before is None else _joined(self.before, self)

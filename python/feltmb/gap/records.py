@@ -40,6 +40,8 @@ __all__ = [
 WRONG_STATEMENT = 0.05
 #: Expected offset of a sensor in each record, as a share of the motion [1].
 OFFSET = 0.1
+#: Simulated time after the end of a record, which a fast clock shows, as a share of it [1].
+AFTER = 0.03
 
 
 def ready_records(model: Model, records: Sequence[Record] | Record) -> Ready:
@@ -185,13 +187,17 @@ def problem_of(
         )
     sensors = [r.sensors[n] for r in fitted for n in names if n in r.outputs]
     noise = _noise_levels(records)
-    observed = tuple(_observed(model, r, names, noise) for r in fitted)
+    after = AFTER if model.accepts(clock_rate(model.outputs)) else 0.0
+    observed, unseen = (
+        tuple(_observed(model, r.continued(after), names, noise) for r in part)
+        for part in (fitted, held)
+    )
     of_records = _errors(model, effects, observed, names)
     return Problem(
         model=model,
         causes=causes_of(model, effects, options.missing, of_records),
         fit=observed,
-        held_out=tuple(_observed(model, r, names, noise) for r in held),
+        held_out=unseen,
         channels=channels,
         exact=all(s.sigma is None for s in sensors),
         notes=notes,
