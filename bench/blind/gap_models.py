@@ -25,7 +25,7 @@ from feltmb.gap import (
     Coordinate,
     Coupling,
     Effect,
-    OdeModel,
+    Equations,
     Parameter,
     Record,
     Sensor,
@@ -46,7 +46,7 @@ class Case:
     """Correct names; empty: no effect of the library is correct."""
     size: float
     """True magnitude of the first one."""
-    model: OdeModel
+    model: Equations
     effects: Sequence[Effect]
     records: Sequence[Record]
 
@@ -91,10 +91,10 @@ def record(
     )
 
 
-def oscillator(name: str, m: float, k: float, c: float, **options: object) -> OdeModel:
+def oscillator(name: str, m: float, k: float, c: float, **options: object) -> Equations:
     """Mass, spring and damper with a force; the true parameters differ by 2 to 10 %."""
     mass = Coordinate(name="mass", position="q", speed="v", inertia="m")
-    return OdeModel(
+    return Equations(
         name=name,
         states=[State(name="q", unit="m", scale=0.01), State(name="v", unit="m/s", scale=0.2)],
         parameters=[
@@ -121,7 +121,7 @@ def shaken(
     samples: int = 2000,
     lag: float = 0.0,
     told: bool = True,
-) -> tuple[OdeModel, Sequence[Effect], list[Record]]:
+) -> tuple[Equations, Sequence[Effect], list[Record]]:
     """An oscillator with a force law(t, q, v) against its motion, and a sensor with a delay."""
     random = np.random.default_rng(seed)
     time = 0.005 * np.arange(samples)
@@ -222,7 +222,7 @@ def backlash() -> Case:
         records.append(
             record(f"run {i}", time, {"T": torque(time)}, seen, {"a": 2e-4, "b": 2e-4}, random)
         )
-    model = OdeModel(
+    model = Equations(
         name="drive",
         states=[State(name=n, unit="rad", scale=0.1) for n in "ab"]
         + [State(name=n, unit="rad/s", scale=2.0) for n in "vw"],
@@ -280,7 +280,7 @@ def motor() -> Case:
         noise = {"angle": 1e-3, "current": 0.02}
         records.append(record(f"run {i}", time, {"U": volts}, seen, noise, random))
     shaft = Coordinate(name="shaft", position="q", speed="w", inertia="J", unit="N m", scale=0.02)
-    model = OdeModel(
+    model = Equations(
         name="motor",
         states=[
             State(name="q", unit="rad", scale=1.0),
@@ -328,7 +328,7 @@ def pendulum() -> Case:
             record(f"run {i}", time, {}, {"th": y[:, 0]}, {"th": 2e-3}, random, told=False)
         )
     bob = Coordinate(name="bob", position="th", speed="w", unit="N m/(kg m^2)")
-    model = OdeModel(
+    model = Equations(
         name="pendulum",
         states=[
             State(name="th", unit="rad", scale=0.5),
@@ -375,7 +375,7 @@ def nothing() -> Case:
     off = {"ms": 1.05, "mu": 0.95, "ks": 1.05, "cs": 0.9, "kt": 0.95}
     sd = {"ms": 0.02, "mu": 0.025, "ks": 0.02, "cs": 0.04, "kt": 0.02}
     true = {"ms": ms, "mu": mu, "ks": ks, "cs": cs, "kt": kt}
-    model = OdeModel(
+    model = Equations(
         name="quarter car",
         states=[
             State(name="zs", unit="m", scale=0.02),

@@ -28,7 +28,7 @@ from feltmb.gap import (
     Coordinate,
     Effect,
     LinearModel,
-    OdeModel,
+    Equations,
     Parameter,
     Record,
     Sensor,
@@ -315,7 +315,7 @@ def _go1() -> Task:
         torque = u.enabled * (p.ratio * 10.0 * (u.target - x.q) - 0.3 * x.v)
         return x.v, (torque - u.weight * np.sin(x.q + p.zero)) / (p.rotor + u.arm)
 
-    model = OdeModel(
+    model = Equations(
         name="motor of a leg",
         states=[
             State(name="q", unit="rad", scale=1.0, start_sd=5e-3),
@@ -364,7 +364,7 @@ def _runs(folder: str) -> list[Array]:
 def _overdamped() -> Task:
     """A servo whose model has too much damping and no dry friction."""
     joint = Coordinate(name="joint", position="q", speed="v", inertia="J", unit="N m")
-    model = OdeModel(
+    model = Equations(
         name="joint",
         states=[
             State(name="q", unit="rad", scale=0.3, start_sd=1e-3),
@@ -404,7 +404,7 @@ def _overdamped() -> Task:
 def _slow_clock() -> Task:
     """A pendulum whose camera has a clock that is 2 % slow."""
     bob = Coordinate(name="bob", position="q", speed="v", unit="N m")
-    model = OdeModel(
+    model = Equations(
         name="pendulum",
         states=[
             State(name="q", unit="rad", scale=0.3, start=0.2, start_sd=0.3),
@@ -439,7 +439,7 @@ def _slow_clock() -> Task:
 def _offsets() -> Task:
     """Free swings of a mass; each run has its own offset of the sensor."""
     mass = Coordinate(name="mass", position="x", speed="v", inertia="m")
-    model = OdeModel(
+    model = Equations(
         name="mass spring damper",
         states=[
             State(name="x", unit="m", scale=0.3, start_sd=0.5),
@@ -473,7 +473,7 @@ def _offsets() -> Task:
 
 def _few() -> Task:
     """Six samples, one parameter."""
-    model = OdeModel(
+    model = Equations(
         name="first-order decay",
         states=[State(name="Ca", unit="mol/l", scale=1.0, start=2.0081, start_sd=0.0)],
         parameters=[Parameter(name="k", value=1.3, unit="1/s", lower=0.0)],
@@ -525,7 +525,7 @@ def _one_way(threshold: float) -> Task:
 def _swing() -> Task:
     """Free swings with unknown starts and nothing missing."""
     arm = Coordinate(name="arm", position="q", speed="v", inertia=1.0, unit="rad/s^2")
-    model = OdeModel(
+    model = Equations(
         name="free swing",
         states=[
             State(name="q", unit="rad", scale=1.0, start_sd=2.0),

@@ -28,7 +28,7 @@ from scipy.integrate import solve_ivp
 from feltmb.gap import (
     Coordinate,
     Effect,
-    OdeModel,
+    Equations,
     Parameter,
     Record,
     Report,
@@ -115,10 +115,10 @@ def records(case: int, *, bare: bool = False) -> tuple[str, str, float, list[Rec
     return law, structure, share, out
 
 
-def model_and_effects(data: Sequence[Record]) -> tuple[OdeModel, tuple[Effect, ...]]:
+def model_and_effects(data: Sequence[Record]) -> tuple[Equations, tuple[Effect, ...]]:
     """A linear oscillator and all generic effects."""
     mass = Coordinate(name="mass", position="q", speed="v", inertia="m")
-    model = OdeModel(
+    model = Equations(
         name="oscillator",
         states=[
             State(name="q", unit="m", scale=0.1, start_sd=1e-2),

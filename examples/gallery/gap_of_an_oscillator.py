@@ -8,7 +8,7 @@ import numpy as np
 from show import Found, show
 
 from feltmb.data import Record, Sensor
-from feltmb.gap import Coordinate, OdeModel, Parameter, State, diagnose, library
+from feltmb.gap import Coordinate, Equations, Parameter, State, diagnose, library
 from feltmb.style import BLUE, RED, new_figure, style_axes
 
 FRICTION, NOISE = 0.8, 2e-5  # N, m
@@ -21,7 +21,7 @@ def model(dry=0.0):
         friction = dry * np.tanh(x.v / 6e-4)
         return (x.v, (u.f - p.k * x.q - p.c * x.v - friction) / p.m)
 
-    return OdeModel(
+    return Equations(
         name="oscillator",
         states=[
             State(name="q", unit="m", scale=0.01, start_sd=1e-3),

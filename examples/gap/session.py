@@ -10,9 +10,9 @@ import numpy as np
 
 from feltmb.experiment import Belief, InputLimits, Limits, design
 from feltmb.fit.observe import observe
-from feltmb.gap import Candidate, Effect, OdeModel, Parameter, Record, State, diagnose
+from feltmb.gap import Candidate, Effect, Equations, Parameter, Record, State, diagnose
 
-model = OdeModel(
+model = Equations(
     name="oscillator",
     states=[State(name="q", unit="m", scale=0.01, start_sd=1e-3), State(name="v", unit="m/s")],
     parameters=[

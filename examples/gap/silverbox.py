@@ -3,14 +3,14 @@
 feltmb gap diagnose examples/gap/silverbox.py examples/gap/data/silverbox_*.nc
 """
 
-from feltmb.gap import Coordinate, OdeModel, Parameter, State, library
+from feltmb.gap import Coordinate, Equations, Parameter, State, library
 
 FREQUENCY = 430.0  # rad/s, a first guess of the resonance
 
 mass = Coordinate(
     name="mass", position="y", speed="v", inertia=1.0, unit="V/s^2", position_unit="V"
 )
-model = OdeModel(
+model = Equations(
     name="Silverbox, linear",
     states=[
         State(name="y", unit="V", scale=0.05, start_sd=0.1),

@@ -5,7 +5,7 @@ feltmb gap diagnose examples/gap/tanks.py examples/gap/data/tanks_*.csv
 
 import numpy as np
 
-from feltmb.gap import OdeModel, Parameter, State, library
+from feltmb.gap import Equations, Parameter, State, library
 
 
 def root(level):
@@ -13,7 +13,7 @@ def root(level):
     return level / np.sqrt(np.sqrt(level**2 + 1e-4))
 
 
-model = OdeModel(
+model = Equations(
     name="tanks, square-root outflow",
     states=[
         State(name="upper", unit="V", scale=3.0, start=5.0, start_sd=3.0),

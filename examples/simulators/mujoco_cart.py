@@ -8,7 +8,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from feltmb.gap import Exposed, Parameter, Record, Sensor, SimulatorModel, diagnose, library
+from feltmb.gap import Exposed, Parameter, Record, Sensor, Simulator, diagnose, library
 
 STEP = 1e-3  # s
 MODEL = mujoco.MjModel.from_xml_string(f"""
@@ -61,7 +61,7 @@ def measured(name, amplitude, seed, role="fit"):
 
 def main():
     """Diagnose; returns the report."""
-    model = SimulatorModel(
+    model = Simulator(
         cart,
         name="cart",
         parameters=[
@@ -71,7 +71,7 @@ def main():
         ],
         inputs={"force": "N"},
         outputs={"x": "m"},
-        exposed={"friction": Exposed(scale=0.5, unit="N", component="guide", sign=+1)},
+        unknown={"friction": Exposed(scale=0.5, unit="N", component="guide", sign=+1)},
     )
     records = [
         measured("soft", 1.0, 1),

@@ -26,9 +26,12 @@ Piano actions
     regulate, load_targets, Regulation, touch, Touch, actuator
 Felt
     felt: materials, identification, audit; fiber: fiber networks; contact: contact laws
-Measurements
-    data: records and sensors; fit: fits of any model; gap: diagnosis of the difference between a
-    model and measurements; adapters: mechanisms as models of fit and gap
+Your own models and measurements
+    Simulator (a function), Equations, fmu, mujoco, each with fit(records) and diagnose(records);
+    read, Record, records_from_frame; data: records and sensors; fit: models and priors; gap:
+    diagnosis of the difference between a model and measurements; adapters: mechanisms as models
+Co-simulation
+    export_fmu
 Errors
     FeltmbError, below it InvalidParameter, DataError, ModelError, IntegrationError, FileExists
 
@@ -47,6 +50,7 @@ if TYPE_CHECKING:
     from feltmb._core import __version__
     from feltmb.action.regulate import Regulation, load_targets, regulate
     from feltmb.action.touch import Touch, touch
+    from feltmb.data import Record, read, records_from_frame
     from feltmb.errors import (
         DataError,
         FeltmbError,
@@ -55,8 +59,10 @@ if TYPE_CHECKING:
         InvalidParameter,
         ModelError,
     )
+    from feltmb.fit import Equations, Simulator, fmu, mujoco
     from feltmb.graphics.viewer import view
     from feltmb.mechanism import Action, load_action, packaged_actions
+    from feltmb.run.fmu import export_fmu
     from feltmb.run.machine import Machine, MachineState
     from feltmb.run.options import RunOptions
     from feltmb.run.results import Run, load_run
@@ -80,6 +86,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Action",
     "DataError",
+    "Equations",
     "Evaluation",
     "FeltmbError",
     "FileExists",
@@ -89,9 +96,11 @@ __all__ = [
     "Machine",
     "MachineState",
     "ModelError",
+    "Record",
     "Regulation",
     "Run",
     "RunOptions",
+    "Simulator",
     "Stroke",
     "StudyResult",
     "Touch",
@@ -100,9 +109,11 @@ __all__ = [
     "contact",
     "data",
     "evaluate",
+    "export_fmu",
     "felt",
     "fiber",
     "fit",
+    "fmu",
     "gap",
     "gradient",
     "load_action",
@@ -110,12 +121,15 @@ __all__ = [
     "load_stroke",
     "load_targets",
     "motion_stroke",
+    "mujoco",
     "packaged_actions",
     "packaged_strokes",
     "packaged_studies",
     "pulse_stroke",
     "ramp_stroke",
+    "read",
     "read_stroke_csv",
+    "records_from_frame",
     "regulate",
     "sequence",
     "simulate",
@@ -131,8 +145,11 @@ __all__ = [
 _LAZY = {
     "_core": "__version__",
     "mechanism": "Action load_action packaged_actions",
+    "data": "Record read records_from_frame",
     "errors": "DataError FeltmbError FileExists IntegrationError InvalidParameter ModelError",
     "action.regulate": "Regulation load_targets regulate",
+    "fit": "Equations Simulator fmu mujoco",
+    "run.fmu": "export_fmu",
     "run.machine": "Machine MachineState",
     "run.options": "RunOptions",
     "run.results": "Run load_run",
@@ -158,7 +175,6 @@ _MODULES = {
     "felt": "felt",
     "fiber": "fiber",
     "fit": "fit",
-    "fmu": "run.fmu",
     "gap": "gap",
     "graph": "graphics.graph",
     "parameters": "mechanism.parameters",

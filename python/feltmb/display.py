@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import html
-import importlib
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, cast
+
+from feltmb.above import above
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["html_table", "picture", "short_number"]
-
-#: Module that plots runs and mechanisms. It is in a layer above the data, like the plotting backend
-#: of pandas, and is imported when a figure is needed.
-BACKEND = "feltmb.graphics.plot"
 
 
 def short_number(value: object) -> str:
@@ -46,4 +43,4 @@ def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]
 
 def picture(name: str, *arguments: Any) -> Figure:
     """Figure of the function ``name`` in ``feltmb.graphics.plot``."""
-    return cast("Figure", getattr(importlib.import_module(BACKEND), name)(*arguments))
+    return cast("Figure", above("graphics.plot", name)(*arguments))

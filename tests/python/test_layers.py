@@ -12,7 +12,7 @@ import pytest
 HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
-GROUND = "errors units arguments files display figure style tables"
+GROUND = "errors units arguments above files display figure style tables"
 MODEL = f"{GROUND} _core params fiber contact mechanism"
 RUN = f"{MODEL} data run"
 
@@ -39,11 +39,12 @@ MAY_USE = {
     # heard of a mechanism and serves any simulator; adapters are the bridge.
     "Python": {
         "errors": "",
+        "above": "",
         "arguments": "errors",
         "units": "errors arguments",
         "files": "errors",
         "blas": "",
-        "display": "",
+        "display": "above",
         "figure": "",
         "tables": "errors",
         "style": "errors figure",

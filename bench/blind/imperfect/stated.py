@@ -15,7 +15,7 @@ from feltmb.gap import (
     Coordinate,
     Coupling,
     Effect,
-    OdeModel,
+    Equations,
     Parameter,
     Record,
     Sensor,
@@ -25,7 +25,7 @@ from feltmb.gap import (
 
 __all__ = ["STATED", "stated", "to_records"]
 
-Stated = tuple[OdeModel, tuple[Effect, ...]]
+Stated = tuple[Equations, tuple[Effect, ...]]
 
 
 def _parameters(table: Table) -> list[Parameter]:
@@ -40,9 +40,9 @@ def _states(**scales: tuple[str, float, float]) -> list[State]:
     ]
 
 
-def _model(table: Table, **given: Any) -> OdeModel:
+def _model(table: Table, **given: Any) -> Equations:
     inputs = {n: u for n, u in table.units.items() if n not in table.outputs}
-    return OdeModel(
+    return Equations(
         name=table.name,
         parameters=_parameters(table),
         inputs=inputs,
@@ -52,7 +52,7 @@ def _model(table: Table, **given: Any) -> OdeModel:
 
 
 def _generic(
-    model: OdeModel,
+    model: Equations,
     record: Record,
     *,
     parts: Sequence[tuple[Any, float, float, float]] = (),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.adapters.simulator import Simulator
+from feltmb.adapters.simulator import MechanismSimulator
 from feltmb.data import Array, Record
 from feltmb.data.smoothing import LEAST_SAMPLES, WINDOW, smooth_record
 
@@ -23,7 +23,7 @@ MOVING = 3.0
 
 
 def with_force_error(
-    simulator: Simulator, record: Record, turn: float | None, notes: list[str]
+    simulator: MechanismSimulator, record: Record, turn: float | None, notes: list[str]
 ) -> Record:
     """Carry the noise of a measured motion into the force that the motion needs.
 
@@ -84,7 +84,7 @@ def with_force_error(
 
 
 def _squared_errors(
-    simulator: Simulator, record: Record, sigma: float, width: int
+    simulator: MechanismSimulator, record: Record, sigma: float, width: int
 ) -> tuple[Array, Mask] | None:
     """Mean squared error of the outputs by the noise of a motion, (n, ny), and where it moves.
 

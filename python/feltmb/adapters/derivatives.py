@@ -14,7 +14,7 @@ import numpy as np
 from feltmb.adapters.aliases import Alias
 from feltmb.adapters.forward import OperatingPoint, can_differentiate, forward_sensitivities
 from feltmb.adapters.library import Entry
-from feltmb.adapters.simulator import Simulator, key_of
+from feltmb.adapters.simulator import MechanismSimulator, key_of
 from feltmb.data import Array, Record
 from feltmb.fit import Candidate
 from feltmb.fit.latest import Latest
@@ -44,7 +44,7 @@ class Derivatives:
         It simulates the mechanism.
     """
 
-    def __init__(self, simulator: Simulator):
+    def __init__(self, simulator: MechanismSimulator):
         self.simulator = simulator
         self.passes = 0
         """Number of integrations of derivatives so far."""

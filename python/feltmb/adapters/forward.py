@@ -19,7 +19,7 @@ from feltmb import _core
 from feltmb.adapters.drives import FORCE, Drive, start_state
 from feltmb.adapters.library import Entry
 from feltmb.adapters.sampling import at_times, output_rate
-from feltmb.adapters.simulator import Simulator
+from feltmb.adapters.simulator import MechanismSimulator
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
@@ -84,7 +84,7 @@ class OperatingPoint:
     """Their magnitudes [their units], (k,)."""
 
 
-def can_differentiate(simulator: Simulator, record: Record, candidate: Candidate) -> bool:
+def can_differentiate(simulator: MechanismSimulator, record: Record, candidate: Candidate) -> bool:
     """Whether the candidate adds no states to the mechanism."""
     effect = candidate.effect
     if not isinstance(effect.data, Entry):
@@ -100,7 +100,7 @@ def can_differentiate(simulator: Simulator, record: Record, candidate: Candidate
 
 
 def forward_sensitivities(
-    simulator: Simulator,
+    simulator: MechanismSimulator,
     at: OperatingPoint,
     by_theta: Sequence[int],
     candidates: tuple[Candidate, ...] = (),
@@ -162,7 +162,7 @@ def forward_sensitivities(
 
 
 def _segment(
-    simulator: Simulator, columns: Sequence[_Column], base: _Version
+    simulator: MechanismSimulator, columns: Sequence[_Column], base: _Version
 ) -> _core.SensitivitySegment:
     """The record from its start; with a motion, with the start state and its derivatives."""
     end = float(base.drive.time[-1] - base.drive.time[0])
@@ -180,7 +180,7 @@ def _segment(
     return _core.SensitivitySegment(0.0, end, list(state), list(base.variant.memory), none, moves)
 
 
-def _at_rest(simulator: Simulator, columns: Sequence[_Column]) -> Array:
+def _at_rest(simulator: MechanismSimulator, columns: Sequence[_Column]) -> Array:
     """Derivatives (ny, d) of the outputs at rest."""
     rest = np.zeros((len(simulator.outputs), len(columns)))
     for k, column in enumerate(columns):
@@ -196,7 +196,7 @@ def _shift(value: float, scale: float, upper: float) -> float:
 
 
 def _columns(
-    simulator: Simulator,
+    simulator: MechanismSimulator,
     at: OperatingPoint,
     by_theta: Sequence[int],
     candidates: tuple[Candidate, ...],
@@ -236,7 +236,7 @@ def _columns(
 
 
 def _input_columns(
-    simulator: Simulator,
+    simulator: MechanismSimulator,
     record: Record,
     changes: Sequence[Mapping[str, Array]],
     base: _Version,

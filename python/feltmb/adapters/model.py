@@ -23,7 +23,7 @@ from feltmb.adapters.drives import DISPLACEMENT, FORCE, driven, with_noise
 from feltmb.adapters.landmarks import first_turn, landmarks
 from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
-from feltmb.adapters.simulator import Simulator, key_of
+from feltmb.adapters.simulator import MechanismSimulator, key_of
 from feltmb.adapters.unreached import unreached
 from feltmb.adapters.writing import write_mechanism
 from feltmb.data import Array, Record
@@ -113,7 +113,7 @@ class MechanismModel(Model):
         self.outputs = (*outputs, DISPLACEMENT) if both else tuple(outputs)
         self.beside: frozenset[str] = frozenset()
         """Outputs that no planned record has; sensor effects mix them into other outputs."""
-        self.simulator = Simulator(
+        self.simulator = MechanismSimulator(
             action,
             self.outputs,
             library.tolerances if tolerances is None else tolerances,

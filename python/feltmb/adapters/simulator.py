@@ -26,7 +26,7 @@ from feltmb.fit import Candidate
 from feltmb.fit.latest import Latest
 from feltmb.mechanism import Action, MechanismFile
 
-__all__ = ["Simulator", "key_of"]
+__all__ = ["MechanismSimulator", "key_of"]
 
 #: Largest number of steps per second of a record [1/s], ten times those of a staccato: a mechanism
 #: with absurd parameters takes minutes.
@@ -37,7 +37,7 @@ MOTIONS = 64
 VERSIONS = 400
 
 
-class Simulator:
+class MechanismSimulator:
     """Simulates versions of a mechanism; the last motions and versions are cached.
 
     Several threads may use it.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from feltmb.adapters.simulator import Simulator
+from feltmb.adapters.simulator import MechanismSimulator
 from feltmb.data import Record
 
 __all__ = ["unreached"]
@@ -15,7 +15,7 @@ __all__ = ["unreached"]
 CLEAR = 0.5e-3
 
 
-def unreached(simulator: Simulator, records: Sequence[Record]) -> str:
+def unreached(simulator: MechanismSimulator, records: Sequence[Record]) -> str:
     """Sentence about the let-off, the strike and the check if no record reaches them.
 
     The tabulated mechanism is simulated. Empty if records reach all of them or come near, and if a

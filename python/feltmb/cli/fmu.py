@@ -71,10 +71,10 @@ def command(
     force: bool,
 ) -> None:
     """Export ACTION as a co-simulation unit (FMI). Its binary needs no Python."""
-    from feltmb.run.fmu import export
+    from feltmb.run.fmu import export_fmu
 
     mechanism = load_with_settings(action, settings)
-    written = export(
+    written = export_fmu(
         mechanism,
         out,
         version=fmi,  # type: ignore[arg-type]

@@ -1,7 +1,8 @@
 """Models of simulations that can be fitted: parameters with priors, effects, and derivatives."""
 
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
-from feltmb.fit.fmu import fmu_model
+from feltmb.fit.equations import Equations
+from feltmb.fit.fmi import fmu
 from feltmb.fit.inclusion import Including, including
 from feltmb.fit.linear import FunctionModel, LinearModel
 from feltmb.fit.model import (
@@ -17,8 +18,8 @@ from feltmb.fit.model import (
     SensitivityRequest,
     State,
 )
-from feltmb.fit.ode import OdeModel
-from feltmb.fit.simulator import Exposed, SimulatorModel
+from feltmb.fit.priors import Exposed
+from feltmb.fit.simulator import Simulator
 
 __all__ = [
     "Candidate",
@@ -26,6 +27,7 @@ __all__ = [
     "Coupling",
     "Effect",
     "EffectKind",
+    "Equations",
     "Exposed",
     "FunctionModel",
     "Including",
@@ -33,15 +35,14 @@ __all__ = [
     "LinearModel",
     "Model",
     "Named",
-    "OdeModel",
     "Parameter",
     "Port",
     "Rate",
     "Ready",
     "Sensitivity",
     "SensitivityRequest",
-    "SimulatorModel",
+    "Simulator",
     "State",
-    "fmu_model",
+    "fmu",
     "including",
 ]

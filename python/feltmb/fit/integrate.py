@@ -1,4 +1,4 @@
-"""Integration of the equations of an ``OdeModel`` for all jobs simultaneously."""
+"""Integration of the equations of an ``Equations`` for all jobs simultaneously."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from feltmb.fit.resolution import BETWEEN
 __all__ = [
     "GAMMA",
     "Clock",
-    "Equations",
     "Law",
+    "System",
     "Trajectory",
     "advanced",
     "integrate",
@@ -177,7 +177,7 @@ def _wrong_shape(of: str, state: str, value: Any, count: int) -> InvalidParamete
     )
 
 
-class Equations:
+class System:
     """Rates of the states of jobs, with the included effects of each.
 
     All arrays have one entry per job, or n entries per job: first those of the first job, then
@@ -304,7 +304,7 @@ def selected(values: Named, own: slice) -> Named:
 class Trajectory:
     """Results of an integration, with the states at which it evaluated the rates."""
 
-    equations: Equations
+    equations: System
     clock: Clock
     runs: list[Array]
     """Outputs by batch, (B, n, ny)."""
@@ -329,7 +329,7 @@ def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory
     """
     longest = max(record.samples for record, _ in batches)
     clock = Clock.of(model, batches, longest)
-    equations = Equations(model, batches)
+    equations = System(model, batches)
     p, magnitudes = equations.p, equations.magnitudes
     forces = None
     if batches[0][1].forces is not None:

@@ -11,16 +11,18 @@ import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
 
+from feltmb.above import above
 from feltmb.arguments import checked
 from feltmb.data import Array, InputMode, Record
 from feltmb.errors import InvalidParameter
+from feltmb.fit.coordinates import Coordinate, Coupling
 from feltmb.fit.noise_of_function import difference_offsets
 
 __all__ = [
@@ -132,7 +134,7 @@ class Effect:
     ``name``:
 
     ``rate(t, x, u, p, magnitude, shape) -> {state: (B,)}``
-        For :class:`~feltmb.gap.OdeModel`: contribution to the rates of states, its own hidden
+        For :class:`~feltmb.gap.Equations`: contribution to the rates of states, its own hidden
         states included.
     ``regressor(record, shape) -> (n,)``
         For :class:`~feltmb.gap.LinearModel`: output per unit of magnitude.
@@ -426,6 +428,8 @@ class Model(ABC):
     """Names of the inputs; empty: any, or those of ``input_modes``."""
     effects: tuple[Effect, ...] = ()
     """Effects that the model offers for a diagnosis."""
+    offers_all: bool = False
+    """Whether ``effects`` contains those of inputs and sensors as well."""
     units: Mapping[str, str] = MappingProxyType({})
     """SI units of outputs and inputs by name, if known; records with another unit are rejected."""
     input_modes: Mapping[InputMode, Sequence[str]] = MappingProxyType({})
@@ -440,6 +444,8 @@ class Model(ABC):
     difference_step: float = 1e-3
     """First step of finite differences by parameters, as a share of their scale; the step for
     states is a tenth of it. Choose it larger if the simulation is noisy."""
+    coordinates: tuple[Coordinate | Coupling, ...] = ()
+    """Coordinates of second-order equations, and couplings: the places of force effects."""
     cheap_derivatives: bool = False
     """Whether derivatives take about as long as a simulation. If not, a fit uses them at several
     points."""
@@ -483,6 +489,68 @@ class Model(ABC):
         out = copy.copy(self)
         out.parameters = tuple(parameters.get(p.name, p) for p in self.parameters)
         return out
+
+    def diagnose(
+        self,
+        records: Sequence[Record] | Record,
+        *,
+        effects: Sequence[Effect | str] | None = None,
+        exclude: Sequence[str] | str = (),
+        hold_out: Sequence[str] | str | None = None,
+        options: Any = None,
+        tell: Callable[..., None] | None = None,
+    ) -> Any:
+        """Find the effects that the model lacks: :func:`feltmb.gap.diagnose`.
+
+        Parameters
+        ----------
+        records
+            Measured runs.
+        effects
+            Effects that it may lack, or names and patterns of the default ones; default: those of
+            :func:`feltmb.gap.candidates`.
+        exclude
+            Names, patterns, or components of effects that are not tested.
+        hold_out, options, tell
+            As for :func:`feltmb.gap.diagnose`.
+
+        Returns
+        -------
+        feltmb.gap.Report
+        """
+        own = {"exclude": exclude, "hold_out": hold_out, "options": options, "tell": tell}
+        return above("gap.diagnosis", "diagnose")(self, effects, records, **own)
+
+    def fit(
+        self,
+        records: Sequence[Record] | Record,
+        *,
+        options: Any = None,
+        tell: Callable[..., None] | None = None,
+    ) -> Any:
+        """Fit the parameters to all records: :func:`feltmb.gap.fit_model`.
+
+        Parameters
+        ----------
+        records
+            Measured runs.
+        options, tell
+            As for :func:`feltmb.gap.fit_model`.
+
+        Returns
+        -------
+        feltmb.gap.Report
+        """
+        return above("gap.diagnosis", "fit_model")(self, records, options=options, tell=tell)
+
+    def matched(self, records: Sequence[Record]) -> Ready:
+        """The model and the records with the same channels.
+
+        A column of a record that is an input of the model becomes an input. A model that does not
+        state its channels takes them from the records.
+        """
+        notes: list[str] = []
+        return Ready(self, tuple(_with_inputs(r, self, notes) for r in records), tuple(notes))
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """Prepare the model and all records of a fit or diagnosis.
@@ -564,6 +632,34 @@ class Model(ABC):
         for request in requests:
             request.check(self)
         return difference_sensitivities(self, requests)
+
+
+def _with_inputs(record: Record, model: Model, notes: list[str]) -> Record:
+    """The record with the columns that are inputs of the model as inputs."""
+    modes: Mapping[InputMode, Sequence[str]] = model.input_modes or {record.input_mode: ()}
+    for mode, names in sorted(modes.items(), key=lambda m: m[0] != record.input_mode):
+        place: dict[str, str] = {}
+        for name in (*model.inputs, *names):
+            known = [n for n in (name, *model.input_names.get(name, ()))]
+            found = [n for n in known if n in record.inputs or n in record.outputs]
+            place |= {name: found[0]} if found else {}
+        moved = {n: c for n, c in place.items() if n not in record.inputs}
+        if len(place) < len(model.inputs) + len(names):
+            continue
+        if not moved:
+            return record
+        columns = {c: record.outputs.get(c, record.inputs.get(c)) for c in moved.values()}
+        units = {n: record.units.get(c, "1") for n, c in moved.items()}
+        notes.append(f"{record.name}: {', '.join(columns)} is an input of the model {model.name}")
+        return replace(
+            record,
+            inputs={**record.inputs, **{n: columns[c] for n, c in moved.items()}},
+            outputs={n: v for n, v in record.outputs.items() if n not in columns},
+            sensors={n: s for n, s in record.sensors.items() if n not in columns},
+            input_units={**record.input_units, **{n: u for n, u in units.items() if u != "1"}},
+            input_mode=mode,
+        )
+    return record
 
 
 # ---------------------------------------------------------------- derivatives by differences

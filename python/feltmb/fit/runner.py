@@ -11,9 +11,10 @@ import sys
 import time as clock
 import warnings
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -204,6 +205,15 @@ class Runner:
             if fault := self._undefined(run, found):
                 raise InvalidParameter(f"model {self._name}: its function {fault} ({run})")
             self._kept.keep(run.key, found)
+
+    @contextmanager
+    def trying(self) -> Iterator[None]:
+        """A block in which a failed run is no news."""
+        before, self._failed = self._failed, True
+        try:
+            yield
+        finally:
+            self._failed = before
 
     def values(self, runs: Sequence[Run]) -> list[Array]:
         """Outputs of runs, (n, ny) each; NaN if the function fails."""

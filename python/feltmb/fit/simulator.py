@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
-from feltmb.errors import InvalidParameter
+from feltmb.errors import InvalidParameter, no_such
+from feltmb.fit.calling import calling
 from feltmb.fit.model import (
     Batch,
     Candidate,
@@ -29,9 +30,18 @@ from feltmb.fit.model import (
 )
 from feltmb.fit.noise import Noise
 from feltmb.fit.noise_of_function import Step, choose_step, noise_of_function
+from feltmb.fit.priors import (
+    Bounds,
+    Priors,
+    Unknowns,
+    check_bounds,
+    parameters_of,
+    unknown_effects,
+)
 from feltmb.fit.runner import Run, Runner
+from feltmb.fit.sizes import sized
 
-__all__ = ["Exposed", "SimulatorModel"]
+__all__ = ["Simulator"]
 
 #: Steps that are tried for a parameter; spacing of the values from which the noise of the function
 #: is estimated, as shares of the scales; number of spacings.
@@ -42,50 +52,48 @@ NO_MATTER = 1e-3
 WORTH_A_PROCESS = 5e-3
 
 
-@checked
-@dataclass(frozen=True, kw_only=True)
-class Exposed:
-    """An effect that is a parameter of the function, with its neutral value in the model."""
+class _Asked(dict[str, Array]):
+    """Columns of a record that notes which of them a function reads."""
 
-    scale: float
-    """Expected deviation from the neutral value if the effect exists [unit]."""
-    unit: str = "1"
-    component: str = ""
-    """Part of the machine; default: the name of the parameter."""
-    sign: Literal[-1, 0, 1] = 0
-    """+1: only values >= the neutral one; -1: only values <= the neutral one; 0: any."""
-    neutral: float = 0.0
-    """Value without the effect [unit]."""
-    mechanism: str = ""
-    """One sentence that describes the mechanism in the machine."""
-    remedy: str = ""
-    """Recommended remedy."""
-    lower: float = -math.inf
-    upper: float = math.inf
-    """Upper limit of the parameter [unit]."""
+    def __init__(self, columns: Mapping[str, Array], record: str):
+        super().__init__({k: v.copy() for k, v in columns.items()})
+        self.read: dict[str, None] = {}
+        self.whole = False
+        self._record = record
 
-    def effect(self, name: str) -> Effect:
-        """The effect; its magnitude is the deviation from the neutral value."""
-        return Effect(
-            name=name,
-            component=self.component or name,
-            unit=self.unit,
-            scale=self.scale,
-            sign=self.sign,
-            mechanism=self.mechanism,
-            remedy=self.remedy,
-            lower=self.lower - self.neutral,
-            upper=self.upper - self.neutral,
-            data=name,
-        )
+    def __getitem__(self, name: str) -> Array:
+        if name not in self:
+            raise no_such(f"column of record {self._record}", name, self)
+        self.read[name] = None
+        return super().__getitem__(name)
+
+    def get(self, name: str, default: Any = None) -> Any:
+        self.read[name] = None
+        return super().get(name, default)
+
+    def __iter__(self) -> Iterator[str]:
+        self.whole = True
+        return super().__iter__()
+
+    def keys(self) -> Any:
+        self.whole = True
+        return super().keys()
+
+    def values(self) -> Any:
+        self.whole = True
+        return super().values()
+
+    def items(self) -> Any:
+        self.whole = True
+        return super().items()
 
 
 @checked
-class SimulatorModel(Model):
+class Simulator(Model):
     """A simulator of the user: ``function(time, inputs, parameters) -> {output: array}``.
 
     The function gets the times [s] of a whole record, a dictionary of its inputs, each (n,), and a
-    dictionary of all parameters, exposed ones included, as numbers. It returns every output at
+    dictionary of all parameters, unknown effects included, as numbers. It returns every output at
     every time, (n,). The same arguments must give the same outputs. If there is no result, it may
     raise an exception or return NaN. At the given values of the parameters this is an error. At
     other values, which a fit tries, only that trial fails.
@@ -96,56 +104,97 @@ class SimulatorModel(Model):
         The simulator. If processes cannot be forked, it must be picklable to run in several of
         them.
     parameters
-        Fitted parameters with their priors.
+        Fitted parameters with their priors: ``(value, sd, unit)`` by name (``sd=0`` fixes it; a
+        value alone has no prior), or a list of :class:`Parameter`.
+    unknown
+        Parameters that are effects which the model may lack: the unit (the value without the effect
+        is 0, and its expected size follows from the records), ``(value without it, expected size,
+        unit)``, :class:`Exposed`, or an :class:`Effect` whose magnitude is added to zero. An effect
+        whose ``data`` is the name of a parameter acts on it and need not be listed here.
     inputs, outputs
-        Names; or names and SI units, ``{"force": "N"}``.
-    exposed
-        Parameters that are effects; with their neutral values the function is the model without
-        effects. An item is an :class:`Exposed`, or an :class:`Effect` whose magnitude is added to
-        zero. An effect whose ``data`` is the name of a parameter acts on that parameter and need
-        not be listed here.
+        Names; or names and SI units, ``{"force": "N"}``. Default: the columns of the records that
+        the function reads, and those that it returns.
+    bounds
+        Lowest and highest value by name of a parameter or an unknown effect.
     workers
         Number of processes; 1: none; default: number of cores if a run takes longer than 5 ms.
+    name
+        Name in messages; default: the name of the function.
     """
 
     def __init__(
         self,
         function: Callable[..., Mapping[str, Any]],
         *,
-        parameters: Sequence[Parameter],
-        inputs: Sequence[str] | Mapping[str, str],
-        outputs: Sequence[str] | Mapping[str, str],
-        exposed: Mapping[str, Exposed | Effect] | None = None,
+        parameters: Priors = (),
+        unknown: Unknowns = None,
+        inputs: Sequence[str] | Mapping[str, str] | None = None,
+        outputs: Sequence[str] | Mapping[str, str] | None = None,
+        bounds: Bounds = None,
         workers: int | None = None,
-        name: str = "simulator",
+        name: str = "",
     ):
-        self.name = name
-        self.parameters = tuple(parameters)
-        self.inputs = tuple(inputs)
-        self.outputs = tuple(outputs)
+        called = getattr(function, "__name__", "")
+        self.name = name = name or (called if called.isidentifier() else "simulator")
+        self.parameters = parameters_of(parameters, bounds)
+        self.inputs = tuple(inputs or ())
+        self.outputs = tuple(outputs or ())
         named = [g for g in (inputs, outputs) if isinstance(g, Mapping)]
         self.units = {k: v for g in named for k, v in g.items() if v}  # "": unknown
-        known = dict(exposed or {})
-        self._neutral = {k: e.neutral if isinstance(e, Exposed) else 0.0 for k, e in known.items()}
-        self.effects = tuple(
-            e.effect(k) if isinstance(e, Exposed) else replace(e, data=k) for k, e in known.items()
-        )
-        """Effects of the exposed parameters."""
+        self.effects, self._neutral, self._unsized = unknown_effects(unknown, bounds)
         self._names = (*(p.name for p in self.parameters), *self._neutral)
+        check_bounds(bounds, self._names, name)
         everything = [*self._names, *self.inputs]
         faults = [
             f"{n!r} is used twice" for n in dict.fromkeys(everything) if everything.count(n) > 1
         ]
-        if not self.outputs:
+        if outputs is not None and not self.outputs:
             faults.append("outputs is empty, expected at least one name")
         if workers is not None and workers < 1:
             faults.append(f"workers = {workers}, expected a whole number >= 1, or None")
         if faults:
             raise InvalidParameter(f"model {name}: " + "; ".join(faults))
+        self._open = inputs is None, outputs is None
         self._workers = workers
+        self._function = function
         self._runner = Runner(function, self.outputs, name)
         self._steps: dict[str, Step] = {}
         self._ready = False
+
+    def matched(self, records: Sequence[Record]) -> Ready:
+        """See :class:`~feltmb.fit.Model`: channels that are not stated are found by one run."""
+        if not any(self._open) or not records:
+            return super().matched(records)
+        first = records[0]
+        asked = _Asked({**first.outputs, **first.inputs}, first.name)
+        point = self._point([p.value for p in self.parameters])
+        with calling(f"model {self.name}: its function"), np.errstate(all="ignore"):
+            given = self._function(first.time.copy(), asked, point)
+        if not isinstance(given, Mapping):
+            raise InvalidParameter(
+                f"model {self.name}: its function returned {type(given).__name__}, expected a "
+                'dictionary of arrays by output, such as {"x": x}'
+            )
+        out = copy.copy(self)
+        shown = dict.fromkeys(n for r in records for n in r.outputs)
+        if self._open[1]:
+            out.outputs = tuple(n for n in given if n in shown)
+        if not out.outputs:
+            raise InvalidParameter(
+                f"model {self.name}: its function returns {', '.join(map(str, given))}, and the "
+                f"records show {', '.join(shown)}: expected the same names"
+            )
+        if self._open[0]:
+            read = asked.read if asked.whole is False else dict.fromkeys(first.inputs)
+            if wrong := [n for n in read if n in out.outputs]:
+                raise InvalidParameter(
+                    f"model {self.name}: its function reads {', '.join(wrong)}, which it also "
+                    "returns: a measured output must not be used"
+                )
+            out.inputs = tuple(read)
+        out._open = False, False
+        out._runner = Runner(self._function, out.outputs, self.name)
+        return out.matched(records)
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
         """No states: the function defines the start of a run."""
@@ -172,6 +221,10 @@ class SimulatorModel(Model):
         """
         if self._ready:
             return Ready(self, tuple(records))
+        if any(self._open):
+            matched = self.matched(records)
+            ready = matched.model.ready(matched.records)
+            return replace(ready, notes=(*matched.notes, *ready.notes))
         self._check_inputs(records)
         runner = self._runner
         prior = self._point([p.value for p in self.parameters])
@@ -181,9 +234,11 @@ class SimulatorModel(Model):
             runner.start(self._workers)
         runner.checked([Run.of(r, self.inputs, prior) for r in records])
         out = copy.copy(self)
-        out._steps, notes = self._chosen_steps(records[0], again)
+        with runner.trying():
+            out.effects, sizes = sized(self, self.effects, self._unsized, records)
+        out._steps, notes = out._chosen_steps(records[0], again)
         out._ready = True
-        notes += runner.notices
+        notes += [*sizes, *runner.notices]
         return Ready(out, tuple(records), tuple(f"model {self.name}: {n}" for n in notes))
 
     def _check_inputs(self, records: Sequence[Record]) -> None:
@@ -196,7 +251,7 @@ class SimulatorModel(Model):
                 )
 
     def _point(self, theta: Sequence[float] | Array) -> dict[str, float]:
-        """All parameters of the function, with neutral values of the exposed ones."""
+        """All parameters of the function, with the values without unknown effects."""
         values = dict(zip((p.name for p in self.parameters), map(float, theta), strict=True))
         return {**values, **self._neutral}
 

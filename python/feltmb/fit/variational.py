@@ -1,4 +1,4 @@
-"""Derivatives of the outputs of an ``OdeModel`` from its variational equations.
+"""Derivatives of the outputs of an ``System`` from its variational equations.
 
 The integrator evaluates the rates at the states of its stages. Here the rates are differentiated at
 all of these states at once, by differences of a few calls with long arrays. The result is the
@@ -25,7 +25,7 @@ from feltmb.fit.coordinates import Named, Rate
 from feltmb.fit.integrate import (
     GAMMA,
     Clock,
-    Equations,
+    System,
     Trajectory,
     advanced,
     integrate,
@@ -191,7 +191,7 @@ class _Variation:
         run: Trajectory,
     ):
         self.model, self.requests, self.runs = model, requests, run.runs
-        self.equations = Equations(model, batches)
+        self.equations = System(model, batches)
         self.count, self.size = self.equations.count, self.equations.size
         self.clock = run.clock.first(self.count)
         self.longest = len(self.clock.time)

@@ -11,23 +11,24 @@ from feltmb.fit import (
     Coordinate,
     Coupling,
     Effect,
+    Equations,
     Exposed,
     FunctionModel,
     Jobs,
     LinearModel,
     Model,
-    OdeModel,
     Parameter,
     Port,
     Rate,
     Sensitivity,
     SensitivityRequest,
-    SimulatorModel,
+    Simulator,
     State,
     including,
 )
 from feltmb.gap.beside import Compared
 from feltmb.gap.blind import OUTCOMES, Case, Withheld, withhold
+from feltmb.gap.candidates import candidates
 from feltmb.gap.compare import Comparison, check
 from feltmb.gap.diagnosis import diagnose, fit_model
 from feltmb.gap.explained import Explained, explained_model
@@ -61,6 +62,7 @@ __all__ = [
     "Coordinate",
     "Coupling",
     "Effect",
+    "Equations",
     "Event",
     "Explained",
     "Exposed",
@@ -71,7 +73,6 @@ __all__ = [
     "Measured",
     "Model",
     "Named",
-    "OdeModel",
     "Options",
     "Parameter",
     "ParameterValue",
@@ -87,13 +88,14 @@ __all__ = [
     "SensitivityRequest",
     "Sensor",
     "SetOfCauses",
-    "SimulatorModel",
+    "Simulator",
     "StartPrior",
     "State",
     "Stop",
     "Trace",
     "Verdict",
     "Withheld",
+    "candidates",
     "check",
     "diagnose",
     "explained_model",

@@ -10,9 +10,12 @@ from feltmb.arguments import checked
 from feltmb.blas import one_thread
 from feltmb.data import Record
 from feltmb.fit.model import Effect, Model
+from feltmb.gap.candidates import chosen_effects
 from feltmb.gap.compare import compared, refuse
+from feltmb.gap.explained import explained_model
 from feltmb.gap.measured import known_by_test
 from feltmb.gap.options import Options
+from feltmb.gap.problem import Problem
 from feltmb.gap.progress import Meter, Progress, Stop
 from feltmb.gap.records import prepare, ready_records
 from feltmb.gap.report import Report
@@ -29,9 +32,10 @@ FITS = 0.85
 @checked
 def diagnose(
     model: Model,
-    effects: Sequence[Effect],
+    effects: Sequence[Effect | str] | None,
     records: Sequence[Record] | Record,
     *,
+    exclude: Sequence[str] | str = (),
     hold_out: Sequence[str] | str | None = None,
     options: Options | None = None,
     tell: Callable[[Progress], None] | None = None,
@@ -43,10 +47,13 @@ def diagnose(
     model
         Model of the machine.
     effects
-        Effects that it may lack. Those of parts that were tested (:func:`with_measured`) are
+        Effects that it may lack, or names and patterns of the default ones; None: all default
+        ones, see :func:`candidates`. Those of parts that were tested (:func:`with_measured`) are
         omitted.
     records
         Measured runs; at least one.
+    exclude
+        Names, patterns, or components of effects that are not tested.
     hold_out
         Names of the records that are not fitted; default: those with the role "held_out", else
         every third of three or more records, else every second block of each record. ``()``: no
@@ -81,12 +88,14 @@ def diagnose(
 
     with one_thread():
         meter.stage("prepare")
-        effects = [e for e in effects if not known_by_test(e, model)]
         ready = ready_records(model, records)
+        found, told = chosen_effects(ready.model, ready.records, effects, exclude)
+        tested = [e for e in found if not known_by_test(e, ready.model)]
         before = compared(ready)
         refuse(before)
-        problem = prepare(ready, effects, hold_out, options)
-        problem = replace(problem, notes=(*before.notes, *(h.text for h in before.hints)))
+        problem = prepare(ready, tested, hold_out, options)
+        notes = *told, *_split(problem), *before.notes, *(h.text for h in before.hints)
+        problem = replace(problem, notes=notes)
         if varies(problem):
             problem = with_variation(problem)
         meter.stage("fit")
@@ -94,13 +103,21 @@ def diagnose(
         seconds = meter.progress.elapsed
         result = judge(searched, options, seconds, meter.stage, check)
         meter.stage("done")
-    return Report.of(result)
+    report = Report.of(result)
+    report.model = explained_model(ready.model, tested, result)
+    return report
+
+
+def _split(problem: Problem) -> tuple[str, ...]:
+    """A note about the records that are held out."""
+    names = ", ".join(o.record.name for o in problem.held_out)
+    return (f"held out: {names}; hold_out= changes the choice",) if names else ()
 
 
 @checked
 def fit_model(
     model: Model,
-    records: Sequence[Record],
+    records: Sequence[Record] | Record,
     *,
     options: Options | None = None,
     tell: Callable[[Progress], None] | None = None,

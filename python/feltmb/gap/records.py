@@ -60,9 +60,11 @@ def ready_records(model: Model, records: Sequence[Record] | Record) -> Ready:
         The faults because of which the records cannot be used, all in one message.
     """
     records = (records,) if isinstance(records, Record) else tuple(records)
+    matched = model.matched(records)
+    model, records = matched.model, matched.records
     notes = check_records(records, model)
     records, told = _without_constant(records, model.outputs)
-    notes += told
+    notes += [*matched.notes, *told]
     ready = model.ready(records)
     return replace(ready, notes=tuple(dict.fromkeys((*notes, *ready.notes))))
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.files import make_folder, write_text
+from feltmb.gap.explained import Explained
 from feltmb.gap.figures import correlation, residuals, svg, told_set, waterfall
 from feltmb.gap.result import (
     Cell,
@@ -397,6 +398,9 @@ def _details(result: Result) -> Iterator[_Section]:
 
 class Report(Result):
     """Result of :func:`feltmb.gap.diagnose`, with its texts, table and figures."""
+
+    model: Explained | None = None
+    """The model with the fitted parameters and the named effects; None: it is not known."""
 
     @classmethod
     @checked

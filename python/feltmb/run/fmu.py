@@ -22,7 +22,7 @@ from feltmb.mechanism import Action, describe, load_action
 from feltmb.run.simulate import refuse_kind
 from feltmb.run.stroke.strokes import MOTORS, PRESCRIBED, UNITS, Kind
 
-__all__ = ["export"]
+__all__ = ["export_fmu"]
 
 #: Value references of variables, as in cpp/fmu/unit.hpp.
 _TIME, _INPUT, _TOLERANCE, _OUTPUTS = 0, 1, 2, 1000
@@ -64,7 +64,7 @@ class _Variable:
 
 
 @checked
-def export(
+def export_fmu(
     action: Action | str | Path,
     path: str | Path,
     *,

@@ -237,9 +237,9 @@ def test_belief_is_that_of_the_sets():
 
 def test_start_states_count_as_in_a_diagnosis():
     """A start prior of the record that fixes a state leaves more information than a free one."""
-    from feltmb.gap import OdeModel, State
+    from feltmb.gap import Equations, State
 
-    model = OdeModel(
+    model = Equations(
         name="lag",
         states=[State(name="x", scale=1.0, start_sd=1.0)],
         parameters=[Parameter(name="rate", value=3.0, sd=0.5, lower=0.1)],

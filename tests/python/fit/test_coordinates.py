@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from feltmb.data import Record, Sensor
-from feltmb.fit import Coordinate, Named, OdeModel, State
+from feltmb.fit import Coordinate, Equations, Named, State
 
 NOTHING = Named({})
 
 
 def model(*coordinates):
-    return OdeModel(
+    return Equations(
         states=[State(name="q", unit="m"), State(name="v", unit="m/s")],
         rates=lambda t, x, u, p: (x.v, -4.0 * x.q),
         outputs={"q": "q"},

@@ -11,8 +11,8 @@ from feltmb.gap import (
     Candidate,
     Coordinate,
     Coupling,
+    Equations,
     Jobs,
-    OdeModel,
     Parameter,
     Rate,
     Record,
@@ -68,7 +68,7 @@ def test_the_motion_is_that_of_the_states():
 def test_all_that_is_wrong_with_a_model_is_told_at_once():
     arm = Coordinate(name="arm", position="q", speed="v")
     with pytest.raises(InvalidParameter) as error:
-        OdeModel(
+        Equations(
             name="arm",
             states=[State(name="q"), State(name="v")],
             rates=lambda t, x, u, p: (x.v, -x.q),
@@ -87,12 +87,12 @@ def test_all_that_is_wrong_with_a_model_is_told_at_once():
     given = {"states": [State(name="q")], "rates": lambda t, x, u, p: (x.q,), "outputs": {"q": "q"}}
     for name, value in (("method", "euler"), ("hold", "cubic"), ("substeps", 2.5)):
         with pytest.raises(InvalidParameter, match=f"{name}: got {value!r}, expected"):
-            OdeModel(**given, **{name: value})
+            Equations(**given, **{name: value})
 
 
 def test_an_accelerometer_feels_effects_and_unknown_forces():
     slide = Coordinate(name="slide", position="q", speed="v", inertia="m")
-    model = OdeModel(
+    model = Equations(
         states=[State(name="q", unit="m", start=0), State(name="v", unit="m/s", scale=1)],
         parameters=[Parameter(name="m", value=2.0), Parameter(name="k", value=100.0)],
         inputs=["f"],
@@ -118,7 +118,7 @@ def test_an_accelerometer_feels_effects_and_unknown_forces():
     without = model.simulate(record, bare)[0, :, 0]
     assert np.max(abs(a - without)) > 0.2 * np.max(abs(a))
     with pytest.raises(InvalidParameter, match="output a: 'w' is no state; known are q, v"):
-        OdeModel(
+        Equations(
             states=[State(name="q"), State(name="v")],
             rates=lambda t, x, u, p: (x.v, -x.q),
             outputs={"a": Rate("w")},
@@ -129,7 +129,7 @@ def test_the_unit_of_a_coordinate_agrees_with_that_of_its_state():
     """A pendulum whose coordinate has the default unit N got magnitudes in N s/m."""
 
     def turning(angle="rad", **of_coordinate):
-        return OdeModel(
+        return Equations(
             states=[State(name="q", unit=angle), State(name="v", unit=f"{angle}/s")],
             rates=lambda t, x, u, p: (x.v, -x.q),
             outputs={"q": "q"},

@@ -1,4 +1,4 @@
-"""Simulators of others behind SimulatorModel: MuJoCo, and an FMU by FMPy; where installed."""
+"""Simulators of others behind Simulator: MuJoCo, and an FMU by FMPy; where installed."""
 
 import importlib.util
 from pathlib import Path
@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import feltmb
 from feltmb.errors import InvalidParameter
-from feltmb.fit import fmu_model
 from feltmb.gap import Candidate, Exposed, Jobs, Parameter, Record, Sensor, diagnose, library
 
 from . import units
@@ -105,10 +105,10 @@ def cart(path, **fields):
         ],
         "inputs": {"force": "N"},
         "outputs": {"x": "m"},
-        "exposed": {"dry": Exposed(scale=0.5, unit="N", component="guide", sign=1)},
+        "unknown": {"dry": Exposed(scale=0.5, unit="N", component="guide", sign=1)},
         **fields,
     }
-    return fmu_model(path, **fields)
+    return feltmb.fmu(path, **fields)
 
 
 def test_variables_that_an_fmu_lacks_are_told(fmu):

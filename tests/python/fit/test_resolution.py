@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from feltmb.gap import (
     Coordinate,
     Coupling,
-    OdeModel,
+    Equations,
     Parameter,
     Record,
     Sensor,
@@ -23,8 +23,8 @@ NOISE = 1e-4
 SLIDE = Coordinate(name="slide", position="q", speed="v", inertia="m")
 
 
-def make_model(k: float = 400.0, **options: object) -> OdeModel:
-    return OdeModel(
+def make_model(k: float = 400.0, **options: object) -> Equations:
+    return Equations(
         name="slide",
         states=[
             State(name="q", unit="m", scale=0.01, start_sd=1e-3),
@@ -154,7 +154,7 @@ def test_a_clearance_between_two_masses_is_named() -> None:
                 sensors={n: Sensor(name=n, unit="rad", sigma=sigma) for n in "ab"},
             )
         )
-    model = OdeModel(
+    model = Equations(
         name="drive",
         states=[State(name=n, unit="rad", scale=0.1, start_sd=1e-3) for n in "ab"]
         + [State(name=n, unit="rad/s", scale=2.0, start_sd=1e-2) for n in "vw"],

@@ -10,14 +10,14 @@ import feltmb
 from feltmb.adapters import mechanism_model
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
-from feltmb.fit import FunctionModel, fmu_model
+from feltmb.fit import FunctionModel
 from feltmb.fit.observe import observe
 from feltmb.gap import (
     Candidate,
+    Equations,
     LinearModel,
-    OdeModel,
     Parameter,
-    SimulatorModel,
+    Simulator,
     State,
     Verdict,
     diagnose,
@@ -71,7 +71,7 @@ def function(record, name):
 
 
 def ode(hold):
-    return OdeModel(
+    return Equations(
         states=[State(name="x", scale=1.0)],
         rates=lambda t, x, u, p: ((u.u1 - x.x) / TAU,),
         inputs=INPUTS,
@@ -99,7 +99,7 @@ def simulator(hold):
         own = {o: inputs[u] for o, u in zip(OUTPUTS, INPUTS, strict=True)}
         return {**own, "late": lag_of(time, inputs["u1"], hold)}
 
-    return SimulatorModel(run, parameters=[], inputs=INPUTS, outputs=(*OUTPUTS, "late"), workers=1)
+    return Simulator(run, parameters=[], inputs=INPUTS, outputs=(*OUTPUTS, "late"), workers=1)
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def make(tmp_path_factory):
         def build(hold):
             folder = tmp_path_factory.mktemp("units")
             path = units.three_channels(folder, *kinds)
-            return fmu_model(
+            return feltmb.fmu(
                 path,
                 parameters=[],
                 inputs=INPUTS,
@@ -228,7 +228,7 @@ def test_a_mechanism_takes_the_same_sample(rigid, even):
 def diagnosed(folder, delay=0.0):
     """Diagnosis of an FMU whose outputs are its inputs; the second one acts later."""
     path = units.three_channels(folder, "CoSimulation")
-    model = fmu_model(path, parameters=[], inputs=INPUTS, outputs=OUTPUTS, workers=1)
+    model = feltmb.fmu(path, parameters=[], inputs=INPUTS, outputs=OUTPUTS, workers=1)
     records = []
     for seed, role in enumerate(("fit", "held_out")):
         random = np.random.default_rng(seed)
@@ -279,7 +279,7 @@ def test_a_short_pulse_is_not_stepped_over(make):
 
 def test_the_assumptions_about_an_fmu_are_told(tmp_path):
     path = units.three_channels(tmp_path, "CoSimulation")
-    model = fmu_model(path, parameters=[], inputs=["u1"], outputs=["y1"], workers=1)
+    model = feltmb.fmu(path, parameters=[], inputs=["u1"], outputs=["y1"], workers=1)
     notes = model.ready([record(clock(True), ["y1"])]).notes
     assert any("late, by up to half a sample" in note for note in notes)
     assert any("its inputs u2, u3 keep their start values" in note for note in notes)
@@ -288,12 +288,12 @@ def test_the_assumptions_about_an_fmu_are_told(tmp_path):
 def test_an_fmu_without_the_wanted_interface_is_told(tmp_path):
     path = units.three_channels(tmp_path, "CoSimulation")
     with pytest.raises(InvalidParameter, match="is an FMU for CoSimulation, expected ModelExch"):
-        fmu_model(path, parameters=[], inputs=INPUTS, outputs=OUTPUTS, kind="ModelExchange")
+        feltmb.fmu(path, parameters=[], inputs=INPUTS, outputs=OUTPUTS, kind="ModelExchange")
 
 
 def test_uneven_steps_that_an_fmu_refuses_are_told(tmp_path):
     path = units.three_channels(tmp_path, "CoSimulation", variable=False)
-    model = fmu_model(path, parameters=[], inputs=INPUTS, outputs=("late",), workers=1)
+    model = feltmb.fmu(path, parameters=[], inputs=INPUTS, outputs=("late",), workers=1)
     given = record(clock(True), ["late"])
     exact = lag_of(given.time, given.inputs["u1"])
     assert np.max(np.abs(readings(model, given)[:, 0] - exact)) < 2e-3  # with the mean of a step
@@ -312,8 +312,8 @@ def test_times_that_fmpy_cannot_tell_apart_are_told(make):
 def test_an_exported_fmu_shows_its_input_at_once(rigid, tmp_path, drive, shown):
     """A held force is its own output; a motion is reached at the end of a step."""
     pytest.importorskip("fmpy")
-    path = feltmb.fmu.export(rigid, tmp_path / "own.fmu", drive=drive, parameters=["gravity.*"])
-    model = fmu_model(path, parameters=[], inputs=[drive], outputs=[shown], workers=1)
+    path = feltmb.export_fmu(rigid, tmp_path / "own.fmu", drive=drive, parameters=["gravity.*"])
+    model = feltmb.fmu(path, parameters=[], inputs=[drive], outputs=[shown], workers=1)
     time = clock(True, 60, 1e-3)
     size = 5.0 if drive == "force" else 2e-3
     values = size * np.sin(40.0 * time) ** 2

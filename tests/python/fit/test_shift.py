@@ -10,8 +10,8 @@ from feltmb.errors import InvalidParameter
 from feltmb.fit import (
     Candidate,
     Effect,
+    Equations,
     LinearModel,
-    OdeModel,
     Parameter,
     SensitivityRequest,
     State,
@@ -79,7 +79,7 @@ def test_a_known_delay_is_part_of_the_readings():
     assert np.allclose(seen[:, 0], motion(time - 0.004)[0], atol=5e-5)
 
 
-OSCILLATOR = OdeModel(
+OSCILLATOR = Equations(
     states=[State(name="x", start_sd=1.0), State(name="v", start_sd=100.0, scale=50.0)],
     rates=lambda t, x, u, p: (x.v, p.k * (u.u - x.x) - 20.0 * x.v),
     outputs={"y": "x"},

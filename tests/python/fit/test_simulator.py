@@ -20,7 +20,7 @@ from feltmb.gap import (
     Parameter,
     Record,
     Sensor,
-    SimulatorModel,
+    Simulator,
     Verdict,
     diagnose,
     fit_model,
@@ -47,10 +47,10 @@ def model(function=decay, **fields):
         ],
         "inputs": ["u"],
         "outputs": {"y": "m"},
-        "exposed": {"drift": Exposed(scale=0.1, unit="m/s", component="floor", sign=1)},
+        "unknown": {"drift": Exposed(scale=0.1, unit="m/s", component="floor", sign=1)},
         **fields,
     }
-    return SimulatorModel(function, **fields)
+    return Simulator(function, **fields)
 
 
 def record(name="r", level=1.0, drift=0.0, seed=0, role="fit"):
@@ -251,14 +251,14 @@ TAU_FAR = Parameter(name="tau", value=0.9, sd=0.5, unit="s", lower=0.01)
 
 def test_faults_of_the_description_are_told_together():
     with pytest.raises(InvalidParameter, match="'gain' is used twice; workers = 0"):
-        model(exposed={"gain": Exposed(scale=1.0)}, workers=0)
+        model(unknown={"gain": Exposed(scale=1.0)}, workers=0)
     with pytest.raises(InvalidParameter, match="model lag needs the input u"):
         model().ready([Record(name="r", time=TIME, inputs={}, outputs={"y": TIME})])
 
 
 def test_an_effect_may_act_on_any_parameter():
     shift = Effect(name="slow valve", component="valve", unit="s", scale=0.1, data="tau")
-    m = model(exposed={"drift": Effect(name="drift of floor", component="floor", scale=0.1)})
+    m = model(unknown={"drift": Effect(name="drift of floor", component="floor", scale=0.1)})
     assert m.accepts(shift)
     assert not m.accepts(Effect(name="x", component="y", data="unknown"))
     r, both = record(), (Candidate(shift), Candidate(m.effects[0]))
@@ -272,7 +272,7 @@ def test_a_neutral_value_need_not_be_zero():
     def f(time, inputs, parameters):
         return decay(time, inputs, {**parameters, "drift": parameters["slope"] - 1.0})
 
-    m = model(f, exposed={"slope": Exposed(scale=0.1, neutral=1.0, sign=1, upper=3.0)})
+    m = model(f, unknown={"slope": Exposed(scale=0.1, neutral=1.0, sign=1, upper=3.0)})
     assert m.effects[0].bounds == (0.0, 2.0)
     report = diagnose(m, m.effects, records(0.05))
     (named,) = report.named
@@ -300,7 +300,7 @@ def test_a_function_that_draws_lots_is_told():
 
 def test_a_parameter_without_influence_is_told():
     m = model(
-        exposed={"drifft": Exposed(scale=0.1)},
+        unknown={"drifft": Exposed(scale=0.1)},
         function=lambda t, u, p: decay(t, u, {**p, "drift": 0.0}),
     )
     assert any("drifft changes no output" in n for n in m.ready([record()]).notes)
@@ -354,7 +354,7 @@ def test_a_fit_finds_a_frequency_that_is_half_a_period_off_at_the_end():
         Parameter(name="rate", value=27.0, sd=1.0),
         Parameter(name="offset", value=0.0, sd=0.1),
     ]
-    m = SimulatorModel(ring, parameters=parameters, inputs=["u"], outputs=["y"], workers=1)
+    m = Simulator(ring, parameters=parameters, inputs=["u"], outputs=["y"], workers=1)
     report = fit_model(m, [measured("a", 1.0, 1), measured("b", 1.3, 2)])
     assert report.worst.explained == pytest.approx(1e-2, rel=0.1)
     assert report.parameters[0].value == pytest.approx(28.0, abs=0.05)

@@ -13,7 +13,7 @@ from feltmb.gap import (
     Candidate,
     Coordinate,
     Effect,
-    OdeModel,
+    Equations,
     Parameter,
     Rate,
     Record,
@@ -31,9 +31,9 @@ def rates(_, x, u, p):
     return x.v, (u.f - p.k * x.q - p.d * x.v - 0.2 * np.tanh(x.v / 0.02)) / p.m
 
 
-def make_model(**options: object) -> OdeModel:
+def make_model(**options: object) -> Equations:
     options = {"rates": rates, "inputs": ["f"], **options}
-    return OdeModel(
+    return Equations(
         name="slide",
         states=[
             State(name="q", unit="m", scale=0.01),
@@ -107,14 +107,14 @@ def differing(ours: list, theirs: list) -> dict[str, float]:
     return found
 
 
-def both(monkeypatch: pytest.MonkeyPatch, model: OdeModel, requests: list) -> dict[str, float]:
+def both(monkeypatch: pytest.MonkeyPatch, model: Equations, requests: list) -> dict[str, float]:
     """Differences between the derivatives of the model and differences with small steps."""
     model.difference_step = 1e-4
     with monkeypatch.context() as patch:
         patch.setattr("feltmb.fit.model.difference_sensitivities", None)  # it is not needed
         ours = observed_sensitivities(model, requests)
     with monkeypatch.context() as patch:
-        patch.setattr(OdeModel, "sensitivities", difference_sensitivities)
+        patch.setattr(Equations, "sensitivities", difference_sensitivities)
         theirs = observed_sensitivities(model, requests)
     return differing(ours, theirs)
 
@@ -169,7 +169,7 @@ def test_a_rate_that_jumps_is_differentiated_by_differences():
 
 
 def test_a_subclass_with_its_own_simulation_is_differentiated_by_differences():
-    class Doubled(OdeModel):
+    class Doubled(Equations):
         def simulate(self, record, jobs):
             return 2.0 * super().simulate(record, jobs)
 

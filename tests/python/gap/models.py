@@ -6,9 +6,9 @@ from feltmb.gap import (
     Candidate,
     Coordinate,
     Effect,
+    Equations,
     Jobs,
     LinearModel,
-    OdeModel,
     Parameter,
     Record,
     Sensor,
@@ -27,7 +27,7 @@ def line(sd):
 
 
 MASS = Coordinate(name="mass", position="q", speed="v", inertia="m")
-NOMINAL = OdeModel(
+NOMINAL = Equations(
     name="oscillator",
     states=[
         State(name="q", unit="m", scale=0.01, start_sd=1e-3),

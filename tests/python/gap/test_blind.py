@@ -11,8 +11,8 @@ from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import (
     Case,
     Effect,
+    Equations,
     LinearModel,
-    OdeModel,
     Options,
     Parameter,
     Record,
@@ -150,7 +150,7 @@ def decay(start):
 @pytest.mark.parametrize("start", [None, StartPrior(known=False)])
 def test_a_machine_starts_where_the_measured_one_does(start):
     """Unknown start states, and parameters without a prior, are fitted to the records first."""
-    model = OdeModel(
+    model = Equations(
         name="decay", states=[State(name="x", unit="K")], outputs={"x": "x"}, inputs=[],
         parameters=[Parameter(name="a", value=0.5, unit="1/s")],
         rates=lambda t, x, u, p: (-p.a * x.x,),

@@ -101,7 +101,7 @@ def test_numbers_of_a_difference_are_those_by_hand():
 
 def swinging(start_sd, *, rate=lambda q, v: -9.0 * q):
     """A free oscillator, and two records of it that start at a turn and at full speed."""
-    model = gap.OdeModel(
+    model = gap.Equations(
         name="pendulum",
         states=[
             gap.State(name="q", unit="rad", scale=0.5, start_sd=start_sd),
@@ -240,7 +240,7 @@ def test_a_mechanism_in_a_wrong_unit_and_a_late_clock_are_seen():
 def heated(change_input=1.0, scale=(1.0, 0.0), gain=1.0):
     """Model and records of a block in a room of 22 degC, with a wrong input or scale."""
     random = np.random.default_rng(2)
-    model = gap.OdeModel(
+    model = gap.Equations(
         name="block",
         states=[gap.State(name="T", unit="degC", scale=10.0, start=22.0, start_sd=0.5)],
         parameters=[
@@ -293,7 +293,7 @@ def test_a_gap_of_a_temperature_is_no_wrong_unit(gain):
 
 def test_uncertain_start_states_do_not_hide_a_wrong_unit():
     """A start state that is estimated could absorb degrees that were labeled as radians."""
-    model = gap.OdeModel(
+    model = gap.Equations(
         name="arm",
         states=[gap.State(name="q", unit="rad", scale=0.1, start_sd=1.0),
                 gap.State(name="v", unit="rad/s", scale=1.0, start_sd=10.0)],
@@ -353,7 +353,7 @@ def exchanged(r, *names):
 
 def three(stiffness_sd=0.1):
     """Three outputs of one input, with the records of a model that is a tenth softer."""
-    model = gap.SimulatorModel(
+    model = gap.Simulator(
         lambda time, inputs, p: {
             "a": p["k"] * inputs["u"], "b": np.cumsum(inputs["u"]) * 0.02, "c": inputs["u"] ** 2
         },
@@ -406,7 +406,7 @@ def test_single_numbers_are_not_exchanged_columns():
 def pair(model_shares, record_shares, noise, sd=0.02):
     """A model of two channels in proportion to the input, and records of other shares."""
     names = ("left", "right")
-    model = gap.SimulatorModel(
+    model = gap.Simulator(
         lambda time, inputs, p: {
             n: p["size"] * s * inputs["u"] for n, s in zip(names, model_shares, strict=True)
         },

@@ -21,9 +21,9 @@ from feltmb.data import (
 )
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import (
-    OdeModel,
+    Equations,
     Parameter,
-    SimulatorModel,
+    Simulator,
     State,
     diagnose,
     fit_model,
@@ -483,7 +483,7 @@ def test_the_input_of_a_mechanism_has_a_unit_too():
 
 def test_six_samples_are_enough_for_one_parameter():
     """First-order decay from published samples: dCa/dt = -k Ca, least squares give k = 2.589."""
-    model = OdeModel(
+    model = Equations(
         name="first-order decay",
         states=[State(name="Ca", unit="mol/l", scale=1.0, start=2.0081, start_sd=0.0)],
         parameters=[Parameter(name="k", value=1.3, unit="1/s", lower=0.0)],
@@ -568,7 +568,7 @@ def test_a_column_without_a_unit_is_told(tmp_path):
 def test_a_unit_that_the_model_knows_is_asked_for_whatever_the_model_is(tmp_path):
     """A model in Python took such columns in SI without a word, a mechanism refused them."""
     (tmp_path / "a.csv").write_text("t [s],y,u [N]\n0,1,2\n1,2,3\n2,3,4\n")
-    model = SimulatorModel(
+    model = Simulator(
         lambda time, inputs, parameters: {"y": inputs["u"]},
         parameters=[],
         inputs=["u"],
@@ -648,7 +648,7 @@ def test_a_record_in_motion_is_written_and_read(tmp_path):
 def test_a_slow_clock_is_named_though_it_shows_times_after_the_end():
     """A clock that is 2 % slow: the record lasts 2 % longer than its clock says."""
     time, rate = np.arange(0.0, 6.0, 0.02), 1.02
-    model = OdeModel(
+    model = Equations(
         name="pendulum",
         states=[
             State(name="q", unit="rad", scale=0.5, start=0.5, start_sd=0.5),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feltmb.gap import Coordinate, OdeModel, Options, Parameter, Record, Sensor, State, library
+from feltmb.gap import Coordinate, Equations, Options, Parameter, Record, Sensor, State, library
 from feltmb.gap.linear import Ask, Point, count_global, evaluate, local_of
 from feltmb.gap.problem import Member
 from feltmb.gap.records import prepare, ready_records
@@ -20,7 +20,7 @@ def rates(t, x, u, p):
 
 def slide(duration=4.0, samples=401):
     """A mass on a spring that is driven by two sines, and a record of its inputs."""
-    model = OdeModel(
+    model = Equations(
         name="slide",
         states=[State(name="x", unit="m", scale=0.01), State(name="v", unit="m/s", scale=0.1)],
         parameters=[

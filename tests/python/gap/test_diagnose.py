@@ -10,8 +10,8 @@ import pytest
 from feltmb.errors import FeltmbError
 from feltmb.gap import (
     Coordinate,
+    Equations,
     Jobs,
-    OdeModel,
     Parameter,
     Record,
     Sensor,
@@ -160,7 +160,7 @@ def swing_rates(t, x, u, p):
 
 def test_a_slow_clock_is_told_as_the_clock(causes):
     del causes
-    model = OdeModel(
+    model = Equations(
         name="swing",
         states=[State(name="q", unit="rad", scale=0.3), State(name="v", unit="rad/s", scale=2.0)],
         parameters=[Parameter(name="d", value=0.1, sd=0.05, unit="1/s")],

@@ -14,10 +14,10 @@ from feltmb.errors import DataError, InvalidParameter
 QUICK = gap.Options(tries=2, most=1)
 
 MODEL = """
-from feltmb.gap import Coordinate, OdeModel, Parameter, State, library
+from feltmb.gap import Coordinate, Equations, Parameter, State, library
 
 table = Coordinate(name="table", position="x", speed="v", inertia="m")
-model = OdeModel(
+model = Equations(
     name="table",
     states=[State(name="x", unit="m", start_sd=1e-4), State(name="v", unit="m/s", start_sd=1e-3)],
     parameters=[Parameter(name="m", value=2.0, sd=0.1, unit="kg"),

@@ -6,10 +6,10 @@ import pytest
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit.model import Candidate, Jobs, SensitivityRequest
-from feltmb.gap import OdeModel, Parameter, State, Verdict, diagnose, library
+from feltmb.gap import Equations, Parameter, State, Verdict, diagnose, library
 
 MINUTE = 60.0
-VESSEL = OdeModel(
+VESSEL = Equations(
     name="heated vessel",
     states=[State(name="T", unit="degC", scale=20.0, start=20.0, start_sd=10.0)],
     parameters=[
@@ -54,7 +54,7 @@ def test_exchange_and_its_derivative_have_closed_forms(power, start):
     """d' = -m d |d|^(p - 1) of the difference d, for a body above and below the ambient value."""
     room, size = 20.0, 1e-4
     effect = library.exchange("T", "room", power, scale=1e-4)
-    alone = OdeModel(
+    alone = Equations(
         states=[State(name="T", unit="degC", scale=20.0)],
         inputs={"room": "degC"},
         rates=lambda t, x, u, p: (0.0 * x.T,),

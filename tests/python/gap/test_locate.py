@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from feltmb.gap import (
     Coordinate,
     Effect,
+    Equations,
     LinearModel,
-    OdeModel,
     Parameter,
     Record,
     Sensor,
@@ -112,7 +112,7 @@ def pair():
         pull = 60.0 * (x.x - x.y)
         return x.v, u.force - p.k * x.x - x.v - pull, x.w, pull - x.w
 
-    return OdeModel(
+    return Equations(
         name="pair",
         states=states,
         rates=rates,

@@ -13,9 +13,9 @@ from feltmb.fit.noise import Noise
 from feltmb.gap import (
     Candidate,
     Effect,
+    Equations,
     Jobs,
     LinearModel,
-    OdeModel,
     Parameter,
     Record,
     Sensor,
@@ -26,7 +26,7 @@ from feltmb.gap import (
 )
 
 SIGMA, RELATIVE, COUNT = 2e-3, 0.04, 300
-TANK = OdeModel(
+TANK = Equations(
     name="tank",
     states=[
         State(name="a", unit="mol/l", scale=1.0, start_sd=0.0),

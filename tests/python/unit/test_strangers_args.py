@@ -159,7 +159,7 @@ SIMULATOR = {
     "parameters": [gap.Parameter(name="k", value=1.0, sd=1.0)],
     "inputs": {"f": "N"},
     "outputs": {"q": "m"},
-    "exposed": {"extra": fit.Exposed(scale=1.0)},
+    "unknown": {"extra": fit.Exposed(scale=1.0)},
     "workers": 1,
     "name": "line",
 }
@@ -172,7 +172,7 @@ FUNCTION = {
 
 @cache
 def oscillator():
-    return gap.OdeModel(**ODE)
+    return gap.Equations(**ODE)
 
 
 @cache
@@ -589,7 +589,7 @@ CALLS = {
         feltmb.Machine(pendulum()),
         {"state": feltmb.Machine(pendulum()).state()},
     ),
-    "feltmb.run.fmu.export": lambda: {
+    "feltmb.export_fmu": lambda: {
         "action": pendulum(),
         "path": "unit.fmu",
         "version": "3.0",
@@ -937,10 +937,10 @@ CALLS = {
         name: getattr(DRY, name) for name in inspect.signature(gap.Effect).parameters
     },
     "feltmb.fit.FunctionModel": lambda: dict(FUNCTION),
-    "feltmb.fit.SimulatorModel": lambda: dict(SIMULATOR),
+    "feltmb.fit.Simulator": lambda: dict(SIMULATOR),
     "feltmb.fit.Exposed": lambda: {"scale": 1.0, "unit": "N", "component": "guide"},
     "feltmb.fit.Exposed.effect": lambda: (fit.Exposed(scale=1.0), {"name": "extra"}),
-    "feltmb.fit.fmu_model": None,  # needs FMPy and an FMU
+    "feltmb.fit.fmu": None,  # needs FMPy and an FMU
     "feltmb.Action.with_laws": lambda: (
         pendulum(),
         {"laws": {pendulum().config.contacts and next(iter(pendulum().config.contacts)): law()}},
@@ -959,7 +959,7 @@ CALLS = {
     },
     "feltmb.fit.LinearModel": lambda: dict(LINEAR),
     "feltmb.fit.Named": lambda: {"values": {"a": 1.0}},
-    "feltmb.fit.OdeModel": lambda: dict(ODE),
+    "feltmb.fit.Equations": lambda: dict(ODE),
     "feltmb.fit.Parameter": lambda: {
         "name": "p",
         "value": 1.0,
@@ -1356,10 +1356,10 @@ def _models():
     line = fit.LinearModel(**LINEAR)
     return {
         "Model": oscillator(),
-        "OdeModel": oscillator(),
+        "Equations": oscillator(),
         "LinearModel": line,
         "FunctionModel": fit.FunctionModel(**FUNCTION),
-        "SimulatorModel": fit.SimulatorModel(**SIMULATOR),
+        "Simulator": fit.Simulator(**SIMULATOR),
         "Including": fit.including(oscillator(), [DRY], [0.01]),
     }
 
@@ -1439,7 +1439,7 @@ NAMES = public_names()
 
 def test_every_public_callable_has_a_valid_call():
     """So that none is forgotten below."""
-    models = ("Model", "OdeModel", "LinearModel", "FunctionModel", "SimulatorModel", "Including")
+    models = ("Model", "Equations", "LinearModel", "FunctionModel", "Simulator", "Including")
     missing = [n for n in NAMES if n not in CALLS and n.split(".")[-2] not in models]
     assert not missing
     assert not set(CALLS) - {*NAMES, *_constructed()}

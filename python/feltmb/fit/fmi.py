@@ -16,10 +16,11 @@ from feltmb.arguments import checked
 from feltmb.data import Array, evenly_spaced
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file
-from feltmb.fit.model import Effect, Parameter
-from feltmb.fit.simulator import Exposed, SimulatorModel
+from feltmb.fit.priors import Bounds, Priors, Unknowns
+from feltmb.fit.simulator import Simulator
+from feltmb.units import spelled_unit
 
-__all__ = ["fmu_model"]
+__all__ = ["fmu"]
 
 #: Relative tolerance of model exchange: derivatives are differences of runs.
 RTOL = 1e-7
@@ -30,7 +31,7 @@ def _fmpy() -> Any:
         import fmpy
     except ImportError:
         raise InvalidParameter(
-            "fmu_model: the package fmpy is not installed; pip install fmpy"
+            "fmu: the package fmpy is not installed; pip install fmpy"
         ) from None
     return fmpy
 
@@ -190,27 +191,50 @@ def _continuous(variable: Any) -> bool:
     return real and variable.variability != "discrete"
 
 
+def _channels(description: Any, causality: str) -> dict[str, str]:
+    """Continuous inputs or outputs of an FMU, with their units in the forms of feltmb."""
+    found = {}
+    for v in description.modelVariables:
+        if v.causality == causality and v.type in ("Real", "Float64", "Float32"):
+            unit = v.unit or (v.declaredType.unit if v.declaredType is not None else None) or ""
+            found[v.name] = spelled_unit(unit.replace(".", " ")) or "" if unit else ""
+    return found
+
+
+def _started(name: str, prior: Any, variables: Mapping[str, Any]) -> Any:
+    """A prior whose value None is the start value of the variable."""
+    if not (isinstance(prior, list | tuple) and prior and prior[0] is None):
+        return prior
+    start = getattr(variables.get(name), "start", None)
+    if start is None:
+        return prior
+    return (float(start), *prior[1:])
+
+
 @checked
-def fmu_model(
+def fmu(
     path: str | Path,
     *,
-    parameters: Sequence[Parameter],
-    inputs: Sequence[str] | Mapping[str, str],
-    outputs: Sequence[str] | Mapping[str, str],
-    exposed: Mapping[str, Exposed | Effect] | None = None,
+    parameters: Priors = (),
+    unknown: Unknowns = None,
+    inputs: Sequence[str] | Mapping[str, str] | None = None,
+    outputs: Sequence[str] | Mapping[str, str] | None = None,
+    bounds: Bounds = None,
     kind: Literal["ModelExchange", "CoSimulation"] | None = None,
     hold: Literal["linear", "zero"] = "linear",
     workers: int | None = None,
     name: str = "",
-) -> SimulatorModel:
+) -> Simulator:
     """An FMU as a model; requires the package ``fmpy``.
 
     Parameters
     ----------
     path
         File of the FMU.
-    parameters, inputs, outputs, exposed
-        As in :class:`SimulatorModel`; the names are variables of the FMU.
+    parameters, unknown, inputs, outputs, bounds
+        As in :class:`Simulator`; the names are variables of the FMU. Default of the inputs and
+        outputs: those of the FMU, with their units. The value of a parameter may be None: its start
+        value in the FMU.
     kind
         Default: model exchange if the FMU has it. In co-simulation an FMU does not get inputs
         within a step; outputs are read after the inputs have got their values at its end.
@@ -219,7 +243,7 @@ def fmu_model(
         and first moment; ``"zero"`` (constant at the value of the last sample, as for a
         digital-to-analog converter).
     workers, name
-        As in :class:`SimulatorModel`; the default name is the name of the FMU.
+        As in :class:`Simulator`; the default name is the name of the FMU.
 
     Raises
     ------
@@ -235,7 +259,14 @@ def fmu_model(
     except Exception as error:
         raise InvalidParameter(f"{path}: cannot be read as an FMU: {error}") from error
     variables = {v.name: v for v in description.modelVariables}
-    wanted = [*(p.name for p in parameters), *(exposed or {}), *inputs, *outputs]
+    if inputs is None:
+        inputs = _channels(description, "input")
+    if outputs is None:
+        outputs = _channels(description, "output")
+    if isinstance(parameters, Mapping):
+        parameters = {n: _started(n, p, variables) for n, p in parameters.items()}
+    listed = parameters if isinstance(parameters, Mapping) else [p.name for p in parameters]
+    wanted = [*listed, *(unknown or {}), *inputs, *outputs]
     missing = [n for n in wanted if n not in variables]
     if missing:
         raise InvalidParameter(
@@ -271,12 +302,13 @@ def fmu_model(
         if (description.generationTool or "").startswith("feltmb")
         and not (variables[n].description or "").endswith("hold: zero")
     )
-    return SimulatorModel(
+    return Simulator(
         _Fmu(path, tuple(outputs), str(kind), hold, at_end, tuple(notices)),
         parameters=parameters,
         inputs=inputs,
         outputs=outputs,
-        exposed=exposed,
+        unknown=unknown,
+        bounds=bounds,
         workers=workers,
         name=name or description.modelName,
     )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -17,42 +19,58 @@ from feltmb.fit.model import (
     Candidate,
     Effect,
     Jobs,
-    Parameter,
     Port,
     Ready,
     Sensitivity,
     SensitivityRequest,
     State,
 )
+from feltmb.fit.priors import (
+    Bounds,
+    Priors,
+    Unknowns,
+    check_bounds,
+    parameters_of,
+    unknown_effects,
+)
 from feltmb.fit.resolution import Stepped, resolved
+from feltmb.fit.short import by_rates, states_of, trial, with_unknown
+from feltmb.fit.sizes import sized
 from feltmb.fit.variational import variational_sensitivities
 from feltmb.units import to_si
 
-__all__ = ["OdeModel"]
+__all__ = ["Equations"]
 
 
 @checked
-class OdeModel(Stepped):
+class Equations(Stepped):
     """States with rates dx/dt = f(t, x, u, p), as a function of arrays.
 
     Parameters
     ----------
-    states, parameters
-        Their names must differ.
     rates
         ``rates(t, x, u, p)`` returns the rates in the order of the states, each a number or (B,).
         ``x.q``, ``u.force``, ``p.mass`` are arrays with one entry per job.
+    states
+        Name -> unit, or ``(start, sd of the start, unit)``; with the unit alone, the start is
+        unknown. Or a list of :class:`State`.
+    parameters, unknown, bounds
+        As for :class:`Simulator`. The names of states, inputs and parameters must differ.
     outputs
         Name -> name of a state; or ``Rate("v")``, the rate of a state including effects; or a
         function ``(t, x, u, p) -> (B,)``, which gets the states of the model without effects.
+        Default: every state by its name.
     inputs
         Names of the inputs that the rates use; a record must contain them. With their units, as
-        ``{"valve": "%"}``, files in other units are converted to these.
+        ``{"valve": "%"}``, files in other units are converted to these. Default: those that the
+        rates read in a trial.
     coordinates
         Coordinates of a second-order system, and couplings between them; each is also a port for
-        unknown forces.
+        unknown forces. Default: every state whose rate is another state, with the parameter in kg
+        or kg m^2 that divides all forces as its inertia.
     ports
         Name -> state whose rate an unknown quantity may change, for systems of first order.
+        Default: every state that belongs to no coordinate, if the coordinates have their default.
     method
         ``"rk4"``: classical Runge-Kutta, ``substeps`` steps per sample. ``"rosenbrock"``: linearly
         implicit of order 2 (L-stable), for stiff systems.
@@ -71,13 +89,15 @@ class OdeModel(Stepped):
 
     def __init__(
         self,
-        *,
-        states: Sequence[State],
         rates: Callable[[Any, Named, Named, Named], Any],
-        outputs: Mapping[str, str | Rate | Callable[[Any, Named, Named, Named], Any]],
-        parameters: Sequence[Parameter] = (),
-        inputs: Sequence[str] | Mapping[str, str] = (),
-        coordinates: Sequence[Coordinate | Coupling] = (),
+        *,
+        states: Sequence[State] | Mapping[str, Any],
+        parameters: Priors = (),
+        unknown: Unknowns = None,
+        inputs: Sequence[str] | Mapping[str, str] | None = None,
+        outputs: Mapping[str, str | Rate | Callable[[Any, Named, Named, Named], Any]] | None = None,
+        bounds: Bounds = None,
+        coordinates: Sequence[Coordinate | Coupling] | None = None,
         ports: Mapping[str, str] | None = None,
         method: Literal["rk4", "rosenbrock"] = "rk4",
         substeps: int | None = None,
@@ -85,9 +105,24 @@ class OdeModel(Stepped):
         name: str = "model",
     ):
         self.name = name
-        self.parameters = tuple(parameters)
+        self.parameters = parameters_of(parameters, bounds)
+        self.effects, neutral, self._unsized = unknown_effects(unknown, bounds)
+        check_bounds(bounds, [*(p.name for p in self.parameters), *neutral], name)
+        self._rates = with_unknown(rates, neutral)
+        self.effects = tuple(by_rates(rates, e, neutral) for e in self.effects)
+        self._states = states_of(states)
+        self._unscaled = isinstance(states, Mapping)
+        found = trial(self._rates, self._states, self.parameters, inputs)
+        outputs = {s.name: s.name for s in self._states} if outputs is None else outputs
+        inputs = found.inputs if inputs is None else inputs
         self.outputs = tuple(outputs)
         self.inputs = tuple(inputs)
+        self._inferred = coordinates is None
+        if coordinates is None:
+            coordinates = found.coordinates
+            own = {n for c in coordinates for n in (c.position, c.speed)}
+            if ports is None and self._unscaled:
+                ports = {s.name: s.name for s in self._states if s.name not in own}
         self.coordinates = tuple(coordinates)
         self.substeps = substeps
         self.hold: Literal["auto", "linear", "zero", "spline", "between"] = hold
@@ -95,10 +130,9 @@ class OdeModel(Stepped):
         self._resolved = False
         #: By included effects: whether the variational equations predict changes of the outputs.
         self._smooth: dict[object, bool] = {}
-        self._states = tuple(states)
-        self._rates = rates
         self._outputs = dict(outputs)
-        units = {s.name: s.unit for s in states}
+        self._unknown = tuple(neutral)
+        units = {s.name: s.unit for s in self._states}
         self.units = {k: units[v] for k, v in outputs.items() if isinstance(v, str) and v in units}
         self.units |= {
             k: _per_second(units[v.state])
@@ -108,6 +142,10 @@ class OdeModel(Stepped):
         if isinstance(inputs, Mapping):
             self.units |= inputs
         self._port_states = dict(ports or {})
+        self._make_ports()
+        self._check()
+
+    def _make_ports(self) -> None:
         self.ports = tuple(
             Port(
                 name=c.name,
@@ -117,18 +155,18 @@ class OdeModel(Stepped):
                 position=c.position,
                 speed=c.speed,
             )
-            for c in coordinates
+            for c in self.coordinates
         ) + tuple(
             Port(name=n, component=n, unit=f"{s.unit}/s", scale=s.scale, position=state)
-            for n, state in (ports or {}).items()
+            for n, state in self._port_states.items()
             for s in self._states
             if s.name == state
         )
-        self._check()
 
     def _check(self) -> None:
         names = [s.name for s in self._states]
-        everything = [*names, *(p.name for p in self.parameters), *self.inputs]
+        own = [p.name for p in self.parameters]
+        everything = [*names, *own, *self._unknown, *self.inputs]
         faults = [
             f"{n!r} is used twice" for n in dict.fromkeys(everything) if everything.count(n) > 1
         ]
@@ -145,7 +183,6 @@ class OdeModel(Stepped):
                 for n in (part.position, part.speed)
                 if n not in names
             )
-        own = [p.name for p in self.parameters]
         faults += [
             f"coordinate {part.name}: inertia {part.inertia!r} is no parameter; known are "
             f"{', '.join(own) or 'none'}"
@@ -199,13 +236,58 @@ class OdeModel(Stepped):
         if self._resolved:
             return Ready(self, tuple(records))
         try:
-            out, notes = resolved(self, records)
+            out, notes = resolved(self._scaled(records), records)
+            out.effects, sizes = sized(out, out.effects, self._unsized, records)
         except FeltmbError:  # the first simulation of the user reports it better
             return Ready(self, tuple(records))
         out._resolved = True
+        notes += sizes
+        if self._inferred and self.coordinates:
+            listed = [
+                f"{c.name} (speed {c.speed}, inertia {c.inertia or 'none'})"
+                for c in self.coordinates
+                if isinstance(c, Coordinate)
+            ]
+            notes.append(f"coordinates, from the rates: {', '.join(listed)}")
         parts = {part.name: part for c in self.coordinates for part in c.parts}
         notes += [text for part in parts.values() if (text := part.without_inertia)]
         return Ready(out, tuple(records), tuple(notes))
+
+    def _scaled(self, records: Sequence[Record]) -> Equations:
+        """Copy with scales from the records where the short forms state none."""
+        if not self._unscaled:
+            return self
+        out = copy.copy(self)
+        paths = []
+        for r in records:
+            start = [(r.start.mean if r.start else {}).get(s.name, s.start) for s in self._states]
+            theta = np.array([[p.value for p in self.parameters]])
+            paths.append(self.motion(r, Jobs(theta=theta, starts=np.array([start])))[0])
+        shown = {v: k for k, v in self._outputs.items() if isinstance(v, str)}
+        sizes = {}
+        for i, s in enumerate(self._states):
+            seen = [r.outputs[shown[s.name]] for r in records if shown.get(s.name) in r.outputs]
+            values = seen or [path[:, i] for path in paths]
+            spread = [float(np.nanstd(v)) for v in values if np.isfinite(v).any()]
+            sizes[s.name] = max(spread, default=0.0) or 1.0
+        out._states = tuple(replace(s, scale=sizes[s.name]) for s in self._states)
+        if self._inferred:
+            names = [s.name for s in self._states]
+            values = {p.name: abs(p.value) for p in self.parameters}
+            pushes = {}
+            for c in (c for c in self.coordinates if isinstance(c, Coordinate)):
+                i = names.index(c.speed)
+                rate = max(
+                    float(np.std(np.gradient(path[:, i], r.time)))
+                    for r, path in zip(records, paths, strict=True)
+                )
+                push = values.get(str(c.inertia), 1.0) * rate
+                pushes[c.name] = push if 0.0 < push < np.inf else 1.0
+            out.coordinates = tuple(
+                replace(c, scale=pushes.get(c.name, c.scale)) for c in self.coordinates
+            )
+        out._make_ports()
+        return out
 
     def accepts(self, effect: Effect) -> bool:
         """Whether an effect has a ``rate``, or is a sensor or input effect."""
@@ -217,7 +299,7 @@ class OdeModel(Stepped):
 
     def simulate_all(self, batches: Sequence[Batch]) -> list[Array]:
         """Simulate batches; jobs with the same included effects are integrated together."""
-        if type(self).simulate is not OdeModel.simulate:  # a subclass overrides ``simulate``
+        if type(self).simulate is not Equations.simulate:  # a subclass overrides ``simulate``
             return super().simulate_all(batches)
         return self._simulated(batches)
 
@@ -231,7 +313,7 @@ class OdeModel(Stepped):
         """Derivatives from the variational equations, or by differences if the rates jump."""
         for request in requests:
             request.check(self)
-        own = (OdeModel.simulate, OdeModel.simulate_all)
+        own = (Equations.simulate, Equations.simulate_all)
         if (type(self).simulate, type(self).simulate_all) != own:  # a subclass overrides them
             return super().sensitivities(requests)
         self._check_inputs([(r.record, r.jobs()) for r in requests])

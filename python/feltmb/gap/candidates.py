@@ -1,0 +1,215 @@
+"""Candidates of a diagnosis from what a model has: effects with their sizes from the records."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from feltmb.arguments import checked
+from feltmb.data import Array, Record
+from feltmb.errors import InvalidParameter, near_names
+from feltmb.fit.model import Effect, Jobs, Model, State
+from feltmb.gap.library import (
+    constant_rate,
+    exchange,
+    for_coordinate,
+    for_input,
+    for_sensor,
+    leak,
+    power_outflow,
+)
+from feltmb.units import same_unit
+
+__all__ = ["candidates", "chosen_effects"]
+
+#: Share of the values below the typical size of a quantity [1].
+TYPICAL = 0.98
+#: Typical loss of a level by a missing flow, as a share of its own rate [1].
+FLOW = 0.1
+
+
+@checked
+def candidates(model: Model, records: Sequence[Record] | Record) -> tuple[Effect, ...]:
+    """Effects that a model may lack, with sizes from the records.
+
+    They are the effects that the model offers (unknown parameters of a simulator, the library of a
+    mechanism), those of every coordinate, of every other state, of every input, and of every
+    sensor. :meth:`feltmb.fit.Model.diagnose` tests them.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    records
+        Measured runs; at least one.
+    """
+    records = (records,) if isinstance(records, Record) else tuple(records)
+    matched = model.matched(records)
+    ready = matched.model.ready(matched.records)
+    return tuple(_all(ready.model, ready.records))
+
+
+def chosen_effects(
+    model: Model,
+    records: Sequence[Record],
+    effects: Sequence[Effect | str] | None,
+    exclude: Sequence[str] | str,
+) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
+    """Effects of a diagnosis, and a note about the choice.
+
+    Parameters
+    ----------
+    model, records
+        A model that is ready for its records.
+    effects
+        Effects, or names and patterns of the default ones; None: all default ones.
+    exclude
+        Names, patterns, or components that are left out.
+
+    Raises
+    ------
+    InvalidParameter
+        A name fits no effect.
+    """
+    texts = [e for e in effects or () if isinstance(e, str)]
+    exclude = [exclude] if isinstance(exclude, str) else list(exclude)
+    if effects is not None and not texts and not exclude:
+        return tuple(e for e in effects if isinstance(e, Effect)), ()
+    default = tuple(_all(model, records)) if effects is None or texts else ()
+    own = tuple(e for e in effects or () if isinstance(e, Effect))
+    found = (*own, *(_named(default, texts, "effects") if texts else default))
+    out = {e.name for e in _named(found, exclude, "exclude")}
+    kept = tuple(e for e in found if e.name not in out)
+    counted = Counter(e.component for e in kept)
+    listed = ", ".join(f"{count} of {part}" for part, count in counted.items())
+    left = f"; left out: {', '.join(e.name for e in found if e.name in out)}" if out else ""
+    names = ", ".join(dict.fromkeys(r.name for r in records))
+    return kept, (
+        f"effects tested: {len(kept)} ({listed or 'none'}), with sizes from {names}{left}; "
+        "effects= and exclude= change the choice",
+    )
+
+
+def _named(effects: Sequence[Effect], names: Sequence[str], what: str) -> list[Effect]:
+    """Effects by name, pattern or component."""
+    found: dict[str, Effect] = {}
+    for name in names:
+        fitting = [e for e in effects if fnmatchcase(e.name, name) or e.component == name]
+        if not fitting:
+            known = [e.name for e in effects]
+            raise InvalidParameter(
+                f"{what}: got {name!r}, no effect, pattern or component"
+                f"{near_names(name, known)}; there are {', '.join(known)}"
+            )
+        found |= {e.name: e for e in fitting}
+    return list(found.values())
+
+
+def _all(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
+    yield from model.effects
+    if model.offers_all:
+        return
+    yield from _of_states(model, records)
+    for name in model.inputs or dict.fromkeys(n for r in records for n in r.inputs):
+        with_it = [r for r in records if name in r.inputs]
+        if with_it:
+            widest = max(with_it, key=lambda r: float(np.ptp(r.inputs[name])))
+            unit = model.units.get(name)
+            yield from for_input(name, widest, unit=unit)
+    for name in model.outputs:
+        seen = [r for r in records if np.isfinite(r.outputs.get(name, np.nan)).any()]
+        if seen:
+            widest = max(seen, key=lambda r: float(np.nanstd(r.outputs[name])))
+            yield from for_sensor(model.outputs, name, widest)
+
+
+def _typical(values: Array) -> float:
+    """Typical size of the values that are finite; 1 if all are zero."""
+    known = np.abs(values[np.isfinite(values)])
+    return float(np.quantile(known, TYPICAL)) if known.size and known.max() > 0.0 else 1.0
+
+
+def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
+    states = model.states()
+    if not states:
+        return
+    paths = [(r, x) for r in records if (x := _path(model, r, states)) is not None]
+    if not paths:
+        return
+    names = [s.name for s in states]
+
+    def series(of: str, ratio: float = 1.0) -> list[Array]:
+        return [ratio * x[:, names.index(of)] for _, x in paths]
+
+    used: set[str] = set()
+    for c in model.coordinates:
+        used |= {n for part in c.parts for n in (part.position, part.speed)}
+        first, *rest = c.parts
+        ratio = getattr(c, "ratio", 1.0)
+        position, speed = series(first.position), series(first.speed)
+        for part in rest:
+            position = [a - b for a, b in zip(position, series(part.position, ratio), strict=True)]
+            speed = [a - b for a, b in zip(speed, series(part.speed, ratio), strict=True)]
+        rates = [np.gradient(v, r.time) for (r, _), v in zip(paths, speed, strict=True)]
+        travel = _typical(np.concatenate([q - np.median(q) for q in position]))
+        pace, push = _typical(np.concatenate(speed)), _typical(np.concatenate(rates))
+        yield from for_coordinate(
+            c,
+            force=push * _inertia(model, first.inertia),
+            travel=travel,
+            speed=pace,
+            time=travel / pace,
+        )
+    for state in (s for s in states if s.name not in used):
+        levels = series(state.name)
+        values = np.concatenate(levels)
+        rates = [np.gradient(x, r.time) for (r, _), x in zip(paths, levels, strict=True)]
+        rate, size = FLOW * _typical(np.concatenate(rates)), _typical(values)
+        yield constant_rate(state.name, scale=rate, unit=f"{state.unit}/s")
+        yield leak(state.name, scale=rate / size)
+        if values.min() >= 0.0:
+            unit = "1/s" if state.unit == "1" else f"1/({state.unit} s)"
+            yield power_outflow(state.name, 2.0, scale=rate / size**2, unit=unit)
+        yield from _exchanges(model, state, paths, values, rate)
+
+
+def _exchanges(
+    model: Model,
+    state: State,
+    paths: Sequence[tuple[Record, Array]],
+    values: Array,
+    rate: float,
+) -> Iterator[Effect]:
+    """Exchanges of a state with inputs in the same unit."""
+    for name in model.inputs:
+        unit = model.units.get(name) or next((r.input_units.get(name, "") for r, _ in paths), "")
+        if not unit or unit == "1" or not same_unit(unit, state.unit):
+            continue
+        ambient = np.concatenate([r.inputs[name] for r, _ in paths])
+        apart = _typical(values - ambient)
+        for power in (1.0, 2.0):
+            unit = "1/s" if power == 1.0 else f"1/({state.unit} s)"
+            scale = rate / apart**power
+            yield exchange(state.name, name, power, scale=scale, unit=unit)
+
+
+def _path(model: Model, record: Record, states: Sequence[State]) -> Array | None:
+    """States of the tabulated model over a record, (n, nx); None: it has none, or fails."""
+    prior = record.start
+    mean = {} if prior is None else prior.mean
+    jobs = Jobs(
+        theta=np.array([[p.value for p in model.parameters]]),
+        starts=np.array([[mean.get(s.name, s.start) for s in states]]),
+    )
+    path = model.motion(record, jobs)
+    return None if path is None or not np.isfinite(path).all() else path[0]
+
+
+def _inertia(model: Model, inertia: object) -> float:
+    """Inertia of a coordinate at the tabulated values; 1 if it is a function or not stated."""
+    known = {p.name: p.value for p in model.parameters}
+    value = known.get(inertia) if isinstance(inertia, str) else inertia
+    return abs(float(value)) if isinstance(value, int | float) and value else 1.0
