@@ -1,6 +1,7 @@
 """Measured data: records, sensors, and their files (CSV, MAT, NetCDF, each with a TOML file)."""
 
-from feltmb.data.files import read_record, read_records, write_record
+from feltmb.data.files import read, read_record, read_records, write_record
+from feltmb.data.frames import records_from_frame
 from feltmb.data.joining import Clocks, fit_clocks, join_records
 from feltmb.data.records import (
     Array,
@@ -29,7 +30,9 @@ __all__ = [
     "evenly_spaced",
     "fit_clocks",
     "join_records",
+    "read",
     "read_record",
     "read_records",
+    "records_from_frame",
     "write_record",
 ]

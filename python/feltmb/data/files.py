@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.arguments import checked
-from feltmb.data.columns import read_columns
+from feltmb.data.columns import MEASURED_FILES, read_columns
 from feltmb.data.mapping import (
     Signals,
     clock_column,
@@ -42,10 +42,80 @@ from feltmb.units import (
 )
 from feltmb.units.quantity import fault_text, shortened, validated
 
-__all__ = ["read_each", "read_record", "read_records", "read_sheet", "write_record"]
+__all__ = [
+    "build_records",
+    "read",
+    "read_each",
+    "read_record",
+    "read_records",
+    "read_sheet",
+    "write_record",
+]
 
 
 MOST_RUNS = 1000  # of a file
+
+
+@checked
+def read(
+    files: str | Path | Sequence[str | Path],
+    *,
+    inputs: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    units: Mapping[str, str] | None = None,
+    options: ReadOptions | None = None,
+) -> tuple[Record, ...]:
+    """Read measured files: ``feltmb.read("runs/*.csv")``.
+
+    A model finds its inputs among the columns: they need no names here.
+
+    Parameters
+    ----------
+    files
+        A file, a pattern such as ``runs/*.csv``, a folder, or a list of these; see
+        :func:`read_record`.
+    inputs, outputs
+        Columns that are inputs and outputs; default: every column but the clock is an output, and a
+        single force is an input.
+    units
+        Units of columns whose header states none.
+    options
+        Options of reading.
+
+    Raises
+    ------
+    DataError
+        No file fits, or a file has faults, all listed in the message.
+    """
+    given = [files] if isinstance(files, str | Path) else list(files)
+    paths = [p for g in given for p in _fitting(g)]
+    options = options or ReadOptions()
+    options = replace(options, units={**options.units, **(units or {})})
+    if outputs:
+        return read_records(paths, inputs=inputs, outputs=outputs, options=options)
+    return tuple(
+        r.with_columns_as_inputs({n: n for n in inputs})
+        for group in read_each(paths, options=options)
+        for r in group
+    )
+
+
+def _fitting(given: str | Path) -> list[Path]:
+    """Files of a pattern or a folder; a file as it is."""
+    path = Path(given)
+    if path.is_dir():
+        there = path.iterdir()
+    elif any(c in str(given) for c in "*?["):
+        there = Path(path.anchor).glob(str(path.relative_to(path.anchor)))
+    else:
+        return [path]
+    found = sorted(p for p in there if p.suffix.lower() in MEASURED_FILES)
+    if not found:
+        raise DataError(
+            f"{shortened(str(given))}: no measured file ({', '.join(MEASURED_FILES)}) fits; the "
+            f"folder is {Path.cwd()}"
+        )
+    return found
 
 
 @checked
@@ -185,10 +255,10 @@ def _read_file(
             "points, expected a column such as tip_likelihood (0 to 1) beside tip_x and tip_y; "
             f"there are {columns}"
         )
-    return _build(path, sheet, columns, signals.units, guessed=given is None)
+    return build_records(path, sheet, columns, signals.units, guessed=given is None)
 
 
-def _build(
+def build_records(
     path: Path, sheet: Sheet, columns: Columns, model: Mapping[str, str], *, guessed: bool
 ) -> tuple[Record, ...]:
     """Records of a file, one for each run. ``model``: units of the signals in the model."""

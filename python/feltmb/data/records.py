@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from feltmb.above import above
 from feltmb.arguments import checked
 from feltmb.data.readings import true_input
 from feltmb.data.smoothing import noise_of_record
 from feltmb.errors import DataError, InvalidParameter, no_such
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = [
     "NOT_OF_INPUTS",
@@ -270,6 +274,51 @@ class Record:
         ):
             object.__setattr__(self, target, value)
 
+    @classmethod
+    def from_frame(
+        cls,
+        frame: pd.DataFrame,
+        *,
+        inputs: Sequence[str] = (),
+        outputs: Sequence[str] = (),
+        sigma: Mapping[str, float] | None = None,
+        units: Mapping[str, str] | None = None,
+        time: str = "",
+        name: str = "record",
+        role: Role = "fit",
+    ) -> Record:
+        """Record from a table of pandas.
+
+        Parameters
+        ----------
+        frame
+            Table with a column for each signal, named ``force`` or, with its unit, ``force [N]``.
+            An index of times is the clock.
+        inputs
+            Columns that are inputs of the model; a model finds its inputs among the outputs, too.
+        outputs
+            Columns that were measured; default: all others.
+        sigma
+            Standard deviation of the noise by column [SI unit].
+        units
+            Units of columns without one in their names.
+        time
+            Column of the clock; default: time or t, or the index.
+        name
+            Name of the record.
+        role
+            ``"held_out"``: it is predicted, not fitted.
+
+        Raises
+        ------
+        DataError
+            A column is missing, or has no numbers.
+        """
+        options = {"inputs": inputs, "outputs": outputs, "time": time, "name": name}
+        options |= {"sigma": sigma or {}, "units": units or {}}
+        found: Record = above("data.frames", "record_from_frame")(frame, **options)
+        return replace(found, role=role)
+
     @property
     def samples(self) -> int:
         """Number of samples."""
@@ -505,6 +554,40 @@ class Record:
         The samples before it (:attr:`before`) keep their inputs.
         """
         return replace(self, inputs={**self.inputs, **inputs})
+
+    def with_columns_as_inputs(
+        self, columns: Mapping[str, str], mode: InputMode | None = None
+    ) -> Record:
+        """Copy in which measured columns are inputs.
+
+        Parameters
+        ----------
+        columns
+            Input -> output of the record, or another input, whose values it gets.
+        mode
+            Input mode of the copy; default: the same.
+
+        Raises
+        ------
+        DataError
+            There is no such column.
+        """
+        known = {**self.outputs, **self.inputs}
+        if missing := [c for c in columns.values() if c not in known]:
+            raise DataError(
+                f"record {self.name}: no column {', '.join(missing)} for an input; there are "
+                f"{', '.join(known)}"
+            )
+        used, units = {*columns.values()}, self.units
+        stated = {n: units[c] for n, c in columns.items() if units.get(c, "1") != "1"}
+        return replace(
+            self,
+            inputs={**self.inputs, **{n: known[c] for n, c in columns.items()}},
+            outputs={n: v for n, v in self.outputs.items() if n not in used},
+            sensors={n: v for n, v in self.sensors.items() if n not in used},
+            input_units={**self.input_units, **stated},
+            input_mode=mode or self.input_mode,
+        )
 
     def with_changed_inputs(self, change: Callable[[Record], Mapping[str, Array]]) -> Record:
         """Copy of the record, with inputs changed by a function of the whole run.

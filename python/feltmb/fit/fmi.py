@@ -30,9 +30,7 @@ def _fmpy() -> Any:
     try:
         import fmpy
     except ImportError:
-        raise InvalidParameter(
-            "fmu: the package fmpy is not installed; pip install fmpy"
-        ) from None
+        raise InvalidParameter("fmu: the package fmpy is not installed; pip install fmpy") from None
     return fmpy
 
 

@@ -11,7 +11,7 @@ import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
@@ -648,17 +648,9 @@ def _with_inputs(record: Record, model: Model, notes: list[str]) -> Record:
             continue
         if not moved:
             return record
-        columns = {c: record.outputs.get(c, record.inputs.get(c)) for c in moved.values()}
-        units = {n: record.units.get(c, "1") for n, c in moved.items()}
-        notes.append(f"{record.name}: {', '.join(columns)} is an input of the model {model.name}")
-        return replace(
-            record,
-            inputs={**record.inputs, **{n: columns[c] for n, c in moved.items()}},
-            outputs={n: v for n, v in record.outputs.items() if n not in columns},
-            sensors={n: s for n, s in record.sensors.items() if n not in columns},
-            input_units={**record.input_units, **{n: u for n, u in units.items() if u != "1"}},
-            input_mode=mode,
-        )
+        which = ", ".join(moved.values())
+        notes.append(f"{record.name}: {which} is an input of the model {model.name}")
+        return record.with_columns_as_inputs(moved, mode)
     return record
 
 

@@ -29,6 +29,7 @@ Unknowns = Mapping[str, Any] | None
 #: Lower and upper bound by name.
 Bounds = Mapping[str, Sequence[float]] | None
 
+
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Exposed:
