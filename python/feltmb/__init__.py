@@ -27,7 +27,7 @@ Piano actions
 Felt
     felt: materials, identification, audit; fiber: fiber networks; contact: contact laws
 Your own models and measurements
-    Simulator (a function), Equations, fmu, each with fit(records) and diagnose(records);
+    Simulator (a function), Equations, fmu, mujoco, each with fit(records) and diagnose(records);
     read, Record, records_from_frame; data: records and sensors; fit: models and priors; gap:
     diagnosis of the difference between a model and measurements; adapters: mechanisms as models
 Co-simulation
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
         InvalidParameter,
         ModelError,
     )
-    from feltmb.fit import Equations, Simulator, fmu
+    from feltmb.fit import Equations, Simulator, fmu, mujoco
     from feltmb.graphics.viewer import view
     from feltmb.mechanism import Action, load_action, packaged_actions
     from feltmb.run.fmu import export_fmu
@@ -121,6 +121,7 @@ __all__ = [
     "load_stroke",
     "load_targets",
     "motion_stroke",
+    "mujoco",
     "packaged_actions",
     "packaged_strokes",
     "packaged_studies",
@@ -147,7 +148,7 @@ _LAZY = {
     "data": "Record read records_from_frame",
     "errors": "DataError FeltmbError FileExists IntegrationError InvalidParameter ModelError",
     "action.regulate": "Regulation load_targets regulate",
-    "fit": "Equations Simulator fmu",
+    "fit": "Equations Simulator fmu mujoco",
     "run.fmu": "export_fmu",
     "run.machine": "Machine MachineState",
     "run.options": "RunOptions",

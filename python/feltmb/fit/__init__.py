@@ -5,6 +5,7 @@ from feltmb.fit.equations import Equations
 from feltmb.fit.fmi import fmu
 from feltmb.fit.inclusion import Including, including
 from feltmb.fit.linear import FunctionModel, LinearModel
+from feltmb.fit.mjcf import mujoco
 from feltmb.fit.model import (
     Candidate,
     Effect,
@@ -45,4 +46,5 @@ __all__ = [
     "State",
     "fmu",
     "including",
+    "mujoco",
 ]

@@ -27,7 +27,7 @@ Priors = Sequence[Parameter] | Mapping[str, Any]
 #: :class:`Exposed`, or an :class:`Effect`.
 Unknowns = Mapping[str, Any] | None
 #: Lower and upper bound by name.
-Bounds = Mapping[str, Sequence[float]] | None
+Bounds = Mapping[str, Any] | None
 
 
 @checked

@@ -122,6 +122,9 @@ class Simulator(Model):
         Name in messages; default: the name of the function.
     """
 
+    #: Parameters whose first change switches something on: they tell no noise of the function.
+    _jumps: frozenset[str] = frozenset()
+
     def __init__(
         self,
         function: Callable[..., Mapping[str, Any]],
@@ -270,7 +273,8 @@ class Simulator(Model):
             return Run.of(record, self.inputs, values)
 
         # Along one direction that changes all parameters, to the permitted side.
-        way = {name: size if at + size <= high else -size for name, size, _, high, at in rows}
+        smooth = [row for row in rows if row[0] not in self._jumps]
+        way = {name: size if at + size <= high else -size for name, size, _, high, at in smooth}
         runs = [moved({k: i * SPACING * v for k, v in way.items()}) for i in range(SPACINGS + 1)]
         offsets = []
         for name, size, low, high, at in rows:
