@@ -68,7 +68,8 @@ def mechanism_model(
                 tolerance_ratio=1.0 if alias is None else alias.ratio(0.0, 0.0),
             )
         )
-    return model, tuple(ready)
+    model.effects, model.offers_all = tuple(ready), True
+    return model, model.effects
 
 
 def _chosen(library: Library, tolerances: Sequence[str | Entry] | None) -> tuple[Entry, ...]:

@@ -6,16 +6,18 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from feltmb.adapters.drives import FORCE
 from feltmb.adapters.library import load_library
 from feltmb.adapters.mechanism import mechanism_model
 from feltmb.adapters.model import MechanismModel
 from feltmb.adapters.signals import partners
+from feltmb.data import Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect
 from feltmb.mechanism import Action, load_action, packaged_actions
 from feltmb.mechanism.parameters import with_values_told
 
-__all__ = ["SETTINGS", "resolve"]
+__all__ = ["SETTINGS", "model_of", "resolve"]
 
 #: Settings of a command: name -> meaning.
 SETTINGS = {
@@ -39,8 +41,29 @@ def _mechanism(name: str) -> Action | None:
     return load_action(name)
 
 
+def model_of(action: Action, records: Sequence[Record] | Record) -> MechanismModel:
+    """A mechanism as a model, with the default channels and the outputs that records show.
+
+    Parameters
+    ----------
+    action
+        The mechanism.
+    records
+        Measured runs.
+    """
+    records = (records,) if isinstance(records, Record) else tuple(records)
+    library = load_library(action)
+    known = {f"{point}.{axis}" for point in action.config.points for axis in "xy"}
+    known |= {FORCE} if action.config.finger is not None else set()
+    shown = list(dict.fromkeys(n for r in records for n in r.outputs if n in known))
+    channels = ",".join(shown or library.default_channels)
+    found = resolve(action, {"channels": channels} if channels else {})
+    assert found is not None
+    return found[0]
+
+
 def resolve(
-    name: str,
+    name: str | Action,
     settings: Mapping[str, str],
     also: Sequence[str] = (),
     *,
@@ -50,6 +73,8 @@ def resolve(
 
     Parameters
     ----------
+    name
+        Name, path of a file, or a mechanism.
     settings
         Settings of :data:`SETTINGS`; a name with a dot is a path of the mechanism,
         ``string.modes``.
@@ -63,7 +88,7 @@ def resolve(
     InvalidParameter
         A setting, channel or effect is unknown; the message has the known ones.
     """
-    action = _mechanism(name)
+    action = _mechanism(name) if isinstance(name, str) else name
     if action is None:
         return None
     paths = {k: v for k, v in settings.items() if "." in k}

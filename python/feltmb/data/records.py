@@ -314,7 +314,7 @@ class Record:
         DataError
             A column is missing, or has no numbers.
         """
-        options = {"inputs": inputs, "outputs": outputs, "time": time, "name": name}
+        options: dict[str, Any] = {"inputs": inputs, "outputs": outputs, "time": time, "name": name}
         options |= {"sigma": sigma or {}, "units": units or {}}
         found: Record = above("data.frames", "record_from_frame")(frame, **options)
         return replace(found, role=role)

@@ -273,7 +273,7 @@ class Equations(Stepped):
         out._states = tuple(replace(s, scale=sizes[s.name]) for s in self._states)
         if self._inferred:
             names = [s.name for s in self._states]
-            values = {p.name: abs(p.value) for p in self.parameters}
+            tabulated = {p.name: abs(p.value) for p in self.parameters}
             pushes = {}
             for c in (c for c in self.coordinates if isinstance(c, Coordinate)):
                 i = names.index(c.speed)
@@ -281,7 +281,7 @@ class Equations(Stepped):
                     float(np.std(np.gradient(path[:, i], r.time)))
                     for r, path in zip(records, paths, strict=True)
                 )
-                push = values.get(str(c.inertia), 1.0) * rate
+                push = tabulated.get(str(c.inertia), 1.0) * rate
                 pushes[c.name] = push if 0.0 < push < np.inf else 1.0
             out.coordinates = tuple(
                 replace(c, scale=pushes.get(c.name, c.scale)) for c in self.coordinates

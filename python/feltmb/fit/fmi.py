@@ -232,7 +232,7 @@ def fmu(
     parameters, unknown, inputs, outputs, bounds
         As in :class:`Simulator`; the names are variables of the FMU. Default of the inputs and
         outputs: those of the FMU, with their units. The value of a parameter may be None: its start
-        value in the FMU.
+        value in the FMU. An unknown effect with a unit has this value without the effect.
     kind
         Default: model exchange if the FMU has it. In co-simulation an FMU does not get inputs
         within a step; outputs are read after the inputs have got their values at its end.
@@ -263,6 +263,11 @@ def fmu(
         outputs = _channels(description, "output")
     if isinstance(parameters, Mapping):
         parameters = {n: _started(n, p, variables) for n, p in parameters.items()}
+    if unknown is not None:
+        unknown = {
+            n: _started(n, (None, 0.0, item), variables) if isinstance(item, str) else item
+            for n, item in unknown.items()
+        }
     listed = parameters if isinstance(parameters, Mapping) else [p.name for p in parameters]
     wanted = [*listed, *(unknown or {}), *inputs, *outputs]
     missing = [n for n in wanted if n not in variables]

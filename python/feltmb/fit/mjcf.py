@@ -58,20 +58,32 @@ class _Mjcf:
     def __init__(self, path: Path, key: str, settle: float, hold: str):
         self.path, self.key, self.settle, self.hold = path, key, settle, hold
         self._spec: Any = None
+        self._model: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_spec": None}
+        return {**vars(self), "_spec": None, "_model": None}
 
     @property
     def spec(self) -> Any:
         """The unchanged specification."""
-        if self._spec is None:
-            try:
-                self._spec = _mujoco().MjSpec.from_file(str(self.path))
-                self._spec.compile()
-            except ValueError as error:
-                raise InvalidParameter(f"{self.path}: cannot be read as MJCF: {error}") from None
+        self._read_file()
         return self._spec
+
+    @property
+    def model(self) -> Any:
+        """The unchanged model."""
+        self._read_file()
+        return self._model
+
+    def _read_file(self) -> None:
+        if self._spec is not None:
+            return
+        try:
+            spec = _mujoco().MjSpec.from_file(str(self.path))
+            self._model = spec.compile()
+        except ValueError as error:
+            raise InvalidParameter(f"{self.path}: cannot be read as MJCF: {error}") from None
+        self._spec = spec
 
     def patched(self, values: Mapping[str, float]) -> Any:
         """The specification with these values of properties, ``JOINT.damping``; others stay."""
@@ -83,7 +95,7 @@ class _Mjcf:
                     self._add_backlash(out, owner, value)
             elif what == "mass":
                 body = out.body(owner)
-                compiled = self.spec.compile().body(owner)
+                compiled = self.model.body(owner)
                 share = value / float(compiled.mass[0])
                 body.explicitinertial, body.mass = True, value
                 body.ipos, body.iquat = compiled.ipos.copy(), compiled.iquat.copy()
@@ -108,7 +120,7 @@ class _Mjcf:
     def _add_backlash(self, spec: Any, name: str, value: float) -> None:
         """A second joint behind a joint, which moves freely within its range."""
         mj, joint = _mujoco(), spec.joint(name)
-        model = self.spec.compile()
+        model = self.model
         inertia = float(model.dof_M0[model.joint(name).dofadr[0]])
         extra = joint.parent.add_joint(
             name=f"{name}_backlash",
@@ -151,33 +163,37 @@ class _Mjcf:
             for i, u in drives:
                 data.ctrl[i] = u[0]
             mj.mj_step(model, data, round(self.settle / step))
-        seen = np.empty((time.size, len(self._read(model, data))))
+        seen = np.empty((time.size, model.nq + model.nv + model.nsensordata))
         for j in range(time.size):
-            mj.mj_forward(model, data)
-            seen[j] = list(self._read(model, data).values())
+            if model.nsensor:
+                mj.mj_forward(model, data)
+            seen[j] = np.concatenate([data.qpos, data.qvel, data.sensordata])
             if j + 1 < time.size:
                 advance(float(time[j + 1] - time[j]), j)
-        return dict(zip(self._read(model, data), seen.T, strict=True))
+        return {name: seen[:, at].sum(axis=1) for name, at in _readings(model).items()}
 
-    def _read(self, model: Any, data: Any) -> dict[str, float]:
-        """Sensors by name; positions and speeds of joints, that of a backlash joint included."""
-        found: dict[str, float] = {}
-        joints = {model.joint(i).name: i for i in range(model.njnt)}
-        drives = {model.actuator(i).name for i in range(model.nu)}
-        for name, i in joints.items():
-            if model.jnt_type[i] < 2 or (name.endswith("_backlash") and name[:-9] in joints):
-                continue  # a joint with more than one coordinate
-            both = [i, joints[f"{name}_backlash"]] if f"{name}_backlash" in joints else [i]
-            found[f"{name}.position"] = sum(float(data.qpos[model.jnt_qposadr[k]]) for k in both)
-            found[f"{name}.velocity"] = sum(float(data.qvel[model.jnt_dofadr[k]]) for k in both)
-            if name not in drives:
-                found[name] = found[f"{name}.position"]
-        for i in range(model.nsensor):
-            at, size = int(model.sensor_adr[i]), int(model.sensor_dim[i])
-            name = model.sensor(i).name
-            ends = ("",) if size == 1 else tuple(f".{c}" for c in "xyzw"[:size])
-            found |= {f"{name}{e}": float(data.sensordata[at + k]) for k, e in enumerate(ends)}
-        return found
+
+def _readings(model: Any) -> dict[str, list[int]]:
+    """Outputs by name, as indices in positions, speeds and readings of sensors that are added.
+
+    The position of a joint includes that of its backlash joint.
+    """
+    found: dict[str, list[int]] = {}
+    joints = {model.joint(i).name: i for i in range(model.njnt)}
+    drives = {model.actuator(i).name for i in range(model.nu)}
+    for name, i in joints.items():
+        if model.jnt_type[i] < 2 or (name.endswith("_backlash") and name[:-9] in joints):
+            continue  # a joint with more than one coordinate
+        both = [i, *([joints[f"{name}_backlash"]] if f"{name}_backlash" in joints else [])]
+        found[f"{name}.position"] = [int(model.jnt_qposadr[k]) for k in both]
+        found[f"{name}.velocity"] = [model.nq + int(model.jnt_dofadr[k]) for k in both]
+        if name not in drives:
+            found[name] = found[f"{name}.position"]
+    for i in range(model.nsensor):
+        at, size = model.nq + model.nv + int(model.sensor_adr[i]), int(model.sensor_dim[i])
+        ends = ("",) if size == 1 else tuple(f".{c}" for c in "xyzw"[:size])
+        found |= {f"{model.sensor(i).name}{e}": [at + k] for k, e in enumerate(ends)}
+    return found
 
 
 class MujocoModel(Simulator):
@@ -245,7 +261,7 @@ def mujoco(
     if not is_file(path):
         raise InvalidParameter(f"{path}: there is no such file")
     function = _Mjcf(path, key, settle, hold)
-    known = _properties(mj, function.spec)
+    known = _properties(mj, function.model)
     if isinstance(parameters, Mapping):
         priors: Mapping[str, Any] = {n: _started(n, p, known) for n, p in parameters.items()}
     else:
@@ -290,9 +306,9 @@ def _started(name: str, prior: Any, known: Mapping[str, _Property]) -> Any:
     return (*parts, known[name].unit) if len(parts) == 2 else tuple(parts)
 
 
-def _properties(mj: Any, spec: Any) -> dict[str, _Property]:
+def _properties(mj: Any, model: Any) -> dict[str, _Property]:
     """Properties of joints, actuators and bodies, with their values in the file."""
-    model, found = spec.compile(), {}
+    found: dict[str, _Property] = {}
     for i in range(model.njnt):
         name, kind = model.joint(i).name, int(model.jnt_type[i])
         if not name or kind < int(mj.mjtJoint.mjJNT_SLIDE):

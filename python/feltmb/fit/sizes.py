@@ -79,7 +79,7 @@ def _run(model: Model, record: Record, effect: Effect | None, size: float) -> Ar
         included=included,
         magnitudes=np.full((1, len(included)), size),
     )
-    return model.simulate(record, jobs)[0]
+    return np.asarray(model.simulate(record, jobs)[0])
 
 
 def _first(model: Model, effect: Effect, record: Record) -> float:

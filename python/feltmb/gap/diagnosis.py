@@ -94,7 +94,12 @@ def diagnose(
         before = compared(ready)
         refuse(before)
         problem = prepare(ready, tested, hold_out, options)
-        notes = *told, *_split(problem), *before.notes, *(h.text for h in before.hints)
+        notes = (
+            *told,
+            *_split(problem, ready.records, hold_out),
+            *before.notes,
+            *(h.text for h in before.hints),
+        )
         problem = replace(problem, notes=notes)
         if varies(problem):
             problem = with_variation(problem)
@@ -108,10 +113,13 @@ def diagnose(
     return report
 
 
-def _split(problem: Problem) -> tuple[str, ...]:
-    """A note about the records that are held out."""
-    names = ", ".join(o.record.name for o in problem.held_out)
-    return (f"held out: {names}; hold_out= changes the choice",) if names else ()
+def _split(
+    problem: Problem, records: Sequence[Record], hold_out: Sequence[str] | str | None
+) -> tuple[str, ...]:
+    """A note about records that are held out because nobody stated which."""
+    if hold_out is not None or any(r.role == "held_out" for r in records):
+        return ()
+    return (f"held out: {', '.join(o.record.name for o in problem.held_out)} (hold_out=)",)
 
 
 @checked

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, fields
 from html import escape
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -219,13 +219,13 @@ def _missing(result: Result) -> _Section:
     return _Section("What is missing", lines, items)
 
 
-def _probabilities(result: Result) -> list[tuple[str, float]]:
-    """Probability of each cause over all sets, largest first."""
+def _probabilities(result: Result, least: float = 0.01) -> list[tuple[str, float]]:
+    """Probability of each cause over all sets, largest first, if it is not below ``least``."""
     found: dict[str, float] = {}
     for s in result.sets:
         for name in s.causes:
             found[name] = found.get(name, 0.0) + s.probability
-    return sorted(((k, v) for k, v in found.items() if v >= 0.01), key=lambda f: -f[1])
+    return sorted(((k, v) for k, v in found.items() if v >= least), key=lambda f: -f[1])
 
 
 def _moved(result: Result) -> list[ParameterValue]:
@@ -493,20 +493,39 @@ class Report(Result):
 
     @property
     def frame(self) -> pd.DataFrame:
-        """Named causes, members of classes, and parameters; one row each."""
+        """One row for each effect that was fitted, those that are told first, and each parameter.
+
+        The kind is "named", "class 1" (one of its members is missing), "tested" or "parameter".
+        """
         import pandas as pd
 
         told = [("named", n) for n in self.named]
         told += [(f"class {k + 1}", n) for k, g in enumerate(self.classes) for n in g]
         rows = [asdict(n) | {"name": n.cause, "kind": k, "value": n.magnitude} for k, n in told]
+        known = {row["name"] for row in rows}
+        rows += [
+            {"name": name, "kind": "tested", "probability": probability}
+            for name, probability in _probabilities(self, least=0.0)
+            if name not in known
+        ]
         rows += [asdict(p) | {"kind": "parameter"} for p in self.parameters]
         columns = ["name", "kind", "component", "unit", "value", "low", "high", "probability",
                    "tabulated", "sd"]  # fmt: skip
         return pd.DataFrame(rows, columns=columns).set_index("name")
 
-    def plot(self) -> Figure:
-        """Waterfall of the gap: tabulated, calibrated, with each cause, and the noise."""
-        return waterfall(self)
+    @checked
+    def plot(self, kind: Literal["waterfall", "residual", "correlation"] = "waterfall") -> Figure:
+        """Figure of the result.
+
+        Parameters
+        ----------
+        kind
+            ``"waterfall"``: the gap of the tabulated model, of the calibrated one, with each cause,
+            and the noise; ``"residual"``: what remains over time; ``"correlation"``: correlation of
+            the fitted parameters and magnitudes.
+        """
+        figures = {"waterfall": waterfall, "residual": residuals, "correlation": correlation}
+        return figures[kind](self)
 
     @checked
     def write(self, folder: str | Path, *, title: str = "Diagnosis", force: bool = False) -> Path:

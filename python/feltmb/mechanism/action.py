@@ -6,7 +6,7 @@ import copy
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from feltmb import _core
+from feltmb.above import above
 from feltmb.arguments import checked
 from feltmb.contact.laws import Law
 from feltmb.contact.tables import CORE_LAWS, LAWS
@@ -100,6 +101,54 @@ class Action:
             Figure of matplotlib.
         """
         return picture("mechanism", self)
+
+    def diagnose(
+        self,
+        records: Any,
+        *,
+        effects: Sequence[Any] | None = None,
+        exclude: Sequence[str] | str = (),
+        hold_out: Sequence[str] | str | None = None,
+        options: Any = None,
+        tell: Callable[..., None] | None = None,
+    ) -> Any:
+        """Find what the mechanism lacks: :meth:`feltmb.fit.Model.diagnose` of its model.
+
+        Parameters
+        ----------
+        records
+            Measured runs, for example of :func:`feltmb.read`. Their inputs are ``force`` [N] or
+            ``displacement`` [m], their outputs ``hammer_tip.x`` [m] and others.
+        effects, exclude, hold_out, options, tell
+            As for a model; the default effects are those of the library of the mechanism.
+
+        Returns
+        -------
+        feltmb.gap.Report
+        """
+        chosen = {"effects": effects, "exclude": exclude, "hold_out": hold_out}
+        return self._as_model(records).diagnose(records, options=options, tell=tell, **chosen)
+
+    def fit(
+        self, records: Any, *, options: Any = None, tell: Callable[..., None] | None = None
+    ) -> Any:
+        """Fit its tolerances to records: :meth:`feltmb.fit.Model.fit` of its model.
+
+        Parameters
+        ----------
+        records
+            Measured runs, as for :meth:`diagnose`.
+        options, tell
+            As for :func:`feltmb.gap.fit_model`.
+
+        Returns
+        -------
+        feltmb.gap.Report
+        """
+        return self._as_model(records).fit(records, options=options, tell=tell)
+
+    def _as_model(self, records: Any) -> Any:
+        return above("adapters.resolve", "model_of")(self, records)
 
     def __reduce__(self) -> tuple[Any, ...]:
         self._refuse_laws("pickled")
