@@ -91,8 +91,8 @@ REPLACED_WORD = re.compile(
     r"|[Aa]mended|_?Subjects?|gap_subjects|load_subject|make_shot|observe_lanes|[Ff]iner|cautions|[Cc]ooled"
     r"|[Tt]wins?|[Mm]end(?:s|ed|ing)?|[Ll]uck(?:y|ily)?|[Vv]alleys?)(?![\w-])"
 )
-#: Files that tell what was replaced, and this one.
-TELLS_OLD_WORDS = {"CHANGELOG.md", "docs/reference/notation.md", "tests/python/test_layers.py"}
+#: Files that tell what was replaced or what other programs say, and this one.
+TELLS_OLD_WORDS = {"CHANGELOG.md", "docs/howto/first_answer.md", "docs/reference/notation.md", "tests/python/test_layers.py"}
 
 
 def check_use(language: str, file: str, user: str, used: str) -> Iterator[str]:

@@ -259,8 +259,8 @@ def fmu(
     variables = {v.name: v for v in description.modelVariables}
     if inputs is None:
         inputs = _channels(description, "input")
-    if outputs is None:
-        outputs = _channels(description, "output")
+    every = outputs is None
+    outputs = _channels(description, "output") if outputs is None else outputs
     if isinstance(parameters, Mapping):
         parameters = {n: _started(n, p, variables) for n, p in parameters.items()}
     if unknown is not None:
@@ -270,6 +270,11 @@ def fmu(
         }
     listed = parameters if isinstance(parameters, Mapping) else [p.name for p in parameters]
     wanted = [*listed, *(unknown or {}), *inputs, *outputs]
+    lowest = {n: float(v.min) for n, v in variables.items() if v.min is not None}
+    highest = {n: float(v.max) for n, v in variables.items() if v.max is not None}
+    limited = [n for n in (*listed, *(unknown or {})) if n in lowest or n in highest]
+    stated = {n: (lowest.get(n, -np.inf), highest.get(n, np.inf)) for n in limited}
+    bounds = {**stated, **(bounds or {})}
     missing = [n for n in wanted if n not in variables]
     if missing:
         raise InvalidParameter(
@@ -305,7 +310,7 @@ def fmu(
         if (description.generationTool or "").startswith("feltmb")
         and not (variables[n].description or "").endswith("hold: zero")
     )
-    return Simulator(
+    out = Simulator(
         _Fmu(path, tuple(outputs), str(kind), hold, at_end, tuple(notices)),
         parameters=parameters,
         inputs=inputs,
@@ -315,3 +320,5 @@ def fmu(
         workers=workers,
         name=name or description.modelName,
     )
+    out._open = False, every  # the records show which outputs are compared
+    return out

@@ -47,8 +47,8 @@ def sized(
     record = max(records, key=lambda r: _motion(r, model.outputs))
     base = _run(model, record, None, 0.0)
     measured = record.output_array(model.outputs)
-    unit = np.nanstd(np.where(np.isfinite(measured), measured, np.nan), axis=0)
-    unit = np.where(unit > 0.0, unit, np.maximum(np.std(base, axis=0), 1e-300))
+    spread = [float(np.std(y[np.isfinite(y)])) if np.isfinite(y).any() else 0.0 for y in measured.T]
+    unit = np.where(np.array(spread) > 0.0, spread, np.maximum(np.std(base, axis=0), 1e-300))
     goal = min(max(_share(measured - base, unit), LEAST), MOST)
     found, notes = [], []
     for effect in effects:
