@@ -110,6 +110,7 @@ _SPRING = (
 
 def _tables(mechanism: object) -> None:
     from feltmb.mechanism import Action, Spring
+    from feltmb.mechanism.to_core import with_leads
     from feltmb.units.quantity import unit_of
 
     assert isinstance(mechanism, Action)
@@ -123,7 +124,8 @@ def _tables(mechanism: object) -> None:
     table = new_table(
         "bodies", "name", "joint to", "coordinate", "mass [g]", "inertia [kg mm^2]", right=(3, 4)
     )
-    for name, body in config.bodies.items():
+    for name in config.bodies:
+        body = with_leads(config, name)
         mass, inertia = body.mass, body.inertia
         if body.kind == "beam":
             assert body.length is not None
@@ -139,6 +141,10 @@ def _tables(mechanism: object) -> None:
             f"{inertia * 1e6:.4g}",
         )
     screen.print(table)
+    for name, lead in config.leads.items():
+        screen.print(f"lead {name}: {1e3 * lead.mass:g} g at {1e3 * lead.position:g} mm")
+    if config.source.note:
+        screen.print(config.source.note)
 
     rest = mechanism.rest_pose
     table = new_table("rest pose", "coordinate", "value", "unit", right=(1,))

@@ -25,6 +25,7 @@ from feltmb.mechanism.numbers import Value, doubtful_values, number_at
 from feltmb.mechanism.reading import load_raw, resolve
 from feltmb.mechanism.to_core import describe
 from feltmb.mechanism.values import apply_numbers, apply_values, expand_path, plain_data
+from feltmb.mechanism.workshop import plain_values
 from feltmb.units.quantity import (
     is_quantity,
 )
@@ -190,7 +191,8 @@ class Action:
         tables["summary"] = {name: reading[name] for name in roles}
         if reading["rows"]:
             tables["rows"] = reading["rows"]
-        for table in ("motor", "dashpots"):
+        del tables["screws"]  # names only
+        for table in ("motor", "dashpots", "leads"):
             if not tables[table]:
                 del tables[table]  # as before this entry existed: results keep their hash
         if tables["string"] and tables["string"]["count"] == 1:
@@ -252,6 +254,8 @@ class Action:
         InvalidParameter
             A path does not exist, or a value is out of range.
         """
+        if isinstance(values, Mapping):
+            values = plain_values(self.config, self._raw, values)
         changed = self._with_numbers(values) or Action(
             apply_values(self._raw, values, "with_values"), self.origin
         )

@@ -17,6 +17,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.mechanism.partial import without_faults
 from feltmb.mechanism.schema import Contact, MechanismFile
 from feltmb.mechanism.to_core import describe_with_faults
+from feltmb.mechanism.workshop import faults as workshop_faults
 from feltmb.units.quantity import (
     MOST_FAULTS,
     fault_lines,
@@ -80,6 +81,7 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
         ("bodies", ("parent",)),
         ("surfaces", ("body",)),
         ("points", ("body",)),
+        ("leads", ("body",)),
         ("straps", ("body_a", "body_b")),
     ):
         for name, node in _table(raw, table).items():
@@ -423,6 +425,7 @@ def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
     if not faults:
         outputs = [name for name, _, _ in _core.observables(mechanism)]
         faults = _output_faults(outputs) + _reading_faults(config, outputs)
+        faults += workshop_faults(config)
     return faults, mechanism
 
 

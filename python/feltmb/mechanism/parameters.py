@@ -22,6 +22,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, describe, expand_path, parse_setting
 from feltmb.mechanism.numbers import AXES, Parameter, numbers_below
 from feltmb.mechanism.values import is_bare, si_factor, split_operator, unit_in_file
+from feltmb.mechanism.workshop import plain_values, told_turns
 from feltmb.units import conversion_factor, unit_suffix
 from feltmb.units.quantity import shortened
 
@@ -40,7 +41,7 @@ __all__ = [
 #: Tables whose numbers are parameters of the equations of motion.
 TABLES = (
     *("gravity", "bodies", "surfaces", "contacts", "springs", "straps", "string", "finger"),
-    "points",
+    *("points", "leads"),
 )
 
 
@@ -212,12 +213,19 @@ def with_values_told(
         return model
     values: dict[str, Any] = {}
     for path, value in map(parse_setting, settings):
-        if path in values:
+        if path == "lead":
+            value = [*values.get(path, []), value]
+        elif path in values:
             raise InvalidParameter(f"--set {path}: given twice, expected once")
         values[path] = value
     changed: _M = model.with_values(values)
     if tell is not None:
-        for text in told_numbers(model, changed, values):
+        plain: Mapping[str, Any] = values
+        if isinstance(model, Action):
+            for text in told_turns(model.config, values):
+                tell(text)
+            plain = plain_values(model.config, model.raw, values)
+        for text in told_numbers(model, changed, plain):
             tell(text)
     return changed
 

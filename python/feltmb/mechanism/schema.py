@@ -28,12 +28,14 @@ __all__ = [
     "Friction",
     "FrictionParameters",
     "LawChoice",
+    "Lead",
     "MechanismFile",
     "Motor",
     "NamedEvent",
     "Pad",
     "Point",
     "Reading",
+    "Screw",
     "Source",
     "Spring",
     "Strap",
@@ -44,6 +46,7 @@ __all__ = [
     "TouchEvents",
     "View",
     "ViewCurve",
+    "WeighedParts",
 ]
 
 
@@ -103,6 +106,34 @@ class Body(Schema):
     lateral_shapes: Annotated[int, Field(ge=1, le=12)] = 2
     damping_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
     condense_axial: bool = True
+
+
+class Lead(Schema):
+    """A small mass in a body, such as a lead in a key; the body then has both masses."""
+
+    label: str = ""
+    note: str = ""
+    body: str = ""
+    """Default: the body that the finger presses."""
+    mass: Annotated[float, SI("kg"), Field(gt=0)]
+    position: Annotated[float, SI("m")]
+    """Along the x axis of the body: for a key, from the balance rail toward the player."""
+    height: Annotated[float, SI("m")] | None = None
+    """Along the y axis; default: that of the center of mass of the body."""
+
+
+class Screw(Schema):
+    """A screw, spring or wire that a technician turns or bends: a value of the file by its name."""
+
+    label: str = ""
+    note: str = ""
+    path: str
+    direction: Annotated[tuple[float, float], SIVector("1")] | None = None
+    """Direction in which a point moves; none: the value is a number, such as an angle."""
+    pitch: Annotated[float, SI("m"), Field(gt=0)] | None = None
+    """Travel of a full turn; none: not a thread."""
+    words: tuple[str, str] = ("more", "less")
+    """What + and - are called, such as up and down."""
 
 
 class Surface(Schema):
@@ -328,6 +359,16 @@ class TouchEvents(Schema):
     """The key meets the damper."""
 
 
+class WeighedParts(Schema):
+    """Parts of which a technician weighs the effect on the key."""
+
+    hammer: str
+    """Body that the hammer turns with."""
+    whippen: str
+    capstan: str
+    """Surface of the key that lifts the whippen."""
+
+
 class Reading(Schema):
     """Interpretation of a run: roles of contacts, points and events; values; views."""
 
@@ -337,6 +378,7 @@ class Reading(Schema):
     key_point: str | None = None
     touch: TouchEvents = TouchEvents()
     striker: Striker | None = None
+    weights: WeighedParts | None = None
     rows: dict[str, SummaryRow] = {}
     views: dict[str, View] = {}
 
@@ -358,6 +400,7 @@ class MechanismFile(Schema):
     source: Source = Source()
     gravity: Annotated[tuple[float, float], SIVector("m/s^2")] = (0.0, -9.81)
     bodies: dict[str, Body]
+    leads: dict[str, Lead] = {}
     surfaces: dict[str, Surface] = {}
     contacts: dict[str, Contact] = {}
     springs: dict[str, Spring] = {}
@@ -367,6 +410,7 @@ class MechanismFile(Schema):
     finger: Finger | None = None
     motor: Motor | None = None
     points: dict[str, Point] = {}
+    screws: dict[str, Screw] = {}
     start_pose: dict[str, float] = {}
     events: dict[str, NamedEvent] = {}
     reading: Reading = Reading()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -23,7 +24,23 @@ from feltmb.mechanism.schema import (
     Surface,
 )
 
-__all__ = ["core_law", "describe", "describe_with_faults"]
+__all__ = ["core_law", "describe", "describe_with_faults", "with_leads"]
+
+
+def with_leads(config: MechanismFile, name: str) -> Body:
+    """A body with the mass, the center and the moment of inertia that its leads give it."""
+    body = config.bodies[name]
+    default = config.finger.body if config.finger is not None else ""
+    leads = [lead for lead in config.leads.values() if (lead.body or default) == name]
+    if not leads or body.kind == "beam":
+        return body
+    y = body.center_of_mass[1]
+    parts = [(body.mass, body.center_of_mass)]
+    parts += [(i.mass, (i.position, y if i.height is None else i.height)) for i in leads]
+    mass = sum(m for m, _ in parts)
+    center = (sum(m * at[0] for m, at in parts) / mass, sum(m * at[1] for m, at in parts) / mass)
+    inertia = body.inertia + sum(m * math.dist(at, center) ** 2 for m, at in parts)
+    return body.model_copy(update={"mass": mass, "center_of_mass": center, "inertia": inertia})
 
 
 @checked
@@ -143,7 +160,10 @@ def describe_with_faults(
         return out
 
     d = _core.MechanismDescription(name=config.name, gravity=config.gravity)
-    d.bodies = each(config.bodies, _core_body)
+    loaded = {name: with_leads(config, name) for name in config.bodies} if config.leads else {}
+    plain = {name: body for name, body in config.bodies.items() if loaded.get(name, body) is body}
+    made = dict(zip(plain, each(plain, _core_body), strict=True))
+    d.bodies = [made.get(name) or _core_body(name, loaded[name]) for name in config.bodies]
     d.surfaces = each(config.surfaces, _core_surface)
     faults: list[str] = []
 

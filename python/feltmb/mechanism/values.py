@@ -213,7 +213,9 @@ def _parts(raw: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         if isinstance(parts, Mapping) and not is_quantity(parts):
             for key, part in parts.items():
                 if isinstance(part, Mapping) and not is_quantity(part):
-                    yield f"{table}.{key}", str(part.get("label", ""))
+                    # A screw is changed by its name alone.
+                    name = key if table == "screws" else f"{table}.{key}"
+                    yield name, "" if table == "screws" else str(part.get("label", ""))
 
 
 def _letters(text: str) -> str:

@@ -487,6 +487,15 @@ class SimulatedPress:
         """Smallest distance of hammer and string at rest, i.e. the let-off distance [m]."""
         return float(self.gap[: self.turn].min())
 
+    def left(self, contact: int) -> float:
+        """Distance of the surfaces of a contact when the hammer is closest to the string [m].
+
+        For key and front punching, this is the aftertouch. Negative: the key was on the punching
+        before.
+        """
+        at = int(self.gap[: self.turn].argmin())
+        return -float(self.run[f"contact{contact:02d}.compression"][at])
+
     def gap_when(self, contact: int) -> float | None:
         """Distance of hammer and string [m] when a contact first closes; None if never."""
         table = self.run.event_table
@@ -517,7 +526,7 @@ def simulated_press(
     Parameters
     ----------
     speed
-        s], > 0/Speed of the finger [m/s], > 0.
+        Speed of the finger [m/s], > 0.
     travel
         Travel of the finger [m], > 0: beyond the let-off and into the front punching.
     release

@@ -109,6 +109,21 @@ class Bench:
         strike = action.config.reading.strike_contact
         return 1.0 - gap / self._contact(action, strike)[0]
 
+    def _aftertouch(self, action: Action, step: Step) -> float:
+        self._contact(action, step.contact)
+        assert step.contact is not None
+        return self._press(action, step).left(step.contact)
+
+    def _spring_force(self, action: Action, step: Step) -> float:
+        from feltmb.mechanism.workshop import distance_from_joint
+
+        spring = action.config.springs.get(step.spring or "")
+        if spring is None:
+            raise InvalidParameter(f"targets: there is no spring {step.spring!r}")
+        angle = action.rest_pose[action.coordinates.index(spring.coordinate)]
+        arm = distance_from_joint(action.config, spring.coordinate, step.point or "")
+        return abs(float(spring.stiffness) * (float(angle) - float(spring.rest_angle))) / arm
+
     def _check_distance(self, action: Action, step: Step) -> float:
         from feltmb.run.simulate import simulate
 

@@ -31,15 +31,20 @@ MEASURES: dict[str, tuple[str, str, float, str]] = {
     "simulated_press": ("m", "mm", 1e3, "closest approach of hammer and string, slow press"),
     "static_press": ("m", "mm", 1e3, "the same without inertia"),
     "simulated_start": ("1", "", 1.0, "part of the blow done when a contact closes, slow press"),
+    "aftertouch": ("m", "mm", 1e3, "key front to its punching at the let-off, slow press"),
     "check_distance": ("m", "mm", 1e3, "hammer in the backcheck to the string after a stroke"),
+    "spring_force": ("N", "gf", 1e3 / 9.80665, "force of a spring at rest, at a point of its part"),
 }
+_OF_CONTACT = ("rest_gap", "rest_force", "simulated_start", "aftertouch")
 MeasureName = Literal[
     "rest_gap",
     "rest_force",
     "simulated_press",
     "static_press",
     "simulated_start",
+    "aftertouch",
     "check_distance",
+    "spring_force",
 ]
 
 
@@ -85,7 +90,7 @@ class Step(Schema):
     """One measured quantity and its screw; without a screw, the value is only checked.
 
     ``speed`` and ``travel`` are the finger's in a slow press; ``friction`` is an option of
-    ``static_press``.
+    ``static_press``; ``spring_force`` is that of ``spring`` at the tracking point ``point``.
     """
 
     letter: str = ""
@@ -93,6 +98,8 @@ class Step(Schema):
     note: str = ""
     measure: MeasureName
     contact: int | None = None
+    spring: str | None = None
+    point: str | None = None
     stroke: str = "piano"
     speed: Annotated[float, BeforeValidator(lambda n: _speed(n)), Field(gt=0)] = 0.010
     travel: Annotated[float, SI("m"), Field(gt=0)] = 0.012
@@ -130,8 +137,10 @@ class Step(Schema):
             raise ValueError("give target and tolerance, or low and high")
         if self.target is not None and (self.low is not None or self.high is not None):
             raise ValueError("give either a target or low and high")
-        if self.measure in ("rest_gap", "rest_force", "simulated_start") and self.contact is None:
+        if self.measure in _OF_CONTACT and self.contact is None:
             raise ValueError(f"measure {self.measure!r} needs a contact")
+        if self.measure == "spring_force" and None in (self.spring, self.point):
+            raise ValueError("measure 'spring_force' needs a spring and a point")
         if self.screw is not None and not self.screw.low < 0.0 < self.screw.high:
             raise ValueError("bounds of a screw must lie on both sides of zero")
         return self
