@@ -95,6 +95,8 @@ def command(
         for row in result.table:
             if row.before is None and row.holds:
                 screen.print(f"{row.name} could not be measured before: {row.why}.")
+        for note in result.notes:
+            screen.print(f"Note: {note}.")
     if not result.converged:
         for row in result.unmet[:-1]:
             complain(_unmet(row))
@@ -152,7 +154,7 @@ def screw_table(result: Regulation) -> Any:
             table.add_row(
                 row.name,
                 row.screw,
-                f"{row.turned:+.4f} {row.turn_unit}",
+                row.moved,
                 row.path,
                 row.value_before,
                 row.value_after,

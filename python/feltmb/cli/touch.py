@@ -81,6 +81,13 @@ def command(
     else:
         screen = console()
         screen.print(touch_table(result, earlier))
+        if result.weights is not None:
+            share = result.weights.hammer_share
+            screen.print(
+                "The shank leans: of strike weight times hammer / key travel, which a level shank "
+                f"would put on the key, the key carries the share {share:.2f}. The balance weight "
+                "is the sum of its parts."
+            )
         screen.print(strike_table(result))
         for note in result.static.notes:
             screen.print(f"Note: {note}")

@@ -14,12 +14,13 @@ from feltmb.action.regulate import regulate
 from feltmb.action.regulate.measuring import Bench as Measures
 from feltmb.action.regulate.measuring import CannotMeasure
 from feltmb.action.regulate.targets import MEASURES
-from feltmb.action.touch import static_touch
+from feltmb.action.touch import distances, static_touch
 from feltmb.action.touch.strikes import simulate_strike
 from feltmb.live.knobs import Bench
 from feltmb.live.pictures import SAMPLES, describe_live
 from feltmb.live.states import Asked, Turned, fault_of
 from feltmb.mechanism import Action
+from feltmb.run.quasistatic import simulated_press
 from feltmb.run.results import Run
 from feltmb.run.simulate import simulate
 from feltmb.run.stroke import Stroke
@@ -313,6 +314,7 @@ def target_rows(
 def touch_curve(action: Action) -> dict[str, Any]:
     """Force against key travel of a slow press and release, mm and N; weights in gf."""
     found = static_touch(action)
+    ruled = distances(action, found, simulated_press(action, travel=found.end + 1.2e-3))
     gram = 1e3 / 9.80665
     return {
         "curves": [
@@ -327,9 +329,9 @@ def touch_curve(action: Action) -> dict[str, Any]:
                 ("friction", found.friction * gram, "gf"),
                 ("balance weight", found.balance_weight * gram, "gf"),
                 ("let-off force", found.let_off_force, "N"),
-                ("let-off travel", 1e3 * found.let_off_travel, "mm"),
-                ("key dip", 1e3 * found.key_dip, "mm"),
-                ("aftertouch", 1e3 * found.aftertouch, "mm"),
+                ("let-off", 1e3 * ruled.let_off, "mm"),
+                ("key dip", 1e3 * ruled.dip, "mm"),
+                ("aftertouch", 1e3 * ruled.aftertouch, "mm"),
             )
         ],
         "notes": list(found.notes),

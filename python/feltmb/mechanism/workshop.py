@@ -8,7 +8,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from feltmb.errors import InvalidParameter
@@ -22,10 +22,12 @@ __all__ = [
     "distance_from_joint",
     "key_ratio",
     "mass_and_center",
+    "moment_about",
     "plain_values",
     "strike_weight",
     "told_turns",
     "turns_of",
+    "welded_to",
 ]
 
 _LEAD = re.compile(r"\s*(.+?)\s+at\s+(.+?)\s*")
@@ -151,14 +153,20 @@ def told_turn(turns: tuple[float, str] | None) -> str:
 # --- strike weight and key ratio -----------------------------------------------------------------
 
 
-def _places(config: MechanismFile, root: str) -> dict[str, tuple[float, float, float]]:
-    """Position (x, y) and angle of each body welded to a body, in the frame of that body."""
+def _places(
+    config: MechanismFile, root: str, *, every_joint: bool = False
+) -> dict[str, tuple[float, float, float]]:
+    """Position (x, y) and angle of each body welded to a body, in the frame of that body.
+
+    ``every_joint``: also bodies with other joints, at coordinate zero.
+    """
     places = {root: (0.0, 0.0, 0.0)}
     more = True
     while more:
         more = False
         for name, body in config.bodies.items():
-            if name in places or body.joint != "weld" or body.parent not in places:
+            welded = every_joint or body.joint == "weld"
+            if name in places or not welded or body.parent not in places:
                 continue
             x, y = _placed(places[body.parent], body.position)
             places[name] = (x, y, places[body.parent][2] + body.angle)
@@ -179,6 +187,21 @@ def mass_and_center(config: MechanismFile, name: str) -> tuple[float, tuple[floa
         assert body.length is not None
         return (body.density or 0.0) * (body.area or 0.0) * body.length, (0.5 * body.length, 0.0)
     return body.mass, body.center_of_mass
+
+
+def welded_to(config: MechanismFile, root: str) -> set[str]:
+    """A body and the bodies welded to it."""
+    return set(_places(config, root))
+
+
+def moment_about(config: MechanismFile, root: str, bodies: Collection[str]) -> float:
+    """Mass times distance along x from the joint of a body [kg m], with all joints at zero."""
+    places = _places(config, root, every_joint=True)
+    moment = 0.0
+    for name in bodies:
+        mass, center = mass_and_center(config, name)
+        moment += mass * _placed(places[name], center)[0]
+    return moment
 
 
 def distance_from_joint(config: MechanismFile, coordinate: str, point: str) -> float:

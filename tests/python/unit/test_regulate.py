@@ -356,3 +356,27 @@ def test_command_writes_nothing_when_a_target_is_not_met(tmp_path):
     assert isinstance(result.exception, FeltmbError)
     assert "dip: target 30 mm is not met: within -5 to +5 mm" in str(result.exception)
     assert not out.exists()
+
+
+@pytest.mark.slow
+def test_turns_of_a_screw_and_an_aftertouch_that_no_step_asks_for():
+    """Half a turn back is half a turn up; a short aftertouch is told, and refused if asked for."""
+    out = load_action("steinway45_leaded").with_values(
+        {"capstan -=": "0.5 turn", "punchings +=": "0.9 mm"}
+    )
+    own = load_targets("steinway45_leaded")
+    steps = [step for step in own.steps if step.name in ("lost motion", "let-off", "aftertouch")]
+    asked = own.model_copy(update={"steps": steps})
+    found = regulate(out, asked)
+    rows = {row.name: row for row in found.table}
+    assert rows["lost motion"].turns == pytest.approx(0.5, abs=0.1)
+    assert rows["lost motion"].moved.endswith("turn up")
+    assert not found.converged
+    assert [row.name for row in found.unmet] == ["aftertouch"]
+    assert rows["aftertouch"].after == pytest.approx(0.67, abs=0.1)
+    assert "a deeper dip" in rows["aftertouch"].why
+    assert found.notes == ()
+    silent = regulate(out, asked.model_copy(update={"steps": steps[:2]}))
+    assert silent.converged
+    assert "aftertouch is 0.6" in silent.notes[0]
+    assert silent.notes[0] in silent.to_toml()

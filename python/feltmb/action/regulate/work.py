@@ -16,6 +16,7 @@ from feltmb.action.regulate.targets import MEASURES, Step, Targets, default_targ
 from feltmb.arguments import checked
 from feltmb.mechanism import Action, load_action
 from feltmb.mechanism.values import tidy
+from feltmb.mechanism.workshop import turns_of
 
 
 @dataclass(frozen=True)
@@ -33,10 +34,18 @@ class Row:
     path: str  #: path of the value that the screw changes
     turned: float  #: turn of the screw in ``turn_unit``, along its direction
     turn_unit: str  #: unit of the turn: mm or deg
+    turns: float | None  #: turns of the thread, positive; None: the screw has no thread
+    turn_word: str  #: direction of the turns, such as up; empty without a thread
     value_before: str  #: value of the screw in the file, with its unit; empty without a screw
     value_after: str
     holds: bool
     why: str  #: reason why the target is not met, or why ``before`` is not available
+
+    @property
+    def moved(self) -> str:
+        """The turn as text, such as ``+0.400 mm = 0.57 turn up``."""
+        turns = "" if self.turns is None else f" = {self.turns:.2g} turn {self.turn_word}"
+        return f"{self.turned:+.3f} {self.turn_unit}{turns}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +66,8 @@ class Regulation:
         Number of computed rest poses, slow presses and strokes.
     provenance : dict
         Data set and its hash, targets, version, and the turn of each screw.
+    notes : tuple of str
+        An aftertouch beyond 1 to 2 mm that the targets do not ask for.
     """
 
     table: tuple[Row, ...]
@@ -65,6 +76,7 @@ class Regulation:
     converged: bool
     counts: dict[str, int]
     provenance: dict[str, Any]
+    notes: tuple[str, ...] = ()
 
     @property
     def unmet(self) -> tuple[Row, ...]:
@@ -85,7 +97,8 @@ class Regulation:
                 f"{_number(row.before)}, after {_number(row.after)} {row.unit}{state}".rstrip()
             )
             if row.screw and row.turned:
-                lines.append(f"  {row.screw}: {row.path} by {row.turned:+.5g} {row.turn_unit}")
+                lines.append(f"  {row.screw}: {row.path} by {row.moved}")
+        lines += self.notes
         return "".join(f"# {line}\n" for line in lines) + "\n" + self.action.to_toml()
 
     def as_dict(self) -> dict[str, Any]:
@@ -95,6 +108,7 @@ class Regulation:
             "rounds": self.rounds,
             "converged": self.converged,
             "counts": dict(self.counts),
+            "notes": list(self.notes),
             "provenance": self.provenance,
         }
 
@@ -165,7 +179,7 @@ def regulate(
                 continue
             holding = False
             if step.screw is None:
-                reasons[i] = reasons[i] or "is only checked: no screw of these targets sets it"
+                reasons[i] = reasons[i] or "; ".join(filter(None, (_ONLY_CHECKED, step.note)))
                 continue
             say(f"round {rounds}: {step.name}, turning {step.screw.name}")
             solved = solve(
@@ -199,12 +213,48 @@ def regulate(
             screws.turns[i],
             reasons[i] or first_reasons[i],
             [screws.value(step.screw, a) if step.screw else "" for a in (action, plain)],
+            action,
         )
         for i, step in enumerate(targets.steps)
     )
     provenance = _provenance(action, targets, rows)
     regulated = _with_provenance(screws, targets, provenance)
-    return Regulation(rows, regulated, rounds, all(r.holds for r in rows), bench.counts, provenance)
+    notes = _aftertouch_notes(bench, plain, targets)
+    holding = all(row.holds for row in rows)
+    return Regulation(rows, regulated, rounds, holding, bench.counts, provenance, notes)
+
+
+#: Aftertouch that technicians want [m].
+AFTERTOUCH = (1e-3, 2e-3)
+
+
+def _aftertouch_notes(bench: Bench, action: Action, targets: Targets) -> tuple[str, ...]:
+    """A sentence about an aftertouch outside of its range if no step of the targets checks it."""
+    landing = action.config.events.get(action.config.reading.touch.landing or "")
+    number = landing.contact if landing is not None else None
+    presses = [step for step in targets.steps if step.measure in _PRESSED]
+    if not isinstance(number, int) or not presses:
+        return ()
+    if any(step.measure == "aftertouch" for step in targets.steps):
+        return ()
+    asked = {"name": "aftertouch", "measure": "aftertouch", "contact": number}
+    asked |= {"low": AFTERTOUCH[0], "high": AFTERTOUCH[1]}
+    asked |= {"speed": presses[0].speed, "travel": presses[0].travel}
+    step = Step.model_validate(asked)
+    value, why = _try_measure(bench, action, step)
+    if step.holds(value):
+        return ()
+    found = f"cannot be measured: {why}" if value is None else f"is {1e3 * value:.2f} mm"
+    late = "; the key lands before the let-off" if value is not None and value < 0.0 else ""
+    return (
+        f"aftertouch {found}{late}; technicians want {step.wanted} mm, and no step of targets "
+        f"{targets.name} asks for it",
+    )
+
+
+_ONLY_CHECKED = "is only checked: no screw of these targets sets it"
+#: Measures of a slow press.
+_PRESSED = ("simulated_press", "simulated_start")
 
 
 def _try_measure(bench: Bench, action: Action, step: Step) -> tuple[float | None, str]:
@@ -221,12 +271,14 @@ def _row(
     turn: float,
     why: str,
     values: list[str],
+    action: Action,
 ) -> Row:
     _, unit, factor, _ = MEASURES[step.measure]
     screw = step.screw
     per, people = (1e3, "mm")
     if screw is not None and screw.unit == "rad":
         per, people = (180.0 / math.pi, "deg")
+    turns = None if screw is None else turns_of(action.config, screw.path, turn)
     return Row(
         letter=step.letter,
         name=step.name,
@@ -239,6 +291,8 @@ def _row(
         path=screw.path if screw is not None else "",
         turned=tidy(turn * per),
         turn_unit=people if screw is not None else "",
+        turns=None if turns is None else turns[0],
+        turn_word="" if turns is None else turns[1],
         value_before=values[0],
         value_after=values[1],
         holds=step.holds(after),

@@ -9,8 +9,19 @@ constant speed hits the key. They give impact speed, travel time and key-bottom 
 
 from __future__ import annotations
 
-from feltmb.action.touch.static import StaticTouch, static_touch
+from feltmb.action.touch.static import Distances, StaticTouch, distances, static_touch
 from feltmb.action.touch.strikes import Strike
+from feltmb.action.touch.weights import Weights
 from feltmb.action.touch.work import Touch, TouchRow, touch
 
-__all__ = ["StaticTouch", "Strike", "Touch", "TouchRow", "static_touch", "touch"]
+__all__ = [
+    "Distances",
+    "StaticTouch",
+    "Strike",
+    "Touch",
+    "TouchRow",
+    "Weights",
+    "distances",
+    "static_touch",
+    "touch",
+]

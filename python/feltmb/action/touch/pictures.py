@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from feltmb.action.touch.published import published_numbers
-from feltmb.action.touch.static import StaticTouch
+from feltmb.action.touch.static import Distances, StaticTouch
 from feltmb.action.touch.strikes import Strike
 from feltmb.style import head_line
 
@@ -23,7 +23,11 @@ PRESS, RELEASE, LIFTED, MUTED = "#0b5394", "#b45f06", "#38761d", "#777777"
 
 
 def static_figure(
-    title: str, static: StaticTouch, slow: SimulatedPress, before: StaticTouch | None = None
+    title: str,
+    static: StaticTouch,
+    slow: SimulatedPress,
+    ruled: Distances,
+    before: StaticTouch | None = None,
 ) -> Any:
     """Plot force against travel: press and release, with let-off and key bottom marked.
 
@@ -54,10 +58,10 @@ def static_figure(
         for t in (s, before)
         if t is not None
     )
-    if math.isfinite(s.let_off_travel):
+    if s.has_let_off:
         axes.plot([1e3 * s.let_off_travel], [s.let_off_force], "o", color=PRESS, ms=6)
         axes.annotate(
-            f"let-off\n{s.let_off_force:.2f} N at {1e3 * s.let_off_travel:.2f} mm",
+            f"let-off {1e3 * ruled.let_off:.1f} mm from the string\npeak {s.let_off_force:.2f} N",
             (1e3 * s.let_off_travel, s.let_off_force),
             xytext=(-14, 16),
             textcoords="offset points",
@@ -66,12 +70,13 @@ def static_figure(
             color=PRESS,
             arrowprops={"arrowstyle": "-", "color": PRESS, "lw": 0.7},
         )
-    if math.isfinite(s.key_dip):
-        axes.axvline(1e3 * s.key_dip, color="k", lw=0.7, ls="-.")
+    if s.has_bottom:
+        axes.axvline(1e3 * s.bottom_travel, color="k", lw=0.7, ls="-.")
         axes.text(
-            1e3 * s.key_dip + 0.08,
+            1e3 * s.bottom_travel + 0.08,
             0.03 * top,
-            "key meets\npunching",
+            f"key meets\npunching:\ndip {1e3 * ruled.dip:.1f} mm"
+            + (f",\naftertouch\n{1e3 * ruled.aftertouch:.1f} mm" if s.has_let_off else ""),
             fontsize=8,
             va="bottom",
             ha="left",
@@ -106,7 +111,7 @@ def _static_curves(
             alpha=alpha,
             label=name,
         )
-    if which == ", before" and math.isfinite(s.let_off_travel):
+    if which == ", before" and s.has_let_off:
         axes.plot([1e3 * s.let_off_travel], [s.let_off_force], "o", color=PRESS, ms=6, mfc="none")
 
 

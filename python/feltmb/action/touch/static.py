@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from feltmb.run.quasistatic import PressPath
+    from feltmb.run.quasistatic import PressPath, SimulatedPress
 
     Array = npt.NDArray[np.float64]
 
@@ -30,8 +30,8 @@ REGULATE = "the action is not regulated: feltmb regulate sets its screws"
 class StaticTouch:
     """Slow press and release without inertia, friction saturated.
 
-    Forces at the finger [N]; travels of the finger's point on the key from rest [m]; NaN: not
-    reached, see ``notes``.
+    Let-off distance, dip and aftertouch are in :class:`Distances`. Forces at the finger [N];
+    travels of the finger's point on the key from rest [m]; NaN: not reached, see ``notes``.
     """
 
     down_weight: float  #: mean force of the press in the window, damper off the string
@@ -46,9 +46,7 @@ class StaticTouch:
     damper_start: float | None  #: hammer travel (share) when the spoon meets the damper lever
     let_off_force: float  #: largest force up to the let-off
     let_off_travel: float  #: travel at which the jack slips out
-    let_off_gap: float  #: distance of hammer and string there, without inertia
-    key_dip: float  #: travel at which the key meets the front punching
-    aftertouch: float  #: key_dip - let_off_travel
+    bottom_travel: float  #: travel at which the key meets the front punching
     press: PressPath  #: path to the bottom, damper included
     release: PressPath  #: path of the release
     lifted_press: PressPath  #: path within the window, damper off the string
@@ -58,7 +56,17 @@ class StaticTouch:
     @property
     def end(self) -> float:
         """Travel at which the key meets the front punching, or else at which the press ends."""
-        return self.key_dip if math.isfinite(self.key_dip) else float(self.press.travel[-1])
+        return self.bottom_travel if self.has_bottom else float(self.press.travel[-1])
+
+    @property
+    def has_bottom(self) -> bool:
+        """Whether the key meets its punching."""
+        return math.isfinite(self.bottom_travel)
+
+    @property
+    def has_let_off(self) -> bool:
+        """Whether the jack slips out of the butt."""
+        return math.isfinite(self.let_off_travel)
 
     @property
     def friction(self) -> float:
@@ -163,7 +171,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     window = (starts + MARGIN, ends - MARGIN)
     forces = lifted_down.force[_within(lifted_down, window)]
     back = lifted_up.force[_within(lifted_up, window)]
-    row, end, tripped = _let_off(down, toe, end_of_press)
+    row, tripped = _let_off(down, toe, end_of_press)
     if not tripped:
         notes.append("the jack does not slip out of the butt: there is no let-off")
     let_off_travel = float(down.travel[row]) if tripped else math.nan
@@ -186,9 +194,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
         damper_start=damper_start,
         let_off_force=float(down.force[row]) if tripped else math.nan,
         let_off_travel=let_off_travel,
-        let_off_gap=float(np.min(down.gap[strike][:end])) if tripped else math.nan,
-        key_dip=dip,
-        aftertouch=dip - let_off_travel,
+        bottom_travel=dip,
         press=down,
         release=release,
         lifted_press=lifted_down,
@@ -197,13 +203,45 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     )
 
 
+@dataclass(frozen=True)
+class Distances:
+    """What a technician measures with a ruler, as ``feltmb regulate`` does [m].
+
+    The figure in ``docs/howto/regulate_an_action.md`` shows them. NaN: there is no let-off, or the
+    key does not reach its punching.
+    """
+
+    blow: float  #: hammer to string at rest
+    let_off: float  #: hammer to string where they are closest in a press at 10 mm/s
+    dip: float  #: key front to its punching at rest
+    aftertouch: float  #: key front to its punching at the let-off
+
+    @property
+    def let_off_dip(self) -> float:
+        """Dip at the let-off [m]."""
+        return self.dip - self.aftertouch
+
+
+def distances(action: Action, static: StaticTouch, slow: SimulatedPress) -> Distances:
+    """Blow, let-off, dip and aftertouch of an action, from its slow presses."""
+    roles = roles_of(action)
+    bottom, gap = roles["bottom"], static.press.gap
+    measurable = static.has_let_off and static.has_bottom
+    return Distances(
+        blow=float(gap[roles["strike"]][0]),
+        let_off=slow.closest,
+        dip=float(gap[bottom][0]),
+        aftertouch=slow.left(bottom) if measurable else math.nan,
+    )
+
+
 def _within(path: PressPath, window: tuple[float, float]) -> npt.NDArray[np.bool_]:
     inside: npt.NDArray[np.bool_] = (path.travel >= window[0]) & (path.travel <= window[1])
     return inside
 
 
-def _let_off(path: PressPath, toe: float, dip: float) -> tuple[int, int, bool]:
-    """Row of the force peak, first row after the let-off, and whether there was a let-off.
+def _let_off(path: PressPath, toe: float, dip: float) -> tuple[int, bool]:
+    """Row of the force peak before the let-off, and whether there was a let-off.
 
     The let-off is a jump of the path, or else a drop of the force before the key reaches the
     bottom.
@@ -214,7 +252,7 @@ def _let_off(path: PressPath, toe: float, dip: float) -> tuple[int, int, bool]:
     jumps = [row for row in path.jumps if row > first]
     end = jumps[0] if jumps else int(np.searchsorted(path.travel, dip))
     if end <= first:
-        return first, first + 1, False
+        return first, False
     row = first + int(np.argmax(path.force[first:end]))
     fell = bool(np.min(path.force[row:end]) < 0.9 * path.force[row])
-    return row, end, bool(jumps) or fell
+    return row, bool(jumps) or fell

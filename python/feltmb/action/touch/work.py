@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 from feltmb import _core
 from feltmb.action.touch.pictures import dynamic_figure, static_figure
 from feltmb.action.touch.published import published_numbers
-from feltmb.action.touch.static import StaticTouch, roles_of, static_touch
+from feltmb.action.touch.static import StaticTouch, distances, static_touch
 from feltmb.action.touch.strikes import Strike, at_speed, fit_travel_time, simulate_strike
+from feltmb.action.touch.weights import Weights, weights
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter, no_such
 from feltmb.files import make_folder, write_file
@@ -80,6 +81,9 @@ class Touch:
     fits : dict
         By kind of strike: a [s] and b of travel time = a v^b, where v is the impact speed in m/s,
         and the largest relative residual.
+    weights : Weights or None
+        Weights of parts and the parts of the balance weight; None if the file does not say which
+        parts are weighed (``reading.weights``).
     """
 
     action: Action
@@ -88,6 +92,7 @@ class Touch:
     slow: SimulatedPress
     strikes: tuple[Strike, ...]
     fits: dict[str, tuple[float, float, float]]
+    weights: Weights | None = None
 
     def __getitem__(self, key: str) -> float | None:
         """Value of a row by key, in the unit of the row."""
@@ -171,10 +176,11 @@ class Touch:
         folder = make_folder(folder)
         title = _title(self, before)
         former = None if before is None else before.static
+        ruled = distances(self.action, self.static, self.slow)
         hits = None if before is None else (before.strikes, before.fits)
         written = []
         for name, figure in (
-            ("touch_static", static_figure(title, self.static, self.slow, former)),
+            ("touch_static", static_figure(title, self.static, self.slow, ruled, former)),
             ("touch_dynamic", dynamic_figure(title, self.strikes, self.fits, hits)),
         ):
 
@@ -261,8 +267,35 @@ def touch(
         fit = fit_travel_time([b for b in strikes if b.kind == kind])
         if fit is not None:
             fits[kind] = fit
-    rows = _rows(action, static, slow, strikes, fits)
-    return Touch(action, rows, static, slow, strikes, fits)
+    weighed = weights(action, static)
+    rows = _rows(action, static, slow, strikes, fits, weighed)
+    return Touch(action, rows, static, slow, strikes, fits, weighed)
+
+
+_Row = tuple[str, str, float | None, str, str]
+
+
+def _weight_rows(w: Weights | None) -> list[_Row]:
+    """Rows of the weights of parts: key, name, value, SI unit, unit for people."""
+    if w is None:
+        return []
+    rows: list[_Row] = [
+        ("strike_weight", "strike weight", w.strike_weight, "kg", "g"),
+        ("whippen_weight", "whippen weight", w.whippen_weight, "kg", "g"),
+        ("front_weight", "front weight", w.front_weight, "kg", "g"),
+        ("key_ratio", "key ratio", w.key_ratio, "1", "1"),
+        ("action_ratio", "hammer / key travel", w.action_ratio, "1", "1"),
+        ("hammer_share", "strike weight carried", w.hammer_share, "1", "1"),
+    ]
+    for name, force in w.parts.items():
+        if abs(force) > LEAST:
+            key = f"balance_{name.replace(' ', '_')}"
+            rows.append((key, f"balance: {name.replace('_', ' ')}", force, "N", "gf"))
+    return rows
+
+
+#: Parts of the balance weight below this are omitted [N].
+LEAST = 1e-4
 
 
 def _rows(
@@ -271,15 +304,15 @@ def _rows(
     slow: SimulatedPress,
     strikes: tuple[Strike, ...],
     fits: dict[str, tuple[float, float, float]],
+    weighed: Weights | None,
 ) -> tuple[TouchRow, ...]:
-    roles = roles_of(action)
-    strike, bottom = roles["strike"], roles["bottom"]
+    ruled = distances(action, static, slow)
     pressed = [b for b in strikes if b.kind == "pressed" and b.hammer_speed]
     struck = [b for b in strikes if b.kind == "struck" and b.hammer_speed]
     landed = [b for b in (*pressed, *struck) if b.bottom_after_string is not None]
     after_start = [b.bottom_after_start for b in landed if b.bottom_after_start is not None]
     by_speed = sorted(landed, key=lambda b: b.hammer_speed or 0.0)
-    rows: list[tuple[str, str, float | None, str, str]] = [
+    rows: list[_Row] = [
         ("down_weight", "down-weight", static.down_weight, "N", "gf"),
         ("up_weight", "up-weight", static.up_weight, "N", "gf"),
         ("friction", "friction (DW-UW)/2", static.friction, "N", "gf"),
@@ -300,14 +333,13 @@ def _rows(
             "gf",
         ),
         ("let_off_force", "let-off force peak", static.let_off_force, "N", "gf"),
-        ("blow", "hammer blow", float(static.press.gap[strike][0]), "m", "mm"),
-        ("let_off_distance", "let-off distance", slow.closest, "m", "mm"),
-        ("let_off_gap_static", "same without inertia", static.let_off_gap, "m", "mm"),
+        *_weight_rows(weighed),
+        ("blow", "hammer blow", ruled.blow, "m", "mm"),
+        ("let_off_distance", "let-off distance", ruled.let_off, "m", "mm"),
         ("damper_start", "damper start / blow", static.damper_start, "1", "1"),
-        ("let_off_travel", "travel at let-off", static.let_off_travel, "m", "mm"),
-        ("key_dip", "key dip", float(static.press.gap[bottom][0]), "m", "mm"),
-        ("key_travel", "travel at punching", static.key_dip, "m", "mm"),
-        ("aftertouch", "aftertouch", static.aftertouch, "m", "mm"),
+        ("let_off_travel", "dip at let-off", ruled.let_off_dip, "m", "mm"),
+        ("key_dip", "key dip", ruled.dip, "m", "mm"),
+        ("aftertouch", "aftertouch", ruled.aftertouch, "m", "mm"),
         (
             "bottom_after_start_fastest",
             "bottom-start, least",
