@@ -124,6 +124,10 @@ class Bench:
         arm = distance_from_joint(action.config, spring.coordinate, step.point or "")
         return abs(float(spring.stiffness) * (float(angle) - float(spring.rest_angle))) / arm
 
+    def _drop(self, action: Action, step: Step) -> float:
+        press = self._press(action, step)
+        return float(press.gap[-1]) - press.closest
+
     def _check_distance(self, action: Action, step: Step) -> float:
         from feltmb.run.simulate import simulate
 

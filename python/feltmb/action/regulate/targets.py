@@ -32,6 +32,7 @@ MEASURES: dict[str, tuple[str, str, float, str]] = {
     "static_press": ("m", "mm", 1e3, "the same without inertia"),
     "simulated_start": ("1", "", 1.0, "part of the blow done when a contact closes, slow press"),
     "aftertouch": ("m", "mm", 1e3, "key front to its punching at the let-off, slow press"),
+    "drop": ("m", "mm", 1e3, "fall of the hammer after the let-off, key down, slow press"),
     "check_distance": ("m", "mm", 1e3, "hammer in the backcheck to the string after a stroke"),
     "spring_force": ("N", "gf", 1e3 / 9.80665, "force of a spring at rest, at a point of its part"),
 }
@@ -43,6 +44,7 @@ MeasureName = Literal[
     "static_press",
     "simulated_start",
     "aftertouch",
+    "drop",
     "check_distance",
     "spring_force",
 ]
