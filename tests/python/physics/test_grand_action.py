@@ -1,0 +1,216 @@
+"""The packaged grand action: balance and escapement by hand, energy, convergence, repetition.
+
+The balance and the geometry are plain vector arithmetic on the numbers of the file; they share no
+code with the program.
+"""
+
+import tomllib
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import feltmb
+from feltmb.run.quasistatic import simulated_press
+
+G = 9.81
+KEY = 0.0102  # m, key travel to the punching
+
+
+@pytest.fixture(scope="module")
+def grand():
+    return feltmb.load_action("grand_action")
+
+
+@pytest.fixture(scope="module")
+def data(root):
+    """Numbers of the file in mm, g, gf-free SI otherwise."""
+    text = (root / "python/feltmb/params/grand_action.toml").read_text(encoding="utf-8")
+    file = tomllib.loads(text)
+
+    def vector(entry):
+        return np.array(entry["value"]) * 1e-3
+
+    bodies = {n: vector(b["position"]) for n, b in file["bodies"].items()}
+    points = {n: vector(s["point"]) for n, s in file["surfaces"].items()}
+    return file, bodies, points
+
+
+def turned(angle, v):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1]])
+
+
+def moment(arm, force):
+    return arm[0] * force[1] - arm[1] * force[0]
+
+
+def test_rest_forces_are_those_of_a_balance_by_hand(grand, data):
+    """Moments about the pivots, part by part, from the hammer to the key; no friction at rest."""
+    file, pivot, point = data
+    stiff = grand.with_values({"shank.rigid": True})
+    pose = dict(zip(stiff.coordinates, stiff.rest_pose, strict=True))
+    forces = feltmb.evaluate(stiff, stiff.rest_pose, np.zeros(len(pose))).contacts
+    found = forces["normal_force"].to_dict()
+
+    def weight(name):
+        body = file["bodies"][name]
+        return np.array([0.0, -G * 1e-3 * body["mass"]["value"]]), (
+            1e-3 * np.array(body["center_of_mass"]["value"])
+        )
+
+    whippen, key = pose["whippen.angle"], pose["key.angle"]
+    lever, jack = whippen + pose["lever.angle"], whippen + pose["jack.angle"]
+    at_lever = pivot["whippen"] + turned(whippen, pivot["lever"])
+    at_jack = pivot["whippen"] + turned(whippen, pivot["jack"])
+    # Hammer about its center: the lever pushes along its normal through the knuckle's middle.
+    normal = turned(lever, file["surfaces"]["lever_top"]["normal"])
+    knuckle = turned(pose["hammer.angle"], point["knuckle"])
+    shank = file["bodies"]["shank"]
+    length = 1e-3 * shank["length"]["value"]
+    mass = 1e-6 * shank["area"]["value"] * shank["density"]["value"] * length
+    at_head = turned(pose["hammer.angle"], pivot["shank"] - np.array([length, 0.0]))
+    gravity = moment(turned(pose["hammer.angle"], pivot["shank"] - [length / 2, 0.0]), [0, -G * mass])
+    for name, origin in (("hammer", np.zeros(2)), ("head", at_head)):
+        force, center = weight(name)
+        gravity += moment(origin + turned(pose["hammer.angle"], center), force)
+    up = -gravity / moment(knuckle, normal)
+    assert up == pytest.approx(found[11], rel=2e-4)
+    assert 0.6 < up < 0.75  # 9.0 g at 133 mm on a knuckle at 17 mm: 0.69 N
+    # Lever about its pivot: knuckle, weight, spring, height screw.
+    at_knuckle = pivot["hammer"] + knuckle
+    spring = file["springs"]["repetition_spring"]
+    force, center = weight("lever")
+    turn = moment(at_knuckle - at_lever, -up * normal) + moment(turned(lever, center), force)
+    turn -= spring["stiffness"]["value"] * (pose["lever.angle"] - spring["rest_angle"]["value"])
+    out = turned(whippen, [0.0, 1.0])
+    screw = -turn / moment(turned(lever, point["height_screw"]), out)
+    assert screw == pytest.approx(found[13], rel=1e-3)
+    # Whippen with lever and jack about its center: their weights, knuckle, capstan.
+    turn = moment(at_knuckle - pivot["whippen"], -up * normal)
+    for name, origin, angle in (
+        ("whippen", np.zeros(2), whippen),
+        ("lever", at_lever - pivot["whippen"], lever),
+        ("jack", at_jack - pivot["whippen"], jack),
+    ):
+        force, center = weight(name)
+        turn += moment(origin + turned(angle, center), force)
+    at_capstan = turned(key, point["capstan"]) + [0.0, pose["key.lift"]]
+    lift = turned(whippen, [0.0, 1.0])
+    capstan = -turn / moment(at_capstan - pivot["whippen"], lift)
+    assert capstan == pytest.approx(found[3], rel=2e-4)
+    # Key about the balance pin: leads in front, capstan and backcheck behind, back rail.
+    here = np.array([0.0, pose["key.lift"]])
+    force, center = weight("key")
+    turn = moment(turned(key, center), force) + moment(at_capstan - here, -capstan * lift)
+    check, center = weight("backcheck")
+    turn += moment(turned(key, pivot["backcheck"] + center), check)
+    out = turned(key, [0.0, 1.0])
+    rail = -turn / moment(point["back_rail"] - here, out)
+    assert rail == pytest.approx(found[1], rel=1e-3)
+    pin = -(force + check - capstan * lift + rail * out)[1]
+    assert pin == pytest.approx(found[15], rel=1e-3)
+    # Damper: its weight on the string.
+    damper = G * 1e-3 * file["bodies"]["damper"]["mass"]["value"]
+    assert damper == pytest.approx(found[10], rel=2e-4)
+
+
+class Linkage:
+    """The action as rigid links that touch: key angle in, gap of hammer and string out."""
+
+    def __init__(self, data):
+        file, self.pivot, self.point = data
+        surfaces = file["surfaces"]
+        self.radius = {n: 1e-3 * s["radius"]["value"] for n, s in surfaces.items() if "radius" in s}
+        self.normal = {n: np.array(s["normal"]) for n, s in surfaces.items() if "normal" in s}
+        self.arc = surfaces["jack_top"]["arc"]["value"]
+        head = self.pivot["shank"] - [1e-3 * file["bodies"]["shank"]["length"]["value"], 0.0]
+        self.nose = head + self.point["hammer_nose"]
+
+    def whippen(self, key):
+        """Angle at which the heel touches the capstan."""
+        capstan = turned(key, self.point["capstan"])
+
+        def room(angle):
+            normal = turned(angle, self.normal["heel"])
+            heel = self.pivot["whippen"] + turned(angle, self.point["heel"])
+            return (capstan - heel) @ normal - self.radius["capstan"]
+
+        return brentq(room, -0.2, 0.2)
+
+    def jack(self, whippen):
+        """Angle of the jack in the ground: on its stop, or held down by the button."""
+        pivot = self.pivot["whippen"] + turned(whippen, self.pivot["jack"])
+        top = pivot[1] + turned(whippen, self.point["jack_toe"])[1] + self.radius["jack_toe"]
+        button = self.point["let_off_button"][1]
+        if top <= button:
+            return whippen
+        return brentq(
+            lambda a: pivot[1] + turned(a, self.point["jack_toe"])[1] + self.radius["jack_toe"] - button,
+            whippen - 0.5, whippen,
+        )  # fmt: skip
+
+    def lever(self, whippen):
+        """Angle of the lever in the ground: on its height screw, or below the drop screw."""
+        pivot = self.pivot["whippen"] + turned(whippen, self.pivot["lever"])
+
+        def room(angle):
+            normal = turned(angle, self.normal["lever_top"])
+            plane = pivot + turned(angle, self.point["lever_top"])
+            return (self.point["drop_screw"] - plane) @ normal - self.radius["drop_screw"]
+
+        return whippen if room(whippen) >= 0.0 else brentq(room, whippen - 0.3, whippen)
+
+    def on_jack(self, whippen):
+        """Hammer angle at which the knuckle touches top or back edge of the jack."""
+        angle = self.jack(whippen)
+        pivot = self.pivot["whippen"] + turned(whippen, self.pivot["jack"])
+        center = pivot + turned(angle, self.point["jack_top"])
+        up = turned(angle, [np.cos(self.arc[0]), np.sin(self.arc[0])])
+        along = np.array([up[1], -up[0]])  # toward the player
+
+        def room(hammer):
+            way = self.pivot["hammer"] + turned(hammer, self.point["knuckle"]) - center
+            far = way @ up if way @ along > 0.0 else np.hypot(*way)
+            return far - self.radius["jack_top"] - self.radius["knuckle"]
+
+        angles = np.linspace(-0.05, 0.45, 1001)  # from the string down: the first touch counts
+        rooms = np.array([room(a) for a in angles])
+        first = np.flatnonzero((rooms[:-1] > 0.0) & (rooms[1:] <= 0.0))
+        return brentq(room, angles[first[0]], angles[first[0] + 1]) if first.size else np.inf
+
+    def on_lever(self, whippen):
+        """Hammer angle at which the knuckle touches the lever."""
+        angle = self.lever(whippen)
+        pivot = self.pivot["whippen"] + turned(whippen, self.pivot["lever"])
+        normal = turned(angle, self.normal["lever_top"])
+        plane = pivot + turned(angle, self.point["lever_top"])
+
+        def room(hammer):
+            knuckle = self.pivot["hammer"] + turned(hammer, self.point["knuckle"])
+            return (knuckle - plane) @ normal - self.radius["knuckle"]
+
+        return brentq(room, -0.2, 0.6)
+
+    def gap(self, hammer):
+        nose = self.pivot["hammer"] + turned(hammer, self.nose)
+        return self.point["string"][1] - nose[1] - self.radius["hammer_nose"]
+
+    def press(self, dips, key):
+        """Gaps with the knuckle on the jack, and on the lever, at key dips below rest."""
+        whippens = [self.whippen(key - dip / 0.225) for dip in dips]
+        return (
+            np.array([self.gap(self.on_jack(w)) for w in whippens]),
+            np.array([self.gap(self.on_lever(w)) for w in whippens]),
+        )
+
+
+def test_let_off_and_drop_follow_from_the_geometry(grand, data):
+    """Rigid links that touch, without a force: what the slow press of the simulation does."""
+    rest = dict(zip(grand.coordinates, grand.rest_pose, strict=True))["key.angle"]
+    dips = np.arange(0.0, 10.2e-3, 0.05e-3)
+    jack, lever = Linkage(data).press(dips, rest)
+    gap = np.minimum(jack, lever)
+    print(gap[0], gap.min(), dips[gap.argmin()], gap[-1], lever.min())
+    press = simulated_press(grand)
+    print(press.gap[0], press.closest, press.travel[press.gap.argmin()], press.gap[-1])
