@@ -14,7 +14,6 @@ import feltmb
 from feltmb.run.quasistatic import simulated_press
 
 G = 9.81
-KEY = 0.0102  # m, key travel to the punching
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +23,7 @@ def grand():
 
 @pytest.fixture(scope="module")
 def data(root):
-    """Numbers of the file in mm, g, gf-free SI otherwise."""
+    """The file, and positions of its joints and surfaces [m]."""
     text = (root / "python/feltmb/params/grand_action.toml").read_text(encoding="utf-8")
     file = tomllib.loads(text)
 
@@ -70,7 +69,9 @@ def test_rest_forces_are_those_of_a_balance_by_hand(grand, data):
     length = 1e-3 * shank["length"]["value"]
     mass = 1e-6 * shank["area"]["value"] * shank["density"]["value"] * length
     at_head = turned(pose["hammer.angle"], pivot["shank"] - np.array([length, 0.0]))
-    gravity = moment(turned(pose["hammer.angle"], pivot["shank"] - [length / 2, 0.0]), [0, -G * mass])
+    gravity = moment(
+        turned(pose["hammer.angle"], pivot["shank"] - [length / 2, 0.0]), [0, -G * mass]
+    )
     for name, origin in (("hammer", np.zeros(2)), ("head", at_head)):
         force, center = weight(name)
         gravity += moment(origin + turned(pose["hammer.angle"], center), force)
@@ -86,6 +87,7 @@ def test_rest_forces_are_those_of_a_balance_by_hand(grand, data):
     out = turned(whippen, [0.0, 1.0])
     screw = -turn / moment(turned(lever, point["height_screw"]), out)
     assert screw == pytest.approx(found[13], rel=1e-3)
+    here = np.array([0.0, pose["key.lift"]])
     # Whippen with lever and jack about its center: their weights, knuckle, capstan.
     turn = moment(at_knuckle - pivot["whippen"], -up * normal)
     for name, origin, angle in (
@@ -95,12 +97,11 @@ def test_rest_forces_are_those_of_a_balance_by_hand(grand, data):
     ):
         force, center = weight(name)
         turn += moment(origin + turned(angle, center), force)
-    at_capstan = turned(key, point["capstan"]) + [0.0, pose["key.lift"]]
+    at_capstan = here + turned(key, point["capstan"])
     lift = turned(whippen, [0.0, 1.0])
     capstan = -turn / moment(at_capstan - pivot["whippen"], lift)
     assert capstan == pytest.approx(found[3], rel=2e-4)
     # Key about the balance pin: leads in front, capstan and backcheck behind, back rail.
-    here = np.array([0.0, pose["key.lift"]])
     force, center = weight("key")
     turn = moment(turned(key, center), force) + moment(at_capstan - here, -capstan * lift)
     check, center = weight("backcheck")
@@ -145,10 +146,10 @@ class Linkage:
         button = self.point["let_off_button"][1]
         if top <= button:
             return whippen
+        toe, size = self.point["jack_toe"], self.radius["jack_toe"]
         return brentq(
-            lambda a: pivot[1] + turned(a, self.point["jack_toe"])[1] + self.radius["jack_toe"] - button,
-            whippen - 0.5, whippen,
-        )  # fmt: skip
+            lambda a: pivot[1] + turned(a, toe)[1] + size - button, whippen - 0.5, whippen
+        )
 
     def lever(self, whippen):
         """Angle of the lever in the ground: on its height screw, or below the drop screw."""
@@ -174,7 +175,7 @@ class Linkage:
             far = way @ up if way @ along > 0.0 else np.hypot(*way)
             return far - self.radius["jack_top"] - self.radius["knuckle"]
 
-        angles = np.linspace(-0.05, 0.45, 1001)  # from the string down: the first touch counts
+        angles = np.linspace(-0.05, 0.45, 401)  # from the string down: the first touch counts
         rooms = np.array([room(a) for a in angles])
         first = np.flatnonzero((rooms[:-1] > 0.0) & (rooms[1:] <= 0.0))
         return brentq(room, angles[first[0]], angles[first[0] + 1]) if first.size else np.inf
@@ -208,9 +209,66 @@ class Linkage:
 def test_let_off_and_drop_follow_from_the_geometry(grand, data):
     """Rigid links that touch, without a force: what the slow press of the simulation does."""
     rest = dict(zip(grand.coordinates, grand.rest_pose, strict=True))["key.angle"]
-    dips = np.arange(0.0, 10.2e-3, 0.05e-3)
+    dips = np.arange(7e-3, 10.2e-3, 0.05e-3)
     jack, lever = Linkage(data).press(dips, rest)
     gap = np.minimum(jack, lever)
-    print(gap[0], gap.min(), dips[gap.argmin()], gap[-1], lever.min())
     press = simulated_press(grand)
-    print(press.gap[0], press.closest, press.travel[press.gap.argmin()], press.gap[-1])
+    assert press.gap[0] == pytest.approx(44.45e-3, abs=0.05e-3)  # 1 3/4 inch
+    # The jack carries the hammer to the let-off; then it lies on the lever, below the drop screw.
+    assert gap.min() == pytest.approx(press.closest, abs=0.25e-3)
+    assert jack[gap.argmin()] < lever[gap.argmin()]
+    assert lever[-1] == pytest.approx(press.gap[-1], abs=0.25e-3)
+    assert press.closest == pytest.approx(1.6e-3, abs=0.05e-3)  # 1/16 inch
+    assert 0.8e-3 < press.gap[-1] - press.closest < 1.6e-3  # no more than 1/16 inch
+
+
+@pytest.mark.parametrize("stroke", ["piano", "forte", "staccato"])
+def test_energy_is_accounted_for_and_results_converge(grand, stroke):
+    fine = feltmb.simulate(grand, stroke, rtol=1e-8)
+    energy = fine.energy
+    assert energy["residual_largest"] <= 1e-5 * energy["work_throughput"]
+    assert energy["created_by"] == []
+    coarse = feltmb.simulate(grand, stroke, ledger=False).summary
+    for name, bound in (("impact_time", 4e-5), ("impact_speed", 1e-3), ("let_off_gap", 2e-5)):
+        if name in fine.summary:
+            assert abs(coarse[name] - fine.summary[name]) < bound, name
+    if stroke != "staccato":  # the key stays down
+        assert fine.summary["check_gap"] == pytest.approx(15e-3, abs=2.5e-3)
+        assert abs(coarse["check_gap"] - fine.summary["check_gap"]) < 1e-4
+
+
+def gap_of(run):
+    return -run["contact06.compression"]
+
+
+@pytest.mark.parametrize(("rest_angle", "rises"), [(0.65, True), (0.45, False)])
+def test_the_spring_lifts_the_hammer_from_the_check(grand, rest_angle, rises):
+    """The key is let up slowly after a blow; a weak spring leaves the hammer where it is."""
+    stroke = feltmb.motion_stroke(
+        [0.0, 0.03, 0.1, 0.3, 0.9], [0.0, 0.0, 12.5e-3, 12.5e-3, 6.5e-3], duration=0.72
+    )
+    action = grand.with_values({"springs.repetition_spring.rest_angle": rest_angle})
+    run = feltmb.simulate(action, stroke, ledger=False)
+    caught = gap_of(run)[np.searchsorted(run.time, 0.3)]
+    assert 12e-3 < caught < 25e-3
+    higher = gap_of(run)[run.time > 0.3].min()
+    assert (higher < 5e-3) == rises
+
+
+def test_the_grand_strikes_again_where_the_upright_does_not(grand, action):
+    """Four presses a second; the key returns by 4 mm of its 10 mm."""
+    weakest = {}
+    for machine in (grand, action):
+        time, value = [], []
+        for k in range(3):
+            start = 0.02 + 0.25 * k
+            time += [start, start + 0.03, start + 0.125, start + 0.145]
+            value += [6.2e-3 if k else 0.0, 11.2e-3, 11.2e-3, 6.2e-3]
+        stroke = feltmb.motion_stroke(time, value, interpolation="linear", duration=0.75)
+        strikes = feltmb.simulate(machine, stroke, ledger=False).strikes
+        times, speeds = (np.asarray(strikes[n]) for n in ("impact_time", "impact_speed"))
+        weakest[machine.name] = min(
+            speeds[(times > t) & (times < t + 0.25)].max(initial=0.0) for t in (0.27, 0.52)
+        )
+    assert weakest["grand_action"] > 0.3
+    assert weakest["steinway45"] == 0.0
