@@ -23,7 +23,7 @@ Many simulations
 Derivatives
     gradient, Gradient, sensitivity
 Piano actions
-    regulate, load_targets, Regulation, touch, Touch, actuator
+    regulate, load_targets, Regulation, touch, Touch, repeat, Repetition, wear, Wear, actuator
 Felt
     felt: materials, identification, audit; fiber: fiber networks; contact: contact laws
 Your own models and measurements
@@ -49,7 +49,9 @@ if TYPE_CHECKING:
     from feltmb import adapters, contact, data, felt, fiber, fit, gap
     from feltmb._core import __version__
     from feltmb.action.regulate import Regulation, load_targets, regulate
+    from feltmb.action.repetition import Repetition, repeat
     from feltmb.action.touch import Touch, touch
+    from feltmb.action.wearing import Wear, wear
     from feltmb.data import Record, read, records_from_frame
     from feltmb.errors import (
         DataError,
@@ -98,12 +100,14 @@ __all__ = [
     "ModelError",
     "Record",
     "Regulation",
+    "Repetition",
     "Run",
     "RunOptions",
     "Simulator",
     "Stroke",
     "StudyResult",
     "Touch",
+    "Wear",
     "__version__",
     "adapters",
     "contact",
@@ -131,6 +135,7 @@ __all__ = [
     "read_stroke_csv",
     "records_from_frame",
     "regulate",
+    "repeat",
     "sequence",
     "simulate",
     "study",
@@ -139,6 +144,7 @@ __all__ = [
     "torque_stroke",
     "touch",
     "view",
+    "wear",
 ]
 
 #: module -> its public names that the package imports at their first use
@@ -150,6 +156,7 @@ _LAZY = {
     "action.regulate": "Regulation load_targets regulate",
     "fit": "Equations Simulator fmu mujoco",
     "run.fmu": "export_fmu",
+    "action.repetition": "Repetition repeat",
     "run.machine": "Machine MachineState",
     "run.options": "RunOptions",
     "run.results": "Run load_run",
@@ -160,6 +167,7 @@ _LAZY = {
     "run.study": "StudyResult packaged_studies study",
     "run.sweep": "sweep",
     "action.touch": "Touch touch",
+    "action.wearing": "Wear wear",
     "graphics.viewer": "view",
 }
 _HOME = {name: module for module, names in _LAZY.items() for name in names.split()}

@@ -60,7 +60,7 @@ MAY_USE = {
         "gap": f"{GROUND} blas data fit",
         "experiment": f"{GROUND} data fit gap",
         "adapters": f"{RUN} fit",
-        "action": RUN,
+        "action": f"{RUN} fit gap adapters graphics",
         "graphics": RUN,
         "live": f"{RUN} fit gap experiment adapters action graphics __init__",
         "__init__": f"{RUN} felt fit gap experiment adapters action graphics",
@@ -92,7 +92,12 @@ REPLACED_WORD = re.compile(
     r"|[Tt]wins?|[Mm]end(?:s|ed|ing)?|[Ll]uck(?:y|ily)?|[Vv]alleys?)(?![\w-])"
 )
 #: Files that tell what was replaced or what other programs say, and this one.
-TELLS_OLD_WORDS = {"CHANGELOG.md", "docs/howto/first_answer.md", "docs/reference/notation.md", "tests/python/test_layers.py"}
+TELLS_OLD_WORDS = {
+    "CHANGELOG.md",
+    "docs/howto/first_answer.md",
+    "docs/reference/notation.md",
+    "tests/python/test_layers.py",
+}
 
 
 def check_use(language: str, file: str, user: str, used: str) -> Iterator[str]:

@@ -25,6 +25,8 @@ COMMANDS = {
     "sensitivity": ("sensitivity", "Derivatives of a stroke with respect to parameters."),
     "actuator": ("actuator", "The key actuator: simulate, study, match a finger force."),
     "touch": ("touch", "Static and dynamic touch: weights, let-off, timing."),
+    "repeat": ("repeat", "Repetition: highest rate at which every press strikes, and why."),
+    "wear": ("wear", "Wear: each felt, friction and spring changed, against the regulation."),
     "gap": ("gap", "The gap to measurements: where, which cause, how far it shrinks."),
     "fit": ("fit", "Fit a model to measured records: parameters with intervals."),
     "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),

@@ -485,6 +485,13 @@ CALLS = {
         "targets": nothing_to_turn(),
         "progress": None,
     },
+    "feltmb.repeat": lambda: {
+        "action": steinway(),
+        "speeds": (0.5,),
+        "returns": (1.0,),
+        "presses": 2,
+        "highest": 2.0,
+    },
     "feltmb.sequence": lambda: {"strokes": (stroke(), stroke()), "period": None, "name": "twice"},
     "feltmb.RunOptions": lambda: {
         "duration": 0.01,
@@ -1201,6 +1208,14 @@ CALLS = {
         "duration": -1.0
     },  # long: refused at the door
     # regulate
+    "feltmb.wear": lambda: {
+        "action": steinway(),
+        "parts": ("jack spring",),
+        "screws": False,
+        "targets": nothing_to_turn(),
+        "executor": None,
+        "progress": False,
+    },
     "feltmb.action.regulate.Screw": lambda: {
         "name": "s",
         "path": "surfaces.Gp3.point",
@@ -1455,6 +1470,7 @@ def _constructed():
 SLOW_VALID = (
     "feltmb.regulate",
     "feltmb.touch",
+    "feltmb.wear",
     "feltmb.action.actuator.match",
     "feltmb.action.actuator.study_actuator",
     "feltmb.action.touch.static_touch",
