@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from feltmb.action.regulate import Targets, default_targets
 from feltmb.action.regulate.screws import Screws
 from feltmb.action.repetition import highest_rate, key_travel
-from feltmb.action.touch import static_touch
+from feltmb.action.touch import distances, static_touch
 from feltmb.adapters import Entry, action_with_effects, load_library
 from feltmb.arguments import checked
 from feltmb.errors import FeltmbError, InvalidParameter
@@ -107,10 +107,10 @@ def _static(action: Action) -> dict[str, float]:
     from feltmb.run.quasistatic import simulated_press
 
     s = static_touch(action)
-    press = simulated_press(action, travel=s.end + 1.2e-3)
+    ruled = distances(action, s, simulated_press(action, travel=s.end + 1.2e-3))
     return {
-        "let_off": press.closest if math.isfinite(s.let_off_travel) else math.nan,
-        "aftertouch": s.aftertouch,
+        "let_off": ruled.let_off if s.has_let_off else math.nan,
+        "aftertouch": ruled.aftertouch,
         "down_weight": s.down_weight,
         "up_weight": s.up_weight,
     }
