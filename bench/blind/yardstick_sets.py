@@ -27,8 +27,8 @@ from feltmb.data import StartPrior, read_records
 from feltmb.gap import (
     Coordinate,
     Effect,
-    LinearModel,
     Equations,
+    LinearModel,
     Parameter,
     Record,
     Sensor,
