@@ -85,35 +85,24 @@ def judge(
     best = _representative(sets, told, classes)
     alone = next(s for s in sets if not s.causes)
     channels = _channels(problem, shown, alone, best, predicted, options)
-    reasons = [] if sets[0] is first else [Reason.DIFFERS_BETWEEN_RECORDS]
-    if not searched.complete:
-        reasons.append(Reason.NOT_COMPLETE)
-    if problem.exact:
-        reasons.append(Reason.NOISE_NOT_STATED)
-    if worse:
-        reasons.append(Reason.CALIBRATION_PREDICTS_WORSE)
-    material = any(c.material for c in channels)
-    verdict = Verdict.CALIBRATED
-    if told:
-        verdict = Verdict.NAMED
-    elif classes:
-        verdict = Verdict.ONE_OF
-    elif material:
-        verdict = Verdict.UNKNOWN
-    elif not any(replace(c, explained=c.tabulated).material for c in channels):
-        verdict = Verdict.NO_GAP
-    gain = None
     ours, base = predicted.get(best.causes), predicted.get(())
+    gain = None
     if best is not alone and ours is not None and base is not None:
-        gain = tuple(math.exp(v) for v in compare(ours, base, best.noise, best.effective))
-        if gain[0] >= 1.0:
-            reasons.append(Reason.NO_HELD_OUT_GAIN)
+        ratio, low, high = (math.exp(v) for v in compare(ours, base, best.noise, best.effective))
+        gain = ratio, low, high
+    reasons = {
+        Reason.DIFFERS_BETWEEN_RECORDS: sets[0] is not first,
+        Reason.NOT_COMPLETE: not searched.complete,
+        Reason.NOISE_NOT_STATED: problem.exact,
+        Reason.CALIBRATION_PREDICTS_WORSE: worse,
+        Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
+    }
     tried = {i for s in searched.sets.values() for i in s.causes}
     tell("locate", 0.0)
     unknowns, correlation = _correlation(problem, best)
     return Result(
-        verdict=verdict,
-        reasons=tuple(dict.fromkeys(reasons)),
+        verdict=_verdict(told, classes, channels),
+        reasons=tuple(reason for reason, holds in reasons.items() if holds),
         channels=channels,
         named=tuple(_named(problem, best, sets, weight, i) for i in told),
         classes=tuple(
@@ -130,7 +119,7 @@ def judge(
             )
             for s, w in zip(sets, weight, strict=True)
         ),
-        held_out_gain=gain,  # type: ignore[arg-type]
+        held_out_gain=gain,
         nothing=float(sum(w for s, w in zip(sets, weight, strict=True) if not s.causes)),
         not_tried=tuple(
             problem.causes[s.cause].name for s in searched.first if s.cause not in tried
@@ -141,7 +130,7 @@ def judge(
         records=tuple(o.record.name for o in problem.fit),
         cells=cells(problem, alone, best),
         events=events(problem, alone, best),
-        places=places(problem, best) if material else (),
+        places=places(problem, best) if any(c.material for c in channels) else (),
         apart=tuple(
             most_different(problem, _where(sets, a), _where(sets, b)) for a, b, *_ in classes
         ),
@@ -149,6 +138,20 @@ def judge(
         correlation=correlation,
         traces=_traces(problem, shown, alone, best, channels),
     )
+
+
+def _verdict(
+    told: Sequence[int], classes: Sequence[Sequence[int]], channels: Sequence[Channel]
+) -> Verdict:
+    if told:
+        return Verdict.NAMED
+    if classes:
+        return Verdict.ONE_OF
+    if any(c.material for c in channels):
+        return Verdict.UNKNOWN
+    if any(replace(c, explained=c.tabulated).material for c in channels):
+        return Verdict.CALIBRATED
+    return Verdict.NO_GAP
 
 
 def _posterior(
