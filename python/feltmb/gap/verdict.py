@@ -407,13 +407,15 @@ def _traces(
     held = {o.record.name for o in shown.held_out}
     out = []
     for r, o in enumerate(problem.fit):
-        if not o.valid[:, c].any():
+        if not (seen := np.flatnonzero(o.valid[:, c])).size:
             continue
+        own = slice(seen[-1] + 1)
         pair = [
-            np.where(o.valid[:, c], s.linears[r].residual[:, c] * o.sd[:, c], np.nan)
+            np.where(o.valid[own, c], s.linears[r].residual[own, c] * o.sd[own, c], np.nan)
             for s in (alone, best)
         ]
-        out.append(Trace(o.record.name, o.record.name in held, o.record.time, *pair))
+        name = o.record.name
+        out.append(Trace(name, name in held, o.record.time[own], *pair))
     return tuple(out)
 
 
