@@ -24,7 +24,7 @@ def waves(seed, time, size, low=2.0, high=15.0):
 
 def write_cart():
     """The guide of the cart has a dry friction of 0.43 N."""
-    time, parts = np.arange(500) * 5e-3, []
+    time, parts = np.arange(400) * 5e-3, []
     for k, size in enumerate((1.0, 2.0, 3.0)):
         force, random = waves(k, time, size)
         truth = {"mass": 2.06, "damping": 0.4, "dry_friction": 0.43}
@@ -34,16 +34,16 @@ def write_cart():
 
 
 def write_table():
-    """The spring of the table hardens: 4000 N/m^3."""
-    time = np.arange(600) * 5e-3
-    for k, size in enumerate((2.0, 3.0, 4.0)):
+    """The spring of the table hardens: 1500 N/m^3."""
+    time = np.arange(400) * 5e-3
+    for k, size in enumerate((1.0, 1.5, 2.0)):
         force, random = waves(10 + k, time, size)
         x = v = 0.0
         seen = []
         for f in force:
             seen.append(x)
             for _ in range(20):
-                v += 2.5e-4 / 2.05 * (f - 90.0 * x - 4000.0 * x**3 - 3.0 * v)
+                v += 2.5e-4 / 2.05 * (f - 90.0 * x - 1500.0 * x**3 - 3.0 * v)
                 x += 2.5e-4 * v
         x = np.array(seen) + 5e-5 * random.standard_normal(time.size)
         data = {"time [s]": time, "motor [N]": force, "x [mm]": 1e3 * x}
@@ -57,11 +57,11 @@ def write_pendulum():
     friction = {"amplitude": {"value": 1.0, "unit": "mN m"}}
     mass = {"value": 20.4, "unit": "g"}
     real = action.with_values({"bodies.arm.friction": friction, "bodies.arm.mass": mass})
-    time = np.arange(600) * 2e-3
-    for k, size in enumerate((0.02, 0.03, 0.04)):
+    time = np.arange(300) * 4e-3
+    for k, size in enumerate((0.01, 0.015, 0.02)):
         force, random = waves(20 + k, time, size, 3.0, 20.0)
         stroke = feltmb.table_stroke(time, force, name="swing")
-        run = feltmb.simulate(real, stroke, output_rate=500.0).to_dataframe()
+        run = feltmb.simulate(real, stroke, output_rate=250.0).to_dataframe()
         angle = np.interp(time, run.index, run["arm.angle"])
         data = {"time [s]": time, "force [N]": force}
         data["arm.angle [rad]"] = angle + 1e-4 * random.standard_normal(time.size)
@@ -71,7 +71,7 @@ def write_pendulum():
 def write_servo():
     """The gear of the servo has a clearance of 20 mrad and a friction of 0.3 N m."""
     servo = feltmb.mujoco("servo.xml").mjcf
-    time = np.arange(400) * 5e-3
+    time = np.arange(300) * 5e-3
     for k in range(3):
         angle, random = waves(30 + k, time, 0.13)
         truth = {"shoulder.frictionloss": 0.3, "shoulder.backlash": 0.01}

@@ -230,8 +230,9 @@ def test_the_cost_of_the_right_hand_side_does_not_grow_with_the_candidates():
 
     counts = []
     for candidates in ((), PLAIN):
+        model = make_model(rates=counted)
         calls.clear()
-        make_model(rates=counted).sensitivities([request(record("a", 0.6), candidates=candidates)])
+        model.sensitivities([request(record("a", 0.6), candidates=candidates)])
         counts.append(len(calls))
     assert counts[0] == counts[1] < 6 * TIME.size
     assert calls[0] == 3  # the point, and two changed jobs
