@@ -28,8 +28,8 @@ from feltmb.fit import (
 )
 from feltmb.gap.beside import Compared
 from feltmb.gap.blind import OUTCOMES, Case, Withheld, withhold
-from feltmb.gap.candidates import candidates
 from feltmb.gap.compare import Comparison, check
+from feltmb.gap.defaults import candidates
 from feltmb.gap.diagnosis import diagnose, fit_model
 from feltmb.gap.explained import Explained, explained_model
 from feltmb.gap.hints import Hint

@@ -10,8 +10,8 @@ from feltmb.arguments import checked
 from feltmb.blas import one_thread
 from feltmb.data import Record
 from feltmb.fit.model import Effect, Model
-from feltmb.gap.candidates import chosen_effects
 from feltmb.gap.compare import compared, refuse
+from feltmb.gap.defaults import chosen_effects
 from feltmb.gap.explained import explained_model
 from feltmb.gap.measured import known_by_test
 from feltmb.gap.options import Options

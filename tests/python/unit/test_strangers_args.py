@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import feltmb
@@ -199,6 +200,13 @@ def record(name="one", seed=0):
     )
 
 
+def table():
+    """Two runs as a table of pandas."""
+    time = 0.01 * np.arange(20)
+    both = [pd.DataFrame({"run": k, "time": time, "f": k + time, "q": time**2}) for k in (1, 2)]
+    return pd.concat(both, ignore_index=True)
+
+
 LIMITS_FILE = 'schema = 1\nduration = "0.4 s"\n[inputs.f]\nunit = "N"\nmost = 1.0\n'
 
 
@@ -250,6 +258,7 @@ def model_methods(model):
         "accepts": {"effect": DRY},
         "events": {"record": record(), "outputs": {"q": np.zeros(200)}},
         "motion": {"record": record(), "jobs": rows},
+        "matched": {"records": [record()]},
         "ready": {"records": [record()]},
         "simulate": {"record": record(), "jobs": rows},
         "simulate_all": {"batches": [(record(), rows)]},
@@ -944,10 +953,24 @@ CALLS = {
         name: getattr(DRY, name) for name in inspect.signature(gap.Effect).parameters
     },
     "feltmb.fit.FunctionModel": lambda: dict(FUNCTION),
-    "feltmb.fit.Simulator": lambda: dict(SIMULATOR),
+    "feltmb.Simulator": lambda: dict(SIMULATOR),
     "feltmb.fit.Exposed": lambda: {"scale": 1.0, "unit": "N", "component": "guide"},
     "feltmb.fit.Exposed.effect": lambda: (fit.Exposed(scale=1.0), {"name": "extra"}),
-    "feltmb.fit.fmu": None,  # needs FMPy and an FMU
+    "feltmb.fmu": None,  # needs FMPy and an FMU
+    "feltmb.mujoco": None,  # needs MuJoCo
+    "feltmb.read": lambda: {
+        "files": written("read.csv", "time [s],q [m]\n0,1\n1,2\n"),
+        "inputs": (),
+        "outputs": ["q"],
+        "units": None,
+        "options": None,
+    },
+    "feltmb.records_from_frame": lambda: {
+        "frame": table(),
+        "by": "run",
+        "inputs": ["f"],
+        "outputs": ["q"],
+    },
     "feltmb.Action.with_laws": lambda: (
         pendulum(),
         {"laws": {pendulum().config.contacts and next(iter(pendulum().config.contacts)): law()}},
@@ -966,7 +989,7 @@ CALLS = {
     },
     "feltmb.fit.LinearModel": lambda: dict(LINEAR),
     "feltmb.fit.Named": lambda: {"values": {"a": 1.0}},
-    "feltmb.fit.Equations": lambda: dict(ODE),
+    "feltmb.Equations": lambda: dict(ODE),
     "feltmb.fit.Parameter": lambda: {
         "name": "p",
         "value": 1.0,
@@ -1017,27 +1040,36 @@ CALLS = {
     "feltmb.gap.Options": lambda: {
         name: getattr(gap.Options(), name) for name in inspect.signature(gap.Options).parameters
     },
-    "feltmb.gap.Record": lambda: {
+    "feltmb.Record": lambda: {
         name: getattr(record(), name) for name in inspect.signature(gap.Record).parameters
     },
-    "feltmb.gap.Record.cut": lambda: (
+    "feltmb.Record.cut": lambda: (
         record(),
         {"first": 0, "last": 100, "name": "part", "role": "fit"},
     ),
-    "feltmb.gap.Record.stretched": lambda: (record(), {"factor": 60.0}),
-    "feltmb.gap.Record.output_array": lambda: (record(), {"names": ["q"]}),
-    "feltmb.gap.Record.part_of": lambda: (record(), {"name": "one"}),
-    "feltmb.gap.Record.with_changed_inputs": lambda: (
+    "feltmb.Record.stretched": lambda: (record(), {"factor": 60.0}),
+    "feltmb.Record.output_array": lambda: (record(), {"names": ["q"]}),
+    "feltmb.Record.part_of": lambda: (record(), {"name": "one"}),
+    "feltmb.Record.with_changed_inputs": lambda: (
         record(),
         {"change": lambda whole: {"f": 2.0 * whole.inputs["f"]}},
     ),
-    "feltmb.gap.Record.with_inputs": lambda: (record(), {"inputs": {"f": np.zeros(200)}}),
-    "feltmb.gap.Record.with_output_as_input": lambda: (
+    "feltmb.Record.from_frame": lambda: (
+        gap.Record,
+        {"frame": table(), "inputs": ["f"], "outputs": ["q"], "sigma": {"q": 0.1}, "name": "a"},
+    ),
+    "feltmb.Record.with_columns_as_inputs": lambda: (
+        dataclasses.replace(record(), outputs={"q": np.zeros(200), "w": np.ones(200)}),
+        {"columns": {"w": "w"}, "mode": None},
+    ),
+    "feltmb.Record.with_inputs": lambda: (record(), {"inputs": {"f": np.zeros(200)}}),
+    "feltmb.Record.with_output_as_input": lambda: (
         dataclasses.replace(record(), outputs={"q": np.zeros(200), "w": np.ones(200)}),
         {"output": "w", "name": "w"},
     ),
-    "feltmb.gap.Record.with_sensed_input": lambda: (record(), {"name": "f", "gain": 1.1}),
+    "feltmb.Record.with_sensed_input": lambda: (record(), {"name": "f", "gain": 1.1}),
     "feltmb.gap.Report.write": lambda: (report(), {"folder": "report", "force": True}),
+    "feltmb.gap.Report.plot": lambda: (report(), {"kind": "residual"}),
     "feltmb.gap.Report.text": lambda: (report(), {"width": 90}),
     "feltmb.gap.Sensor": lambda: {
         name: getattr(gap.Sensor(name="q", sigma=0.1), name)
@@ -1045,11 +1077,13 @@ CALLS = {
     },
     "feltmb.gap.StartPrior": lambda: {"mean": {"q": 0.0}, "sd": {"q": 0.1}, "known": True},
     "feltmb.gap.Verdict": None,  # an enumeration
+    "feltmb.gap.candidates": lambda: {"model": oscillator(), "records": [record()]},
     "feltmb.gap.check": lambda: {"model": oscillator(), "records": [record()]},
     "feltmb.gap.diagnose": lambda: {
         "model": oscillator(),
         "effects": [DRY],
         "records": [record("one", 1), record("two", 2)],
+        "exclude": (),
         "hold_out": None,
         "options": gap.Options(),
         "tell": None,
@@ -1444,6 +1478,8 @@ def _of_class(full, cls):
         method = inspect.getattr_static(cls, name)
         method = getattr(method, "__func__", method)
         if name.startswith("_") or not inspect.isfunction(method):
+            continue
+        if name in ("diagnose", "fit"):  # gap.diagnose and gap.fit_model of every model
             continue
         if method.__module__.startswith("feltmb") and len(inspect.signature(method).parameters) > 1:
             yield f"{full}.{name}"
