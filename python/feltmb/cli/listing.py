@@ -11,17 +11,14 @@ from feltmb.cli.common import console, json_option, new_table, print_json
 @json_option
 def command(as_json: bool) -> None:
     """List packaged mechanisms, strokes and studies, contact laws and accepted units."""
-    from feltmb.action.actuator import load_actuator, packaged_actuators
+    from feltmb import params
     from feltmb.contact import LAWS
-    from feltmb.mechanism import load_action, packaged_actions
     from feltmb.run.stroke import load_stroke, packaged_strokes
-    from feltmb.run.study import study_outlines
     from feltmb.units import ACCEPTED_UNITS
 
-    actions = {name: load_action(name).config.about for name in packaged_actions()}
+    actions, actuators = params.texts("about"), params.texts("about", "actuators")
     strokes = {name: load_stroke(name) for name in packaged_strokes()}
-    studies = {study.name: study.spec.title for study in study_outlines()}
-    actuators = {name: load_actuator(name).config.about for name in packaged_actuators()}
+    studies = params.texts("title", "studies")
     if as_json:
         print_json(
             {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 
 from feltmb.data import Array
 from feltmb.data.records import evenly_spaced
@@ -48,6 +47,8 @@ def low_passed(clock: Array, y: Array, constants: Array, starts: Array | None = 
 
 def _even(time: Array, y: Array, constant: float, first: Array) -> Array:
     """Filter on an even clock, from its first value."""
+    from scipy.signal import lfilter
+
     step = float(time[1] - time[0])
     decay, share = np.exp(-step / constant), constant / step
     new = 1.0 + share * np.expm1(-step / constant)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from feltmb.data import Array, Record
 
@@ -62,6 +61,8 @@ def _continued(time: Array, values: Array, want: Array) -> Array:
     """Interpolated or extrapolated values (B, n, k) at other times."""
     if time.size < 2:
         return np.repeat(values, want.size, axis=1)
+    from scipy.interpolate import CubicSpline
+
     spline = CubicSpline(time, values, axis=1)
     out = np.asarray(spline(np.clip(want, time[0], time[-1])))
     for end, beyond in ((time[0], want - time[0]), (time[-1], want - time[-1])):

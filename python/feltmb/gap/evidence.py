@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from feltmb.data import Array
 from feltmb.gap.linear import Linear, Point, count_global, local_of
@@ -312,6 +311,8 @@ def log_evidence(problem: Problem, fitted: Fitted, weight: Array) -> float:
 
 def _one_sided(problem: Problem, members: Members, point: Point, hessian: Array) -> float:
     """Log of the share of the posterior on the permitted side, over that of the prior, one half."""
+    from scipy.special import log_ndtr
+
     covariance = np.linalg.inv(hessian)
     at, total = len(problem.free), 0.0
     for m in members:

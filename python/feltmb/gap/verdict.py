@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from feltmb.data import Array
 from feltmb.gap.evidence import Fitted, prior_of, system, weights
@@ -279,13 +278,15 @@ def _covariance(problem: Problem, fitted: Fitted) -> Array:
 
 def _by_record(problem: Problem, fitted: Fitted, cause: int) -> tuple[Array, float]:
     """Magnitude in each record in its scale, and the probability of their differences."""
+    from scipy.special import chdtrc
+
     k = _index(problem, fitted, cause)
     if len(problem.fit) < 2:
         return fitted.point.x[k : k + 1], 1.0
     values, covariance = by_record(problem, fitted, k)
     inverse = np.linalg.inv(covariance)
     apart = values - (inverse @ values).sum() / inverse.sum()
-    return values, float(chi2.sf(apart @ inverse @ apart, len(values) - 1))
+    return values, float(chdtrc(len(values) - 1, apart @ inverse @ apart))
 
 
 def _named(

@@ -1,9 +1,10 @@
 """Packaged data sets: mechanisms in this folder; strokes, studies, targets, felts in subfolders."""
 
+import tomllib
 from importlib import resources
 from pathlib import Path
 
-__all__ = ["folder", "names"]
+__all__ = ["folder", "names", "texts"]
 
 
 def folder(kind: str = "") -> Path:
@@ -12,5 +13,14 @@ def folder(kind: str = "") -> Path:
 
 
 def names(kind: str = "") -> list[str]:
-    """Names of the packaged TOML files of a type, sorted."""
-    return sorted(p.stem for p in folder(kind).glob("*.toml"))
+    """Names of the packaged TOML files of a type; in the order of ``order.txt``, else sorted."""
+    listed = folder(kind) / "order.txt"
+    order = listed.read_text("utf-8").split() if listed.is_file() else []
+    found = sorted(p.stem for p in folder(kind).glob("*.toml"))
+    return sorted(found, key=lambda n: order.index(n) if n in order else len(order))
+
+
+def texts(key: str, kind: str = "") -> dict[str, str]:
+    """A text at the top of each packaged file of a type, such as ``"about"``, by name."""
+    files = {name: folder(kind) / f"{name}.toml" for name in names(kind)}
+    return {name: tomllib.loads(p.read_text("utf-8"))[key] for name, p in files.items()}

@@ -55,6 +55,23 @@ def test_a_mechanism_needs_no_tables_or_plots():
     assert not modules & {"pandas", "xarray", "matplotlib", "scipy", "h5netcdf", "rich"}
 
 
+def test_a_diagnosis_starts_without_scipy():
+    """Of its libraries only NumPy, pydantic (files) and rich (tables) are imported at first."""
+    modules = loaded("from feltmb import gap; gap.diagnose")
+    late = {"scipy", "pandas", "xarray", "matplotlib", "h5netcdf", "h5py", "jinja2", "tomlkit"}
+    assert not modules & late
+    assert not {m for m in modules if m.startswith(("feltmb.mechanism", "feltmb.run"))}
+
+
+def test_a_list_reads_no_mechanism():
+    modules = loaded(
+        "from feltmb.cli import main\ntry:\n    main(['list'])\nexcept SystemExit: pass"
+    )
+    assert "feltmb.params" in modules
+    assert not modules & {"scipy", "pandas", "xarray", "matplotlib", "h5netcdf", "h5py", "jinja2"}
+    assert not modules & {"feltmb.mechanism", "feltmb.fiber", "feltmb.run.study"}
+
+
 def test_functions_that_bear_the_name_of_their_module():
     """Whatever was imported first, feltmb.sweep is the function."""
     code = (

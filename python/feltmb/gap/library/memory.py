@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import hyp2f1
 
 from feltmb.data import Array
 
@@ -32,6 +31,8 @@ def slip_along(position: Array, stretch: float, sharpness: float) -> Array:
     """
     if position.size < 2:
         return np.array(position, dtype=np.float64)
+    from scipy.special import hyp2f1
+
     table = DEFLECTIONS * hyp2f1(
         1.0, 1.0 / sharpness, 1.0 + 1.0 / sharpness, DEFLECTIONS**sharpness
     )

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from feltmb.data import Array, Record
 from feltmb.fit import Effect
@@ -188,6 +187,8 @@ def clock_rate(outputs: Sequence[str]) -> Effect:
     del outputs
 
     def observe(record: Record, values: Array, magnitudes: Array, shape: Any) -> Array:
+        from scipy.interpolate import CubicSpline
+
         del shape
         out, time = values.copy(), record.time[: values.shape[1]]
         for b, size in enumerate(magnitudes):

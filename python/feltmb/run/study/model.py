@@ -37,10 +37,7 @@ from feltmb.units.quantity import fault_lines, shortened
 
 def packaged_studies() -> list[str]:
     """Names of the packaged studies, in the order of the figures of the thesis."""
-    listed = params.folder("studies") / "order.txt"
-    names = params.names("studies")
-    order = listed.read_text(encoding="utf-8").split() if listed.is_file() else []
-    return sorted(names, key=lambda n: (order.index(n) if n in order else len(order), n))
+    return params.names("studies")
 
 
 def study_outlines() -> list[Study]:
