@@ -44,7 +44,7 @@ def command() -> None:
     """Diagnose the gap between a model and measurements: which cause, how much, where.
 
     A model is a packaged mechanism or a Python file that defines `model` and `effects`. Measured
-    files are CSV, MAT or NetCDF. A TOML file of the same name describes each file.
+    files are CSV, MAT, HDF5, NetCDF, Parquet, Feather or MCAP. A TOML file of the same name describes each file.
     """
 
 

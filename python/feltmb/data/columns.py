@@ -1,4 +1,4 @@
-"""Named columns of numbers in text, MAT (version 5 or 7.3) and NetCDF files.
+"""Named columns of numbers in text, MAT (version 5 or 7.3), HDF5 files and tables of programs.
 
 Sizes are checked before data are read. Any exception of a library about a damaged file becomes one
 message.
@@ -14,12 +14,13 @@ import re
 import struct
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from feltmb.data.formats import add_block, read_frame, read_messages
 from feltmb.data.series import MOST_NUMBERS, Columns, columns_of, limit_text
 from feltmb.data.tables import read_number, read_table, text_lines
 from feltmb.data.trackers import read_tracked
@@ -32,8 +33,6 @@ from feltmb.units.quantity import fault_text, shortened
 __all__ = ["MEASURED_FILES", "MOST_NUMBERS", "Columns", "read_columns"]
 
 _TEXTS = (".csv", ".txt", ".tsv", ".dat", ".asc")
-#: Endings of the files that can be read.
-MEASURED_FILES = (*_TEXTS, ".mat", ".nc")
 
 #: Name of a first column without a name, and headings that are no names (the second is of pandas).
 FIRST = "column 1"
@@ -61,10 +60,10 @@ def read_columns(path: Path, *, strict: bool = True, numbered: bool = False) -> 
         if strict and (faults := columns.faults()):
             raise DataError(fault_text(str(path), faults, most=10))
         return columns
-    readers = {".mat": _read_mat, ".nc": _read_netcdf}
-    if kind not in readers:
-        raise DataError(f"{path}: cannot read {kind or 'this'}; expected .csv, .mat or .nc")
-    columns = readers[kind](path)
+    if kind not in READERS:
+        expected = ", ".join(MEASURED_FILES)
+        raise DataError(f"{path}: cannot read {kind or 'this'}; expected {expected}")
+    columns = READERS[kind](path)
     columns.split_names()
     columns.only_longest()
     columns.pair_likelihood()
@@ -224,17 +223,21 @@ def _check_array(content: memoryview, order: str, counted: Iterator[int], place:
             at = at + 8 if small else begin + size + -size % 8
 
 
-# ---------------------------------------------------------------- NetCDF
+# ---------------------------------------------------------------- NetCDF and HDF5
 
 
 def _read_netcdf(path: Path) -> Columns:
     return _read_hdf5(path, "NetCDF 4")
 
 
-def _read_hdf5(path: Path, kind: str) -> Columns:
+def _read_groups(path: Path) -> Columns:
+    return _read_hdf5(path, "HDF5", groups=True)
+
+
+def _read_hdf5(path: Path, kind: str, *, groups: bool = False) -> Columns:
     try:
         with open_hdf5(path, most_bytes=8 * MOST_NUMBERS) as file:
-            return _series(file)
+            return _series(file, groups=groups)
     except DataError as error:
         text = str(error)
         raise DataError(text if text.startswith(f"{path}: ") else f"{path}: {text}") from None
@@ -243,21 +246,26 @@ def _read_hdf5(path: Path, kind: str) -> Columns:
         raise DataError(f"{path}: cannot be read as {kind}: {reason}") from None
 
 
-def _series(file: Hdf5File) -> Columns:
+def _series(file: Hdf5File, *, groups: bool) -> Columns:
+    """Series of a file; ``groups``: also those in groups, and the columns of tables (n, k)."""
     columns = Columns()
     total = 0
     faults: list[str] = []
-    for item in file.datasets():
+    for item in file.datasets(groups=groups):
         name = item.name
         if not item.is_numbers or item.shape is None:
             columns.left_out[name] = "no numbers"
             continue
-        if not columns.add(name, item.shape):
+        table = groups and len(item.shape) == 2 and 1 < item.shape[1] < item.shape[0]
+        if not table and not columns.add(name, item.shape):
             continue
         total += math.prod(item.shape)
         if total > MOST_NUMBERS:
             raise DataError(f"more than {MOST_NUMBERS} numbers; {limit_text()}")
-        values = np.array(item.read(), dtype=np.float64).ravel()
+        values = np.array(item.read(), dtype=np.float64)
+        if table and add_block(columns, name, values):
+            continue
+        values = values.ravel()
         for key in ("_FillValue", "missing_value"):
             fill = _attribute(item, key, faults)
             if fill is not None:
@@ -289,3 +297,17 @@ def _attribute(item: Hdf5Dataset, key: str, faults: list[str]) -> float | None:
         return float(flat[0])
     faults.append(f"{item.name}: {key} = {shortened(repr(value))}, expected a number")
     return None
+
+
+#: Reader by the ending of the file, for all but text.
+READERS: dict[str, Callable[[Path], Columns]] = {
+    ".mat": _read_mat,
+    ".nc": _read_netcdf,
+    ".h5": _read_groups,
+    ".hdf5": _read_groups,
+    ".parquet": read_frame,
+    ".feather": read_frame,
+    ".mcap": read_messages,
+}
+#: Endings of the files that can be read.
+MEASURED_FILES = (*_TEXTS, *READERS)

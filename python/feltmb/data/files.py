@@ -196,7 +196,8 @@ def read_record(
     path
         ``.csv``, ``.txt``, ``.tsv`` (comma, semicolon, tab or spaces; decimal point or comma; text
         above the header and lines with # are ignored; empty cells and nan are missing), also
-        exports of Kinovea, Tracker and DeepLabCut; ``.mat``, ``.nc``.
+        exports of Kinovea, Tracker and DeepLabCut, and of ROS bags; ``.mat``, ``.nc``, ``.h5``,
+        ``.parquet``, ``.feather`` (also of LeRobot), ``.mcap``.
     inputs, outputs
         Names of the signals if there is no TOML file; they are also the names of the columns. All
         inputs must exist, and at least one of the outputs: the others were not measured. Without
@@ -478,6 +479,11 @@ def _scale(scale: float | str) -> tuple[float, str] | None:
     return found[0], found[1] or "m"
 
 
+#: Units of clocks that count from 1970, with a value that the larger units do not reach before the
+#: year 5000.
+_EPOCH = {"ns": (1e17, 1e-9), "us": (1e14, 1e-6), "ms": (1e11, 1e-3)}
+
+
 def _clock(sheet: Sheet, columns: Columns, faults: list[str]) -> Array:
     length = max((v.size for v in columns.values.values()), default=0)
     if sheet.interval is not None:
@@ -509,7 +515,15 @@ def _clock(sheet: Sheet, columns: Columns, faults: list[str]) -> Array:
             "the TOML, --frame-rate HZ, in Python frame_rate of ReadOptions)"
         )
         return np.zeros(0)
-    unit = unit_of_column(columns, name, sheet.time_unit) or "s"
+    unit = unit_of_column(columns, name, sheet.time_unit)
+    first = float(values[0]) if values.size else 0.0
+    epoch = next((u for u, (least, _) in _EPOCH.items() if first > least and not unit), "")
+    if epoch:
+        columns.notes.append(
+            f"{shortened(name)} counts {epoch} since 1970: zero is its first value"
+        )
+        values = (values - first) * _EPOCH[epoch][1]
+    unit = unit or "s"
     try:
         factor = conversion_factor(unit, "s")
     except InvalidParameter:

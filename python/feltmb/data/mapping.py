@@ -20,7 +20,8 @@ from feltmb.units.quantity import fault_text, shortened, validated
 __all__ = ["Signals", "clock_column", "run_column", "sheet_for", "unit_of_column", "values_in"]
 
 _FRAMES = ("frame", "frames", "frameno", "framenumber", "bild")
-_RUNS = ("run", "runno", "runnumber", "trial", "repeat", "repetition", "take", "specimen", "test")
+_RUNS = ("run", "runno", "runnumber", "trial", "repeat", "repetition", "take", "specimen", "test",
+         "episode", "episodeindex")  # fmt: skip
 #: Quantity of an input by its SI unit.
 _QUANTITIES = {"N": "force", "m": "displacement"}
 

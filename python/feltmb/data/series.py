@@ -33,7 +33,8 @@ MOST_NUMBERS = 20_000_000  # limit for a file: 160 MB; reading needs a few times
 MOST_FAULTS = 1000
 #: Usual names of the columns of a quantity, in machines and in other languages.
 _CALLED = {
-    "time": "time t timestamp elapsed_time date_time zeit prüfzeit uhrzeit temps tiempo",
+    "time": "time t timestamp rosbag_timestamp elapsed_time date_time zeit prüfzeit uhrzeit temps "
+    "tiempo",
     "force": "force load load_cell kraft standardkraft f",
     "displacement": "displacement extension travel stroke position crosshead compression weg "
     "standardweg traverse traversenweg verformung",

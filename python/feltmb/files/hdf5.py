@@ -31,6 +31,7 @@ HDF5_FAULTS = (OSError, ValueError, LookupError, TypeError, AttributeError, Runt
                NotImplementedError, MemoryError)  # fmt: skip
 
 MOST_NAMES = 100_000  # number of entries at the top level of a file, and of attributes of one entry
+MOST_LEVELS = 8  # of groups in groups
 MOST_TEXTS = 1_000_000  # number of texts in the global heaps of a file
 MOST_CHUNKS, MOST_CHUNKS_OF_FILE = 100_000, 400_000  # number of chunks of one dataset, of all
 
@@ -56,6 +57,7 @@ class Hdf5File:
     def __init__(self, file: Any, most_bytes: int):
         self._file = file
         self._room = most_bytes
+        self._names = 0
         self.chunks = 0  # of the datasets so far
         self.most_bytes = most_bytes
         self.left_out: dict[str, str] = {}
@@ -64,19 +66,25 @@ class Hdf5File:
         """Numbers and texts of the file by name."""
         return {k: v for k in self._file.attrs if (v := self._attribute(self._file, k)) is not None}
 
-    def datasets(self) -> Iterator[Hdf5Dataset]:
-        """Datasets in the order of the file."""
+    def datasets(self, *, groups: bool = False) -> Iterator[Hdf5Dataset]:
+        """Datasets in the order of the file; ``groups``: also those in groups, ``group.name``."""
+        yield from self._within(self._file, "", MOST_LEVELS if groups else 0)
+
+    def _within(self, group: Any, before: str, levels: int) -> Iterator[Hdf5Dataset]:
         import h5py
 
-        if len(self._file) > MOST_NAMES:
-            raise ValueError(f"{len(self._file)} entries; the limit is {MOST_NAMES}")
-        for key in self._file:
-            name = plain_text(key)
-            if not isinstance(self._file.get(key, getlink=True), h5py.HardLink):
+        self._names += len(group)
+        if self._names > MOST_NAMES:
+            raise ValueError(f"{self._names} entries; the limit is {MOST_NAMES}")
+        for key in group:
+            name = before + plain_text(key)
+            if not isinstance(group.get(key, getlink=True), h5py.HardLink):
                 self.left_out[name] = "a link to another place"
                 continue
-            item = self._file[key]
-            if not isinstance(item, h5py.Dataset):
+            item = group[key]
+            if isinstance(item, h5py.Group) and levels:
+                yield from self._within(item, f"{name}.", levels - 1)
+            elif not isinstance(item, h5py.Dataset):
                 self.left_out[name] = "a group"
             elif item.external:
                 self.left_out[name] = "stored in another file"
