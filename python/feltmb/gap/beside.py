@@ -200,8 +200,6 @@ def row_of(record: Record, name: str, model: Array) -> Compared:
 
 def _delay(time: Array, measured: Array, model: Array) -> float:
     """Delay with which the model explains most [s]; NaN if less than half of the difference."""
-    from scipy.signal import fftconvolve
-
     both = np.isfinite(measured) & np.isfinite(model)
     count = int(min(time.size, 4096))
     if both.sum() < 8:
@@ -212,7 +210,9 @@ def _delay(time: Array, measured: Array, model: Array) -> float:
     most = int(LONGEST * count)
     padded = np.concatenate([np.full(most, y[0]), y, np.full(most, y[-1])])
     # Sums of squares of all delays at once: x^2 - 2 x y + y^2, with the product by convolution.
-    product = fftconvolve(padded, x[::-1], mode="valid")
+    length = 1 << (padded.size + count).bit_length()
+    spectrum = np.fft.rfft(padded, length) * np.fft.rfft(x[::-1], length)
+    product = np.fft.irfft(spectrum, length)[count - 1 : padded.size]
     squares = np.concatenate([[0.0], np.cumsum(padded**2)])
     cost = float(x @ x) - 2.0 * product + squares[count:] - squares[:-count]
     best = int(np.argmin(cost))
