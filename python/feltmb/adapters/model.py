@@ -234,11 +234,6 @@ class MechanismModel(Model):
         """Start and end of the key's motion, and reversal of the hammer, if channels show them."""
         return landmarks(record.time, outputs, self.action.config.reading)
 
-    def check_writing(self, path: Path) -> None:
-        """See :class:`~feltmb.fit.Model`: a mechanism can be written."""
-        if path.suffix != ".toml":
-            raise InvalidParameter(f"{path}: expected the name of a TOML file, such as found.toml")
-
     def write(  # noqa: D102
         self,
         path: Path,

@@ -16,7 +16,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, evenly_spaced
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file
-from feltmb.fit.priors import Bounds, Priors, Unknowns
+from feltmb.fit.priors import Bounds, Priors, Unknowns, from_file
 from feltmb.fit.simulator import Simulator
 from feltmb.units import spelled_unit
 
@@ -194,19 +194,24 @@ def _channels(description: Any, causality: str) -> dict[str, str]:
     found = {}
     for v in description.modelVariables:
         if v.causality == causality and v.type in ("Real", "Float64", "Float32"):
-            unit = v.unit or (v.declaredType.unit if v.declaredType is not None else None) or ""
-            found[v.name] = spelled_unit(unit.replace(".", " ")) or "" if unit else ""
+            found[v.name] = _unit(v)
     return found
 
 
+def _unit(variable: Any) -> str:
+    """Unit of a variable in the form of feltmb; empty: not stated, or not known."""
+    declared = variable.declaredType
+    unit = variable.unit or (declared.unit if declared is not None else None) or ""
+    return spelled_unit(unit.replace(".", " ")) or "" if unit else ""
+
+
 def _started(name: str, prior: Any, variables: Mapping[str, Any]) -> Any:
-    """A prior whose value None is the start value of the variable."""
-    if not (isinstance(prior, list | tuple) and prior and prior[0] is None):
+    """A prior in the unit of the variable, whose value None is its start value."""
+    variable = variables.get(name)
+    if variable is None:
         return prior
-    start = getattr(variables.get(name), "start", None)
-    if start is None:
-        return prior
-    return (float(start), *prior[1:])
+    start = None if variable.start is None else float(variable.start)
+    return from_file(name, prior, start, _unit(variable))
 
 
 @checked
@@ -265,7 +270,7 @@ def fmu(
         parameters = {n: _started(n, p, variables) for n, p in parameters.items()}
     if unknown is not None:
         unknown = {
-            n: _started(n, (None, 0.0, item), variables) if isinstance(item, str) else item
+            n: _started(n, (None, 0.0, item) if isinstance(item, str) else item, variables)
             for n, item in unknown.items()
         }
     listed = parameters if isinstance(parameters, Mapping) else [p.name for p in parameters]

@@ -161,6 +161,16 @@ class Including(Model):
         """Whether the original model accepts an effect that is not yet included."""
         return effect.name not in [t.name for t in self._own] and self._base.accepts(effect)
 
+    @property
+    def source(self) -> Path | None:
+        """See :class:`~feltmb.fit.Model`."""
+        return self._base.source
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """See :class:`~feltmb.fit.Model`."""
+        return self._base.suffixes
+
     def check_writing(self, path: Path) -> None:
         """Check whether the original model can be written."""
         self._base.check_writing(path)
@@ -176,15 +186,21 @@ class Including(Model):
         force: bool = False,
     ) -> Path:
         # Written by the original model; its effects are part of the written effects.
+        own = self._found(theta, included, magnitudes)
+        return self._base.write(path, *own, provenance=provenance, force=force)
+
+    def numbers(
+        self, theta: Array, included: Sequence[Candidate], magnitudes: Array
+    ) -> tuple[dict[str, float], dict[str, float]]:
+        """See :class:`~feltmb.fit.Model`."""
+        return self._base.numbers(*self._found(theta, included, magnitudes))
+
+    def _found(
+        self, theta: Array, included: Sequence[Candidate], magnitudes: Array
+    ) -> tuple[Array, tuple[Candidate, ...], Array]:
         count = len(self._base.parameters)
-        return self._base.write(
-            path,
-            theta[:count],
-            (*self._own, *included),
-            np.concatenate([theta[count:], magnitudes]),
-            provenance=provenance,
-            force=force,
-        )
+        sizes = np.concatenate([theta[count:], magnitudes])
+        return theta[:count], (*self._own, *included), sizes
 
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
         """Events of the original model."""

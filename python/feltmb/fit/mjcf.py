@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
+from xml.parsers.expat import ExpatError
 
 import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.data import Array
 from feltmb.errors import InvalidParameter, near_names
-from feltmb.files import is_file
-from feltmb.fit.priors import Bounds, Priors, Unknowns
+from feltmb.files import is_file, write_text
+from feltmb.fit.mjcf_text import changed_text
+from feltmb.fit.model import Candidate
+from feltmb.fit.priors import Bounds, Priors, Unknowns, from_file
 from feltmb.fit.simulator import Simulator
 
 __all__ = ["MujocoModel", "mujoco"]
@@ -108,6 +112,10 @@ class _Mjcf:
                     actuator.biasprm[1] = -value
             elif what == "gear":
                 out.actuator(owner).gear[0] = value
+            elif what == "delay":
+                actuator = out.actuator(owner)
+                step = float(self.spec.compile().opt.timestep)
+                actuator.delay, actuator.nsample = value, int(np.ceil(value / step)) + 2
             else:
                 joint = out.joint(owner)
                 given = getattr(joint, what)
@@ -202,6 +210,94 @@ class MujocoModel(Simulator):
     mjcf: _Mjcf
     """The function, which makes changed models with ``mjcf.patched``."""
 
+    @property
+    def source(self) -> Path:
+        """The file."""
+        return self.mjcf.path
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """A changed MJCF file, or the numbers."""
+        return (".xml", ".toml")
+
+    def check_writing(self, path: Path) -> None:
+        """See :class:`~feltmb.fit.Model`; a file that names other files stays in its folder."""
+        super().check_writing(path)
+        refers = re.search(rb"""\sfile\s*=\s*["']""", self.source.read_bytes())
+        if path.suffix == ".xml" and refers and path.absolute().parent != self.source.parent:
+            raise InvalidParameter(
+                f"{path}: {self.source.name} names other files; expected a file in its folder, "
+                f"{self.source.parent}"
+            )
+
+    def numbers(
+        self, theta: Array, included: Sequence[Candidate], magnitudes: Array
+    ) -> tuple[dict[str, float], dict[str, float]]:
+        """Properties of the file that change, and effects that MJCF cannot express.
+
+        An input that acts late is the delay of its actuator (MuJoCo 4).
+        """
+        values, effects = super().numbers(theta, included, magnitudes)
+        known = _properties(_mujoco(), self.mjcf.spec)
+        values = {n: v for n, v in values.items() if v != known[n].value}
+        model = self.mjcf.spec.compile()
+        for i in range(model.nu):
+            name = model.actuator(i).name
+            late = -effects.get(f"delay of input {name}", 0.0)
+            if name and late > 0.0 and hasattr(model, "actuator_delay"):
+                values[f"{name}.delay"] = late
+                del effects[f"delay of input {name}"]
+        return values, effects
+
+    def write(  # noqa: D102
+        self,
+        path: Path,
+        theta: Array,
+        included: Sequence[Candidate],
+        magnitudes: Array,
+        *,
+        provenance: str = "",
+        force: bool = False,
+    ) -> Path:
+        # The text of the file with other numbers, else the whole model as MuJoCo writes it.
+        if path.suffix != ".xml":
+            return super().write(
+                path, theta, included, magnitudes, provenance=provenance, force=force
+            )
+        self.check_writing(path)
+        values, _ = self.numbers(theta, included, magnitudes)
+        patched = self.mjcf.patched(values)
+        wanted = patched.compile()
+        try:
+            text = changed_text(self.source.read_bytes(), patched, values).decode()
+            spec = _mujoco().MjSpec.from_string(text)
+            spec.modelfiledir = str(self.source.parent)
+            same = _same(spec.compile(), wanted)
+        except (KeyError, ValueError, ExpatError):  # parts of the model are in other files
+            same = False
+        if not same:
+            text = patched.to_xml()
+        told = f"{provenance}: {', '.join(f'{n} = {v:.6g}' for n, v in values.items())}"
+        comment = f"<!-- {told.replace('--', '- -')} -->\n"
+        return write_text(path, _with_comment(text, comment), force=force)
+
+
+def _with_comment(text: str, comment: str) -> str:
+    """A text with a line before its root element."""
+    at = re.search(r"<\s*mujoco\b", text)
+    return text if at is None else text[: at.start()] + comment + text[at.start() :]
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two compiled models have the same numbers."""
+    names = [n for n in dir(one) if n.startswith(("body_", "dof_", "jnt_", "actuator_"))]
+    pairs = [(getattr(one, n), getattr(other, n)) for n in names]
+    return all(
+        np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=1e-5, atol=1e-12)
+        for a, b in pairs
+        if isinstance(a, np.ndarray) and a.dtype.kind in "fiu"
+    )
+
 
 @checked
 def mujoco(
@@ -266,6 +362,11 @@ def mujoco(
         priors: Mapping[str, Any] = {n: _started(n, p, known) for n, p in parameters.items()}
     else:
         priors = {p.name: p for p in parameters}
+    if unknown is not None:
+        unknown = {
+            n: _started(n, (None, 0.0) if isinstance(u, str) else u, known)
+            for n, u in unknown.items()
+        }
     asked = [*priors, *(unknown or {})]
     for n in asked:
         if n not in known:
@@ -300,10 +401,8 @@ def _started(name: str, prior: Any, known: Mapping[str, _Property]) -> Any:
     """A prior whose value None is that of the file, with the unit of the property."""
     if name not in known:
         return prior
-    parts = list(prior) if isinstance(prior, list | tuple) else [prior]
-    if parts[:1] == [None]:
-        parts[0] = known[name].value
-    return (*parts, known[name].unit) if len(parts) == 2 else tuple(parts)
+    parts = prior if isinstance(prior, list | tuple) else (prior,)
+    return from_file(name, parts, known[name].value, known[name].unit)
 
 
 def _properties(mj: Any, model: Any) -> dict[str, _Property]:

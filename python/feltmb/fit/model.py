@@ -22,6 +22,7 @@ from feltmb.above import above
 from feltmb.arguments import checked
 from feltmb.data import Array, InputMode, Record
 from feltmb.errors import InvalidParameter
+from feltmb.files import check_suffix, write_text
 from feltmb.fit.coordinates import Coordinate, Coupling
 from feltmb.fit.noise_of_function import difference_offsets
 
@@ -560,20 +561,38 @@ class Model(ABC):
         """
         return Ready(self, tuple(records))
 
-    def check_writing(self, path: Path) -> None:
-        """Check whether :meth:`write` can write the model.
+    @property
+    def source(self) -> Path | None:
+        """Text file of which :meth:`write` changes parts; None: there is none."""
+        return None
 
-        By default it cannot, because the model does not come from a file.
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Endings of the files that :meth:`write` can write, the usual one first."""
+        return (".toml",)
+
+    def check_writing(self, path: Path) -> None:
+        """Check whether :meth:`write` can write this file.
 
         Raises
         ------
         InvalidParameter
-            The model cannot be written.
+            The ending is another one, or the model cannot be written.
         """
-        raise InvalidParameter(
-            f"{path}: the model {self.name} ({type(self).__name__}) is made from no file, expected "
-            "a mechanism; use report.model.simulate, .parameters and .effects"
-        )
+        check_suffix(path, *self.suffixes)
+
+    def numbers(
+        self, theta: Array, included: Sequence[Candidate], magnitudes: Array
+    ) -> tuple[dict[str, float], dict[str, float]]:
+        """Values of the parameters, and magnitudes of the effects that are no parameters.
+
+        Parameters
+        ----------
+        theta, included, magnitudes
+            As for :meth:`write`.
+        """
+        values = {p.name: float(v) for p, v in zip(self.parameters, theta, strict=True)}
+        return values, {c.name: float(m) for c, m in zip(included, magnitudes, strict=True)}
 
     def write(
         self,
@@ -585,7 +604,7 @@ class Model(ABC):
         provenance: str = "",
         force: bool = False,
     ) -> Path:
-        """Write the model with these values to a file; see :meth:`check_writing`.
+        """Write the model with these values to a file: by default the numbers, as TOML.
 
         Parameters
         ----------
@@ -602,9 +621,24 @@ class Model(ABC):
         force
             False: an existing file is not overwritten.
         """
-        del theta, included, magnitudes, provenance, force
+        import tomlkit
+
         self.check_writing(path)
-        raise NotImplementedError
+        document = tomlkit.document()
+        document.add(tomlkit.comment(f"{self.name}: {provenance}"))
+        listed = (*self.effects, *(c.effect for c in included))
+        units = {n: e.unit for e in listed for n in (e.name, str(e.data))}
+        units |= {p.name: p.unit for p in self.parameters}
+        for title, found in zip(
+            ("parameters", "effects"), self.numbers(theta, included, magnitudes), strict=True
+        ):
+            table = tomlkit.table()
+            for key, value in found.items():
+                table.add(key, float(f"{value:.9g}"))
+                table[key].comment(units.get(key, "1"))
+            if found:
+                document.add(title, table)
+        return write_text(path, tomlkit.dumps(document), force=force)
 
     def accepts(self, effect: Effect) -> bool:
         """Whether the model can simulate an effect. By default: only sensor and input effects."""

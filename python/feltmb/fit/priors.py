@@ -10,6 +10,7 @@ from typing import Any, Literal
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter, near_names
 from feltmb.fit.model import Effect, Parameter
+from feltmb.units import conversion_factor
 
 __all__ = [
     "Bounds",
@@ -17,6 +18,7 @@ __all__ = [
     "Priors",
     "Unknowns",
     "check_bounds",
+    "from_file",
     "parameters_of",
     "unknown_effects",
 ]
@@ -81,6 +83,24 @@ def _range(name: str, bounds: Bounds) -> tuple[float, float]:
     if len(pair) != 2 or not _numbers(pair) or not pair[0] <= pair[1]:
         raise InvalidParameter(f"bounds of {name}: got {given!r}, expected (lowest, highest)")
     return float(pair[0]), float(pair[1])
+
+
+def from_file(name: str, prior: Any, value: float | None, unit: str) -> Any:
+    """A prior in the unit of a file, whose value None is the value of the file."""
+    if not isinstance(prior, list | tuple):
+        return prior
+    parts = list(prior)
+    if len(parts) == 3 and unit and parts[2] not in ("1", unit):
+        try:
+            factor = conversion_factor(parts[2], unit)
+        except InvalidParameter as error:
+            raise InvalidParameter(f"parameter {name}: {error}") from None
+        parts[:2] = [v if v is None else factor * v for v in parts[:2]]
+    if parts[:1] == [None] and value is not None:
+        parts[0] = value
+    if len(parts) in (2, 3):
+        parts[2:] = [unit or (parts[2] if len(parts) == 3 else "1")]
+    return tuple(parts)
 
 
 def check_bounds(bounds: Bounds, known: Sequence[str], model: str) -> None:

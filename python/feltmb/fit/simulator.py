@@ -350,6 +350,15 @@ class Simulator(Model):
         seen = iter(self._runner.values(runs))
         return [np.array([next(seen) for _ in range(jobs.count)]) for _, jobs in batches]
 
+    def numbers(
+        self, theta: Array, included: Sequence[Candidate], magnitudes: Array
+    ) -> tuple[dict[str, float], dict[str, float]]:
+        """Arguments of the function, and magnitudes of the effects that are no arguments."""
+        own = [c for c in included if c.effect.data in self._names]
+        sizes = dict(zip((c.name for c in included), map(float, magnitudes), strict=True))
+        row = np.array([*theta, *(sizes.pop(c.name) for c in own)])
+        return self._values(row, tuple(own)), sizes
+
     def _values(self, row: Array, included: tuple[Candidate, ...]) -> dict[str, float]:
         count = len(self.parameters)
         values = self._point(row[:count])

@@ -40,6 +40,11 @@ class Explained:
         """Magnitude of each effect by name."""
         return {t.name: float(v) for t, v in zip(self.included, self.magnitudes, strict=True)}
 
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Effects that are no numbers of the model, such as those of sensors."""
+        return tuple(self.original.numbers(self.theta, self.included, self.magnitudes)[1])
+
     @checked
     def simulate(self, record: Record) -> dict[str, Array]:
         """Simulate a whole record; returns the outputs by name.
@@ -55,7 +60,7 @@ class Explained:
 
     @checked
     def write(self, path: str | Path, *, force: bool = False) -> Path:
-        """Write the model to a file that can be loaded again.
+        """Write the model to a file: a mechanism, an MJCF file, or its numbers (TOML).
 
         Parameters
         ----------
@@ -67,7 +72,7 @@ class Explained:
         Raises
         ------
         InvalidParameter
-            The model does not come from a file, or the file format cannot represent an effect.
+            The file has another ending, or its format cannot represent an effect.
         """
         return self.original.write(
             Path(path),
