@@ -21,9 +21,10 @@ from feltmb.cli.common import (
     say_written,
 )
 from feltmb.cli.completing import actions
-from feltmb.cli.gap_reading import reading_options
+from feltmb.cli.gap_reading import reading_options, stated_options
 
 if TYPE_CHECKING:
+    from feltmb.cli.gap_models import Stated
     from feltmb.data import ReadOptions
 
 __all__ = ["command"]
@@ -42,6 +43,7 @@ __all__ = ["command"]
 @folder_option("Folder for fit.json.")
 @reading_options
 @model_set_option
+@stated_options
 @json_option
 @force_option
 def command(
@@ -51,13 +53,15 @@ def command(
     output: Path | None,
     reading: ReadOptions,
     settings: tuple[str, ...],
+    stated: Stated,
     as_json: bool,
     force: bool,
 ) -> None:
     """Fit the parameters of MODEL to measured DATA, and print values and intervals.
 
-    MODEL is a mechanism (packaged or a TOML file), or a Python file that defines `model` and
-    `effects`. Effects are not searched; `feltmb gap diagnose` does that.
+    MODEL is a mechanism (packaged or a TOML file), an FMU, a MuJoCo model (robot.xml), or a
+    function or model of a Python file (model.py:cart). Effects are not searched;
+    `feltmb gap diagnose` does that.
     """
     from feltmb.cli.gap_models import load_adapter
     from feltmb.files import check_writable, make_folder, write_text
@@ -65,7 +69,7 @@ def command(
 
     if output is not None:
         check_writable(make_folder(output) / "fit.json", force=force)
-    adapter = load_adapter(model, settings)
+    adapter = load_adapter(model, settings, stated=stated)
     records = adapter.read(data, reading)
     line = ProgressLine()
     report = fit_model(adapter.model, records, options=Options(seconds=seconds), tell=line)

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING
 import click
 
 from feltmb.cli.common import (
-    FileName,
     Number,
     ProgressLine,
     console,
     credibility_option,
-    folder_option,
     force_option,
     json_option,
     list_option,
@@ -30,21 +28,28 @@ from feltmb.cli.gap_check import command as check_command
 from feltmb.cli.gap_join import command as join_command
 from feltmb.cli.gap_plan import command as plan_command
 from feltmb.cli.gap_plan import measured_option
-from feltmb.cli.gap_reading import reading_options
+from feltmb.cli.gap_reading import config_option, reading_options, stated_options
 from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
+    from feltmb.cli.gap_models import Stated
     from feltmb.data import ReadOptions
+    from feltmb.gap import Explained
 
 __all__ = ["command"]
+
+#: Endings of files for a remedy; another name is that of a folder. Lines of a difference.
+REMEDIES = (".toml", ".xml")
+DIFF = 60
 
 
 @click.group(name="gap", context_settings={"help_option_names": ["-h", "--help"]})
 def command() -> None:
     """Diagnose the gap between a model and measurements: which cause, how much, where.
 
-    A model is a packaged mechanism or a Python file that defines `model` and `effects`. Measured
-    files are CSV, MAT, HDF5, NetCDF, Parquet, Feather or MCAP. A TOML file of the same name describes each file.
+    A model is a packaged mechanism, a mechanism file, an FMU, a MuJoCo model (robot.xml), or a
+    function or model of a Python file (model.py:cart). Measured files are CSV, MAT, HDF5, NetCDF,
+    Parquet, Feather or MCAP. A TOML file of the same name describes each file.
     """
 
 
@@ -64,7 +69,22 @@ command.add_command(plan_command)
     help="Record (or its file) that is not fitted, but predicted. Default: the records with the "
     "role held_out, else some records are chosen.",
 )
-@folder_option("Folder for report.html, report.txt and report.json.")
+@click.option(
+    "--out",
+    "-o",
+    "output",
+    metavar="NAME",
+    type=click.Path(path_type=Path),
+    help="Folder for report.html, report.txt, report.json and the remedy; or a file for the "
+    "remedy: the mechanism or the numbers (TOML), a MuJoCo model (XML).",
+)
+@stated_options
+@list_option(
+    "--exclude",
+    "excluded",
+    metavar="EFFECT",
+    help="Effect, pattern such as 'sensor*', or component that is not tested.",
+)
 @list_option(
     "--include",
     "included",
@@ -103,13 +123,7 @@ command.add_command(plan_command)
     "the motion.",
 )
 @reading_options
-@click.option(
-    "--write",
-    "written",
-    metavar="FILE",
-    type=FileName(".toml", dir_okay=False),
-    help="Write the mechanism with calibrated values and named effects (TOML).",
-)
+@config_option
 @measured_option
 @model_set_option
 @json_option
@@ -119,6 +133,8 @@ def run(
     data: tuple[Path, ...],
     hold_out: tuple[str, ...],
     output: Path | None,
+    stated: Stated,
+    excluded: tuple[str, ...],
     included: tuple[str, ...],
     credibility: float,
     prior: float,
@@ -126,7 +142,6 @@ def run(
     seconds: float,
     good_enough: tuple[str, ...],
     reading: ReadOptions,
-    written: Path | None,
     measured: Path | None,
     settings: tuple[str, ...],
     as_json: bool,
@@ -134,23 +149,30 @@ def run(
 ) -> None:
     """Diagnose the gap between MODEL and measured DATA.
 
+    MODEL is a mechanism, an FMU, a MuJoCo model (robot.xml), or a function of a Python file
+    (model.py:cart).
+
     Ctrl-C ends the search; the answer rests on the fits so far.
     """
     from feltmb.cli.gap_models import held_out, load_adapter
     from feltmb.files import check_writable, make_folder
-    from feltmb.gap import Options, diagnose, explained_model
+    from feltmb.gap import Options, diagnose
 
-    if output is not None:
-        make_folder(output)
+    adapter = load_adapter(model, settings, stated=stated)
+    folder = output if output is not None and output.suffix.lower() not in REMEDIES else None
+    remedy = None if folder is not None else output
+    if folder is not None:
+        make_folder(folder)
+        remedy = folder / f"remedy{adapter.model.suffixes[0]}"
         for name in ("report.html", "report.txt", "report.json"):
-            check_writable(output / name, force=force)
-    adapter = load_adapter(model, settings)
-    if written is not None:
-        check_writable(written, force=force)
-        adapter.model.check_writing(written)
+            check_writable(folder / name, force=force)
+    if remedy is not None:
+        check_writable(remedy, force=force)
+        adapter.model.check_writing(remedy)
     groups = adapter.read_each(data, reading)
     records = tuple(r for group in groups for r in group)
-    adapter = adapter.with_records(records).including(included).measured(measured)
+    if included or measured is not None or not adapter.default:
+        adapter = adapter.with_records(records).including(included).measured(measured)
     options = Options(
         credibility=credibility,
         good_enough=floors(good_enough, adapter.model.units),
@@ -161,8 +183,9 @@ def run(
     line = ProgressLine()
     report = diagnose(
         adapter.model,
-        adapter.effects,
+        None if adapter.default else adapter.effects,
         records,
+        exclude=excluded,
         hold_out=held_out(hold_out, data, groups) or None,
         options=options,
         tell=line,
@@ -172,12 +195,26 @@ def run(
         print_json(report.as_dict())
     else:
         say(report.text(console().width))
-    if written is not None:
-        explained = explained_model(adapter.model, adapter.effects, report)
-        say_written(explained.write(written, force=force))
-    if output is not None:
+    if remedy is not None and report.model is not None:
+        _write_remedy(report.model, remedy, force=force)
+    if folder is not None:
         title = f"{adapter.model.name}: diagnosis"
-        say_written(report.write(output, title=title, force=force))
+        say_written(report.write(folder, title=title, force=force))
+
+
+def _write_remedy(model: Explained, path: Path, *, force: bool) -> None:
+    """Write the model with what was found, and show how its file differs."""
+    from difflib import unified_diff
+
+    source = model.original.source
+    old = "" if source is None else source.read_text("utf-8", "replace")
+    say_written(model.write(path, force=force))
+    if source is not None and path.suffix == source.suffix:
+        new = path.read_text("utf-8").splitlines()
+        lines = [*unified_diff(old.splitlines(), new, source.name, path.name, n=0, lineterm="")]
+        say("\n".join(lines[:DIFF]) + (f"\n... {len(lines) - DIFF} more" if lines[DIFF:] else ""))
+    if model.left_out and path.suffix != ".toml":
+        say(f"not in {path.name}: {', '.join(model.left_out)}; it has no place for them")
 
 
 def floors(texts: tuple[str, ...], units: Mapping[str, str]) -> dict[str, float]:

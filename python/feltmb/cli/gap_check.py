@@ -23,10 +23,11 @@ from feltmb.cli.common import (
     say,
 )
 from feltmb.cli.completing import actions
-from feltmb.cli.gap_reading import reading_options
+from feltmb.cli.gap_reading import reading_options, stated_options
 from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
+    from feltmb.cli.gap_models import Stated
     from feltmb.data import ReadOptions, Record
     from feltmb.gap import Comparison
 
@@ -46,6 +47,7 @@ __all__ = ["command"]
 )
 @reading_options
 @model_set_option
+@stated_options
 @json_option
 @force_option
 def command(
@@ -53,6 +55,7 @@ def command(
     picture: Path | None,
     reading: ReadOptions,
     settings: tuple[str, ...],
+    stated: Stated,
     as_json: bool,
     force: bool,
 ) -> None:
@@ -81,7 +84,7 @@ def command(
     from feltmb.cli.gap_models import load_adapter
     from feltmb.gap import check
 
-    adapter = load_adapter(name, settings)
+    adapter = load_adapter(name, settings, stated=stated)
     found = check(adapter.model, adapter.read(data, reading))
     hints = [h.text for h in found.hints]
     if as_json:

@@ -1,4 +1,4 @@
-"""Models on the command line: from a Python file, or by the name of a mechanism."""
+"""Models on the command line: a mechanism, a Python file, an FMU, or a MuJoCo model."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import importlib.util
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import FunctionType
 from typing import TYPE_CHECKING
 
 from feltmb.cli.messages import complain
@@ -15,14 +16,27 @@ from feltmb.data.mapping import Signals
 from feltmb.errors import InvalidParameter
 from feltmb.experiment import Limits
 from feltmb.files import is_file
-from feltmb.fit import Effect, Model, including
+from feltmb.fit import Effect, Model, Simulator, fmu, including, mujoco
 from feltmb.fit.calling import calling
-from feltmb.gap import read_measured, with_measured
+from feltmb.gap import candidates, read_measured, with_measured
 
 if TYPE_CHECKING:
     from feltmb.run.stroke.strokes import Kind
 
-__all__ = ["Adapter", "held_out", "load_adapter"]
+__all__ = ["Adapter", "Stated", "held_out", "load_adapter"]
+
+#: Endings of files of MuJoCo models.
+MJCF = (".xml", ".mjcf", ".urdf")
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Parameters of a model and effects that are its parameters, from the command line."""
+
+    parameters: Mapping[str, tuple[float | None, float, str]] = field(default_factory=dict)
+    """(value or None, sd, unit) by name."""
+    unknown: Mapping[str, object] = field(default_factory=dict)
+    """Unit, or (value without the effect, expected size, unit), by name."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +44,7 @@ class Adapter:
     """A model with the effects that are tested."""
 
     model: Model
-    effects: tuple[Effect, ...]
+    effects: tuple[Effect, ...] = ()
     planned: tuple[Record, ...] = ()
     """Possible runs, for ``feltmb gap plan``."""
     outputs_of: Callable[[Sequence[str]], tuple[str, ...]] = tuple
@@ -41,6 +55,8 @@ class Adapter:
     """Inputs that are strokes of a mechanism, with the kind of the stroke."""
     made: Callable[[Sequence[Record]], Sequence[Effect]] | None = None
     """Function that makes the effects from the records; None: ``effects`` are all."""
+    default: bool = False
+    """Whether the effects are the default ones, :func:`feltmb.gap.candidates`."""
 
     @property
     def signals(self) -> Signals:
@@ -72,7 +88,7 @@ class Adapter:
         InvalidParameter
             There is no record, or the function of the effects fails.
         """
-        if self.made is None:
+        if self.made is None and not self.default:
             return self
         records = tuple(records) or self.planned
         if not records:
@@ -80,6 +96,8 @@ class Adapter:
                 f"model {self.model.name}: its effects are a function of the records; give "
                 "measured files, or define planned records"
             )
+        if self.made is None:
+            return replace(self, effects=candidates(self.model, records), default=False)
         with calling(f"model {self.model.name}: effects(records)"):
             effects, fault = _listed(self.made(records))
         if fault:
@@ -107,7 +125,7 @@ class Adapter:
         return replace(
             self,
             model=including(self.model, [known[n] for n in names]),
-            effects=tuple(e for e in self.effects if e.name not in names),
+            effects=tuple(e for e in known.values() if e.name not in names),
         )
 
 
@@ -130,27 +148,45 @@ def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) 
     )
 
 
-def load_adapter(name: str, settings: Sequence[str] = (), channels: Sequence[str] = ()) -> Adapter:
-    """Adapter by the name of a packaged mechanism, or the path of a mechanism or Python file.
+def load_adapter(
+    name: str,
+    settings: Sequence[str] = (),
+    channels: Sequence[str] = (),
+    stated: Stated | None = None,
+) -> Adapter:
+    """Adapter by the name of a packaged mechanism, or the path of a file.
 
-    ``channels`` are required in addition to the default channels of a mechanism.
+    The file is a mechanism (TOML), an FMU, a MuJoCo model (XML), or Python. ``channels`` are
+    required in addition to the default channels of a mechanism.
 
-    The Python file defines ``model`` (a :class:`feltmb.fit.Model`) and ``effects`` (a sequence of
-    :class:`feltmb.fit.Effect`, or a function of the records that returns one, see
-    :meth:`Adapter.with_records`). It may define ``planned`` (possible records) and ``limits`` (a
+    A Python file defines ``model``, or another name behind a colon: a :class:`feltmb.fit.Model`, or
+    a function ``(time, inputs, parameters) -> {output: values}``. It may define ``effects`` (a
+    sequence of :class:`feltmb.fit.Effect`, or a function of the records that returns one, see
+    :meth:`Adapter.with_records`), ``planned`` (possible records) and ``limits`` (a
     :class:`feltmb.experiment.Limits`). The file is executed: only use files that you trust.
     """
+    stated = stated or Stated()
     values = {}
     for text in settings:
         key, mark, value = text.partition("=")
         if not mark:
             raise InvalidParameter(f"--set {text}: expected PATH=VALUE")
         values[key.strip()] = value.strip()
-    path = Path(name)
-    if path.suffix == ".py":
-        if values:
-            raise InvalidParameter(f"{name}: --set works with packaged mechanisms, not with a file")
-        return _from_file(path)
+    stem, _, attribute = name.partition(".py:")
+    path = Path(f"{stem}.py" if attribute else name)
+    kind = path.suffix.lower()
+    if values and kind in (".py", ".fmu", *MJCF):
+        raise InvalidParameter(f"{name}: --set works with packaged mechanisms, not with a file")
+    if kind == ".py":
+        return _from_file(path, attribute, stated)
+    if kind in (".fmu", *MJCF):
+        make = fmu if kind == ".fmu" else mujoco
+        model = make(path, parameters=stated.parameters, unknown=stated.unknown or None)
+        return Adapter(model, default=True)
+    if stated.parameters or stated.unknown:
+        raise InvalidParameter(
+            f"{name}: a mechanism has its parameters; --set changes their values"
+        )
     found = _mechanism(name, values, channels)
     if found is None:
         from feltmb.data.columns import MEASURED_FILES
@@ -158,13 +194,13 @@ def load_adapter(name: str, settings: Sequence[str] = (), channels: Sequence[str
         measured = path.suffix.lower() in MEASURED_FILES
         hint = "; this is a file of data, the model is the first argument" if measured else ""
         raise InvalidParameter(
-            f"no model {name!r}; expected a Python file that defines model and effects, a "
-            f"mechanism file, or a packaged mechanism (feltmb list){hint}"
+            f"no model {name!r}; expected a Python file (model.py:FUNCTION), an FMU, a MuJoCo "
+            f"model (.xml), a mechanism file, or a packaged mechanism (feltmb list){hint}"
         )
     return found
 
 
-def _from_file(path: Path) -> Adapter:
+def _from_file(path: Path, attribute: str, stated: Stated) -> Adapter:
     if not is_file(path):
         raise InvalidParameter(f"{path}: there is no such file")
     spec = importlib.util.spec_from_file_location(path.stem, path)
@@ -175,24 +211,37 @@ def _from_file(path: Path) -> Adapter:
         spec.loader.exec_module(module)
     except SystemExit as error:
         raise InvalidParameter(
-            f"{path}: ends the program (exit code {error.code!r}), expected it to define model "
-            "and effects"
+            f"{path}: ends the program (exit code {error.code!r}), expected it to define a model"
         ) from None
     except Exception as error:
         raise InvalidParameter(f"{path}: {type(error).__name__}: {error}") from error
-    model = getattr(module, "model", None)
+    wanted = attribute or "model"
+    model = getattr(module, wanted, None)
+    if callable(model) and not isinstance(model, (Model, type)):
+        unknown = {
+            n: (0.0, *u[1:]) if isinstance(u, tuple) else u for n, u in stated.unknown.items()
+        }
+        model = Simulator(model, parameters=stated.parameters, unknown=unknown)
+    elif stated.parameters or stated.unknown:
+        raise InvalidParameter(
+            f"{path}: --parameter and --unknown describe a function; {wanted} is "
+            f"{type(model).__name__}, which has its own"
+        )
     given = getattr(module, "effects", None)
     made = given if callable(given) else None
     with calling(f"{path}: effects"):
-        effects, fault = ((), "") if made else _listed(given)
+        effects, fault = ((), "") if made or given is None else _listed(given)
     faults = []
     if model is None:
-        faults.append("model is missing, expected a feltmb.gap.Model with this name")
+        names = [n for n, v in vars(module).items()
+                 if isinstance(v, (Model, FunctionType)) and not n.startswith("_")]  # fmt: skip
+        hint = f"; there is {path.name}:{f', {path.name}:'.join(names)}" if names else ""
+        faults.append(f"{wanted} is missing, expected a model or a function with this name{hint}")
     elif not isinstance(model, Model):
-        faults.append(f"model is {type(model).__name__}, expected a feltmb.gap.Model")
-    if given is None:
-        faults.append("effects is missing, expected a sequence of feltmb.gap.Effect")
-    elif fault:
+        faults.append(
+            f"{wanted} is {type(model).__name__}, expected a feltmb.gap.Model or a function"
+        )
+    if given is not None and fault:
         faults.append(f"effects {fault}")
     if faults:
         raise InvalidParameter(f"{path}: " + "; ".join(faults))
@@ -208,6 +257,7 @@ def _from_file(path: Path) -> Adapter:
         tuple(getattr(module, "planned", ())),
         limits=limits,
         made=made,
+        default=given is None,
     )
 
 

@@ -97,7 +97,9 @@ def _named(effects: Sequence[Effect], names: Sequence[str], what: str) -> list[E
     """Effects by name, pattern or component."""
     found: dict[str, Effect] = {}
     for name in names:
-        fitting = [e for e in effects if fnmatchcase(e.name, name) or e.component == name]
+        fitting = [
+            e for e in effects if fnmatchcase(e.name, name) or fnmatchcase(e.component, name)
+        ]
         if not fitting:
             known = [e.name for e in effects]
             raise InvalidParameter(

@@ -267,7 +267,7 @@ def test_the_noise_of_a_force_is_estimated_where_nothing_is_said(forte):
 
 
 def test_what_was_made_part_of_a_model_is_written_with_it(tmp_path):
-    """`--include EFFECT --write FILE` was refused."""
+    """`--include EFFECT -o FILE` was refused."""
     model, effects = resolve("steinway45", {**FEW, "effects": "capstan_height"})
     whole = including(model, effects, [2e-4])
     path = tmp_path / "found.toml"

@@ -80,7 +80,7 @@ def test_a_stroke_without_a_sheet(tmp_path, capsys):
     np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=",".join(columns), comments="")
     written = tmp_path / "found.toml"
     given = ("gap", "diagnose", "steinway45", tmp_path / "a.csv", *FEW, *QUICK)
-    assert run(*given, "--json", "--write", written) == 0
+    assert run(*given, "--json", "-o", written) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["verdict"] in ("NO_GAP", "CALIBRATED")
     assert any("samples after" in n for n in report["notes"])
@@ -113,7 +113,7 @@ def test_a_held_out_file_is_told_from_another_of_its_name(tmp_path, capsys):
         ((EXAMPLES / "emps.py", *EMPS, "--seconds", "-1"), "x>0"),
         ((EXAMPLES / "emps.py", *EMPS, "--good-enough", "2"), "expected a size with its unit"),
         ((EXAMPLES / "emps.py", *EMPS, "--good-enough", "z=2N"), "good_enough: got z"),
-        ((EXAMPLES / "emps.py", *EMPS, "--write", "a.toml"), "is made from no file"),
+        ((EXAMPLES / "emps.py", *EMPS, "-o", "a.xml"), "cannot write .xml, expected .toml"),
     ],
 )
 def test_bad_input_gives_one_message(arguments, said, capsys):
