@@ -6,7 +6,7 @@ import io
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,8 +14,12 @@ from feltmb.data.records import Array
 from feltmb.data.series import MOST_NUMBERS, Columns, limit_text
 from feltmb.errors import DataError
 from feltmb.files import LARGEST_TABLE, is_file, plain_text, read_input, read_json
+from feltmb.units import split_column
 
-__all__ = ["add_block", "read_frame", "read_messages"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["add_block", "columns_of_frame", "read_frame", "read_messages"]
 
 #: Columns of LeRobot that only count, beside the number of the episode.
 _COUNTERS = ("frame_index", "index", "task_index")
@@ -30,11 +34,14 @@ def _needs(path: Path, package: str, extra: str) -> DataError:
     )
 
 
-def add_block(columns: Columns, name: str, values: Array, parts: list[str] | None = None) -> bool:
+def add_block(
+    columns: Columns, name: str, values: Array, features: Mapping[str, list[str]] | None = None
+) -> bool:
     """Add the columns of an array, (n, k), as ``name.0``, or with given names; False: too many."""
     width = values.shape[1]
     if not 1 <= width <= MOST_COLUMNS:
         return False
+    parts = (features or {}).get(name)
     parts = parts if parts and len(parts) == width else [str(j) for j in range(width)]
     for part, column in zip(parts, values.T, strict=True):
         columns.values[f"{name}.{part}"] = np.array(column, dtype=np.float64)
@@ -59,29 +66,48 @@ def read_frame(path: Path) -> Columns:
         raise _needs(path, "pyarrow", "parquet") from None
     except Exception as error:  # pandas documents no set of exceptions for damaged files
         raise DataError(f"{path}: cannot be read as {path.suffix[1:]}: {error}") from None
-    if frame.index.name or isinstance(frame.index, pd.DatetimeIndex):
-        frame = frame.reset_index(names=frame.index.name or "time")
     if frame.size > MOST_NUMBERS:
         raise DataError(f"{path}: {frame.size} numbers; {limit_text()}")
-    columns, features = Columns(), _features(path)
-    for label, series in frame.items():
-        name = plain_text(str(label))
-        if "episode_index" in frame and name in _COUNTERS:
+    return columns_of_frame(frame, features=_features(path))
+
+
+def columns_of_frame(
+    frame: pd.DataFrame, time: str = "", features: Mapping[str, list[str]] | None = None
+) -> Columns:
+    """Columns of numbers with the units of their headings; an index of times is the clock.
+
+    Dates become seconds from the first. A column of lists of one length becomes several columns,
+    with the names of ``features``.
+    """
+    columns = Columns()
+    parts: list[tuple[str, Any]] = [(str(c), frame[c]) for c in frame.columns]
+    index = frame.index
+    if index.name is not None or index.dtype.kind in "mMf":
+        parts.insert(0, (str(index.name or time or "time"), index.to_series()))
+    counted = _COUNTERS if "episode_index" in frame else ()
+    for heading, series in parts:
+        name, unit = split_column(plain_text(heading))
+        kind = series.dtype.kind
+        if name in counted:
             columns.left_out[name] = "a counter"
-        elif series.dtype.kind == "M":
-            columns.values[name] = (series - series.iloc[0]).dt.total_seconds().to_numpy()
-            columns.units[name] = "s"
-            columns.notes.append(f"{name}: dates become seconds from the first")
-        elif pd.api.types.is_numeric_dtype(series) or pd.api.types.is_bool_dtype(series):
+            continue
+        if kind in "mM":
+            values = series.to_numpy()
+            start = values[0] if kind == "M" and values.size else np.timedelta64(0, "ns")
+            columns.values[name], unit = (values - start) / np.timedelta64(1, "s"), "s"
+        elif kind in "iufb":
             columns.values[name] = series.to_numpy(dtype=np.float64, na_value=np.nan)
         else:
             try:
                 block = np.array([np.ravel(v) for v in series], dtype=np.float64)
-                there = block.ndim == 2 and add_block(columns, name, block, features.get(name))
+                there = block.ndim == 2 and add_block(columns, name, block, features)
             except (TypeError, ValueError):
                 there = False
             if not there:
                 columns.left_out[name] = "no numbers"
+            continue
+        if unit:
+            columns.units[name], columns.headings[name] = unit, heading
     return columns
 
 

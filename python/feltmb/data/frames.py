@@ -6,16 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from feltmb.arguments import checked
 from feltmb.data.files import build_records
+from feltmb.data.formats import columns_of_frame
 from feltmb.data.mapping import clock_column
 from feltmb.data.records import Record
-from feltmb.data.series import Columns
 from feltmb.data.sheet import InputSpec, OutputSpec, Sheet
 from feltmb.errors import DataError, InvalidParameter, near_names
-from feltmb.units import split_column
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -77,7 +74,7 @@ def record_from_frame(
     name: str,
 ) -> Record:
     """One record; see :meth:`Record.from_frame`."""
-    columns = _columns(frame, time)
+    columns = columns_of_frame(frame, time)
     _check_frame(frame, [])
     known = list(columns.values)
     clock = clock_column(columns, time)
@@ -107,36 +104,3 @@ def _check_frame(frame: Any, wanted: Sequence[str]) -> None:
             raise DataError(
                 f"frame: no column {name}{near_names(name, known)}; there are {', '.join(known)}"
             )
-
-
-def _columns(frame: pd.DataFrame, time: str) -> Columns:
-    """Columns of numbers with the units of their headings; an index of times is the clock."""
-    columns = Columns()
-    parts: list[tuple[str, Any]] = [(str(c), frame[c]) for c in frame.columns]
-    index = frame.index
-    if index.name is not None or index.dtype.kind in "mMf":
-        parts.insert(0, (str(index.name or time or "time"), index.to_series()))
-    for heading, series in parts:
-        name, unit = split_column(heading)
-        values = _numbers(series)
-        if values is None:
-            columns.left_out[name] = "no numbers"
-            continue
-        columns.values[name] = values
-        if series.dtype.kind in "mM":
-            unit = "s"
-        if unit:
-            columns.units[name], columns.headings[name] = unit, heading
-    return columns
-
-
-def _numbers(series: pd.Series[Any]) -> Any:
-    """Values as floats; dates and durations as seconds from the first; None: no numbers."""
-    kind = series.dtype.kind
-    if kind in "mM":
-        values = series.to_numpy()
-        start = values[0] if kind == "M" and values.size else np.timedelta64(0, "ns")
-        return (values - start) / np.timedelta64(1, "s")
-    if kind in "iufb":
-        return series.to_numpy(dtype=np.float64, na_value=np.nan)
-    return None
