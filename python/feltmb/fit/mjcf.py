@@ -114,7 +114,7 @@ class _Mjcf:
                 out.actuator(owner).gear[0] = value
             elif what == "delay":
                 actuator = out.actuator(owner)
-                step = float(self.spec.compile().opt.timestep)
+                step = float(self.model.opt.timestep)
                 actuator.delay, actuator.nsample = value, int(np.ceil(value / step)) + 2
             else:
                 joint = out.joint(owner)
@@ -238,9 +238,9 @@ class MujocoModel(Simulator):
         An input that acts late is the delay of its actuator (MuJoCo 4).
         """
         values, effects = super().numbers(theta, included, magnitudes)
-        known = _properties(_mujoco(), self.mjcf.spec)
+        model = self.mjcf.model
+        known = _properties(_mujoco(), model)
         values = {n: v for n, v in values.items() if v != known[n].value}
-        model = self.mjcf.spec.compile()
         for i in range(model.nu):
             name = model.actuator(i).name
             late = -effects.get(f"delay of input {name}", 0.0)
