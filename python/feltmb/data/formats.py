@@ -92,9 +92,8 @@ def columns_of_frame(
             columns.left_out[name] = "a counter"
             continue
         if kind in "mM":
-            values = series.to_numpy()
-            start = values[0] if kind == "M" and values.size else np.timedelta64(0, "ns")
-            columns.values[name], unit = (values - start) / np.timedelta64(1, "s"), "s"
+            since = series - series.iloc[0] if kind == "M" and series.size else series
+            columns.values[name], unit = since.dt.total_seconds().to_numpy(), "s"
         elif kind in "iufb":
             columns.values[name] = series.to_numpy(dtype=np.float64, na_value=np.nan)
         else:
