@@ -96,7 +96,7 @@ def test_the_changed_mjcf_file_closes_the_gap_in_mujoco(tmp_path):
     measured = records(truth, ("angle",))
     model = feltmb.mujoco(source)
     report = model.diagnose(
-        measured, effects=["elbow.frictionloss", "elbow.damping"], options=Options(seconds=60.0)
+        measured, effects=["elbow.frictionloss", "elbow.damping"], options=Options(seconds=900.0)
     )
     assert [n.cause for n in report.named] == ["elbow.frictionloss"]
     report.model.write(fixed)
@@ -252,7 +252,7 @@ def test_start_values_close_the_gap_of_an_fmu_in_fmpy(tmp_path, pendulum):
         hold="zero",
         workers=1,
     )
-    report = model.diagnose(measured, effects=[FRICTION], options=Options(seconds=60.0))
+    report = model.diagnose(measured, effects=[FRICTION], options=Options(seconds=900.0))
     assert [n.cause for n in report.named] == [FRICTION]
     report.model.write(tmp_path / "values.toml")
     values = tomllib.loads((tmp_path / "values.toml").read_text())["parameters"]
