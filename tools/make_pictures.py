@@ -40,6 +40,70 @@ def mechanism() -> Any:
     return plot.mechanism(feltmb.load_action("steinway45"))
 
 
+def regulation_terms() -> Any:
+    """Blow, dip, lost motion, let-off, aftertouch and checking, as they are measured."""
+    import numpy as np
+
+    import feltmb
+    from feltmb.figure import Figure
+    from feltmb.graphics.plot.drawing import draw_bodies, draw_fixed, draw_joints
+    from feltmb.graphics.plot.poses import bent_beams, body_poses, to_ground
+    from feltmb.graphics.plot.shapes import scene, view_box
+    from feltmb.run.quasistatic import simulated_press
+
+    action = feltmb.load_action("steinway45_leaded")
+    surfaces = action.config.surfaces
+    press, played = simulated_press(action), feltmb.simulate(action, "piano")
+
+    def pose(run: Any, row: int) -> Any:
+        return np.array([float(run[name][row]) for name in action.coordinates])
+
+    panels = (
+        ("at rest", action.rest_pose),
+        ("at the let-off, slow press", pose(press.run, int(press.gap[: press.turn].argmin()))),
+        ("in check, after a moderate blow", pose(played, -1)),
+    )
+    figure = Figure(figsize=(15.0, 5.0), layout="constrained")
+    drawn = scene(action, [q for _, q in panels])
+    limits = view_box(action, drawn, [q for _, q in panels])
+    limits = np.array(limits[0]) - (0.03, 0.03), np.array(limits[1]) + (0.02, 0.0)
+    for axes, (title, q) in zip(figure.subplots(1, 3), panels, strict=True):
+        poses, bent = body_poses(action, q), bent_beams(action, q)
+        axes.set(xlim=(limits[0][0], limits[1][0]), ylim=(limits[0][1], limits[1][1]))
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        axes.set_title(title, fontsize=13)
+        draw_fixed(axes, action, drawn, limits)
+        draw_bodies(axes, action, drawn, poses, bent)
+        draw_joints(axes, action, drawn, poses)
+
+        def at(name: str, poses: Any = poses) -> Any:
+            return to_ground(poses[surfaces[name].body], np.array([surfaces[name].point]))[0]
+
+        def leader(text: str, to: Any, label: Any, axes: Any = axes) -> None:
+            arrow = {"arrowstyle": "->", "color": "#b45f06", "lw": 1.2}
+            look = {"color": "#b45f06", "fontsize": 12, "ha": "center", "annotation_clip": False}
+            axes.annotate(text, to, label, arrowprops=arrow, **look)
+
+        nose, string = at("Hp2"), surfaces["Gp6"]
+        normal = np.array(string.normal)
+        nose = nose - normal * surfaces["Hp2"].radius
+        foot = nose - normal * float(np.dot(nose - string.point, normal))
+        gap = 1e3 * float(np.dot(nose - foot, normal))
+        axes.annotate("", foot, nose, arrowprops={"arrowstyle": "<->", "color": "#b45f06"})
+        word = {"at rest": "blow"}.get(title, "let-off" if "let-off" in title else "checking")
+        leader(f"{word} {gap:.1f} mm", 0.5 * (nose + foot), foot + (0.13, 0.035))
+        if "check" not in title:
+            top = np.array(surfaces["Gp3"].point) + (0.0, surfaces["Gp3"].radius)
+            key = at("Kp4")
+            left = 1e3 * float(key[1] - top[1])
+            word = "dip" if title == "at rest" else "aftertouch"
+            leader(f"{word} {left:.1f} mm:\nkey to punching", (key + top) / 2, top + (-0.01, 0.11))
+        if title == "at rest":
+            leader("lost motion 0.1 mm:\njack to butt", at("Jp2"), at("Jp2") + (0.17, 0.06))
+    return figure
+
+
 def felt_identification() -> Any:
     """A felt identified from its own loop with a scatter of 0.5 % of the largest pressure."""
     import numpy as np
@@ -97,6 +161,7 @@ PICTURES: dict[str, Callable[[], Any]] = {
     for draw in (
         forte_overview,
         mechanism,
+        regulation_terms,
         felt_identification,
         felt_audit_hammer,
         actuator_dampers,

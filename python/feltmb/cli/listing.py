@@ -7,6 +7,12 @@ import click
 from feltmb.cli.common import console, json_option, new_table, print_json
 
 
+ONE_NOTE = (
+    "Every mechanism here is one note, 40 of 88 (middle C), of one upright piano. Another note, piano "
+    "or machine needs a file of its own: feltmb new FILE.toml writes a template."
+)
+
+
 @click.command("list")
 @json_option
 def command(as_json: bool) -> None:
@@ -36,6 +42,7 @@ def command(as_json: bool) -> None:
     for name, about in actions.items():
         table.add_row(name, about)
     screen.print(table)
+    screen.print(ONE_NOTE)
     table = new_table("actuators", "name", "about")
     for name, about in actuators.items():
         table.add_row(name, about)

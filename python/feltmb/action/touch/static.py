@@ -140,7 +140,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     press = SlowPress(action, friction="saturated")
     down = _follow(press, grid, lambda p: bool(p.force > BOTTOM_FORCE))
     release = _follow(press, down.travel[::-1])
-    take_up = down.when(let_off)
+    take_up = _met(down, let_off)
     toe = down.when(roles["toe"])
     dip = down.when(bottom)
     if take_up is None or toe is None:
@@ -156,13 +156,15 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
             f"the key does not reach its front punching in a press up to {BOTTOM_FORCE:g} N "
             "(hammer blocked on the string?)"
         )
+    if take_up == 0.0:
+        notes.append("the jack lifts the hammer off its rail at rest: there is no lost motion")
     opened = (roles["damper"],) if "damper" in roles else ()
     lifted = SlowPress(action, friction="saturated", open_contacts=opened)
     # The path reverses where the toe meets the button; friction has then reversed before the
     # window.
     lifted_down = _follow(lifted, grid, lambda p: bool(p.state()[roles["toe"]][0] <= 0.0))
     lifted_up = _follow(lifted, lifted_down.travel[::-1])
-    starts, ends = lifted_down.when(let_off), lifted_down.when(roles["toe"])
+    starts, ends = _met(lifted_down, let_off), lifted_down.when(roles["toe"])
     if starts is None or ends is None or not starts + MARGIN < ends - MARGIN:
         raise FeltmbError(
             f"touch of {action.name!r}: there is no travel between the take-up of the hammer at "
@@ -233,6 +235,11 @@ def distances(action: Action, static: StaticTouch, slow: SimulatedPress) -> Dist
         dip=float(gap[bottom][0]),
         aftertouch=slow.left(bottom) if measurable else math.nan,
     )
+
+
+def _met(path: PressPath, contact: int) -> float | None:
+    """Travel at which a contact closes [m]; 0 if it is closed at rest, None if it never closes."""
+    return 0.0 if path.gap[contact][0] <= 0.0 else path.when(contact)
 
 
 def _within(path: PressPath, window: tuple[float, float]) -> npt.NDArray[np.bool_]:

@@ -85,7 +85,7 @@ def weights(action: Action, static: StaticTouch) -> Weights | None:
         k = action.coordinates.index(spring.coordinate)
         first, last = (float(poses[i][k]) - float(spring.rest_angle) for i in (0, -1))
         parts[name] = 0.5 * float(spring.stiffness) * (last**2 - first**2) / travel
-    parts["felts and others"] = static.balance_weight - sum(parts.values())
+    parts["others"] = static.balance_weight - sum(parts.values())
     gap = path.gap[strike][rows]
     ratio = float(gap[0] - gap[-1]) / travel
     weight, _ = strike_weight(config)
