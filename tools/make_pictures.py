@@ -66,7 +66,7 @@ def regulation_terms() -> Any:
     figure = Figure(figsize=(15.0, 5.0), layout="constrained")
     drawn = scene(action, [q for _, q in panels])
     limits = view_box(action, drawn, [q for _, q in panels])
-    limits = np.array(limits[0]) - (0.03, 0.03), np.array(limits[1]) + (0.02, 0.0)
+    limits = np.add(limits[0], (-0.03, -0.03)), np.add(limits[1], (0.02, 0.0))
     for axes, (title, q) in zip(figure.subplots(1, 3), panels, strict=True):
         poses, bent = body_poses(action, q), bent_beams(action, q)
         axes.set(xlim=(limits[0][0], limits[1][0]), ylim=(limits[0][1], limits[1][1]))
@@ -92,15 +92,19 @@ def regulation_terms() -> Any:
         gap = 1e3 * float(np.dot(nose - foot, normal))
         axes.annotate("", foot, nose, arrowprops={"arrowstyle": "<->", "color": "#b45f06"})
         word = {"at rest": "blow"}.get(title, "let-off" if "let-off" in title else "checking")
-        leader(f"{word} {gap:.1f} mm", 0.5 * (nose + foot), foot + (0.13, 0.035))
+        leader(f"{word} {gap:.1f} mm", 0.5 * (nose + foot), np.add(foot, (0.13, 0.035)))
         if "check" not in title:
-            top = np.array(surfaces["Gp3"].point) + (0.0, surfaces["Gp3"].radius)
+            top = np.add(surfaces["Gp3"].point, (0.0, surfaces["Gp3"].radius))
             key = at("Kp4")
             left = 1e3 * float(key[1] - top[1])
             word = "dip" if title == "at rest" else "aftertouch"
-            leader(f"{word} {left:.1f} mm:\nkey to punching", (key + top) / 2, top + (-0.01, 0.11))
+            leader(
+                f"{word} {left:.1f} mm:\nkey to punching",
+                (key + top) / 2,
+                np.add(top, (-0.01, 0.11)),
+            )
         if title == "at rest":
-            leader("lost motion 0.1 mm:\njack to butt", at("Jp2"), at("Jp2") + (0.17, 0.06))
+            leader("lost motion 0.1 mm:\njack to butt", at("Jp2"), np.add(at("Jp2"), (0.17, 0.06)))
     return figure
 
 

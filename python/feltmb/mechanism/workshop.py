@@ -25,6 +25,7 @@ __all__ = [
     "moment_about",
     "plain_values",
     "strike_weight",
+    "told_move",
     "told_turns",
     "turns_of",
     "welded_to",
@@ -82,29 +83,33 @@ def _leads(config: MechanismFile, value: Any) -> dict[str, dict[str, str]]:
     return added
 
 
+def _amount(screw: Screw, what: str, operator: str, value: Any) -> float:
+    """Travel of a screw along its direction [m], from turns or a length."""
+    if operator not in ("+", "-"):
+        raise InvalidParameter(
+            f"{what}: a screw is turned by an amount, such as {what}+=0.5turn or {what}-=0.2mm"
+        )
+    turns = _TURNS.fullmatch(value) if isinstance(value, str) else None
+    try:
+        if turns is None:
+            amount = parse_scalar(value, "m")
+        elif screw.pitch is None:
+            raise ValueError("has no thread in [screws]; expected a length, such as 0.2mm")
+        else:
+            amount = parse_scalar(float(turns[1]), "1") * screw.pitch
+    except ValueError as error:
+        raise InvalidParameter(f"{what} {operator}=: {error}") from None
+    return -amount if operator == "-" else amount
+
+
 def _turned(config: MechanismFile, name: str, operator: str, value: Any) -> dict[str, Any]:
     """Changes of numbers by a turn of a screw, or by a length or an angle."""
     screw = config.screws[name]
     if screw.direction is None:
         return {f"{screw.path} {operator}=" if operator else screw.path: value}
-    what = f"{name} {operator}="
-    if operator not in ("+", "-"):
-        raise InvalidParameter(
-            f"{name}: a screw is turned by an amount, such as {name}+=0.5turn or {name}-=0.2mm"
-        )
-    turns = _TURNS.fullmatch(value) if isinstance(value, str) else None
-    try:
-        if turns is not None:
-            if screw.pitch is None:
-                raise ValueError("has no thread in [screws]; expected a length, such as 0.2mm")
-            amount = parse_scalar(float(turns[1]), "1") * screw.pitch
-        else:
-            amount = parse_scalar(value, "m")
-    except ValueError as error:
-        raise InvalidParameter(f"{what}: {error}") from None
-    length = math.hypot(*screw.direction)
+    amount = _amount(screw, name, operator, value)
     return {
-        f"{screw.path}.{axis} {operator}=": f"{tidy(1e3 * amount * part / length)!r} mm"
+        f"{screw.path}.{axis} +=": f"{tidy(1e3 * amount * part)!r} mm"
         for axis, part in zip("xy", screw.direction, strict=True)
         if part != 0.0
     }
@@ -121,33 +126,27 @@ def turns_of(config: MechanismFile, path: str, moved: float) -> tuple[float, str
     return None
 
 
+def told_move(moved: float, unit: str, turns: tuple[float, str] | None) -> str:
+    """Text such as ``+0.400 mm = 0.57 turn up``; ``turns``: those of :func:`turns_of`."""
+    return f"{moved:+.3f} {unit}" + ("" if turns is None else f" = {turns[0]:.2g} turn {turns[1]}")
+
+
 def told_turns(config: MechanismFile, values: Mapping[str, Any]) -> list[str]:
-    """Sentences such as ``capstan +0.4 mm = 0.6 turn up`` about the screws of ``values``."""
+    """Sentences about the leads and screws of ``values``: ``capstan +0.350 mm = 0.5 turn up``."""
     told = []
-    for given in values:
+    for given, value in values.items():
         name, operator = split_operator(given)
         if _word(name) == "lead":
             told += [
                 f"lead {key} added: {lead['mass']} at {lead['position']} from the balance rail"
-                for key, lead in _leads(config, values[given]).items()
+                for key, lead in _leads(config, value).items()
             ]
         screw = config.screws.get(_word(name))
-        if screw is None or screw.direction is None or operator not in ("+", "-"):
-            continue
-        plain = _turned(config, _word(name), operator, values[given])
-        sign = -1.0 if operator == "-" else 1.0
-        moved = sign * sum(
-            parse_scalar(text, "m") * screw.direction["xy".index(path.split()[0][-1])]
-            for path, text in plain.items()
-        )
-        turns = turns_of(config, screw.path, moved)
-        told.append(f"{screw.label or name} {1e3 * moved:+.3g} mm" + told_turn(turns))
+        if screw is not None and screw.direction is not None:
+            moved = _amount(screw, name, operator, value)
+            turns = turns_of(config, screw.path, moved)
+            told.append(f"{screw.label or name} {told_move(1e3 * moved, 'mm', turns)}")
     return told
-
-
-def told_turn(turns: tuple[float, str] | None) -> str:
-    """``" = 0.6 turn up"``; "" without a thread."""
-    return "" if turns is None else f" = {turns[0]:.2g} turn {turns[1]}"
 
 
 # --- strike weight and key ratio -----------------------------------------------------------------
@@ -275,17 +274,9 @@ def _weighed(config: MechanismFile, word: str, operator: str, value: Any) -> dic
     # The head alone becomes heavier or lighter, in the same shape.
     assert striker is not None
     head = config.points[striker.point].body
-    light = config.model_copy(
-        update={
-            "bodies": {
-                **config.bodies,
-                head: config.bodies[head].model_copy(
-                    update={"mass": config.bodies[head].mass + 1.0}
-                ),
-            }
-        }
-    )
-    by_mass = strike_weight(light)[0] - now  # strike weight of a kilogram at the center of the head
+    heavier = config.bodies[head].model_copy(update={"mass": config.bodies[head].mass + 1.0})
+    changed = config.model_copy(update={"bodies": {**config.bodies, head: heavier}})
+    by_mass = strike_weight(changed)[0] - now  # per kilogram at the center of the head
     mass = config.bodies[head].mass
     new = mass + (wanted - now) / by_mass
     if not new > 0.0:

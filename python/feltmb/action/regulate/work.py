@@ -16,7 +16,7 @@ from feltmb.action.regulate.targets import MEASURES, Step, Targets, default_targ
 from feltmb.arguments import checked
 from feltmb.mechanism import Action, load_action
 from feltmb.mechanism.values import tidy
-from feltmb.mechanism.workshop import turns_of
+from feltmb.mechanism.workshop import told_move, turns_of
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class Row:
     @property
     def moved(self) -> str:
         """The turn as text, such as ``+0.400 mm = 0.57 turn up``."""
-        turns = "" if self.turns is None else f" = {self.turns:.2g} turn {self.turn_word}"
-        return f"{self.turned:+.3f} {self.turn_unit}{turns}"
+        turns = None if self.turns is None else (self.turns, self.turn_word)
+        return told_move(self.turned, self.turn_unit, turns)
 
 
 @dataclass(frozen=True, eq=False)
