@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
+from feltmb.mechanism.to_core import with_leads
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -247,7 +248,8 @@ def graph(action: Action) -> LinearGraph:
     """
     config = action.config
     b = _Builder()
-    for name, body in config.bodies.items():
+    for name in config.bodies:
+        body = with_leads(config, name)
         b.nodes[name] = Node(name, "mass_center", name)
         mass, inertia = body.mass, body.inertia
         if body.kind == "beam" and body.length and body.density and body.area:

@@ -22,7 +22,7 @@ def completed(line, monkeypatch):
         ("feltmb stroke steinway45 fo", ["forte", "forte_finger"]),
         ("feltmb stroke steinway45 --actuator al", ["aluminum"]),
         ("feltmb study wire", ["wire", "wire_vibration"]),
-        ("feltmb regulate steinway45 --targets steinway45_", ["steinway45_shipped"]),
+        ("feltmb regulate steinway45 --targets steinway45_s", ["steinway45_shipped"]),
         ("feltmb felt show synthetic_h", ["synthetic_hammer"]),
         ("feltmb fiber pressure van", ["van_wyk"]),
         ("feltmb gap diagnose steinway45 a.csv --include coulomb_friction.w", None),
