@@ -337,6 +337,8 @@ def test_touch_and_speeds(live, client):
         speeds = page.until(lambda m: m["on"] == "speeds", 300.0)
     weights = {row[0]: row[1] for row in touch["rows"]}
     static = static_touch(feltmb.load_action("steinway45"))
+    assert weights["let-off"] == pytest.approx(2.18, abs=0.01)  # as of feltmb regulate
+    assert weights["key dip"] == pytest.approx(10.496, abs=0.002)
     assert weights["down-weight"] == pytest.approx(static.down_weight / 9.80665e-3)
     hammer = [row[1] for row in speeds["rows"]]
     assert hammer == sorted(hammer)

@@ -51,7 +51,8 @@ def static_figure(
     weights = f"window of the weights: DW {s.down_weight:.2f} N, UW {s.up_weight:.2f} N"
     if before is not None:
         weights += f"\nbefore: DW {before.down_weight:.2f} N, UW {before.up_weight:.2f} N"
-    axes.text(low + 0.1, 0.03, weights, color=LIFTED, fontsize=8)
+    paper = {"facecolor": "white", "alpha": 0.8, "lw": 0.0, "pad": 1.0}
+    axes.text(low + 0.1, 0.03, weights, color=LIFTED, fontsize=8, bbox=paper, zorder=5)
     # Without a let-off, the weights give the scale: the press ends at a blocked hammer or key.
     top = max(
         1.5 * t.let_off_force if math.isfinite(t.let_off_force) else 3.0 * t.down_weight_most
