@@ -29,6 +29,7 @@ from feltmb.cli.gap_join import command as join_command
 from feltmb.cli.gap_plan import command as plan_command
 from feltmb.cli.gap_plan import measured_option
 from feltmb.cli.gap_reading import config_option, reading_options, stated_options
+from feltmb.cli.gap_report import command as report_command
 from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ command.add_command(blind_command)
 command.add_command(check_command)
 command.add_command(join_command)
 command.add_command(plan_command)
+command.add_command(report_command)
 
 
 @command.command("diagnose")

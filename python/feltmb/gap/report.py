@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["Report"]
+__all__ = ["Report", "render_page"]
 
 #: Words of reasons that a user must know beside the verdict.
 TOLD = {
@@ -396,6 +396,17 @@ def _details(result: Result) -> Iterator[_Section]:
 # ---------------------------------------------------------------- the report
 
 
+def render_page(template: str, **values: object) -> str:
+    """A page from a template of this folder; all texts are escaped, but not ``Markup``."""
+    import jinja2
+
+    text = (resources.files("feltmb.gap") / template).read_text(encoding="utf-8")
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(text).render(**values)
+
+
 class Report(Result):
     """Result of :func:`feltmb.gap.diagnose`, with its texts, table and figures."""
 
@@ -471,14 +482,10 @@ class Report(Result):
         title
             Title of the page, for example the name of the model.
         """
-        import jinja2
         from markupsafe import Markup
 
-        template = (resources.files("feltmb.gap") / "report.html").read_text(encoding="utf-8")
-        environment = jinja2.Environment(
-            autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-        )
-        return environment.from_string(template).render(
+        return render_page(
+            "report.html",
             title=title,
             result=self,
             verdict=VERDICTS[self.verdict],

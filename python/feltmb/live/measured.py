@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from feltmb.adapters import mechanism_model
+from feltmb.adapters.places import bodies_at
 from feltmb.data import ReadOptions, Record
 from feltmb.data.columns import MEASURED_FILES, Columns, read_columns
 from feltmb.data.files import read_each
@@ -446,24 +447,6 @@ def tint_of(bench: Bench, shares: Sequence[tuple[str, float]]) -> list[float]:
 
 def _touched(bench: Bench, place: str) -> list[str]:
     """Bodies at a place."""
-    config = bench.action.config
-    number = re.match(r"contact (\d+)", place)
-    if number and number.group(1) in config.contacts:
-        return [config.surfaces[name].body for name in config.contacts[number.group(1)].surfaces]
     knob = bench.knobs.get(place)
-    if knob is None:
-        return [n for n, b in config.bodies.items() if place.startswith(b.label or n)]
-    found = []
-    for table, name, *_ in (change.path.split(".") for change in knob.changes):
-        if table == "bodies":
-            found.append(name)
-        elif table == "surfaces":
-            found.append(config.surfaces[name].body)
-        elif table == "contacts":
-            found += [config.surfaces[n].body for n in config.contacts[name].surfaces]
-        elif table == "springs":
-            coordinate = config.springs[name].coordinate
-            found += [n for n, b in config.bodies.items() if b.coordinate == coordinate]
-        elif table == "straps":
-            found += [config.straps[name].body_a, config.straps[name].body_b]
-    return found
+    paths = () if knob is None else (change.path for change in knob.changes)
+    return bodies_at(bench.action.config, place, paths)

@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["mechanism", "moment_of_run"]
+__all__ = ["mechanism", "moment_of_run", "sketch"]
 
 #: Height of the strip below the mechanism with the scale bar, in units of the drawing.
 SCALE_STRIP = 14.0
@@ -160,6 +160,21 @@ def mechanism(
     _label_mechanism(ax, action, drawn, pose, poses)
     _list_contacts(figure, action, names, drawn)
     return figure
+
+
+def sketch(ax: Axes, action: Action, shares: Mapping[str, float]) -> None:
+    """Draw a mechanism at rest without labels; shares color bodies as in :func:`mechanism`."""
+    pose = action.rest_pose
+    drawn, poses = scene(action, [pose]), body_poses(action, pose)
+    bent, limits = bent_beams(action, pose), view_box(action, drawn, [pose])
+    ax.set_xlim(limits[0][0], limits[1][0])
+    ax.set_ylim(limits[0][1], limits[1][1])
+    ax.set_aspect("equal", adjustable="box")
+    ax.set_axis_off()
+    draw_fixed(ax, action, drawn, limits)
+    draw_bodies(ax, action, drawn, poses, bent, _tints(action, shares))
+    draw_joints(ax, action, drawn, poses)
+    _draw_attachments(ax, action, drawn, poses, bent)
 
 
 def _tints(action: Action, shares: Mapping[str, float]) -> dict[str, str]:

@@ -1,0 +1,414 @@
+"""Page for the customer of a workshop: what was found, what the hand feels, what was done.
+
+The page fits on one sheet (A4), as PDF of matplotlib or as HTML. Lengths are in mm, weights in g.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from feltmb.action.touch import StaticTouch, static_touch
+from feltmb.adapters import Entry, action_with_effects, load_library
+from feltmb.adapters.places import bodies_at, points_at
+from feltmb.arguments import checked
+from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.files import is_folder, read_input, read_json, write_file, write_text
+from feltmb.mechanism import Action, load_action
+from feltmb.units import readable_unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["CustomerPage", "customer_page"]
+
+GRAM = 9.80665e-3  # N, weight of one gram
+PAPER = (8.27, 11.69)  # inches, A4
+LARGEST_PHOTO = 50_000_000  # bytes
+FORMAT = "feltmb diagnosis"
+#: Change of a weight that is told [g].
+FELT = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class CustomerPage:
+    """One page for a customer.
+
+    Attributes
+    ----------
+    before, after : Action
+        The instrument as it was measured, and without the causes.
+    bodies : tuple of str
+        Bodies of the guilty parts.
+    points : tuple
+        Places of the guilty felts [m].
+    found : str
+        What was found.
+    work : tuple of str
+        Work, one sentence each.
+    done : bool
+        Whether it was done, or should be done.
+    """
+
+    title: str
+    workshop: str
+    before: Action
+    after: Action
+    bodies: tuple[str, ...]
+    points: tuple[tuple[float, float], ...]
+    found: str
+    work: tuple[str, ...]
+    done: bool
+    photo: Path | None = None
+
+    @cached_property
+    def touches(self) -> tuple[StaticTouch | None, StaticTouch]:
+        """Slow press and release before and after; None: it cannot be played slowly."""
+        after = static_touch(self.after)
+        if self.before is self.after:
+            return after, after
+        try:
+            return static_touch(self.before), after
+        except InvalidParameter:
+            raise
+        except FeltmbError:  # so far from regulated that it has no weights
+            return None, after
+
+    @cached_property
+    def sentences(self) -> tuple[str, str, str]:
+        """What was found, what the hand feels, and what is left after the let-off."""
+        same = self.before is self.after
+        return self.found, _hand(*self.touches, same), _aftertouch(*self.touches, same)
+
+    @property
+    def head(self) -> str:
+        """Head of the work."""
+        return "What was done" if self.done else "What should be done"
+
+    def figure(self) -> Figure:
+        """The page as a figure of the size of a sheet."""
+        from feltmb.style import GRAY, INK, new_figure
+
+        figure = new_figure(*PAPER)
+        figure.set_layout_engine("none")
+        top = 0.955
+        if self.workshop:
+            figure.text(0.08, top, self.workshop, size=10, color=GRAY, va="top")
+            top -= 0.028
+        figure.text(0.08, top, self.title, size=17, weight="bold", color=INK, va="top")
+        lines = _folded(self.sentences, 84)
+        figure.text(0.08, top - 0.045, lines, size=11, color=INK, va="top", linespacing=1.45)
+        bottom = top - 0.06 - 0.0205 * (lines.count("\n") + 1)
+        work = _folded([f"•  {text}" for text in self.work], 84)
+        foot = 0.06 + (0.045 + 0.0205 * (work.count("\n") + 1) if self.work else 0.0)
+        middle = foot + 0.45 * (bottom - foot)
+        width = 0.5 if self.photo is not None else 0.84
+        self.draw(figure.add_axes((0.08, middle + 0.01, width, bottom - middle - 0.02)))
+        if self.photo is not None:
+            ax = figure.add_axes((0.6, middle + 0.02, 0.32, bottom - middle - 0.04))
+            ax.imshow(_image(self.photo))
+            ax.set_axis_off()
+        self.curve(figure.add_axes((0.14, foot + 0.05, 0.78, middle - foot - 0.08)))
+        if self.work:
+            figure.text(0.08, foot - 0.02, self.head, size=12, weight="bold", va="top")
+            figure.text(0.08, foot - 0.045, work, size=11, color=INK, va="top", linespacing=1.45)
+        return figure
+
+    def draw(self, ax: Axes) -> None:
+        """Draw the mechanism with the guilty parts colored."""
+        from feltmb.graphics.plot.portrait import sketch
+        from feltmb.style import RED
+
+        # A felt between two parts: the ring shows it, the parts are pale.
+        sketch(ax, self.after, dict.fromkeys(self.bodies, 0.25 if self.points else 0.75))
+        for x, y in self.points:
+            ax.plot([x], [y], "o", ms=26, mfc="none", mec=RED, mew=2.2, zorder=9)
+
+    def curve(self, ax: Axes) -> None:
+        """Draw the force at the key against its travel, before and after."""
+        from feltmb.style import BLUE, RED, style_axes
+
+        before, after = self.touches
+        same = self.before is self.after
+        shown = ((before, RED, "before"), (after, BLUE, "after"))
+        most = 0.0
+        for touch, color, name in shown[1:] if same else shown:
+            if touch is None:
+                continue
+            label = "as it is" if same else name
+            down, up = touch.press, touch.release
+            ax.plot(1e3 * down.travel, down.force / GRAM, color=color, lw=2, label=f"{label}: down")
+            ax.plot(1e3 * up.travel, up.force / GRAM, color=color, lw=1.2, ls="--",
+                    label=f"{label}: up")  # fmt: skip
+            most = max(most, 3.0 * touch.down_weight / GRAM)
+        ax.set_ylim(0.0, most)
+        ax.set_xlim(left=0.0)
+        style_axes(ax, "travel of the key [mm]", "weight at the key [g]", "What the hand feels")
+        ax.legend(frameon=False, loc="upper left")
+
+    def html(self) -> str:
+        """The page as HTML that loads nothing and prints on one sheet."""
+        import base64
+
+        from markupsafe import Markup
+
+        from feltmb.gap.figures import svg
+        from feltmb.gap.report import render_page
+        from feltmb.style import new_figure
+
+        pictures = []
+        for name, draw, size in (
+            ("mechanism with the guilty part", self.draw, (6.6, 4.4)),
+            ("weight at the key against travel", self.curve, (6.6, 3.2)),
+        ):
+            figure = new_figure(*size)
+            draw(figure.subplots())
+            pictures.append(Markup(svg(figure, name)))
+        photo = ""
+        if self.photo is not None:
+            kind = "jpeg" if self.photo.suffix.lower() in (".jpg", ".jpeg") else "png"
+            data = base64.b64encode(read_input(self.photo, most=LARGEST_PHOTO)).decode()
+            photo = f"data:image/{kind};base64,{data}"
+        return render_page(
+            "customer.html",
+            page=self,
+            drawing=pictures[0],
+            curve=pictures[1],
+            photo=photo,
+        )
+
+    @checked
+    def write(self, path: str | Path, *, force: bool = False) -> Path:
+        """Write the page as .pdf or .html.
+
+        Parameters
+        ----------
+        path
+            File to be written.
+        force
+            False: an existing file is not overwritten.
+        """
+        path = Path(path)
+        if path.suffix.lower() in (".html", ".htm"):
+            return write_text(path, self.html(), force=force)
+        if path.suffix.lower() != ".pdf":
+            raise InvalidParameter(f"{path}: cannot write {path.suffix}, expected .pdf or .html")
+        figure, metadata = self.figure(), {"CreationDate": None}
+
+        def save(file: Path) -> None:
+            figure.savefig(file, format="pdf", metadata=metadata)
+
+        return write_file(path, save, force=force)
+
+
+def _folded(texts: Sequence[str], width: int) -> str:
+    from feltmb.style import plain_text
+    from feltmb.tables import folded_text
+
+    return plain_text("\n".join(folded_text(text, width) for text in texts))
+
+
+def _image(path: Path) -> Any:
+    import matplotlib.image
+
+    try:
+        return matplotlib.image.imread(path)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InvalidParameter(
+            f"{path}: cannot be read as a picture ({error}), expected PNG or JPEG"
+        ) from None
+
+
+# ---------------------------------------------------------------- from the result of a diagnosis
+
+
+@dataclass(frozen=True)
+class _Cause:
+    """A told cause, with what the library says about it."""
+
+    entry: Entry | None
+    component: str
+    mechanism: str
+    remedy: str
+    unit: str
+    magnitude: float
+    tabulated: float
+    shape: float | None
+
+    @cached_property
+    def plain(self) -> str:
+        """What is wrong, with the label of a contact instead of its number."""
+        number, mark, label = self.component.partition(", ")
+        text = self.mechanism or self.component
+        return text.replace(number, label) if mark and number.startswith("contact") else text
+
+    @cached_property
+    def size(self) -> str:
+        """Magnitude for people: mm, g, or a share of the number that it changes."""
+        if self.unit == "1":
+            return f"{100.0 * (self.magnitude - self.tabulated):+.3g} %"
+        factor, unit = readable_unit(self.magnitude, self.unit)
+        if self.unit == "m":
+            factor, unit = 1e3, "mm"
+        return f"{factor * (self.magnitude - self.tabulated):.3g} {unit}"
+
+
+def _causes(data: Mapping[str, Any], library: Mapping[str, Entry]) -> tuple[list[_Cause], bool]:
+    """Told causes, and whether they are only candidates."""
+    named = list(data["named"])
+    classes = [row for group in data["classes"] for row in group]
+    tabulated = {p["name"]: p["tabulated"] for p in data["parameters"]}
+    out = []
+    for row in named or classes:
+        entry = library.get(row["cause"])
+        shape = row.get("shape")
+        out.append(
+            _Cause(
+                entry,
+                str(row["component"]),
+                str(row["mechanism"] or (entry.mechanism if entry else "")),
+                str(row["remedy"] or (entry.remedy if entry else "")),
+                str(row["unit"]),
+                float(row["magnitude"]),
+                float(tabulated.get(row["cause"], 0.0)) if row["parameter"] else 0.0,
+                float(shape) if isinstance(shape, (int, float)) else None,
+            )
+        )
+    return out, not named
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    file = path / "report.json" if is_folder(path) else path
+    data = read_json(file)
+    needed = ("named", "classes", "parameters", "verdict")
+    if (
+        not isinstance(data, dict)
+        or data.get("format") != FORMAT
+        or not all(k in data for k in needed)
+    ):
+        raise InvalidParameter(
+            f"{file}: is no result of a diagnosis; expected the report.json of "
+            "feltmb gap diagnose --out DIRECTORY"
+        )
+    return data
+
+
+@checked
+def customer_page(
+    result: str | Path,
+    action: Action | str,
+    *,
+    after: Action | str | None = None,
+    title: str = "Your piano action",
+    workshop: str = "",
+    done: Sequence[str] = (),
+    photo: str | Path | None = None,
+) -> CustomerPage:
+    """Make the page for a customer from the result of a diagnosis.
+
+    Parameters
+    ----------
+    result
+        report.json of a diagnosis, or its folder.
+    action
+        Mechanism that was diagnosed, with its tabulated values, or its name.
+    after
+        Mechanism after the work; default: the diagnosed one without the causes.
+    title
+        Head line, such as the instrument and the note.
+    workshop
+        Name of the workshop; default: none.
+    done
+        Sentences about the work; default: the remedies, as work to be done.
+    photo
+        Picture, PNG or JPEG.
+
+    Raises
+    ------
+    InvalidParameter
+        A file is no result of a diagnosis or no picture, or the mechanism has no touch.
+    """
+    data = _read(Path(result))
+    base = load_action(action) if isinstance(action, str) else action
+    if photo is not None:
+        photo = Path(photo)
+        _image(photo)
+    library = load_library(base)
+    entries = {e.name: e for e in (*library.tolerances, *library.effects)}
+    causes, candidates = _causes(data, entries)
+    strange = [c.component for c in causes if c.entry is None]
+    if strange:
+        raise InvalidParameter(
+            f"mechanism {base.name!r} has no {', '.join(strange)}: the result is that of another "
+            "mechanism; give the one that was diagnosed"
+        )
+    fitted = [
+        (entries[p["name"]], float(p["value"]) - float(p["tabulated"]), None)
+        for p in data["parameters"]
+        if p["name"] in entries and p["name"] not in {c.entry.name for c in causes if c.entry}
+    ]
+    healthy = action_with_effects(base, fitted)
+    told = causes[:1] if candidates else causes  # one of a class
+    changes = [(c.entry, c.magnitude - c.tabulated, c.shape) for c in told if c.entry]
+    faulty = action_with_effects(healthy, changes)
+    if after is not None:
+        healthy = load_action(after) if isinstance(after, str) else after
+    paths = [(c.component, [x.path for x in c.entry.changes] if c.entry else []) for c in causes]
+    bodies = dict.fromkeys(b for place, own in paths for b in bodies_at(base.config, place, own))
+    points = dict.fromkeys(p for place, _ in paths for p in points_at(base, place))
+    remedies = tuple(dict.fromkeys(c.remedy for c in causes if c.remedy))
+    return CustomerPage(
+        title=title,
+        workshop=workshop,
+        before=faulty,
+        after=healthy,
+        bodies=tuple(bodies),
+        points=tuple(points),
+        found=_found(causes, candidates, data["verdict"]),
+        work=tuple(done) or remedies,
+        done=bool(done),
+        photo=photo,
+    )
+
+
+def _found(causes: Sequence[_Cause], candidates: bool, verdict: str) -> str:
+    if not causes:
+        if verdict == "UNKNOWN":
+            return (
+                "The motion differs from that of a sound action, and no single cause explains it."
+            )
+        return "The action moves as a sound action does."
+    texts = [f"{c.plain.rstrip('.')} ({c.size})" for c in causes]
+    if candidates:
+        return f"One of these was found: {'; or '.join(texts)}."
+    return f"{'; '.join(texts)}."
+
+
+def _hand(before: StaticTouch | None, after: StaticTouch, same: bool) -> str:
+    """What the hand feels, in grams."""
+    weights = [after.down_weight / GRAM, after.up_weight / GRAM]
+    now = f"The key goes down with {weights[0]:.0f} g and lifts {weights[1]:.0f} g"
+    if same:
+        return f"{now}."
+    if before is None:
+        return f"Before the work, the key could not be played slowly. {now}."
+    old = [before.down_weight / GRAM, before.up_weight / GRAM]
+    if max(abs(a - b) for a, b in zip(weights, old, strict=True)) < FELT:
+        return f"{now}, as before."
+    return f"{now}; before, it was {old[0]:.0f} g and {old[1]:.0f} g."
+
+
+def _aftertouch(before: StaticTouch | None, after: StaticTouch, same: bool) -> str:
+    """Travel of the key after the let-off, in mm."""
+    now = "The hammer does not let off before the key is at its end"
+    if after.aftertouch > 0.0:
+        now = f"After the let-off, the key has {1e3 * after.aftertouch:.1f} mm of travel left"
+    if same:
+        return f"{now}."
+    if before is None or not before.aftertouch > 0.0:  # or NaN
+        return f"{now}; before, the hammer did not let off before the key was at its end."
+    return f"{now}; before, it was {1e3 * before.aftertouch:.1f} mm."

@@ -1,0 +1,86 @@
+"""Page for a customer: the guilty part, the curve of the hand, the sentences."""
+
+import json
+import re
+
+import pytest
+from click.testing import CliRunner
+
+import feltmb
+from feltmb import InvalidParameter
+from feltmb.action.customer import customer_page
+from feltmb.cli.gap_report import command
+
+
+def named(cause, component, magnitude, unit="1", **other):
+    row = {"cause": cause, "component": component, "unit": unit, "magnitude": magnitude}
+    return row | {"shape": None, "parameter": False, "mechanism": "", "remedy": ""} | other
+
+
+def result(folder, *rows, classes=(), verdict="NAMED"):
+    data = {"format": "feltmb diagnosis", "version": 1, "verdict": verdict, "named": rows}
+    data |= {"classes": classes, "parameters": []}
+    (folder / "report.json").write_text(json.dumps(data))
+    return folder
+
+
+KEY = named("coulomb_friction.key", "key joint", 0.0079, "N m")
+FELT = named("felt_thickness.03", "contact 03, key capstan - whippen", 5e-4, "m")
+
+
+def test_a_joint_is_a_part_and_a_felt_is_a_place(tmp_path):
+    page = customer_page(result(tmp_path, KEY), "steinway45")
+    assert (page.bodies, page.points) == (("key",), ())
+    friction = page.before.value("bodies.key.friction.amplitude").value
+    assert friction == pytest.approx(0.0158)
+    page = customer_page(result(tmp_path, FELT), "steinway45")
+    assert page.bodies == ("key", "whippen")
+    (point,) = page.points
+    assert point == pytest.approx((-0.141, 0.035), abs=0.015)  # about the top of the capstan
+    assert "0.5 mm" in page.found
+    assert "contact" not in page.found
+
+
+def test_work_that_was_done_replaces_the_advice(tmp_path):
+    folder = result(tmp_path, KEY)
+    assert not customer_page(folder, "steinway45").done
+    page = customer_page(folder, "steinway45", done=["Bushing eased."])
+    assert page.done
+    assert page.work == ("Bushing eased.",)
+
+
+def test_without_a_cause_before_and_after_are_one(tmp_path):
+    page = customer_page(result(tmp_path, verdict="NO_GAP"), "steinway45")
+    assert page.before is page.after
+    assert page.bodies == page.work == ()
+
+
+def test_what_is_no_result_is_refused(tmp_path):
+    (tmp_path / "report.json").write_text("{}")
+    with pytest.raises(InvalidParameter, match=re.escape("feltmb gap diagnose --out")):
+        customer_page(tmp_path, "steinway45")
+    other = result(tmp_path, named("spring_rate.none", "none", 0.1))
+    with pytest.raises(InvalidParameter, match="another mechanism"):
+        customer_page(other, "steinway45")
+    (tmp_path / "photo.png").write_text("no picture")
+    with pytest.raises(InvalidParameter, match="PNG or JPEG"):
+        customer_page(result(tmp_path, KEY), "steinway45", photo=tmp_path / "photo.png")
+
+
+@pytest.mark.slow
+def test_page_of_a_key_with_twice_the_friction(tmp_path):
+    """Hand formula: friction torque over the arm of the finger, 0.0079 N m / 225 mm = 3.6 g."""
+    folder = result(tmp_path, KEY)
+    page = customer_page(folder, "steinway45", workshop="Workshop <1>")
+    before, after = page.touches
+    assert (before.down_weight - after.down_weight) / 9.80665e-3 == pytest.approx(3.58, rel=0.05)
+    assert len(page.sentences) == 3
+    text = page.html()
+    assert text.count("<svg") == 2
+    assert "Workshop &lt;1&gt;" in text
+    done = CliRunner().invoke(
+        command, [str(folder), "steinway45", "--customer", "-o", str(tmp_path / "page.pdf")]
+    )
+    assert done.exit_code == 0
+    assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
+    assert feltmb.load_action("steinway45").hash == page.after.hash
