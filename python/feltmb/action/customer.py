@@ -5,13 +5,14 @@ The page fits on one sheet (A4), as PDF of matplotlib or as HTML. Lengths are in
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from feltmb.action.touch import StaticTouch, static_touch
+from feltmb.action.touch import StaticTouch, distances, static_touch
 from feltmb.adapters import Entry, action_with_effects, load_library
 from feltmb.adapters.places import bodies_at, points_at
 from feltmb.arguments import checked
@@ -82,7 +83,10 @@ class CustomerPage:
     def sentences(self) -> tuple[str, str, str]:
         """What was found, what the hand feels, and what is left after the let-off."""
         same = self.before is self.after
-        return self.found, _hand(*self.touches, same), _aftertouch(*self.touches, same)
+        old, new = self.touches
+        left = _aftertouch(self.after, new)
+        told = math.nan if old is None else _aftertouch(self.before, old)
+        return self.found, _hand(old, new, same), _left(told, left, same)
 
     @property
     def head(self) -> str:
@@ -402,13 +406,20 @@ def _hand(before: StaticTouch | None, after: StaticTouch, same: bool) -> str:
     return f"{now}; before, it was {old[0]:.0f} g and {old[1]:.0f} g."
 
 
-def _aftertouch(before: StaticTouch | None, after: StaticTouch, same: bool) -> str:
-    """Travel of the key after the let-off, in mm."""
+def _aftertouch(action: Action, static: StaticTouch) -> float:
+    from feltmb.run.quasistatic import simulated_press
+
+    press = simulated_press(action, travel=static.end + 1.2e-3)
+    return 1e3 * distances(action, static, press).aftertouch
+
+
+def _left(before: float, after: float, same: bool) -> str:
+    """Travel of the key after the let-off [mm]."""
     now = "The hammer does not let off before the key is at its end"
-    if after.aftertouch > 0.0:
-        now = f"After the let-off, the key has {1e3 * after.aftertouch:.1f} mm of travel left"
+    if after > 0.0:
+        now = f"After the let-off, the key has {after:.1f} mm of travel left"
     if same:
         return f"{now}."
-    if before is None or not before.aftertouch > 0.0:  # or NaN
+    if not before > 0.0:  # or NaN
         return f"{now}; before, the hammer did not let off before the key was at its end."
-    return f"{now}; before, it was {1e3 * before.aftertouch:.1f} mm."
+    return f"{now}; before, it was {before:.1f} mm."

@@ -57,8 +57,8 @@ WEAR_NUMBERS = tuple(NUMBERS)[:6]
 SOFT, HELD, LEFT = (0.06, 0.1, 0.14), 0.3, 3e-3
 #: Strokes of the strike and of the release, and the begin of the release [s].
 STRIKE, RELEASE, RELEASED = "piano", "press_release", 0.45
-#: Turns of a screw by their unit.
-TURNS = {"m": 5e-4, "rad": math.radians(1.0)}
+#: Part of the range of a screw in the targets by which it is turned.
+TURN = 0.1
 
 THINNER, HARDER, FRICTION, SPRING, SCREW = "thinner", "harder", "friction", "spring", "screw"
 
@@ -106,13 +106,13 @@ def measure(action: Action, near: float | None = None) -> dict[str, float]:
 def _static(action: Action) -> dict[str, float]:
     from feltmb.run.quasistatic import simulated_press
 
-    s = static_touch(action)
-    ruled = distances(action, s, simulated_press(action, travel=s.end + 1.2e-3))
+    static = static_touch(action)
+    found = distances(action, static, simulated_press(action, travel=static.end + 1.2e-3))
     return {
-        "let_off": ruled.let_off if s.has_let_off else math.nan,
-        "aftertouch": ruled.aftertouch,
-        "down_weight": s.down_weight,
-        "up_weight": s.up_weight,
+        "let_off": found.let_off if static.has_let_off else math.nan,
+        "aftertouch": found.aftertouch,
+        "down_weight": static.down_weight,
+        "up_weight": static.up_weight,
     }
 
 
@@ -259,10 +259,11 @@ def _screws(action: Action, targets: Targets | None) -> Iterator[tuple[Variant, 
     bank = Screws(action, steps)
     for i, step in enumerate(steps):
         assert step.screw is not None
-        size = TURNS[step.screw.unit]
-        for turn in (-size, size):
+        for end in (step.screw.low, step.screw.high):
+            turn = TURN * end
             turns = [turn if k == i else 0.0 for k in range(len(steps))]
-            text = f"{1e3 * turn:+g} mm" if step.screw.unit == "m" else f"{math.degrees(turn):+g}°"
+            factor, unit = (1e3, " mm") if step.screw.unit == "m" else (math.degrees(1.0), "°")
+            text = f"{factor * turn:+.3g}{unit}"
             variant = Variant(step.screw.name, SCREW, text, turn, f"Regulate: {step.name}.")
             yield variant, bank.apply(turns)
 
@@ -408,7 +409,7 @@ def wear(
     parts
         Patterns of the parts, such as ``*jack*``; default: all.
     screws
-        Whether each screw of the regulation is also turned by 0.5 mm or 1 degree, both ways.
+        Whether each screw of the regulation is also turned by a tenth of its range, both ways.
     targets
         Targets whose screws are turned; default: those of the mechanism.
     executor
