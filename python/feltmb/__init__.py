@@ -23,7 +23,8 @@ Many simulations
 Derivatives
     gradient, Gradient, sensitivity
 Piano actions
-    regulate, load_targets, Regulation, touch, Touch, repeat, Repetition, wear, Wear, actuator
+    regulate, load_targets, Regulation, touch, Touch, repeat, Repetition, wear, Wear, symptom,
+    actuator
 Felt
     felt: materials, identification, audit; fiber: fiber networks; contact: contact laws
 Your own models and measurements
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from feltmb._core import __version__
     from feltmb.action.regulate import Regulation, load_targets, regulate
     from feltmb.action.repetition import Repetition, repeat
+    from feltmb.action.symptoms import symptom
     from feltmb.action.touch import Touch, touch
     from feltmb.action.wearing import Wear, wear
     from feltmb.data import Record, read, records_from_frame
@@ -140,6 +142,7 @@ __all__ = [
     "simulate",
     "study",
     "sweep",
+    "symptom",
     "table_stroke",
     "torque_stroke",
     "touch",
@@ -166,6 +169,7 @@ _LAZY = {
     "read_stroke_csv sequence table_stroke torque_stroke",
     "run.study": "StudyResult packaged_studies study",
     "run.sweep": "sweep",
+    "action.symptoms": "symptom",
     "action.touch": "Touch touch",
     "action.wearing": "Wear wear",
     "graphics.viewer": "view",

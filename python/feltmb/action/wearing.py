@@ -6,14 +6,16 @@ The parts are found in the mechanism, and changed by the effects that any mechan
 
 from __future__ import annotations
 
+import contextlib
 import fnmatch
 import math
 import multiprocessing
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb.action.regulate import Targets, default_targets
@@ -23,7 +25,9 @@ from feltmb.action.touch import distances, static_touch
 from feltmb.adapters import Entry, action_with_effects, load_library
 from feltmb.arguments import checked
 from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.files import read_json
 from feltmb.mechanism import Action, MechanismFile, load_action
+from feltmb.mechanism.workshop import turns_of
 from feltmb.run.sweep import Progress, ProgressBar
 from feltmb.run.sweep.running import default_jobs
 
@@ -72,6 +76,9 @@ class Variant:
     change: str  #: as text: "0.2 mm thinner"
     amount: float  #: of the change, in SI units or as a share
     remedy: str  #: what to do about it
+    unit: str = "1"  #: SI unit of the amount
+    turns: float = 0.0  #: turns of the screw; 0: it has no thread
+    word: str = ""  #: direction of the turn, such as up
 
 
 # ---------------------------------------------------------------- the numbers of one mechanism
@@ -197,28 +204,24 @@ def _felts(config: MechanismFile) -> list[list[str]]:
 
 def variants(
     action: Action, *, screws: bool = False, targets: Targets | None = None
-) -> Iterator[tuple[Variant, Action]]:
-    """Each felt, friction and spring changed alone, and the screws of the targets if wanted."""
+) -> Iterator[tuple[Variant, Action | None]]:
+    """Each felt, friction and spring changed alone, and the screws of the targets if wanted.
+
+    None instead of a mechanism: it cannot be changed in this way, as a radius below zero.
+    """
     library = load_library(action, "mechanism")
     entries = {e.name: e for e in (*library.tolerances, *library.effects)}
     config = action.config
 
-    def changed(names: Iterable[str], magnitude: float) -> Action | None:
-        used = [(entries[n], magnitude, None) for n in names if n in entries]
-        if not used:
-            return None
-        try:
-            other = action_with_effects(action, used)
-        except InvalidParameter:  # such as a radius below zero
-            return None
-        return None if other is action else other
-
     def made(
         part: str, kind: str, change: str, amount: float, names: Sequence[str], magnitude: float
-    ) -> Iterator[tuple[Variant, Action]]:
-        other = changed(names, magnitude)
-        if other is not None:
-            remedy = next((entries[n].remedy for n in names if n in entries), "")
+    ) -> Iterator[tuple[Variant, Action | None]]:
+        used = [(entries[n], magnitude, None) for n in names if n in entries]
+        other: Action | None = None
+        with contextlib.suppress(InvalidParameter):  # such as a radius below zero
+            other = action_with_effects(action, used)
+        if other is not action:
+            remedy = used[0][0].remedy or _remedy(entries, names[0])
             yield Variant(part, kind, change, amount, remedy), other
 
     for group in _felts(config):
@@ -235,9 +238,7 @@ def variants(
     for name, body in config.bodies.items():
         part = f"{body.label or name}, joint"
         names = [f"joint_friction.{name}"]
-        for variant, other in made(part, FRICTION, "friction doubled", 1.0, names, 1.0):
-            remedy = _remedy(entries, f"coulomb_friction.{name}")
-            yield Variant(part, FRICTION, variant.change, 1.0, remedy), other
+        yield from made(part, FRICTION, "friction doubled", 1.0, names, 1.0)
     for name, spring in config.springs.items():
         part = spring.label or name.replace("_", " ")
         yield from made(part, SPRING, "20 % weaker", -0.2, [f"spring_rate.{name}"], -0.2)
@@ -251,7 +252,9 @@ def _label(config: MechanismFile, group: Sequence[str]) -> str:
 
 
 def _remedy(entries: Mapping[str, Entry], name: str) -> str:
-    return entries[name].remedy if name in entries else ""
+    """Remedy of a tolerance: that of the effect of the same joint."""
+    effect = entries.get(name.replace("joint_friction", "coulomb_friction"))
+    return effect.remedy if effect is not None else ""
 
 
 def _screws(action: Action, targets: Targets | None) -> Iterator[tuple[Variant, Action]]:
@@ -262,9 +265,11 @@ def _screws(action: Action, targets: Targets | None) -> Iterator[tuple[Variant, 
         for end in (step.screw.low, step.screw.high):
             turn = TURN * end
             turns = [turn if k == i else 0.0 for k in range(len(steps))]
-            factor, unit = (1e3, " mm") if step.screw.unit == "m" else (math.degrees(1.0), "°")
-            text = f"{factor * turn:+.3g}{unit}"
-            variant = Variant(step.screw.name, SCREW, text, turn, f"Regulate: {step.name}.")
+            unit = step.screw.unit
+            text = f"{1e3 * turn:+.3g} mm" if unit == "m" else f"{math.degrees(turn):+.3g}°"
+            thread, word = turns_of(action.config, step.screw.path, turn) or (0.0, "")
+            remedy = f"Regulate: {step.name}."
+            variant = Variant(step.screw.name, SCREW, text, turn, remedy, unit, thread, word)
             yield variant, bank.apply(turns)
 
 
@@ -319,6 +324,16 @@ class Wear:
             "base": _plain(self.base),
             "rows": [vars(v) | {"numbers": _plain(n)} for v, n in self.rows],
         }
+
+    @classmethod
+    def read(cls, path: str | Path) -> Wear:
+        """The result in a JSON file of ``feltmb wear ACTION -o FILE.json``."""
+        data = read_json(Path(path))
+        if not isinstance(data, dict) or not {"name", "hash", "base", "rows"} <= set(data):
+            raise InvalidParameter(
+                f"{path}: is no table of wear, expected a file of feltmb wear -o FILE.json"
+            )
+        return cls.from_dict(data)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Wear:
@@ -440,9 +455,10 @@ def wear(
             base = measure(action)
             bar.step("as it is")
             near = base["repetition"] if base["repetition"] > 0.0 else None
-            futures = [pool.submit(measure, a, near) for _, a in found]
+            futures = [None if a is None else pool.submit(measure, a, near) for _, a in found]
             for (variant, _), future in zip(found, futures, strict=True):
-                rows.append((variant, future.result()))
+                none = dict.fromkeys(NUMBERS, math.nan)
+                rows.append((variant, none if future is None else future.result()))
                 bar.step(f"{variant.part}: {variant.change}")
     finally:
         if executor is None:
