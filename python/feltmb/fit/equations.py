@@ -130,6 +130,8 @@ class Equations(Stepped):
         self._resolved = False
         #: By included effects: whether the variational equations predict changes of the outputs.
         self._smooth: dict[object, bool] = {}
+        #: Last motion by record and included effects, once the model is prepared for a fit.
+        self._motions: dict[object, Array] | None = None
         self._outputs = dict(outputs)
         self._unknown = tuple(neutral)
         units = {s.name: s.unit for s in self._states}
@@ -236,7 +238,9 @@ class Equations(Stepped):
         if self._resolved:
             return Ready(self, tuple(records))
         try:
-            out, notes = resolved(self._scaled(records), records)
+            own = copy.copy(self._scaled(records))
+            own._motions = {}
+            out, notes = resolved(own, records)
             out.effects, sizes = sized(out, out.effects, self._unsized, records)
         except FeltmbError:  # the first simulation of the user reports it better
             return Ready(self, tuple(records))
@@ -306,7 +310,7 @@ class Equations(Stepped):
     def motion(self, record: Record, jobs: Jobs) -> Array:
         """See :class:`~feltmb.fit.Model`."""
         with np.errstate(all="ignore"):
-            found = integrate(self, [(record, jobs)], keep=jobs.count)
+            found = integrate(self, [(record, jobs)], keep=1)
         return np.moveaxis(found.samples, -1, 0)
 
     def sensitivities(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:

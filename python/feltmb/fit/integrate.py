@@ -7,19 +7,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from feltmb.data import Array, Record
+from feltmb.data import Array, Integers, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
 from feltmb.fit.coordinates import Named, Rate
-from feltmb.fit.model import Batch, Candidate
+from feltmb.fit.model import Batch, Candidate, Jobs
 from feltmb.fit.resolution import BETWEEN
 
 __all__ = [
     "GAMMA",
     "Clock",
-    "Law",
     "System",
+    "Law",
     "Trajectory",
     "advanced",
     "integrate",
@@ -29,6 +30,12 @@ __all__ = [
 
 #: Number of evaluations of the rates in a step, by method.
 STAGES = {"rk4": 4, "rosenbrock": 2}
+#: Numbers of a state that are integrated at once.
+BLOCK = 16_000
+#: Largest number of corrections of a motion, and the relative size of the last one.
+TRIES, SETTLED = 8, 1e-9
+#: Step of differences by states, relative to the state and its scale.
+STEP = 1e-7
 #: Coefficient of ROS2.
 GAMMA = 1.0 - np.sqrt(0.5)
 
@@ -71,11 +78,6 @@ class Clock:
             [np.hstack(parts) for parts in bends if parts],
         )
 
-    def first(self, jobs: int) -> Clock:
-        """Those of the first jobs."""
-        parts = ([v[:, :jobs] for v in of] for of in (self.signals, self.bends))
-        return Clock(self.time[:, :jobs], *parts)
-
     def held(self, model: Any, j: Any, share: Array, p: Named) -> list[Array]:
         """Inputs in the intervals that begin at the samples j, at these shares of the intervals.
 
@@ -95,14 +97,6 @@ class Clock:
                 value = value + (p[BETWEEN + name] * bent if model.hold == "between" else bent)
             columns.append(value)
         return columns
-
-    def inputs(self, model: Any, j: int, shares: Array, p: Named) -> list[Named]:
-        """Inputs of the jobs between samples j and j + 1, at these shares of the interval."""
-        columns = self.held(model, j, shares[:, None], p)
-        if not columns:
-            return [Named._of({})] * len(shares)
-        names = model.inputs
-        return [Named._of(dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)]
 
 
 def _bends(record: Record, signals: Sequence[Array]) -> list[Array]:
@@ -304,8 +298,6 @@ def selected(values: Named, own: slice) -> Named:
 class Trajectory:
     """Results of an integration, with the states at which it evaluated the rates."""
 
-    equations: System
-    clock: Clock
     runs: list[Array]
     """Outputs by batch, (B, n, ny)."""
     samples: Array
@@ -317,6 +309,11 @@ class Trajectory:
 def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory:
     """Integrate with fixed steps between the samples; the class describes the methods.
 
+    A model that is prepared for a fit remembers the last motion in each record. Then all steps of
+    many samples are evaluated at once along this motion, and Newton's method corrects it until
+    every step ends where the next one begins. Batches without a known motion, and those for which
+    this fails, are integrated step by step.
+
     Parameters
     ----------
     model
@@ -325,82 +322,274 @@ def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory
         Records and jobs; either with unknown forces of equal knots, or with none. It is faster if
         those with the same included effects follow each other.
     keep
-        Number of jobs whose states are kept.
+        Number of the first batches whose states are kept.
     """
     longest = max(record.samples for record, _ in batches)
-    clock = Clock.of(model, batches, longest)
-    equations = System(model, batches)
-    p, magnitudes = equations.p, equations.magnitudes
-    forces = None
-    if batches[0][1].forces is not None:
-        forces = np.concatenate([jobs.forces for _, jobs in batches if jobs.forces is not None])
-    count = equations.count
-    x, at = np.zeros((equations.size, count)), 0
-    for _, jobs in batches:
-        x[: jobs.starts.shape[1], at : at + jobs.count] = jobs.starts.T
-        at += jobs.count
-    outputs = np.full((longest, count, len(model.outputs)), np.nan)
-    coordinates = {c.name: c for c in model.coordinates}
-    knots = 0 if forces is None else forces.shape[2]
-    job = np.arange(count)
-    begin = clock.time[0]
-    span = clock.time[-1] - begin
+    guesses = [_last_motion(model, record, jobs, longest) for record, jobs in batches]
+    found: list[Trajectory | None] = [None] * len(batches)
+    for known in (True, False):
+        some = [
+            i
+            for i, guess in enumerate(guesses)
+            if found[i] is None and (guess is not None or not known)
+        ]
+        if some:
+            kept = sum(i < keep for i in some)
+            steps = _Steps(model, [batches[i] for i in some], longest)
+            own = steps.integrated([guesses[i] for i in some] if known else [], kept)
+            for i, run in zip(some, own, strict=True):
+                found[i] = run
+    done = [run for run in found if run is not None]
+    size = max(run.samples.shape[1] for run in done)
+    samples, stages = (
+        [_with_states(getattr(run, what), size) for run in done[:keep]]
+        for what in ("samples", "stages")
+    )
+    return Trajectory(
+        [run.runs[0] for run in done],
+        np.concatenate(samples, axis=-1) if keep else done[0].samples,
+        np.concatenate(stages, axis=-1) if keep else done[0].stages,
+    )
 
-    def rates(t: Array, x: Array, u: Named) -> Array:
-        out = equations.rates(t, x, u, p, magnitudes)
-        if forces is not None:
-            named = equations.view(x)
-            place = np.clip((t - begin) / span, 0.0, 1.0) * (knots - 1)
-            left = np.minimum(place.astype(np.intp), knots - 2)
-            share = place - left
-            for j, port in enumerate(model.ports):
-                force = (1.0 - share) * forces[job, j, left]
-                force = force + share * forces[job, j, left + 1]
-                if port.name in coordinates:
-                    pushed = coordinates[port.name]._push(force, t, named, u, p)
-                else:
-                    pushed = {model._port_states[port.name]: force}
-                for state, value in pushed.items():
-                    out[equations.rows[state]] += value
+
+def _with_states(values: Array, size: int) -> Array:
+    """Values with zeros for further states, (..., size, jobs)."""
+    wide = [(0, 0)] * values.ndim
+    wide[-2] = (0, size - values.shape[-2])
+    return np.pad(values, wide) if wide[-2][1] else values
+
+
+def _last_motion(model: Any, record: Record, jobs: Jobs, longest: int) -> Array | None:
+    """The last motion in a record with the same effects, (states, longest); None: not known.
+
+    If there was none, that of the model alone; hidden states then keep their start.
+    """
+    known = (model._motions or {}).get(_motion_key(record, jobs.included))
+    if known is None:
+        known = (model._motions or {}).get(_motion_key(record, ()))
+    if known is None or longest < 2:
+        return None
+    path = np.repeat(jobs.starts[0][:, None], longest, axis=1)
+    path[: len(known)] = np.pad(known, ((0, 0), (0, longest - record.samples)), mode="edge")
+    return path
+
+
+def _motion_key(record: Record, included: Sequence[Candidate]) -> tuple[object, ...]:
+    return record.name, record.samples, *(t.effect.name for t in included)
+
+
+def _by_job(values: Array) -> Array:
+    """Values by sample and job, as one axis with those of a job together."""
+    return values.T.reshape(-1)
+
+
+class _Steps:
+    """Steps of all jobs between samples, several samples at once."""
+
+    def __init__(self, model: Any, batches: Sequence[Batch], longest: int):
+        self.model, self.batches, self.longest = model, batches, longest
+        self.clock = Clock.of(model, batches, longest)
+        self.equations = System(model, batches)
+        self.forces: Array | None = None
+        if batches[0][1].forces is not None:
+            self.forces = np.concatenate([q.forces for _, q in batches if q.forces is not None])
+        self.substeps = model.substeps or 1
+        self._repeated: tuple[int, Named, Array] = 1, self.equations.p, self.equations.magnitudes
+
+    # ------------------------------------------------------------------------------ motions
+
+    def integrated(self, guesses: Sequence[Array], keep: int) -> list[Trajectory | None]:
+        """Results by batch; None: Newton's method from the guess of its motion fails.
+
+        Without guesses, all are integrated step by step.
+        """
+        model, count, size, longest = (
+            self.model,
+            self.equations.count,
+            self.equations.size,
+            self.longest,
+        )
+        counts = [jobs.count for _, jobs in self.batches]
+        ends = np.cumsum(counts)
+        guess = np.zeros((size, count, longest)) if guesses else None
+        x = np.zeros((size, count))
+        for k, ((_, jobs), end) in enumerate(zip(self.batches, ends, strict=True)):
+            own = slice(end - jobs.count, end)
+            x[: jobs.starts.shape[1], own] = jobs.starts.T
+            if guess is not None:
+                guess[: len(guesses[k]), own] = guesses[k][:, None]
+        kept = int(ends[keep - 1]) if keep else 0
+        outputs = np.empty((longest, count, len(model.outputs)))
+        samples = np.empty((longest, size, kept))
+        stages = np.empty(
+            (longest - 1 if kept else 0, self.substeps, STAGES[model.method], size, kept)
+        )
+        firsts = np.empty((longest, size, len(counts)))
+        lost = np.zeros(count, dtype=bool)
+        block = max(1, BLOCK // count)
+        for first in range(0, longest, block):
+            j = np.arange(first, min(first + block, longest))
+            ahead = j[j < longest - 1]
+            if guess is None:
+                states, passed = self._in_turn(ahead, x)
+            else:
+                states, passed = self._corrected(ahead, x, guess[:, :, first:], lost)
+            x, states = states[:, :, -1], states[:, :, : len(j)]
+            outputs[j] = self._outputs(j, states).T
+            samples[j] = np.moveaxis(states[:, :kept], -1, 0)
+            if kept and len(ahead):
+                stages[ahead] = np.moveaxis(passed[..., :kept, :], -1, 0)
+            firsts[j] = np.moveaxis(states[:, ends - counts], -1, 0)
+        out: list[Trajectory | None] = []
+        for k, ((record, jobs), end) in enumerate(zip(self.batches, ends, strict=True)):
+            own = slice(end - jobs.count, end)
+            if lost[own].any():
+                out.append(None)
+                continue
+            path = firsts[: record.samples, : jobs.starts.shape[1], k].T
+            if model._motions is not None and np.isfinite(path).all():
+                model._motions[_motion_key(record, jobs.included)] = path.copy()
+            run = np.ascontiguousarray(np.moveaxis(outputs[: record.samples, own], 0, 1))
+            out.append(Trajectory([run], samples[..., own], stages[..., own]))
         return out
 
-    shows_rates = any(isinstance(of, Rate) for of in model._outputs.values())
-    substeps = model.substeps or 1
-    halves = np.arange(2 * substeps + 1) / (2 * substeps)
-    samples, kept = [], []
-    for j in range(longest):
-        t = clock.time[j]
-        u = clock.inputs(model, j, halves if j < longest - 1 else halves[:1], p)
-        slopes = rates(t, x, u[0]) if shows_rates else None
-        outputs[j] = equations.outputs(t, x, u[0], p, slopes, model.outputs).T
-        if keep:
-            samples.append(x[:, :keep])
-        if j == longest - 1:
-            break
-        h = (clock.time[j + 1] - t) / substeps
-        half = 0.5 * h
-        for s in range(substeps):
+    def _in_turn(self, j: Integers, x: Array) -> tuple[Array, Array]:
+        """States at the samples j and after them, and at the stages, one sample after another.
+
+        (states, jobs, len(j) + 1), and (substeps, stages, states, jobs, len(j)).
+        """
+        states, passed = [x], []
+        for i in range(len(j)):
+            x, stages = self.after(j[i : i + 1], x)
+            states.append(x)
+            passed.append(stages)
+        return np.stack(states, axis=-1), np.stack(passed, axis=-1) if passed else np.zeros(0)
+
+    def _corrected(
+        self, j: Integers, begin: Array, guess: Array, lost: NDArray[np.bool_]
+    ) -> tuple[Array, Array]:
+        """The same by Newton's method from a guess of the states at the samples.
+
+        ``lost``: jobs for which it has failed; further ones are marked.
+        """
+        size, count = begin.shape
+        path = guess[:, :, : len(j) + 1].copy()
+        path[:, :, 0] = begin
+        scales = self.equations.scales[:, :, None]
+        far = np.full(count, np.inf)
+        for k in range(TRIES + 1):
+            x = path[:, :, :-1].reshape(size, -1)
+            end, stages = self.after(j, x)
+            settled = far < SETTLED
+            if (settled | lost).all() or k == TRIES:
+                break
+            slopes = np.empty((len(j), count, size, size))
+            for i in range(size):
+                moved = x.copy()
+                moved[i] += STEP * (np.abs(x[i]) + self.equations.scales[i].repeat(len(j)))
+                change = (self.after(j, moved)[0] - end) / (moved[i] - x[i])
+                slopes[..., i] = change.reshape(size, count, len(j)).T
+            steps = np.ascontiguousarray((end.reshape(size, count, len(j)) - path[:, :, 1:]).T)
+            now = np.zeros((count, size, 1))
+            for i, slope in enumerate(slopes):
+                now = slope @ now
+                now += steps[i, ..., None]
+                steps[i] = now[..., 0]
+            path[:, :, 1:] += steps.T
+            far = (np.abs(steps.T) / (np.abs(path[:, :, 1:]) + scales)).max(axis=(0, 2), initial=0)
+            lost |= ~np.isfinite(far)
+        lost |= ~settled
+        return path, stages.reshape(*stages.shape[:-1], count, len(j))
+
+    def after(self, j: Integers, x: Array) -> tuple[Array, Array]:
+        """States after the intervals that begin at the samples j, and at their stages.
+
+        ``x``: states at the samples, (states, n), those of a job together. The stages are
+        (substeps, stages, states, n).
+        """
+        time, model = self.clock.time, self.model
+        t = _by_job(time[j])
+        h = _by_job(time[j + 1] - time[j]) / self.substeps
+        halves = np.arange(2 * self.substeps + 1) / (2 * self.substeps)
+        u = self._inputs(j, halves)
+        half, stages = 0.5 * h, []
+        for s in range(self.substeps):
             u0, um, u1 = u[2 * s : 2 * s + 3]
             t0 = t + s * h
             instants = [(t0, u0), (t0 + half, um), (t0 + half, um), (t0 + h, u1)]
             if model.method == "rosenbrock":
                 instants = instants[::3]
-            x, stages = advanced(
-                lambda k, y, at=instants: rates(at[k][0], y, at[k][1]),  # type: ignore[misc]
+            x, passed = advanced(
+                lambda k, y, at=instants: self.rates(at[k][0], y, at[k][1]),  # type: ignore[misc]
                 model.method,
                 h,
                 x,
-                equations.scales,
+                self.equations.scales.repeat(len(j), axis=1),
             )
-            if keep:
-                kept.append([stage[:, :keep].copy() for stage in stages])
-    runs, at = [], 0
-    for record, jobs in batches:
-        own = slice(at, at + jobs.count)
-        runs.append(np.ascontiguousarray(np.moveaxis(outputs[: record.samples, own], 0, 1)))
-        at += jobs.count
-    stages_of = np.array(kept).reshape(longest - 1, substeps, STAGES[model.method], len(x), keep)
-    return Trajectory(equations, clock, runs, np.array(samples), stages_of)
+            stages.append(passed)
+        return x, np.array(stages)
+
+    def _inputs(self, j: Integers, shares: Array) -> list[Named]:
+        """Inputs at these shares of the intervals that begin at the samples j."""
+        columns = self.clock.held(self.model, j, shares[:, None, None], self.equations.p)
+        if not columns:
+            return [Named._of({})] * len(shares)
+        flat = [[_by_job(v) for v in column] for column in columns]
+        names = self.model.inputs
+        return [Named._of(dict(zip(names, row, strict=True))) for row in zip(*flat, strict=True)]
+
+    # -------------------------------------------------------------------------------- rates
+
+    def _of_jobs(self, times: int) -> tuple[Named, Array]:
+        """Parameters and magnitudes for so many instants of each job."""
+        if self._repeated[0] != times:
+            p = self.equations.p._values
+            self._repeated = (
+                times,
+                Named._of({name: v.repeat(times) for name, v in p.items()}),
+                self.equations.magnitudes.repeat(times, axis=1),
+            )
+        return self._repeated[1:]
+
+    def rates(self, t: Array, x: Array, u: Named) -> Array:
+        """Rates of the states, with unknown forces."""
+        times = t.size // self.equations.count
+        p, magnitudes = self._of_jobs(times)
+        out = self.equations.rates(t, x, u, p, magnitudes)
+        if self.forces is not None:
+            self._push(t, x, u, p, out)
+        return out
+
+    def _push(self, t: Array, x: Array, u: Named, p: Named, out: Array) -> None:
+        """Add the rates by unknown forces."""
+        model, forces, count = self.model, self.forces, self.equations.count
+        assert forces is not None
+        times, time = t.size // count, self.clock.time
+        begin, span = time[0].repeat(times), (time[-1] - time[0]).repeat(times)
+        job, knots = np.arange(count).repeat(times), forces.shape[2]
+        coordinates = {c.name: c for c in model.coordinates}
+        named = self.equations.view(x)
+        place = np.clip((t - begin) / span, 0.0, 1.0) * (knots - 1)
+        left = np.minimum(place.astype(np.intp), knots - 2)
+        share = place - left
+        for k, port in enumerate(model.ports):
+            force = (1.0 - share) * forces[job, k, left] + share * forces[job, k, left + 1]
+            if port.name in coordinates:
+                pushed = coordinates[port.name]._push(force, t, named, u, p)
+            else:
+                pushed = {model._port_states[port.name]: force}
+            for state, value in pushed.items():
+                out[self.equations.rows[state]] += value
+
+    def _outputs(self, j: Integers, x: Array) -> Array:
+        """Outputs, (outputs, jobs, len(j)), at the samples j with the states (states, jobs, j)."""
+        model, flat = self.model, x.reshape(len(x), -1)
+        t, u = _by_job(self.clock.time[j]), self._inputs(j, np.zeros(1))[0]
+        p, _ = self._of_jobs(len(j))
+        shows_rates = any(isinstance(of, Rate) for of in model._outputs.values())
+        slopes = self.rates(t, flat, u) if shows_rates else None
+        found = self.equations.outputs(t, flat, u, p, slopes, model.outputs)
+        return found.reshape(-1, x.shape[1], len(j))
 
 
 def advanced(

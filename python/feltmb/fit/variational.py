@@ -76,8 +76,7 @@ def variational_sensitivities(
     batches = [(r.record, r.jobs()) for r in requests]
     moves = {key: _moves(model, requests[i]) for key, i in tested.items()}
     moved = [(requests[tested[key]].record, to.jobs()) for key, m in moves.items() for to in m[:2]]
-    count = sum(jobs.count for _, jobs in batches)
-    run = integrate(model, [*batches, *moved], keep=count)
+    run = integrate(model, [*batches, *moved], keep=len(batches))
     found = _Variation(model, requests, batches, run).results()
     for k, (key, i) in enumerate(tested.items()):
         at = len(requests) + 2 * k
@@ -193,8 +192,8 @@ class _Variation:
         self.model, self.requests, self.runs = model, requests, run.runs
         self.equations = System(model, batches)
         self.count, self.size = self.equations.count, self.equations.size
-        self.clock = run.clock.first(self.count)
-        self.longest = len(self.clock.time)
+        self.longest = len(run.samples)
+        self.clock = Clock.of(model, batches, self.longest)
         self.samples = run.samples[:, None, None]  # as the stages: one step with one stage
         self.stages = run.stages
         self.substeps = self.stages.shape[1]
