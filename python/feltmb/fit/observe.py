@@ -329,30 +329,29 @@ def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sens
     observing = {t: size for t, size in sizes.items() if t.effect.observe is not None}
 
     def show(outputs: Array, sizes: Mapping[Candidate, float] = observing) -> Array:
-        """Sensor readings, (n, ny)."""
-        seen = outputs[None]
+        """Sensor readings, (B, n, ny)."""
         for candidate, size in sizes.items():
-            seen = _seen(candidate, record, seen, np.array([size]))
-        return np.asarray(_sensed(model, record, seen)[0])
+            outputs = _seen(candidate, record, outputs, np.full(len(outputs), size))
+        return _sensed(model, record, outputs)
 
-    shown = show(s.outputs)
+    shown = show(s.outputs[None])[0]
     spread = float(np.nanmax(np.abs(s.outputs), initial=0.0))
 
     def push(columns: Array) -> Array:
         """Transform derivatives with the sensors and sensor effects."""
-        out = np.empty_like(columns)
-        for i in range(columns.shape[2]):
-            largest = float(np.nanmax(np.abs(columns[..., i]), initial=0.0))
-            step = 1e-4 * (spread or 1.0) / largest if largest > 0.0 else 1.0
-            up, down = (show(s.outputs + h * columns[..., i]) for h in (step, -step))
-            out[..., i] = (up - down) / (2.0 * step)
-        return out
+        directions = np.moveaxis(columns, 2, 0)
+        largest = np.nanmax(np.abs(directions), axis=(1, 2), initial=0.0)[:, None, None]
+        steps = np.where(largest > 0.0, 1e-4 * (spread or 1.0) / (largest + (largest == 0.0)), 1.0)
+        moved = np.concatenate([s.outputs + steps * directions, s.outputs - steps * directions])
+        up, down = np.split(show(moved), 2)
+        return np.moveaxis((up - down) / (2.0 * steps), 0, 2)
 
     def by_sensor(candidate: Candidate) -> Array:
         """Derivative by the magnitude of a sensor effect."""
         at, out = observing.get(candidate, 0.0), np.zeros_like(shown)
         for offset, weight in _offsets(candidate, at):
-            out += weight * (show(s.outputs, {**observing, candidate: at + offset}) - shown)
+            sizes = {**observing, candidate: at + offset}
+            out += weight * (show(s.outputs[None], sizes)[0] - shown)
         return out
 
     own, of_inputs = len(request.input_changes), _input_effects(request)

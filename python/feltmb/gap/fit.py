@@ -6,7 +6,7 @@ step, and the simulations of one step are one call of the model (:func:`together
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -79,7 +79,7 @@ def together(
     problem: Problem,
     runs: Sequence[Steps],
     check: Callable[[], None] = lambda: None,
-    hopeless: Callable[[int], bool] = lambda _: False,
+    hopeless: Callable[[Iterable[int]], set[int]] = lambda _: set(),
 ) -> list[Any]:
     """Advance fits in step until all have ended; their results, None: it failed.
 
@@ -92,7 +92,7 @@ def together(
     check
         Is called before each step; may raise :class:`Stop`.
     hopeless
-        Whether a fit shall end before its next step, by its index; its result is then None.
+        Those of some fits that shall end before their next step; their results are then None.
     """
     results: list[Any] = [None] * len(runs)
     waiting: dict[int, Ask] = {}
@@ -109,7 +109,8 @@ def together(
         advance(i, None)
     while waiting:
         check()
-        asks, waiting = {i: a for i, a in waiting.items() if not hopeless(i)}, {}
+        ended = hopeless(waiting)
+        asks, waiting = {i: a for i, a in waiting.items() if i not in ended}, {}
         answers = evaluate(problem, list(asks.values()))
         for i, answer in zip(asks, answers, strict=True):
             advance(i, answer)
@@ -138,16 +139,24 @@ def fit_sets(
         for k, point in enumerate(s.points)
     ]
 
-    def hopeless(i: int) -> bool:
-        own, others = fits[i].now, [f.now for f in fits if f.now is not None]
-        if own is None or not np.isfinite(fits[i].gain):
-            return False
-        for other in (f.now for f in fits[:i] if f.now is not None):
-            apart = other.point.x - own.point.x if other.members == own.members else np.inf
-            if np.abs(apart).max(initial=0.0) < SAME_POINT:
-                return True
-        behind = max(log_odds(problem, other, own) for other in (*others, *rivals))
-        return fits[i].gain < CATCH_UP * (behind - NEAR)
+    def hopeless(waiting: Iterable[int]) -> set[int]:
+        known = [f.now for f in fits if f.now is not None]
+        some = [i for i in waiting if fits[i].now is not None and np.isfinite(fits[i].gain)]
+        if not some:
+            return set()
+        best, ended = best_of(problem, [*known, *rivals]), set()
+        for i in some:
+            own = fits[i].now
+            assert own is not None
+            same = any(
+                np.abs(f.now.point.x - own.point.x).max(initial=0.0) < SAME_POINT
+                for f in fits[:i]
+                if f.now is not None and f.members == own.members
+            )
+            behind = log_odds(problem, best, own) - NEAR
+            if same or fits[i].gain < CATCH_UP * behind:
+                ended.add(i)
+        return ended
 
     reason: BaseException | None = None
     try:

@@ -146,6 +146,13 @@ def theta_at(problem: Problem, x: Array) -> Array:
 
 def local_of(problem: Problem, members: Members, observed: Observed) -> tuple[Local, ...]:
     """Unknowns of a record, with those of a set and the start of its hidden states."""
+    key = tuple(m.cause for m in members), id(observed)
+    if key not in problem.locals_known:
+        problem.locals_known[key] = observed, _local_of(problem, members, observed)
+    return problem.locals_known[key][1]
+
+
+def _local_of(problem: Problem, members: Members, observed: Observed) -> tuple[Local, ...]:
     own = len(problem.model.states())
     states = problem.model.states(machine_candidates(problem.candidates(members)))
     hidden = [

@@ -150,6 +150,13 @@ class Problem:
     """Assumptions about the records, for the report."""
 
     @cached_property
+    def locals_known(
+        self,
+    ) -> dict[tuple[tuple[int, ...], int], tuple[Observed, tuple[Local, ...]]]:
+        """Unknowns of records in sets; the records are kept so that their ids stay theirs."""
+        return {}
+
+    @cached_property
     def free(self) -> list[int]:
         """Indices of the parameters that are fitted."""
         return [i for i, p in enumerate(self.model.parameters) if p.sd > 0.0]

@@ -191,12 +191,13 @@ def clock_rate(outputs: Sequence[str]) -> Effect:
 
         del shape
         out, time = values.copy(), record.time[: values.shape[1]]
-        for b, size in enumerate(magnitudes):
-            if size != 0.0 and np.all(np.isfinite(values[b])):
-                path = CubicSpline(time, values[b])
-                at = time + size * (time - time[0])
-                inside = np.clip(at, time[0], time[-1])
-                out[b] = path(inside) + (at - inside)[:, None] * path(inside, 1)
+        good = np.isfinite(values).all(axis=(1, 2)) & (magnitudes != 0.0)
+        for size in np.unique(magnitudes[good]):
+            rows = good & (magnitudes == size)
+            path = CubicSpline(time, values[rows], axis=1)
+            at = time + size * (time - time[0])
+            inside = np.clip(at, time[0], time[-1])
+            out[rows] = path(inside) + (at - inside)[:, None] * path(inside, 1)
         return out
 
     return Effect(
