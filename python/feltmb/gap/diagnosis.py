@@ -19,7 +19,7 @@ from feltmb.gap.problem import Problem
 from feltmb.gap.progress import Meter, Progress, Stop
 from feltmb.gap.records import prepare, ready_records
 from feltmb.gap.report import Report
-from feltmb.gap.search import SEARCH, search
+from feltmb.gap.search import search
 from feltmb.gap.variation import varies, with_variation
 from feltmb.gap.verdict import judge
 
@@ -79,7 +79,7 @@ def diagnose(
     """
     options = options or Options()
     end = time.monotonic() + FITS * options.seconds
-    meter = Meter(tell, SEARCH * options.seconds, options.tries)
+    meter = Meter(tell, FITS * options.seconds)
 
     def check() -> None:
         meter.step()

@@ -1,8 +1,7 @@
 """Progress of a diagnosis: the stage, the share that is done, and the time that is left.
 
-How many sets a search will fit is not known before. The meter counts the joint steps of the fits,
-measures what a step costs, and assumes typical numbers for the rest: steps in a round, rounds that
-follow, and the comparison with held-out records.
+How many sets a search will fit is not known before. Each stage ends at a typical share of the whole
+time, whatever the model: the longer a diagnosis took so far, the longer it will take.
 """
 
 from __future__ import annotations
@@ -15,18 +14,16 @@ from typing import Any
 
 __all__ = ["Meter", "Progress", "Stop"]
 
-#: Typical number of joint steps of the fits of a round, and of the comparison with held-out
-#: records.
-STEPS, STEPS_AFTER = 9.0, 24.0
-#: Cost of such a step after the search, in steps of the fit of the model alone [1].
-COST_AFTER = 2.5
-#: Expected further work in durations of a round: after the first round, after later ones, and of
-#: the exchange; and of the comparison with held-out records [1].
-FIRST, LATER, EXCHANGE, AFTER = 0.35, 0.9, 0.5, 0.45
-#: Expected growth of the duration from one round to the next, because sets become larger [1].
-GROWTH = 1.25
-#: Share of the expected duration of a stage that is left when it takes longer than expected [1].
-LEAST = 0.2
+#: Typical share of the time of a diagnosis at the end of each stage [1].
+ENDS = {
+    "prepare": 0.08,
+    "fit": 0.4,
+    "search": 0.65,
+    "exchange": 0.7,
+    "held_out": 0.95,
+    "judge": 0.98,
+    "locate": 1.0,
+}
 
 
 class Stop(Exception):
@@ -68,9 +65,7 @@ class Meter:
         Is called with the progress at each stage and step; None: nothing is called. If it raises
         :class:`Stop`, the next step raises it.
     seconds
-        Limit of time of the search [s].
-    tries
-        Number of sets that are fitted together.
+        Limit of time of all fits [s].
     clock
         Time [s].
     """
@@ -79,17 +74,12 @@ class Meter:
         self,
         tell: Callable[[Progress], None] | None,
         seconds: float,
-        tries: int,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._tell, self._seconds, self._tries, self._clock = tell, seconds, tries, clock
+        self._tell, self._seconds, self._clock = tell, seconds, clock
         self._began = self._stage_began = clock()
-        self._search_began = math.nan
-        self._stage, self._times = "prepare", [self._began]
-        self._rounds = 0
-        self._round = math.nan  # expected duration of a round
-        self._step = math.nan  # duration of a step of the fit of the model alone
-        self._share = 0.0
+        self._stage = "prepare"
+        self._share = self._since = 0.0
         self._stopped = False
 
     def stage(self, name: str, share: float = 0.0) -> None:
@@ -104,16 +94,7 @@ class Meter:
         """
         del share
         now = self._clock()
-        spent, steps = now - self._stage_began, len(self._times) - 1
-        if self._stage == "fit":
-            self._step = spent / max(steps, 1)
-        if self._stage == "search":
-            self._round = GROWTH * spent if name == "search" else self._length_of_round(now)
-        if name == "search":
-            self._rounds += 1
-            if self._rounds == 1:
-                self._search_began = now
-        self._stage, self._stage_began, self._times = name, now, [now]
+        self._since, self._stage_began, self._stage = self._state(now).share, now, name
         self._report(now)
 
     def step(self) -> None:
@@ -124,9 +105,7 @@ class Meter:
         Stop
             The function that is told the progress has raised it.
         """
-        now = self._clock()
-        self._times.append(now)
-        self._report(now)
+        self._report(self._clock())
         if self._stopped:
             raise Stop
 
@@ -144,41 +123,21 @@ class Meter:
             self._stopped = True
 
     def _state(self, now: float) -> Progress:
-        left = 0.0 if self._stage == "done" else self._left(now)
         elapsed = now - self._began
-        if math.isfinite(left) and elapsed + left > 0.0:
-            self._share = max(self._share, elapsed / (elapsed + left))
-        return Progress(self._stage, self._share, left, elapsed)
+        if self._stage == "done":
+            return Progress("done", 1.0, 0.0, elapsed)
+        if self._stage == "prepare":
+            return Progress("prepare", 0.0, math.nan, elapsed)
+        # A stage comes nearer to its end as long as it takes.
+        since, end = max(self._since, ENDS["prepare"]), ENDS[self._stage]
+        before = self._stage_began - self._began
+        usual = before * max(end / since - 1.0, 0.0)
+        part = 1.0 - math.exp(-(now - self._stage_began) / usual) if usual > 0.0 else 1.0
+        self._share = max(self._share, since + max(end - since, 0.0) * part)
+        left = elapsed * (1.0 / self._share - 1.0)
+        return Progress(self._stage, self._share, min(left, self._limit(now)), elapsed)
 
-    def _length_of_round(self, now: float) -> float:
-        """Expected duration of the present round: its scores, and typical number of steps."""
-        if math.isfinite(self._round):
-            return max(self._round, now - self._stage_began)
-        steps = len(self._times) - 1
-        if steps < 2:  # only the fit of the model alone is known
-            return max(STEPS * self._tries * self._step, now - self._stage_began)
-        scores = self._times[1] - self._times[0]
-        each = (now - self._times[1]) / (steps - 1)
-        return scores + max(STEPS, steps - 1.0) * each
-
-    def _after(self, length: float) -> float:
-        """Expected duration of what follows the search [s]: the mean of two estimates."""
-        return math.sqrt(STEPS_AFTER * COST_AFTER * self._step * AFTER * length)
-
-    def _left(self, now: float) -> float:
-        """Expected time that is left [s]."""
-        spent, steps = now - self._stage_began, len(self._times) - 1
-        if self._stage == "search":
-            length = self._length_of_round(now)
-            further = (FIRST if self._rounds == 1 else LATER) * length
-            left = max(length - spent, LEAST * length) + further
-            limit = max(self._search_began + self._seconds - now, 0.0)
-            return min(left, limit) + self._after(length)
-        if self._stage == "exchange":
-            return max(EXCHANGE * self._round - spent, LEAST * self._round) + self._after(
-                self._round
-            )
-        if self._stage == "held_out":
-            each = spent / steps if steps > 2 else self._after(self._round) / STEPS_AFTER
-            return max(STEPS_AFTER - steps, LEAST * STEPS_AFTER) * each
-        return 0.1 * self._after(self._round) if self._stage in ("judge", "locate") else math.nan
+    def _limit(self, now: float) -> float:
+        """Time until the limit, and typical time after it [s]."""
+        after = self._seconds * (1.0 / ENDS["held_out"] - 1.0)
+        return max(self._began + self._seconds - now, 0.0) + after

@@ -17,7 +17,7 @@ class Run:
 
     def __init__(self, seconds=120.0):
         self.now, self.seen = 0.0, []
-        self.meter = Meter(self.seen.append, seconds, 4, clock=lambda: self.now)
+        self.meter = Meter(self.seen.append, seconds, clock=lambda: self.now)
 
     def stage(self, name, *steps):
         """A stage with the durations of its first part and of its steps."""
@@ -34,7 +34,8 @@ class Run:
 
 
 def typical(rounds, steps=9, scale=1.0, after=24):
-    run = Run()
+    run = Run(1e3)
+    run.stage("prepare", 2.0 * scale)
     run.stage("fit", *[0.5 * scale] * 8)
     for k in range(rounds):
         run.stage("search", 3.0 * scale, *[scale * (1.0 + 0.3 * k)] * steps)
@@ -61,16 +62,18 @@ def test_share_never_decreases_and_ends_at_one():
     assert math.isnan(seen[0].left)  # nothing is known yet
 
 
-def test_the_search_is_expected_to_end_at_its_limit():
+def test_the_fits_are_expected_to_end_at_their_limit():
     left = []
-    for seconds in (10.0, 1e6):
+    for seconds in (20.0, 1e6):
         run = Run(seconds)
-        run.stage("fit", *[0.5] * 8)
-        run.stage("search", 3.0, 3.0, 3.0)
+        run.stage("prepare", 2.0)
+        run.stage("fit", *[1.0] * 8)
+        run.stage("search", 3.0, 3.0)
         run.meter.step()
         left.append(run.seen[-1].left)
-    # Nine steps of 3 s: without the limit, 18 s remain of this round; with it, 1 s.
-    assert left[1] - left[0] > 17.0
+    # 16 s have passed: 4 s of fits and the verdict remain, instead of a time as long as that so far.
+    assert 4.0 < left[0] < 6.0
+    assert 8.0 < left[1] < 24.0
 
 
 def test_a_diagnosis_tells_all_stages(spring, causes):
