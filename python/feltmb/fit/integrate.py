@@ -19,8 +19,8 @@ from feltmb.fit.resolution import BETWEEN
 __all__ = [
     "GAMMA",
     "Clock",
-    "System",
     "Law",
+    "System",
     "Trajectory",
     "advanced",
     "integrate",
@@ -336,7 +336,9 @@ def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory
         if some:
             kept = sum(i < keep for i in some)
             steps = _Steps(model, [batches[i] for i in some], longest)
-            own = steps.integrated([guesses[i] for i in some] if known else [], kept)
+            own = steps.integrated(
+                [g for i in some if (g := guesses[i]) is not None] if known else [], kept
+            )
             for i, run in zip(some, own, strict=True):
                 found[i] = run
     done = [run for run in found if run is not None]

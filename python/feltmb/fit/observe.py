@@ -344,7 +344,7 @@ def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sens
         steps = np.where(largest > 0.0, 1e-4 * (spread or 1.0) / (largest + (largest == 0.0)), 1.0)
         moved = np.concatenate([s.outputs + steps * directions, s.outputs - steps * directions])
         up, down = np.split(show(moved), 2)
-        return np.moveaxis((up - down) / (2.0 * steps), 0, 2)
+        return np.asarray(np.moveaxis((up - down) / (2.0 * steps), 0, 2))
 
     def by_sensor(candidate: Candidate) -> Array:
         """Derivative by the magnitude of a sensor effect."""
