@@ -11,6 +11,7 @@ import pytest
 from scipy.optimize import brentq
 
 import feltmb
+from feltmb.action.touch import static_touch
 from feltmb.run.quasistatic import simulated_press
 
 G = 9.81
@@ -235,6 +236,16 @@ def test_energy_is_accounted_for_and_results_converge(grand, stroke):
     if stroke != "staccato":  # the key stays down
         assert fine.summary["check_gap"] == pytest.approx(15e-3, abs=2.5e-3)
         assert abs(coarse["check_gap"] - fine.summary["check_gap"]) < 1e-4
+
+
+def test_weights_of_the_touch_are_those_of_the_published_ranges(grand):
+    """Gram-force; D. Stanwood on Steinway's specifications, Pianotech, 26 August 2004."""
+    static = static_touch(grand)
+    gram = 9.80665e-3
+    assert 46.0 < static.down_weight / gram < 50.0
+    assert 20.0 < static.up_weight / gram < 24.0
+    assert 11.0 < static.friction / gram < 15.0
+    assert 0.8e-3 < static.aftertouch < 2e-3
 
 
 def gap_of(run):
