@@ -4,6 +4,7 @@ The balance and the geometry are plain vector arithmetic on the numbers of the f
 code with the program.
 """
 
+import json
 import tomllib
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.optimize import brentq
 
 import feltmb
 from feltmb.action.touch import static_touch
+from feltmb.cli import main
 from feltmb.run.quasistatic import simulated_press
 
 G = 9.81
@@ -283,3 +285,20 @@ def test_the_grand_strikes_again_where_the_upright_does_not(grand, action):
         )
     assert weakest["grand_action"] > 0.3
     assert weakest["steinway45"] == 0.0
+
+
+@pytest.mark.slow
+def test_a_weak_spring_and_a_worn_knuckle_are_named(tmp_path, monkeypatch, capsys):
+    """Felts as known; two withheld effects, and a machine without one."""
+    monkeypatch.chdir(tmp_path)
+    tolerances = "spring.*,joint_friction.*,let_off_button,drop_screw,capstan_height,mass.*"
+    effects = "worn_knuckle,spring_preload.*,let_off_button,drop_screw,string_distance"
+    with pytest.raises(SystemExit):
+        main(
+            ["gap", "blind", "grand_action", "--cases", "3", "--seed", "1", "--json"]
+            + ["--effect", "spring_preload.repetition_spring,worn_knuckle", "--seconds", "600"]
+            + ["--set", f"tolerances={tolerances}"]
+            + ["--set", f"effects={effects},coulomb_friction.*"]
+        )
+    cases = json.loads(capsys.readouterr().out)["cases"]
+    assert [case["outcome"] for case in cases] == ["quiet", "right", "right"]
