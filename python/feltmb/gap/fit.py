@@ -73,6 +73,8 @@ class Descent:
     now: Fitted | None = None
     gain: float = np.inf
     """Gain of the last step [log evidence]."""
+    rough: bool = False
+    """Whether it ends where the noise changes little."""
 
 
 def together(
@@ -122,8 +124,11 @@ def fit_sets(
     starts: Sequence[Start],
     check: Callable[[], None] = lambda: None,
     rivals: Sequence[Fitted] = (),
+    rough: bool = False,
 ) -> list[Fitted | None]:
     """Fit several sets, each from all of its starts; None: a set that cannot be simulated.
+
+    ``rough``: the fits are starts of others, and end where the noise changes little.
 
     A fit ends early if it comes too slowly nearer to the best one of all and of ``rivals``, or if
     another fit of the same set is at the same point.
@@ -134,7 +139,7 @@ def fit_sets(
         With the fits as far as they are.
     """
     fits = [
-        Descent(problem, s.members, point, s.known if k == 0 else ())
+        Descent(problem, s.members, point, s.known if k == 0 else (), rough=rough)
         for s in starts
         for k, point in enumerate(s.points)
     ]
@@ -276,6 +281,8 @@ def _descend(fit: Descent) -> Steps:
     for _ in range(ROUNDS):
         left = noise_left(problem, seen, _taken(problem, members, point, seen, noise, share))
         settled = settled or (change < COARSE and not far)
+        if settled and fit.rough:
+            break
         left_share = share
         if settled:
             left_share = estimation_share(problem, members, point, seen, left)
@@ -325,7 +332,8 @@ def _descend(fit: Descent) -> Steps:
             if cost < now + CONVERGED:  # flat
                 break
             radius, derivatives = 0.4 * length, False
-        fit.gain = gain if settled and change < SETTLED else max(gain, CONVERGED)
+        done = change < SETTLED or gain == 0.0  # without a step, nothing will change
+        fit.gain = gain if settled and done else max(gain, CONVERGED)
         if fit.gain < CONVERGED:
             if not stale:
                 break

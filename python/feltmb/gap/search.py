@@ -152,7 +152,8 @@ def model_alone(problem: Problem, step: Callable[[], None] = lambda: None) -> Fi
         start = Start((), (point,), () if known is None else known)
         for part in (1.0,) if known is not None else PARTS:
             cut = replace(problem, fit=tuple(o.first(part) for o in problem.fit))
-            fitted = fit_sets(cut, [replace(start, points=(point,))], step)[0]
+            begin = [replace(start, points=(point,))]
+            fitted = fit_sets(cut, begin, step, rough=part < 1.0)[0]
             if fitted is not None:
                 point = fitted.point
     except Stop as stop:  # there is nothing to answer with
