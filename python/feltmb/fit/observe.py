@@ -348,7 +348,7 @@ def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sens
 
     def by_sensor(candidate: Candidate) -> Array:
         """Derivative by the magnitude of a sensor effect."""
-        at, out = observing.get(candidate, 0.0), np.zeros_like(shown)
+        at, out = observing.get(candidate, 0.0), np.zeros(shown.shape)
         for offset, weight in _offsets(candidate, at):
             sizes = {**observing, candidate: at + offset}
             out += weight * (show(s.outputs[None], sizes)[0] - shown)

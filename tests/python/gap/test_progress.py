@@ -71,7 +71,7 @@ def test_the_fits_are_expected_to_end_at_their_limit():
         run.stage("search", 3.0, 3.0)
         run.meter.step()
         left.append(run.seen[-1].left)
-    # 16 s have passed: 4 s of fits and the verdict remain, instead of a time as long as that so far.
+    # 16 s have passed: 4 s of fits and the verdict remain, not as much as has passed.
     assert 4.0 < left[0] < 6.0
     assert 8.0 < left[1] < 24.0
 
