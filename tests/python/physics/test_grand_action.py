@@ -295,10 +295,12 @@ def test_a_weak_spring_and_a_worn_knuckle_are_named(tmp_path, monkeypatch, capsy
     effects = "worn_knuckle,spring_preload.*,let_off_button,drop_screw,string_distance"
     with pytest.raises(SystemExit):
         main(
-            ["gap", "blind", "grand_action", "--cases", "3", "--seed", "1", "--json"]
-            + ["--effect", "spring_preload.repetition_spring,worn_knuckle", "--seconds", "600"]
-            + ["--set", f"tolerances={tolerances}"]
-            + ["--set", f"effects={effects},coulomb_friction.*"]
+            [
+                *"gap blind grand_action --cases 3 --seed 1 --json --seconds 600".split(),
+                *("--effect", "spring_preload.repetition_spring,worn_knuckle"),
+                *("--set", f"tolerances={tolerances}"),
+                *("--set", f"effects={effects},coulomb_friction.*"),
+            ]
         )
     cases = json.loads(capsys.readouterr().out)["cases"]
     assert [case["outcome"] for case in cases] == ["quiet", "right", "right"]
