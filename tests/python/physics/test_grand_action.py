@@ -296,7 +296,8 @@ def test_a_weak_spring_and_a_worn_knuckle_are_named(tmp_path, monkeypatch, capsy
     with pytest.raises(SystemExit):
         main(
             [
-                *"gap blind grand_action --cases 3 --seed 1 --json --seconds 600".split(),
+                *("gap", "blind", "grand_action", "--cases", "3", "--seed", "1", "--json"),
+                *("--seconds", "600"),
                 *("--effect", "spring_preload.repetition_spring,worn_knuckle"),
                 *("--set", f"tolerances={tolerances}"),
                 *("--set", f"effects={effects},coulomb_friction.*"),
