@@ -42,8 +42,8 @@ __all__ = ["Report", "render_page"]
 
 #: Words of reasons that a user must know beside the verdict.
 TOLD = {
-    Reason.NOISE_NOT_STATED: "No noise of a sensor is stated, so that only the share of the motion "
-    "decides what matters.",
+    Reason.NOISE_NOT_STATED: "No noise of a sensor is stated; it is taken from what the model "
+    "leaves, as far as neighboring samples do not share it.",
     Reason.DIFFERS_BETWEEN_RECORDS: "A probable cause is not named{which}: it has another "
     "magnitude in each record, as an imitation of something that is not in the list has.",
     Reason.NO_HELD_OUT_GAIN: "The causes do not improve the prediction of held-out records.",
@@ -134,7 +134,7 @@ def _part(c: Channel, residual: float) -> str:
 
 
 def _times(c: Channel) -> str:
-    """What remains as a multiple of the noise of the sensor; empty: it is not stated."""
+    """What remains as a multiple of the noise of the sensor; empty: it is not known."""
     return (
         "" if math.isnan(c.noise) else f"{float(f'{c.explained / c.noise:.2g}'):g} times the noise"
     )

@@ -67,7 +67,8 @@ class Channel:
     name: str
     unit: str
     noise: float
-    """Noise of the sensor; NaN: not stated."""
+    """Noise of the sensor; if no sensor states it, the part of what the best set leaves that
+    neighboring samples do not share; NaN: it is not known."""
     motion: float
     """Rms of the measured values about their mean, by record."""
     tabulated: float

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from feltmb.data import Array
+from feltmb.data.smoothing import noise_of_record
 from feltmb.gap.evidence import Fitted, prior_of, system, weights
 from feltmb.gap.fit import empty_point
 from feltmb.gap.held_out import Predicted, compare, predict
@@ -429,6 +430,19 @@ def _rms(problem: Problem, fitted: Fitted) -> Array:
     return np.asarray(np.sqrt(squares / np.maximum(problem.samples, 1.0)))
 
 
+def _white(problem: Problem, fitted: Fitted, c: int) -> float:
+    """Noise of a sensor that does not state it, from the residual of a set [unit of the channel].
+
+    It is the part of the residual that neighboring samples do not share, so that a residual which
+    is white is noise. NaN: the records are too short.
+    """
+    of_records = [
+        noise_of_record((x.residual[:, c] * o.sd[:, c])[o.valid[:, c]])
+        for x, o in zip(fitted.linears, problem.fit, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.square(of_records)))) or math.nan
+
+
 def _channels(
     problem: Problem,
     shown: Problem,
@@ -461,7 +475,7 @@ def _channels(
             Channel(
                 name,
                 unit,
-                math.nan if problem.exact else float(problem.noise[c]),
+                _white(problem, best, c) if problem.exact else float(problem.noise[c]),
                 motion,
                 float(tabulated[c]),
                 float(calibrated[c]),

@@ -118,8 +118,15 @@ def test_noise_that_is_not_stated_is_told(spring, causes):
     ]
     result = diagnose(spring, causes, records)
     assert Reason.NOISE_NOT_STATED in result.reasons
-    assert np.isnan(result.channels[0].noise)
     assert [n.cause for n in result.named] == ["hardening"]
+    # The residual is white: it is the noise, which the records of this test state.
+    (channel,), stated = result.channels, diagnose(spring, causes, three(hardening=2000.0))
+    assert channel.noise == pytest.approx(stated.channels[0].noise, rel=0.2)
+    assert not channel.material
+    # Without the cause, most of what remains is shared by neighboring samples.
+    (alone,) = diagnose(spring, (), records).channels
+    assert alone.noise == pytest.approx(channel.noise, rel=0.3)
+    assert alone.material
 
 
 def test_good_enough_decides_what_matters(spring, causes):
