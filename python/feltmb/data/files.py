@@ -62,6 +62,7 @@ def read(
     *,
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
+    sigma: Mapping[str, float] | None = None,
     units: Mapping[str, str] | None = None,
     options: ReadOptions | None = None,
 ) -> tuple[Record, ...]:
@@ -77,6 +78,8 @@ def read(
     inputs, outputs
         Columns that are inputs and outputs; default: every column but the clock is an output, and a
         single force is an input.
+    sigma
+        Standard deviation of the noise by column [SI unit]; default: as the TOML file states.
     units
         Units of columns whose header states none.
     options
@@ -92,12 +95,14 @@ def read(
     options = options or ReadOptions()
     options = replace(options, units={**options.units, **(units or {})})
     if outputs:
-        return read_records(paths, inputs=inputs, outputs=outputs, options=options)
-    return tuple(
-        r.with_columns_as_inputs({n: n for n in inputs})
-        for group in read_each(paths, options=options)
-        for r in group
-    )
+        found = read_records(paths, inputs=inputs, outputs=outputs, options=options)
+    else:
+        found = tuple(
+            r.with_columns_as_inputs({n: n for n in inputs})
+            for group in read_each(paths, options=options)
+            for r in group
+        )
+    return tuple(r.with_noise(sigma) for r in found) if sigma else found
 
 
 def _fitting(given: str | Path) -> list[Path]:

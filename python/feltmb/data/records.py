@@ -555,6 +555,28 @@ class Record:
         """
         return replace(self, inputs={**self.inputs, **inputs})
 
+    def with_noise(self, sigma: Mapping[str, float]) -> Record:
+        """Copy with the standard deviation of the noise of some columns.
+
+        Parameters
+        ----------
+        sigma
+            Standard deviation by input or output [its unit].
+
+        Raises
+        ------
+        DataError
+            There is no such column.
+        """
+        if missing := [n for n in sigma if n not in self.outputs and n not in self.inputs]:
+            raise DataError(
+                f"record {self.name}: sigma of {', '.join(missing)}, which is no column; there are "
+                f"{', '.join({**self.inputs, **self.outputs})}"
+            )
+        own = {n: replace(s, sigma=sigma.get(n, s.sigma)) for n, s in self.sensors.items()}
+        of_inputs = {n: v for n, v in sigma.items() if n in self.inputs}
+        return replace(self, sensors=own, input_sigma={**self.input_sigma, **of_inputs})
+
     def with_columns_as_inputs(
         self, columns: Mapping[str, str], mode: InputMode | None = None
     ) -> Record:

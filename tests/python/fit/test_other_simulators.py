@@ -1,7 +1,4 @@
-"""Simulators of others behind Simulator: MuJoCo, and an FMU by FMPy; where installed."""
-
-import importlib.util
-from pathlib import Path
+"""An FMU as a simulator, by FMPy; where installed."""
 
 import numpy as np
 import pytest
@@ -11,23 +8,6 @@ from feltmb.errors import InvalidParameter
 from feltmb.gap import Candidate, Exposed, Jobs, Parameter, Record, Sensor, diagnose, library
 
 from . import units
-
-ROOT = Path(__file__).resolve().parents[3]
-
-
-@pytest.mark.slow
-def test_mujoco_friction_is_named_with_its_size(capsys):
-    pytest.importorskip("mujoco")
-    path = ROOT / "examples" / "simulators" / "mujoco_cart.py"
-    spec = importlib.util.spec_from_file_location("mujoco_cart", path)
-    example = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(example)
-    report = example.main()
-    (named,) = report.named
-    assert named.cause == "friction"
-    assert named.magnitude == pytest.approx(example.TRUTH["friction"], rel=0.03)
-    assert "0.43 N in truth" in capsys.readouterr().out
-
 
 DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="cart" guid="{cart}">

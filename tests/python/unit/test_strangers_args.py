@@ -962,6 +962,7 @@ CALLS = {
         "files": written("read.csv", "time [s],q [m]\n0,1\n1,2\n"),
         "inputs": (),
         "outputs": ["q"],
+        "sigma": None,
         "units": None,
         "options": None,
     },
@@ -1058,6 +1059,7 @@ CALLS = {
         gap.Record,
         {"frame": table(), "inputs": ["f"], "outputs": ["q"], "sigma": {"q": 0.1}, "name": "a"},
     ),
+    "feltmb.Record.with_noise": lambda: (record(), {"sigma": {"q": 0.1}}),
     "feltmb.Record.with_columns_as_inputs": lambda: (
         dataclasses.replace(record(), outputs={"q": np.zeros(200), "w": np.ones(200)}),
         {"columns": {"w": "w"}, "mode": None},
