@@ -377,5 +377,7 @@ class Simulator(Model):
             name, scale, low, high = of.name, of.size, of.lower, of.upper
         else:
             name, scale, (low, high) = str(of.data), of.scale, of.bounds
+        if name in self._jumps and at == 0.0:  # a small one tells nothing of a usual one
+            return ((scale, 1.0 / scale),)
         step = self._steps.get(name) or Step(TRIAL * scale, central=True)
         return step.offsets(at, low, high)

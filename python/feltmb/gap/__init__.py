@@ -6,93 +6,76 @@ parameters, not any particular machine.
 """
 
 from feltmb.data import Record, Sensor, StartPrior
+from feltmb.fit import Candidate as Candidate
 from feltmb.fit import (
-    Candidate,
     Coordinate,
     Coupling,
     Effect,
     Equations,
     Exposed,
     FunctionModel,
-    Jobs,
     LinearModel,
     Model,
     Parameter,
-    Port,
     Rate,
-    Sensitivity,
-    SensitivityRequest,
     Simulator,
     State,
     including,
 )
-from feltmb.gap.beside import Compared
-from feltmb.gap.blind import OUTCOMES, Case, Withheld, withhold
+from feltmb.fit import Jobs as Jobs
+from feltmb.fit import Port as Port
+from feltmb.fit import Sensitivity as Sensitivity
+from feltmb.fit import SensitivityRequest as SensitivityRequest
+from feltmb.gap.beside import Compared as Compared
+from feltmb.gap.blind import OUTCOMES as OUTCOMES
+from feltmb.gap.blind import Case as Case
+from feltmb.gap.blind import Withheld, withhold
 from feltmb.gap.compare import Comparison, check
 from feltmb.gap.defaults import candidates
 from feltmb.gap.diagnosis import diagnose, fit_model
 from feltmb.gap.explained import Explained, explained_model
-from feltmb.gap.hints import Hint
+from feltmb.gap.hints import Hint as Hint
 from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured
 from feltmb.gap.options import Options
 from feltmb.gap.progress import Progress, Stop
 from feltmb.gap.report import Report
-from feltmb.gap.result import (
-    Cell,
-    Channel,
-    Event,
-    Named,
-    ParameterValue,
-    Place,
-    Reason,
-    Result,
-    SetOfCauses,
-    Trace,
-    Verdict,
-)
+from feltmb.gap.result import Cell as Cell
+from feltmb.gap.result import Channel as Channel
+from feltmb.gap.result import Event as Event
+from feltmb.gap.result import Named as Named
+from feltmb.gap.result import ParameterValue as ParameterValue
+from feltmb.gap.result import Place as Place
+from feltmb.gap.result import Reason as Reason
+from feltmb.gap.result import Result as Result
+from feltmb.gap.result import SetOfCauses as SetOfCauses
+from feltmb.gap.result import Trace as Trace
+from feltmb.gap.result import Verdict
 
+# The other names are parts of results (feltmb.gap.parts), or for authors of models
+# (feltmb.fit.authoring).
 __all__ = [
-    "OUTCOMES",
-    "Candidate",
-    "Case",
-    "Cell",
-    "Channel",
-    "Compared",
     "Comparison",
     "Coordinate",
     "Coupling",
     "Effect",
     "Equations",
-    "Event",
     "Explained",
     "Exposed",
     "FunctionModel",
-    "Hint",
-    "Jobs",
     "LinearModel",
     "Measured",
     "Model",
-    "Named",
     "Options",
     "Parameter",
-    "ParameterValue",
-    "Place",
-    "Port",
     "Progress",
     "Rate",
-    "Reason",
     "Record",
     "Report",
-    "Result",
-    "Sensitivity",
-    "SensitivityRequest",
     "Sensor",
-    "SetOfCauses",
     "Simulator",
     "StartPrior",
     "State",
     "Stop",
-    "Trace",
     "Verdict",
     "Withheld",
     "candidates",

@@ -23,7 +23,9 @@ MODULES = [
     "felt",
     "fiber",
     "fit",
+    "fit.authoring",
     "gap",
+    "gap.parts",
     "experiment",
     "fiber.material",
     "action.regulate",
@@ -976,12 +978,12 @@ CALLS = {
         pendulum(),
         {"laws": {pendulum().config.contacts and next(iter(pendulum().config.contacts)): law()}},
     ),
-    "feltmb.fit.Including": lambda: {
+    "feltmb.fit.authoring.Including": lambda: {
         "model": oscillator(),
         "included": (gap.Candidate(DRY),),
         "magnitudes": np.array([0.01]),
     },
-    "feltmb.fit.Jobs": lambda: {
+    "feltmb.fit.authoring.Jobs": lambda: {
         "theta": np.array([[1.0, 100.0]]),
         "starts": np.zeros((1, 2)),
         "included": (),
@@ -989,7 +991,7 @@ CALLS = {
         "forces": None,
     },
     "feltmb.fit.LinearModel": lambda: dict(LINEAR),
-    "feltmb.fit.Named": lambda: {"values": {"a": 1.0}},
+    "feltmb.fit.authoring.Named": lambda: {"values": {"a": 1.0}},
     "feltmb.Equations": lambda: dict(ODE),
     "feltmb.fit.Parameter": lambda: {
         "name": "p",
@@ -1001,7 +1003,7 @@ CALLS = {
         "component": "",
         "scale": None,
     },
-    "feltmb.fit.Port": lambda: {
+    "feltmb.fit.authoring.Port": lambda: {
         "name": "p",
         "component": "c",
         "unit": "N",
@@ -1010,16 +1012,21 @@ CALLS = {
         "speed": "v",
     },
     "feltmb.fit.Rate": lambda: {"state": "v"},
-    "feltmb.fit.Ready": lambda: {"model": oscillator(), "records": (record(),), "notes": ()},
-    "feltmb.fit.Sensitivity": lambda: {
+    "feltmb.fit.authoring.Ready": lambda: {
+        "model": oscillator(),
+        "records": (record(),),
+        "notes": (),
+    },
+    "feltmb.fit.authoring.evenly_spaced": lambda: {"time": 0.1 * np.arange(9)},
+    "feltmb.fit.authoring.Sensitivity": lambda: {
         name: np.zeros((1, 2)) for name in inspect.signature(gap.Sensitivity).parameters
     },
-    "feltmb.fit.SensitivityRequest": lambda: REQUEST | {"record": record()},
-    "feltmb.fit.SensitivityRequest.check": lambda: (
+    "feltmb.fit.authoring.SensitivityRequest": lambda: REQUEST | {"record": record()},
+    "feltmb.fit.authoring.SensitivityRequest.check": lambda: (
         gap.SensitivityRequest(**REQUEST, record=record()),
         {"model": oscillator()},
     ),
-    "feltmb.fit.SensitivityRequest.parameters_of": lambda: (
+    "feltmb.fit.authoring.SensitivityRequest.parameters_of": lambda: (
         gap.SensitivityRequest(**REQUEST, record=record()),
         {"model": oscillator()},
     ),
@@ -1031,7 +1038,7 @@ CALLS = {
         "start_sd": 0.1,
         "hidden": False,
     },
-    "feltmb.fit.Candidate": lambda: {"effect": DRY, "shape": None},
+    "feltmb.fit.authoring.Candidate": lambda: {"effect": DRY, "shape": None},
     "feltmb.fit.including": lambda: {
         "model": oscillator(),
         "included": [DRY],
@@ -1059,6 +1066,7 @@ CALLS = {
         gap.Record,
         {"frame": table(), "inputs": ["f"], "outputs": ["q"], "sigma": {"q": 0.1}, "name": "a"},
     ),
+    "feltmb.Record.continued": lambda: (record(), {"share": 0.1}),
     "feltmb.Record.with_noise": lambda: (record(), {"sigma": {"q": 0.1}}),
     "feltmb.Record.with_columns_as_inputs": lambda: (
         dataclasses.replace(record(), outputs={"q": np.zeros(200), "w": np.ones(200)}),
@@ -1110,7 +1118,7 @@ CALLS = {
         "model": oscillator(),
         "measured": [gap.Measured(parameter="k", value=99.0, sd=1.0)],
     },
-    "feltmb.gap.Channel.share": lambda: (report().channels[0], {"residual": 1.0}),
+    "feltmb.gap.parts.Channel.share": lambda: (report().channels[0], {"residual": 1.0}),
     "feltmb.gap.Explained.simulate": lambda: (
         gap.explained_model(oscillator(), [DRY], report()),
         {"record": record()},
