@@ -11,8 +11,6 @@ from pydantic import Field, ValidationError
 
 from feltmb import params
 from feltmb.arguments import checked
-from feltmb.data.columns import read_columns
-from feltmb.data.mapping import clock_column, values_in
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
 from feltmb.run.stroke.strokes import (
@@ -199,6 +197,9 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = N
         The file has faults; all of them are in the message, with line numbers.
     """
     path = Path(path)
+    from feltmb.data.columns import read_columns
+    from feltmb.data.mapping import clock_column, values_in
+
     columns = read_columns(path, strict=False)
     faults: list[str] = []
     clock = clock_column(columns, guess=False)

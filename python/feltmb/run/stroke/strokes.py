@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb import _core
 from feltmb.arguments import checked
-from feltmb.data.smoothing import noise_of_record, smooth_record
 from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
@@ -156,6 +155,8 @@ class Stroke:
     @property
     def noise(self) -> float:
         """Estimated standard deviation of the noise of a sampled record, in :attr:`unit`."""
+        from feltmb.data.smoothing import noise_of_record
+
         return noise_of_record(self.value)
 
     def smoothed(self, noise: float | None = None) -> Stroke:
@@ -166,6 +167,8 @@ class Stroke:
         noise
             Standard deviation of the noise, in :attr:`unit`; default: :attr:`noise`.
         """
+        from feltmb.data.smoothing import smooth_record
+
         value = smooth_record(self.time, self.value, self.noise if noise is None else noise)
         return replace(self, value=tuple(value.tolist()), interpolation="spline")
 
