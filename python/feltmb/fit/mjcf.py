@@ -147,6 +147,17 @@ class _Mjcf:
         self, time: Array, inputs: Mapping[str, Array], parameters: Mapping[str, float]
     ) -> dict[str, Array]:
         mj = _mujoco()
+        told = mj.get_mju_user_warning()
+        mj.set_mju_user_warning(_silent)  # MuJoCo would write them into a file MUJOCO_LOG.TXT
+        try:
+            return self._run(time, inputs, parameters)
+        finally:
+            mj.set_mju_user_warning(told)
+
+    def _run(
+        self, time: Array, inputs: Mapping[str, Array], parameters: Mapping[str, float]
+    ) -> dict[str, Array]:
+        mj = _mujoco()
         model = self.patched(parameters).compile()
         data = mj.MjData(model)
         if self.key:
@@ -178,7 +189,15 @@ class _Mjcf:
             seen[j] = np.concatenate([data.qpos, data.qvel, data.sensordata])
             if j + 1 < time.size:
                 advance(float(time[j + 1] - time[j]), j)
+        kinds = (mj.mjtWarning.mjWARN_BADQPOS, mj.mjtWarning.mjWARN_BADQVEL,
+                 mj.mjtWarning.mjWARN_BADQACC)  # fmt: skip
+        if any(data.warning[int(k)].number for k in kinds):
+            seen[:] = np.nan  # unstable: MuJoCo has started again from the reference pose
         return {name: seen[:, at].sum(axis=1) for name, at in _readings(model).items()}
+
+
+def _silent(_text: str) -> None:
+    """Nothing is told: a run that fails is one that returns no numbers."""
 
 
 def _readings(model: Any) -> dict[str, list[int]]:

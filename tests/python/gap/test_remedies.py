@@ -148,6 +148,19 @@ def test_each_property_is_written_as_it_was_simulated(tmp_path, name, value):
     assert "<!-- the arm -->" in fixed.read_text()
 
 
+def test_an_unstable_run_has_no_numbers_and_writes_no_file(tmp_path, monkeypatch):
+    """MuJoCo resets the state, goes on, and writes a file into the folder of the user."""
+    pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    source = tmp_path / "servo.xml"
+    source.write_text(SERVO.replace('kv="0.1"', 'kv="0"').replace("implicitfast", "Euler"))
+    time, control = controls(4, 0.5)
+    inputs = {"servo": control[:, 0], "push": control[:, 1]}
+    seen = feltmb.mujoco(source).mjcf(time, inputs, {"servo.gain": 1e7})
+    assert np.isnan(seen["angle"]).all()
+    assert [p.name for p in tmp_path.iterdir()] == ["servo.xml"]
+
+
 def test_a_late_input_is_the_delay_of_the_actuator(tmp_path):
     mujoco = pytest.importorskip("mujoco")
     if not hasattr(mujoco.MjModel, "actuator_delay"):

@@ -891,7 +891,7 @@ class Live {
 
   measuredTab() {
     const pick = element("input", {type: "file", multiple: "", "aria-label": "measured files",
-      accept: ".csv,.txt,.tsv,.dat,.mat,.nc", onchange: () => this.upload([...pick.files])});
+      accept: ".csv,.txt,.tsv,.dat,.asc,.mat,.nc,.h5,.hdf5,.parquet,.feather,.mcap", onchange: () => this.upload([...pick.files])});
     const drop = element("div", {class: "drop"}, "Drop measured files here (CSV, MAT, NetCDF), or ", pick);
     drop.addEventListener("dragover", e => { e.preventDefault(); drop.classList.add("over"); });
     drop.addEventListener("dragleave", () => drop.classList.remove("over"));
