@@ -29,8 +29,8 @@ MOST_COLUMNS = 256
 
 def _needs(path: Path, package: str, extra: str) -> DataError:
     return DataError(
-        f"{path}: to read {path.suffix}, the package {package} is needed: "
-        f"pip install 'feltmb[{extra}]'"
+        f"{path}: to read {path.suffix}, the package {package} is needed: pip install {package} "
+        f"(extra {extra!r} of feltmb)"
     )
 
 

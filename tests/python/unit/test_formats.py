@@ -172,7 +172,7 @@ def test_a_missing_package_has_a_cure(tmp_path, monkeypatch, kind, package, extr
     for name in [m for m in sys.modules if m.split(".")[0] == package]:
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(DataError, match=rf"pip install 'feltmb\[{extra}\]'"):
+    with pytest.raises(DataError, match=rf"pip install {package} \(extra '{extra}'"):
         read_record(path)
 
 
