@@ -293,8 +293,8 @@ def test_a_weak_spring_and_a_worn_knuckle_are_named(tmp_path, monkeypatch, capsy
     monkeypatch.chdir(tmp_path)
     tolerances = "spring.*,joint_friction.*,let_off_button,drop_screw,capstan_height,mass.*"
     effects = "worn_knuckle,spring_preload.*,let_off_button,drop_screw,string_distance"
-    command = "gap blind grand_action --cases 3 --seed 1 --seconds 600 --json".split()
-    command += ["--effect", "spring_preload.repetition_spring,worn_knuckle"]
+    command = ["gap", "blind", "grand_action", "--cases", "3", "--seed", "1", "--json"]
+    command += ["--seconds", "600", "--effect", "spring_preload.repetition_spring,worn_knuckle"]
     command += ["--set", f"tolerances={tolerances}"]
     command += ["--set", f"effects={effects},coulomb_friction.*"]
     with pytest.raises(SystemExit):
