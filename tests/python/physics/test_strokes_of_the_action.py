@@ -133,3 +133,14 @@ def test_slow_press_lets_off_at_two_millimeters(action):
     dip = np.interp(run.events["time"][toe], run.time, run["finger.displacement"])
     assert dip == pytest.approx(9.1e-3, abs=0.15e-3)
     assert np.min(-run["contact06.compression"]) == pytest.approx(2.0e-3, abs=0.3e-3)
+
+
+def test_a_treble_note_is_faster_and_leaves_the_string_sooner(action):
+    """Note 64: lighter hammer, string of 1046.5 Hz; the key is that of note 40."""
+    treble = feltmb.load_action("steinway45_note64")
+    string = treble.config.string
+    pitch = np.sqrt(string.tension / string.linear_density) / (2.0 * string.length)
+    assert pitch == pytest.approx(440.0 * 2.0 ** ((64 - 49) / 12), rel=1e-3)
+    low, high = (feltmb.simulate(a, "forte", ledger=False).summary for a in (action, treble))
+    assert high["impact_speed"] > 1.03 * low["impact_speed"]
+    assert high["impact_duration"] < 0.7 * low["impact_duration"]
