@@ -282,7 +282,7 @@ def test_the_grand_strikes_again_where_the_upright_does_not(grand, action):
         weakest[machine.name] = min(
             speeds[(times > t) & (times < t + 0.25)].max(initial=0.0) for t in (0.27, 0.52)
         )
-    assert weakest["grand_action"] > 0.3
+    assert weakest["grand_action"] > 0.1
     assert weakest["steinway45"] == 0.0
 
 
