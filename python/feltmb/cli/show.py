@@ -145,6 +145,8 @@ def _tables(mechanism: object) -> None:
         screen.print(f"lead {name}: {1e3 * lead.mass:g} g at {1e3 * lead.position:g} mm")
     if config.source.note:
         screen.print(config.source.note)
+    if config.screws:
+        screen.print(f"screws for --set, such as capstan+=0.5turn: {', '.join(config.screws)}")
 
     rest = mechanism.rest_pose
     table = new_table("rest pose", "coordinate", "value", "unit", right=(1,))

@@ -84,9 +84,9 @@ def command(
         if result.weights is not None:
             share = result.weights.hammer_share
             screen.print(
-                "The shank leans: of strike weight times hammer / key travel, which a level shank "
-                f"would put on the key, the key carries the share {share:.2f}. The balance weight "
-                "is the sum of its parts."
+                f"The key carries the share {share:.2f} of strike weight times hammer / key "
+                "travel. A level shank gives about 1; that of an upright stands, and its hammer "
+                "hangs on the center pin."
             )
         screen.print(strike_table(result))
         for note in result.static.notes:

@@ -47,7 +47,12 @@ def step_with(**changes):
 
 
 def test_packaged_targets_load():
-    assert packaged_targets() == ["steinway45", "steinway45_leaded", "steinway45_shipped"]
+    assert packaged_targets() == [
+        "grand_action",
+        "steinway45",
+        "steinway45_leaded",
+        "steinway45_shipped",
+    ]
     steps = {s.name: s for s in load_targets("steinway45").steps}
     assert steps["key dip"].target == pytest.approx(10.5e-3)
     assert steps["hammer blow"].target == pytest.approx(48e-3)

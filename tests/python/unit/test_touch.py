@@ -14,6 +14,7 @@ from feltmb.action.regulate.targets import Step
 from feltmb.action.touch import Strike, TouchRow, static_touch, touch
 from feltmb.action.touch.static import roles_of
 from feltmb.action.touch.strikes import at_speed, fit_travel_time, simulate_strike
+from feltmb.action.touch.weights import weights
 from feltmb.cli.touch import command
 from feltmb.mechanism import Action
 from feltmb.run.quasistatic import (
@@ -199,6 +200,16 @@ def test_weights_by_hand(action, measured):
     level = w.strike_weight * 9.81 * w.action_ratio
     assert w.hammer_share == pytest.approx(w.parts["hammer"] / level)
     assert 0.1 < w.hammer_share < 0.3  # a level shank would have 1
+
+
+def test_the_balance_of_a_grand_is_that_of_stanwood():
+    """Level shank: balance weight + front weight = key ratio x whippen + ratio x strike weight."""
+    grand = load_action("grand_action")
+    static = static_touch(grand)
+    w = weights(grand, static)
+    assert w.hammer_share == pytest.approx(1.0, abs=0.05)
+    carried = w.key_ratio * w.whippen_weight + w.action_ratio * w.strike_weight - w.front_weight
+    assert static.balance_weight / 9.81e-3 == pytest.approx(1e3 * carried, abs=1.5)
 
 
 def test_ten_grams_on_the_key_front_are_ten_gram_force(action, measured):

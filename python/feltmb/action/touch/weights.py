@@ -10,7 +10,6 @@ from feltmb import _core
 from feltmb.mechanism import Action
 from feltmb.mechanism.workshop import (
     key_ratio,
-    mass_and_center,
     moment_about,
     strike_weight,
     welded_to,
@@ -26,7 +25,7 @@ class Weights:
 
     strike_weight: float  #: hammer on a scale with a level shank [kg]
     whippen_weight: float  #: whippen with jack and backcheck on a scale below its heel [kg]
-    front_weight: float  #: key with its leads on a scale below the finger's point [kg]
+    front_weight: float  #: key with all that is on it on a scale below the finger's point [kg]
     key_ratio: float  #: distance of the capstan from the balance rail by that of the finger
     action_ratio: float  #: travel of the hammer by that of the finger, mean over the window
     hammer_share: float  #: part of the strike weight that the key carries, by the lean of the shank
@@ -90,12 +89,12 @@ def weights(action: Action, static: StaticTouch) -> Weights | None:
     ratio = float(gap[0] - gap[-1]) / travel
     weight, _ = strike_weight(config)
     g = float(np.hypot(*config.gravity))
-    mass, center = mass_and_center(config, finger.body)
+    key = welded_to(config, finger.body)
     heel = config.surfaces[_heel(action, roles.capstan)].point[0]
     return Weights(
         strike_weight=weight,
         whippen_weight=moment_about(config, roles.whippen, whippen) / heel,
-        front_weight=mass * center[0] / finger.point[0],
+        front_weight=moment_about(config, finger.body, key) / finger.point[0],
         key_ratio=key_ratio(config),
         action_ratio=ratio,
         hammer_share=parts["hammer"] / (weight * g * ratio),

@@ -55,6 +55,7 @@ def draw_bodies(
         for role, fill, ink in (
             ("wire", own_fill or "#8A8A8A", "#555555"),
             ("wood", own_fill or body_fill(drawn.group[body]), INK),
+            ("lead", "#8A8A8A", "#555555"),
         ):
             chosen = [s for s in own if s.role == role]
             outlines = [shape_points(action, s, bent) for s in chosen]

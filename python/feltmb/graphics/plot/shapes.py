@@ -29,6 +29,7 @@ from feltmb.graphics.plot.poses import (
     string_line,
     to_ground,
 )
+from feltmb.mechanism.to_core import with_leads
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action, Surface
@@ -55,8 +56,9 @@ class Shape:
     Attributes
     ----------
     body, role, name : str
-        ``role`` is ``wood``, ``wire``, ``pad`` (the part around a contact surface), ``surface``
-        (the exact contact geometry), or ``mark``; ``name`` is the name of the surface or point.
+        ``role`` is ``wood``, ``wire``, ``lead``, ``pad`` (the part around a contact surface),
+        ``surface`` (the exact contact geometry), or ``mark``; ``name`` is the name of the surface,
+        point or lead.
     points : ndarray (n, 2)
         Points in the frame of the body [m].
     closed : bool
@@ -111,6 +113,8 @@ def _whole(low: float, high: float, step: float) -> tuple[float, float]:
     return math.floor(low / step) * step, math.ceil(high / step) * step
 
 
+#: Radius of a drawn lead of half an inch [m].
+LEAD = 6.35e-3
 #: Density of wood [kg/m^3], for the size of a mass without known dimensions.
 _WOOD = 700.0
 
@@ -172,6 +176,12 @@ def scene(action: Action, poses: Sequence[npt.ArrayLike] = ()) -> Scene:
         shapes += _body_shapes(action, body, own, u)
         for piece in own.values():
             shapes += piece.shapes
+    for name, lead in config.leads.items():
+        body = lead.body or (config.finger.body if config.finger is not None else "")
+        height = config.bodies[body].center_of_mass[1] if lead.height is None else lead.height
+        center = np.array([lead.position, height])
+        disc = capsule(center, LEAD, center, LEAD)
+        shapes.append(Shape(body, "lead", name, disc, True))
     return Scene(tuple(shapes), group, u)
 
 
@@ -192,7 +202,7 @@ def body_center(action: Action, body: str) -> Array:
     """Center of mass of a body in its frame [m]; for a beam, its middle."""
     if body == "ground":
         return np.zeros(2)
-    b = action.config.bodies[body]
+    b = with_leads(action.config, body)
     return (
         np.array([0.5 * b.length, 0.0])
         if b.kind == "beam" and b.length

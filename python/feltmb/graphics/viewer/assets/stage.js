@@ -215,7 +215,8 @@ class Stage {
   drawBody({g, s, f, px}, b) {
     this.inFrame(g, s, b, f, (own, points) => {
       const fill = PAINT.fill(s.bodies[b].fill), share = this.tint ? this.tint[b] : 0;
-      for (const [role, inside, ink] of [["wire", PAINT.wire, PAINT.wireInk], ["wood", fill, PAINT.ink]]) {
+      for (const [role, inside, ink] of [["wire", PAINT.wire, PAINT.wireInk], ["wood", fill, PAINT.ink],
+        ["lead", PAINT.wire, PAINT.wireInk]]) {
         const chosen = own.filter(x => x.role === role);
         // All outlines before all fills, so that overlapping parts are one.
         g.strokeStyle = ink; g.lineWidth = 2.2 * px;
