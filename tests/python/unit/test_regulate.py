@@ -99,7 +99,7 @@ def test_fault_of_a_step(changes, message):
 
 
 def test_unknown_targets():
-    with pytest.raises(InvalidParameter, match="packaged are steinway45"):
+    with pytest.raises(InvalidParameter, match="packaged are grand_action, steinway45"):
         load_targets("grand")
     action = load_action("steinway45").with_values({"name": "other"})
     with pytest.raises(InvalidParameter, match="no packaged targets for mechanism 'other'"):
