@@ -42,8 +42,8 @@ def from_rest(
             notes.append(
                 f"{record.name}: {name} starts at {start.value:.6g} m: this is neither zero "
                 f"nor the rest value of {model} ({start.rest:.6g} m); it is treated as a "
-                'displacement from rest (specify reference = "absolute" or origin = "start" in '
-                "the TOML to change this)"
+                f"displacement from rest (--origin {name}=start: its first value is rest; "
+                f"--reference {name}=absolute; the same names are keys of the TOML)"
             )
         if kind != "absolute":
             continue

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -18,9 +20,17 @@ from feltmb.cli.common import (
     split_pairs,
     tables_as_json,
 )
+from feltmb.cli.completing import actions
 from feltmb.errors import InvalidParameter
 
+if TYPE_CHECKING:
+    from feltmb.data import Record
+
 __all__ = ["command"]
+
+#: Largest number of alignments with a model; smallest standard deviation of the offset [s], because
+#: a lighter or easier part is early, too.
+ROUNDS, MODEL_SD = 4, 2e-3
 
 
 @click.command("join", short_help="Join two files with two clocks to one record.")
@@ -38,7 +48,15 @@ __all__ = ["command"]
     "--same",
     metavar="TIME=TIME",
     help="Time of an event on the clock of FIRST and on that of SECOND, such as 0.532s=1.207s. "
-    "One gives the offset of the clocks, two give also their rate; default: the clocks are equal.",
+    "One gives the offset of the clocks, two give also their rate; auto: by the begin of the "
+    "motion; default: the clocks are equal.",
+)
+@click.option(
+    "--model",
+    metavar="MODEL",
+    shell_complete=actions,
+    help="With --same auto: model whose motion under the force is correlated with FIRST, which is "
+    "far more accurate.",
 )
 @list_option(
     "--input",
@@ -54,6 +72,7 @@ def command(
     second: Path,
     output: Path,
     same: tuple[str, ...],
+    model: str | None,
     inputs: tuple[str, ...],
     force: bool,
 ) -> None:
@@ -71,7 +90,13 @@ def command(
         if path.resolve() in read:
             raise InvalidParameter(f"join: -o {output} is the name of a file that is joined")
     chosen = split_pairs("--input", inputs, "NAME=CHANNEL") or None
-    made = join_records(read_record(first), read_record(second), same=_events(same), inputs=chosen)
+    one, two = read_record(first), read_record(second)
+    if same == ("auto",):
+        made = _aligned(one, two, model, chosen)
+    elif model is not None:
+        raise click.UsageError("--model aligns the clocks with --same auto")
+    else:
+        made = join_records(one, two, same=_events(same), inputs=chosen)
     made = replace(made, name=output.stem)
     for note in made.notes:
         complain(note)
@@ -94,3 +119,31 @@ def _events(texts: Sequence[str]) -> list[tuple[float, float]]:
         except ValueError as error:
             raise InvalidParameter(f"--same {text}: {error}") from None
     return events
+
+
+def _aligned(
+    first: Record, second: Record, model: str | None, inputs: Mapping[str, str] | None
+) -> Record:
+    """Records joined by the begin of the motion, and then by the motion of a model."""
+    from feltmb.data import align_clocks, join_records
+
+    clocks, sd = align_clocks(first, second)
+    offset = clocks.offset
+    if model is None:
+        complain("--model MODEL would align the clocks far more accurately")
+        return join_records(first, second, same=[(0.0, offset)], inputs=inputs, same_sd=sd)
+    from feltmb.cli.gap_models import load_adapter
+    from feltmb.gap import check
+
+    checked = load_adapter(model, ()).model
+    for _ in range(ROUNDS):
+        made = join_records(first, second, same=[(0.0, offset)], inputs=inputs)
+        delays = [r.delay for r in check(checked, [made]).rows if math.isfinite(r.delay)]
+        if not delays:
+            break
+        middle = sum(delays) / len(delays)
+        offset -= middle
+        sd = max(max(delays) - min(delays), MODEL_SD, first.interval, second.interval)
+        if abs(middle) < 0.1 * sd:
+            break
+    return join_records(first, second, same=[(0.0, offset)], inputs=inputs, same_sd=sd)

@@ -304,6 +304,9 @@ def build_records(
         n: unit_of_column(columns, columns.find(s.column or n), s.unit)
         for n, s in (*sheet.inputs.items(), *sheet.outputs.items())
     }
+    weights = [n for n, (_, u) in (read_in | read_out).items() if weight_hint(headed[n] or "1", u)]
+    if weights:
+        columns = replace(columns, notes=[*columns.notes, _WEIGHTS.format(", ".join(weights))])
     fractions = [n for n, (_, u) in (read_in | read_out).items() if (headed[n], u) == ("%", "1")]
     if fractions:
         columns = replace(columns, notes=[*columns.notes, _FRACTIONS.format(", ".join(fractions))])
@@ -361,6 +364,7 @@ def build_records(
     return tuple(records)
 
 
+_WEIGHTS = "{}: a scale in g or kg shows a force; 1 g is 9.80665 mN"
 _FRACTIONS = (
     "{}: percent in the file become fractions, 45 % is 0.45 (a model that states the unit % for "
     "this signal gets percent)"
@@ -594,6 +598,8 @@ def _conversion(unit: str, si: str, model: str) -> tuple[float, float, str] | No
     if not unit:
         return 0.0, 1.0, si or "1"
     wanted = si or model
+    if wanted and weight_hint(unit, wanted):  # a scale in g shows a force
+        return 0.0, to_si(unit)[0] * conversion_factor("kgf", wanted), wanted
     try:
         if wanted:
             return (*zero_and_factor(unit, spelled_unit(wanted) or wanted), wanted)

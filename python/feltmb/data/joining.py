@@ -11,10 +11,15 @@ from feltmb.arguments import checked
 from feltmb.data.records import Array, InputMode, Record
 from feltmb.errors import DataError, InvalidParameter
 
-__all__ = ["Clocks", "fit_clocks", "join_records"]
+__all__ = ["Clocks", "align_clocks", "fit_clocks", "join_records"]
 
 #: Steps of the median size above which samples are missing.
 MOST_STEPS = 5.0
+#: Samples of the rest before a motion; multiple of their noise, and shares of the range, that the
+#: begin of a motion passes [1].
+REST, NOISE, BEGIN = 10, 6.0, (0.03, 0.06, 0.1)
+#: Time by which a motion may begin after the force that causes it [s].
+LAG = 0.01
 
 
 @dataclass(frozen=True)
@@ -80,12 +85,64 @@ def fit_clocks(same: Sequence[tuple[float, float]]) -> Clocks:
 
 
 @checked
+def align_clocks(first: Record, second: Record) -> tuple[Clocks, float]:
+    """Relation of two clocks by the begin of the motion that both records saw.
+
+    Both records must begin at rest. The begin is the time at which a channel passes its noise, and
+    3, 6 and 10 % of its range; the offset is the mean of those of the levels.
+
+    Returns
+    -------
+    tuple
+        Clocks of the same rate, and the standard deviation of their offset [s]: half of the
+        difference of the levels, and 10 ms at least, because a force begins before a motion.
+
+    Raises
+    ------
+    DataError
+        A record does not begin at rest, or nothing moves in it.
+    """
+    one, two = _begins(first), _begins(second)
+    offsets = two - one
+    sd = max(0.5 * float(np.ptp(offsets)), LAG, first.interval, second.interval)
+    return Clocks(float(np.mean(offsets)), 1.0, 0.0), sd
+
+
+def _begins(record: Record) -> Array:
+    """Times at which the first channel of a record passes each level [s]."""
+    found = []
+    for values in (*record.inputs.values(), *record.outputs.values()):
+        good = np.isfinite(values)
+        time, y = record.time[good], np.abs(values[good] - np.median(values[good][:REST]))
+        if y.size <= 2 * REST or not y.max() > 0.0:
+            continue
+        noise = NOISE * float(np.std(y[:REST])) + 1e-12 * float(y.max())
+        rows = [_stays_above(y, max(level * float(y.max()), noise)) for level in (0.0, *BEGIN)]
+        if min(rows) > REST:
+            found.append([float(time[row]) for row in rows])
+    if not found:
+        raise DataError(
+            f"join: {record.name} does not begin at rest, or nothing moves in it, so that it "
+            "cannot be aligned; tell one event that both have seen (same, --same TIME=TIME)"
+        )
+    return np.asarray(np.min(found, axis=0))
+
+
+def _stays_above(y: Array, level: float) -> int:
+    """First row from which three values in a row are above a level; 0: none."""
+    above = y > level
+    rows = np.flatnonzero(above[:-2] & above[1:-1] & above[2:])
+    return int(rows[0]) if rows.size else 0
+
+
+@checked
 def join_records(
     first: Record,
     second: Record,
     *,
     same: Sequence[tuple[float, float]] = (),
     inputs: Mapping[str, str] | None = None,
+    same_sd: float = 0.0,
 ) -> Record:
     """One record of two that were measured with two clocks, such as a camera and a load cell.
 
@@ -100,11 +157,15 @@ def join_records(
     second
         The other record.
     same
-        Times of common events on both clocks [s]; see :func:`fit_clocks`.
+        Times of common events on both clocks [s]; see :func:`fit_clocks` and
+        :func:`align_clocks`.
     inputs
         Input -> channel that becomes this input, such as ``{"force": "Load"}``. Default: if neither
         record has an input, the only channel in N becomes the input ``force``. Known errors of its
         sensor (delay, bandwidth, gain, offset) are removed; its noise becomes that of the input.
+    same_sd
+        Standard deviation of the offset of the clocks [s]: that of an unknown delay of the outputs
+        of the first record, unless their sensors state one.
 
     Returns
     -------
@@ -120,6 +181,9 @@ def join_records(
         The events or the names of inputs are invalid.
     """
     clocks = fit_clocks(same)
+    if same_sd:
+        sensors = {n: replace(s, delay_sd=s.delay_sd or same_sd) for n, s in first.sensors.items()}
+        first = replace(first, sensors=sensors)
     doubled = sorted({*first.inputs, *first.outputs} & {*second.inputs, *second.outputs})
     if doubled:
         raise DataError(
@@ -133,7 +197,8 @@ def join_records(
         raise DataError(
             f"join: {first.name} is from {moments[0]:.6g} to {moments[-1]:.6g} s on the clock of "
             f"{second.name}, which has {second.time[0]:.6g} to {second.time[-1]:.6g} s; expected a "
-            "time in common: which event have both seen? (same, --same)"
+            "time in common: which event have both seen? (same, --same TIME=TIME; --same auto "
+            "finds it)"
         )
     at = moments[within]
     _refuse_gaps(second, at)
@@ -143,6 +208,8 @@ def join_records(
         f"{second.name} was interpolated linearly at the times of {first.name}: {clocks}",
         f"{np.count_nonzero(within)} of {first.samples} samples of {first.name} are in both",
     ]
+    if same_sd:
+        notes.append(f"the offset of the clocks is known to {1e3 * same_sd:.2g} ms (delay_sd)")
     if ratio < 0.99:
         notes.append(
             f"{second.name} has fewer samples than {first.name} ({ratio:.2g} for one): values "

@@ -20,6 +20,7 @@ __all__ = ["Compared", "row_of", "simulated"]
 #: Longest delay that is tried, as a share of the record; share of the squared difference that a
 #: delay must take away [1].
 LONGEST, MOST = 0.25, 0.5
+NO_DELAY = math.nan, math.nan
 
 #: Share of the record to which an unknown start is fitted; standard deviation, in scales of the
 #: state, from which it is unknown [1].
@@ -51,6 +52,8 @@ class Compared:
     """Correlation of record and model [1]."""
     delay: float
     """Delay of the record if it explains at least half of the squared difference [s]; else NaN."""
+    delayed: float
+    """Share of the squared difference that remains with this delay [1]; NaN without it."""
 
     @property
     def share(self) -> float:
@@ -194,16 +197,19 @@ def row_of(record: Record, name: str, model: Array) -> Compared:
         factor,
         float(np.mean(measured[both]) - factor * np.mean(model[both])) if moves else math.nan,
         xy / math.sqrt(xx * yy) if moves else math.nan,
-        _delay(record.time, measured, model) if moves and rms > sigma else math.nan,
+        *(_delay(record.time, measured, model) if moves and rms > sigma else NO_DELAY),
     )
 
 
-def _delay(time: Array, measured: Array, model: Array) -> float:
-    """Delay with which the model explains most [s]; NaN if less than half of the difference."""
+def _delay(time: Array, measured: Array, model: Array) -> tuple[float, float]:
+    """Delay with which the model explains most [s], and the share of the difference that remains.
+
+    NaN if the delay explains less than half of the squared difference.
+    """
     both = np.isfinite(measured) & np.isfinite(model)
     count = int(min(time.size, 4096))
     if both.sum() < 8:
-        return math.nan
+        return NO_DELAY
     clock = np.linspace(time[0], time[-1], count)
     x = np.interp(clock, time[both], measured[both])
     y = np.interp(clock, time[both], model[both])
@@ -217,8 +223,9 @@ def _delay(time: Array, measured: Array, model: Array) -> float:
     cost = float(x @ x) - 2.0 * product + squares[count:] - squares[:-count]
     best = int(np.argmin(cost))
     if best in (0, 2 * most) or not cost[best] < (1.0 - MOST) * cost[most]:
-        return math.nan
+        return NO_DELAY
     a, b, c = cost[best - 1 : best + 2]
     bend = a - 2.0 * b + c
     between = 0.5 * (a - c) / bend if bend > 0.0 else 0.0
-    return float((most - best - between) * (clock[1] - clock[0]))
+    left = (b - 0.125 * (a - c) ** 2 / bend if bend > 0.0 else b) / cost[most]
+    return float((most - best - between) * (clock[1] - clock[0])), max(0.0, float(left))

@@ -153,9 +153,17 @@ def _units(rows: Sequence[Compared]) -> Iterator[Hint]:
             "sign" if sign else "unit",
             names,
             f"{', '.join(names)} is {value:.4g} times the model in "
-            f"{'record ' + ', '.join(where) if where else 'all records'}: {text}?",
+            f"{'record ' + ', '.join(where) if where else 'all records'}: {text}?"
+            f"{_reversed(wrong) if sign else ''}",
             large and all(abs(r.correlation) > SURE for r in wrong),
         )
+
+
+def _reversed(wrong: Sequence[Compared]) -> str:
+    """The option that reverses a channel of a camera; "" for other channels."""
+    names = [n for n, unit in dict.fromkeys((r.channel, r.unit) for r in wrong) if unit == "m"]
+    options = ",".join(f"{n}=-LENGTH" for n in names)
+    return f" (mirrored picture: --scale {options} with the length of a pixel)" if names else ""
 
 
 def _scales(model: Model, runs: Runs) -> Iterator[Hint]:
@@ -308,10 +316,16 @@ def _cycles(order: Sequence[int]) -> Iterator[list[int]]:
 
 
 def _delays(rows: Sequence[Compared]) -> list[Hint]:
-    """About the same delay of every channel in every record."""
+    """About the same delay of every channel in every record, and nothing else.
+
+    A lighter or an easier part is early, too. Then the difference is no pure delay, and a hint to
+    shift the records would spoil them.
+    """
     delays = np.array([r.delay for r in rows])
     mean = float(np.mean(delays))
     if len(rows) < 2 or not np.ptp(delays) <= SAME * abs(mean):
+        return []
+    if max(r.delayed for r in rows) > LEFT:
         return []
     factor, unit = readable_unit(mean, "s")
     text = f"every channel is {abs(factor * mean):.3g} {unit} {'late' if mean > 0.0 else 'early'}"

@@ -442,29 +442,31 @@ def test_units_of_records_are_compared_with_those_of_the_model(tmp_path):
     assert right.sensors["q"].unit == "m"
 
 
-@pytest.mark.parametrize("unit", ["(g)", "[g]", "[lb]"])
-def test_a_force_in_grams_is_told_the_unit_of_its_weight(unit, tmp_path):
+@pytest.mark.parametrize(("unit", "newton"), [("(g)", 9.80665e-3), ("[kg]", 9.80665)])
+def test_a_force_in_grams_is_a_weight(unit, newton, tmp_path):
     hint = "a force in grams has the unit gf (kilograms: kgf, pounds: lbf)"
-    said = re.escape(f"hint: {hint}")
     path = tmp_path / "a.csv"
     rows = "".join(f"{0.01 * k},{k},{k}\n" for k in range(20))
     path.write_text(f"time [s],f {unit},q [m]\n{rows}")
-    path.with_suffix(".toml").write_text("inputs.f = {}\noutputs.q = {}\n")
-    record = read_record(path)
     model = copy.copy(models.NOMINAL)
     model.units = {"f": "N", "q": "m"}
-    with pytest.raises(DataError, match=f"a: f is in kg, in the model oscillator in N; {said}"):
-        check_records([record], model)
-    path.with_suffix(".toml").write_text('inputs.f.si = "N"\noutputs.q = {}\n')
-    with pytest.raises(DataError, match=said):
-        read_record(path)
-    with pytest.raises(DataError, match=said):
-        library.for_input("f", record, unit="N")
+    # A reader that does not know the model keeps a mass, and the model refuses it.
     path.with_suffix(".toml").write_text("inputs.f = {}\noutputs.q = {}\n")
-    path.write_text(f"time [s],f [gf],q [m]\n{rows}")
+    record = read_record(path)
+    with pytest.raises(
+        DataError, match=f"f is in kg, in the model oscillator in N; {re.escape('hint: ' + hint)}"
+    ):
+        check_records([record], model)
+    with pytest.raises(DataError, match=re.escape(hint)):
+        library.for_input("f", record, unit="N")
+    path.with_suffix(".toml").write_text('inputs.f.si = "N"\noutputs.q = {}\n')
     right = read_record(path)
     check_records([right], model)
-    assert right.inputs["f"][1] == pytest.approx(9.80665e-3)
+    assert right.inputs["f"][1] == pytest.approx(newton)
+    assert any("a scale in g or kg shows a force" in n for n in right.notes)
+    path.with_suffix(".toml").unlink()
+    known = read_record(path, inputs=["f"], outputs=["q"], units=model.units)
+    assert known.inputs["f"][1] == pytest.approx(newton)
 
 
 def test_the_input_of_a_mechanism_has_a_unit_too():

@@ -154,3 +154,25 @@ def test_the_command_writes_a_record_that_is_read_as_it_is(tmp_path, capsys, mon
             main(["gap", "join", *map(str, arguments)])
         assert end.value.code != 0
         assert why in capsys.readouterr().err
+
+
+def test_clocks_are_aligned_by_the_begin_of_the_motion():
+    """Both begin at 0.2 s on the clock of the camera; the truth is within the told deviation."""
+    from feltmb.data import align_clocks
+
+    rng = np.random.default_rng(0)
+
+    def ramp(t, noise):
+        return np.clip(t - 0.2, 0.0, 0.1) + rng.normal(0.0, noise, t.size)
+
+    t = np.arange(0.0, 0.5, 2e-3)
+    late = np.arange(-0.1, 0.6, 5e-4)
+    one = camera(outputs={"y": ramp(t, 2e-4)})
+    two = cell(time=OFFSET + late, outputs={"Load": ramp(late, 1e-3)})
+    clocks, sd = align_clocks(one, two)
+    assert clocks.offset == pytest.approx(OFFSET, abs=sd)
+    assert clocks.rate == 1.0
+    both = join_records(one, two, same=[(0.0, clocks.offset)], same_sd=sd)
+    assert both.sensors["y"].delay_sd == sd
+    with pytest.raises(DataError, match="does not begin at rest"):
+        align_clocks(one, cell(time=OFFSET + late, outputs={"Load": np.sign(force(late))}))
