@@ -8,7 +8,7 @@ is the probability that it reaches the limit of the symptom by itself, with line
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal
 
@@ -131,7 +131,7 @@ def symptom(name: str, wear: Wear | None = None) -> Symptom:
     limit = value + sign * d.by if d.by is not None else float(d.limit or 0.0)
     needed = sign * (limit - value)
     #: share of the way to the limit, by variant
-    reach = [(v, _reach(numbers[d.number], value, sign, needed, d)) for v, numbers in table.rows]
+    reach = [(v, _reach(numbers, value, sign, needed, d)) for v, numbers in table.rows]
     causes = _causes(reach)
     return Symptom(
         name=name,
@@ -147,10 +147,14 @@ def symptom(name: str, wear: Wear | None = None) -> Symptom:
     )
 
 
-def _reach(number: float, value: float, sign: float, needed: float, d: Definition) -> float:
+def _reach(
+    numbers: Mapping[str, float], value: float, sign: float, needed: float, d: Definition
+) -> float:
     """Part of the way from the regulated action to the limit [1]; below 0: away from it."""
+    number = numbers[d.number]
     if not math.isfinite(number):
-        return LOST if d.lost else 0.0
+        # Without weights, the slow press could not be measured: nothing is known.
+        return LOST if d.lost and math.isfinite(numbers["down_weight"]) else 0.0
     # An action with the symptom: what changes the number most, compared with what is noticed.
     way = needed if needed > 0.0 else max(abs(value), 1.0)
     return sign * (number - value) / way

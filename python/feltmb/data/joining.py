@@ -118,7 +118,7 @@ def _begins(record: Record) -> Array:
             continue
         noise = NOISE * float(np.std(y[:REST])) + 1e-12 * float(y.max())
         rows = [_stays_above(y, max(level * float(y.max()), noise)) for level in (0.0, *BEGIN)]
-        if min(rows) > REST:
+        if min(rows) > 2 * REST:  # sooner, it moved in the rest already
             found.append([float(time[row]) for row in rows])
     if not found:
         raise DataError(

@@ -68,8 +68,9 @@ def test_packaged_table_is_that_of_the_packaged_action():
 
 @pytest.mark.parametrize("name", load_symptoms())
 def test_every_symptom_has_a_cause(name):
+    """Or else the packaged action has it, and a screw cures it: double strikes."""
     found = feltmb.symptom(name)
-    assert found.causes
+    assert found.causes or (found.value <= found.limit and found.screws)
     assert sum(c.share for c in found.causes) <= 1.0 + 1e-9
     result = CliRunner().invoke(command, [name, "--json"])
     assert json.loads(result.stdout)["name"] == name
