@@ -336,9 +336,8 @@ def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory
         if some:
             kept = sum(i < keep for i in some)
             steps = _Steps(model, [batches[i] for i in some], longest)
-            own = steps.integrated(
-                [g for i in some if (g := guesses[i]) is not None] if known else [], kept
-            )
+            begin = [guess for i in some if known and (guess := guesses[i]) is not None]
+            own = steps.integrated(begin, kept)
             for i, run in zip(some, own, strict=True):
                 found[i] = run
     done = [run for run in found if run is not None]

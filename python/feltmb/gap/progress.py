@@ -17,9 +17,9 @@ __all__ = ["Meter", "Progress", "Stop"]
 #: Typical share of the time of a diagnosis at the end of each stage [1].
 ENDS = {
     "prepare": 0.08,
-    "fit": 0.4,
-    "search": 0.65,
-    "exchange": 0.7,
+    "fit": 0.3,
+    "search": 0.6,
+    "exchange": 0.65,
     "held_out": 0.95,
     "judge": 0.98,
     "locate": 1.0,
@@ -94,7 +94,10 @@ class Meter:
         """
         del share
         now = self._clock()
-        self._since, self._stage_began, self._stage = self._state(now).share, now, name
+        if name != self._stage:
+            self._share = max(self._state(now).share, ENDS[self._stage])
+        self._since = self._share
+        self._stage_began, self._stage = now, name
         self._report(now)
 
     def step(self) -> None:
@@ -129,7 +132,7 @@ class Meter:
         if self._stage == "prepare":
             return Progress("prepare", 0.0, math.nan, elapsed)
         # A stage comes nearer to its end as long as it takes.
-        since, end = max(self._since, ENDS["prepare"]), ENDS[self._stage]
+        since, end = self._since, ENDS[self._stage]
         before = self._stage_began - self._began
         usual = before * max(end / since - 1.0, 0.0)
         part = 1.0 - math.exp(-(now - self._stage_began) / usual) if usual > 0.0 else 1.0
