@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,12 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.gap.evidence import Fitted, prior_of, system, weights
 from feltmb.gap.linear import Ask, evaluate
-from feltmb.gap.problem import RELEASED, Member, Problem
+from feltmb.gap.problem import RELEASED, Member, Members, Problem
 
-__all__ = ["Score", "by_record", "scores"]
+__all__ = ["Directions", "Score", "by_record", "directions", "scores"]
+
+#: Number of causes whose derivatives are computed at a further fit.
+LIKELY = 24
 
 
 @dataclass(frozen=True)
@@ -30,11 +33,26 @@ class Score:
     because their sign is wrong."""
 
 
-def scores(problem: Problem, fitted: Fitted) -> list[Score]:
-    """The best shape of each cause that a set lacks, largest gain first.
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """Derivatives of the residuals by the magnitudes of causes that a set lacks."""
 
-    The slope of a one-sided effect excludes nothing: at a fit whose parameters took up its action
-    it may have the wrong sign.
+    further: Members
+    """The causes, each with all shapes."""
+    by_further: tuple[Array, ...]
+    """By record, (n, m, c)."""
+
+
+def directions(problem: Problem, fitted: Fitted, near: Directions | None = None) -> Directions:
+    """Directions of the causes that a set lacks.
+
+    Parameters
+    ----------
+    problem, fitted
+        The problem and the set.
+    near
+        Directions at another fit. If derivatives are not cheap, only those of the causes are
+        computed that gain most with these: they differ little between fits.
     """
     further = tuple(
         Member(i, shape)
@@ -42,19 +60,51 @@ def scores(problem: Problem, fitted: Fitted) -> list[Score]:
         if cause.effect is not None and i not in fitted.causes
         for shape in cause.effect.shapes
     )
-    linears = evaluate(problem, [Ask(fitted.members, fitted.point, problem.fit, further)])[0]
+    if near is not None and not problem.model.cheap_derivatives:
+        gains: dict[int, float] = {}
+        slope, curvature, _ = _products(problem, fitted, near)
+        for m, b, a in zip(near.further, slope, curvature, strict=True):
+            if m.cause in fitted.causes:
+                continue
+            gains[m.cause] = max(gains.get(m.cause, 0.0), float(b * b / a) if a > 0.0 else 0.0)
+        likely = sorted(gains, key=lambda i: -gains[i])[:LIKELY]
+        further = tuple(m for m in further if m.cause in likely)
+    ask = Ask(fitted.members, fitted.point, problem.fit, further, by_global=False)
+    linears = evaluate(problem, [ask])[0]
+    return Directions(further, tuple(x.by_further for x in linears))
+
+
+def _products(
+    problem: Problem, fitted: Fitted, seen: Directions
+) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+    """Slope and curvature by the magnitude of each cause, all other unknowns projected out.
+
+    Also the normal equations of the set: matrix, right side, and weights of the prior.
+    """
+    linears = [
+        replace(x, by_further=y) for x, y in zip(fitted.linears, seen.by_further, strict=True)
+    ]
     # All samples count: the rank is that of the residual that a cause takes away, and where few
     # samples are effective, the prior of its magnitude would hide it.
     own = system(problem, problem.fit, fitted.members, fitted.point, linears, fitted.noise, 1.0)
     x = fitted.point.x
-    prior = prior_of(problem, fitted.members)
-    weight = prior.weights(x)
+    weight = prior_of(problem, fitted.members).weights(x)
     inverse = np.linalg.inv(own.matrix + np.diag(weight))
     slope = own.gain - own.further @ inverse @ (own.right - weight * x)
     curvature = np.diag(own.own) + 1.25
     curvature -= np.einsum("ij,jl,il->i", own.further, inverse, own.further)
+    return slope, curvature, (own.matrix, own.right, weight)
+
+
+def scores(problem: Problem, fitted: Fitted, seen: Directions) -> list[Score]:
+    """The best shape of each cause that a set lacks, largest gain first.
+
+    The slope of a one-sided effect excludes nothing: at a fit whose parameters took up its action
+    it may have the wrong sign.
+    """
+    slope, curvature, normal = _products(problem, fitted, seen)
     best: dict[int, Score] = {}
-    for j, (m, b, a) in enumerate(zip(further, slope, curvature, strict=True)):
+    for j, (m, b, a) in enumerate(zip(seen.further, slope, curvature, strict=True)):
         if not (np.isfinite(b) and a > 0.0):
             continue
         low, high = problem.causes[m.cause].bounds
@@ -63,9 +113,9 @@ def scores(problem: Problem, fitted: Fitted) -> list[Score]:
         start = float(np.clip(step if inside else 1.0, max(low, -3.0), min(high, 3.0)))
         gain = 0.5 * float(b * b / a)
         if m.cause not in best or gain > best[m.cause].gain:
-            columns = tuple(x.by_further[:, :, j].copy() for x in linears) if inside else ()
+            columns = tuple(y[:, :, j].copy() for y in seen.by_further) if inside else ()
             best[m.cause] = Score(m.cause, m.shape, gain, start, columns)
-    best |= _released(problem, fitted, own.matrix, own.right, weight)
+    best |= _released(problem, fitted, *normal)
     best |= _in_each_record(problem, fitted)
     return sorted(best.values(), key=lambda s: -s.gain)
 

@@ -28,7 +28,7 @@ from feltmb.gap.linear import Ask, Linear, Point, evaluate, local_of, unknowns_o
 from feltmb.gap.options import Options
 from feltmb.gap.problem import Member, Members, Observed, Problem
 from feltmb.gap.progress import Stop
-from feltmb.gap.score import Score, scores
+from feltmb.gap.score import Directions, Score, directions, scores
 
 __all__ = ["Searched", "model_alone", "rank", "search", "with_all_records"]
 
@@ -49,6 +49,8 @@ class Searched:
     tried: set[tuple[tuple[int, ...], int]] = field(default_factory=set)
     first: list[Score] = field(default_factory=list)
     """Scores at the fit of the model alone."""
+    directions: Directions | None = None
+    """Directions at this fit."""
     complete: bool = True
 
     def ranked(self) -> tuple[list[Fitted], Array]:
@@ -352,6 +354,11 @@ def _climb(
     def gain(s: Fitted, over: Fitted) -> float:
         return log_odds(problem, s, over)
 
+    def scored(fitted: Fitted) -> list[Score]:
+        seen = directions(problem, fitted, found.directions)
+        found.directions = found.directions or seen
+        return scores(problem, fitted, seen)
+
     def less(origin: Fitted) -> list[Fitted]:
         """Every set with one cause less, fitted from the parameters of the larger set."""
         jobs = [
@@ -362,7 +369,7 @@ def _climb(
 
     while len(now.members) < options.most:  # add
         tell("search", len(now.members) / options.most)
-        ranked = scores(problem, now)
+        ranked = scored(now)
         if not found.first:
             found.first = ranked
         jobs = [(_with(now, s), now, s) for s in _choose(problem, ranked, options.tries)]
@@ -391,9 +398,7 @@ def _climb(
             rest = next((f for f in less(now) if out.cause not in f.causes), None)
             if rest is None:
                 continue
-            jobs = [
-                (_with(rest, s), rest, s) for s in scores(problem, rest)[:3] if s.cause != out.cause
-            ]
+            jobs = [(_with(rest, s), rest, s) for s in scored(rest)[:3] if s.cause != out.cause]
             fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
             if fits and gain(best := best_of(problem, fits), now) > BETTER:
                 now, improved = best, True
