@@ -192,7 +192,13 @@ class Including(Model):
     def numbers(
         self, theta: Array, included: Sequence[Candidate], magnitudes: Array
     ) -> tuple[dict[str, float], dict[str, float]]:
-        """See :class:`~feltmb.fit.Model`."""
+        """See :class:`~feltmb.fit.Model`.
+
+        Parameters
+        ----------
+        theta, included, magnitudes
+            As for :meth:`write`.
+        """
         return self._base.numbers(*self._found(theta, included, magnitudes))
 
     def _found(

@@ -353,7 +353,13 @@ class Simulator(Model):
     def numbers(
         self, theta: Array, included: Sequence[Candidate], magnitudes: Array
     ) -> tuple[dict[str, float], dict[str, float]]:
-        """Arguments of the function, and magnitudes of the effects that are no arguments."""
+        """Arguments of the function, and magnitudes of the effects that are no arguments.
+
+        Parameters
+        ----------
+        theta, included, magnitudes
+            As for :meth:`write`.
+        """
         own = [c for c in included if c.effect.data in self._names]
         sizes = dict(zip((c.name for c in included), map(float, magnitudes), strict=True))
         row = np.array([*theta, *(sizes.pop(c.name) for c in own)])
