@@ -11,6 +11,7 @@ import click
 from feltmb.cli.common import (
     Number,
     ProgressLine,
+    complain,
     console,
     credibility_option,
     force_option,
@@ -197,11 +198,16 @@ def run(
         print_json(report.as_dict())
     else:
         say(report.text(console().width))
-    if remedy is not None and report.model is not None:
-        _write_remedy(report.model, remedy, force=force)
     if folder is not None:
         title = f"{adapter.model.name}: diagnosis"
         say_written(report.write(folder, title=title, force=force))
+    if remedy is not None and report.model is not None:
+        try:
+            _write_remedy(report.model, remedy, force=force)
+        except InvalidParameter as error:
+            if folder is None:
+                raise
+            complain(f"no remedy: {error}")
 
 
 def _write_remedy(model: Explained, path: Path, *, force: bool) -> None:
