@@ -16,7 +16,7 @@ __all__ = ["Meter", "Progress", "Stop"]
 
 #: Typical share of the time of a diagnosis at the end of each stage [1].
 ENDS = {
-    "prepare": 0.08,
+    "prepare": 0.2,
     "fit": 0.3,
     "search": 0.6,
     "exchange": 0.65,
@@ -131,12 +131,11 @@ class Meter:
             return Progress("done", 1.0, 0.0, elapsed)
         if self._stage == "prepare":
             return Progress("prepare", 0.0, math.nan, elapsed)
-        # A stage comes nearer to its end as long as it takes.
-        since, end = self._since, ENDS[self._stage]
-        before = self._stage_began - self._began
-        usual = before * max(end / since - 1.0, 0.0)
-        part = 1.0 - math.exp(-(now - self._stage_began) / usual) if usual > 0.0 else 1.0
-        self._share = max(self._share, since + max(end - since, 0.0) * part)
+        # A stage comes nearer to its end as long as it takes: to half of it in its usual time.
+        since, spent = self._since, now - self._stage_began
+        usual = (self._stage_began - self._began) * (ENDS[self._stage] / since - 1.0)
+        part = spent / (spent + usual) if usual > 0.0 else 0.0
+        self._share = max(self._share, since + (ENDS[self._stage] - since) * part)
         left = elapsed * (1.0 / self._share - 1.0)
         return Progress(self._stage, self._share, min(left, self._limit(now)), elapsed)
 
