@@ -277,7 +277,9 @@ def moved(name, size):
     library = load_library(ACTION)
     plain = static_touch(ACTION)
     other = static_touch(action_with_effects(ACTION, [(library.effect(name), size, None)]))
-    return other.let_off_gap - plain.let_off_gap, other.balance_weight - plain.balance_weight
+    strike = ACTION.config.reading.strike_contact
+    gap, before = (float(np.min(s.press.gap[strike])) for s in (other, plain))
+    return gap - before, other.balance_weight - plain.balance_weight
 
 
 def test_a_farther_string_leaves_a_larger_gap_at_let_off():

@@ -341,7 +341,7 @@ def test_a_measured_force_drives_a_record_of_a_motion(driven, incomplete):
     at_finger = own.outputs.index("finger.displacement")
     left = (kept.outputs["finger.displacement"] - base[:, at_finger]) / 5e-6
     problem = with_variation(prepare(ready_records(own, [kept]), (), (), Options()))
-    columns = problem.fit[0].modes[:, problem.channels.index(at_finger)] / 5e-6
+    columns = problem.fit[0].modes[:n, problem.channels.index(at_finger)] / 5e-6
     unit = np.eye(columns.shape[1])
     z = np.linalg.solve(columns.T @ columns + unit, columns.T @ left)
     cost = np.sum((left - columns @ z) ** 2) + z @ z
