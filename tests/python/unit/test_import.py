@@ -184,6 +184,11 @@ def test_parts_for_other_models_are_public():
     assert {"gap", "felt", "fiber", "fit"} <= set(feltmb.__all__)
 
 
+def test_a_user_of_a_diagnosis_meets_few_names():
+    """What only authors of models need is in fit.authoring, what a report holds in gap.parts."""
+    assert len({*feltmb.gap.__all__, *feltmb.fit.__all__, *feltmb.data.__all__}) <= 45
+
+
 def test_no_name_is_a_module_and_something_else():
     both = []
     for found in pkgutil.walk_packages(feltmb.__path__, "feltmb."):
