@@ -42,9 +42,10 @@ def write_table():
         seen = []
         for f in force:
             seen.append(x)
-            for _ in range(20):
-                v += 2.5e-4 / 2.05 * (f - 90.0 * x - 1500.0 * x**3 - 3.0 * v)
-                x += 2.5e-4 * v
+            for _ in range(100):  # the force is held; the position is advanced on both sides
+                x += 2.5e-5 * v
+                v += 5e-5 / 2.05 * (f - 90.0 * x - 1500.0 * x**3 - 3.0 * v)
+                x += 2.5e-5 * v
         x = np.array(seen) + 5e-5 * random.standard_normal(time.size)
         data = {"time [s]": time, "motor [N]": force, "x [mm]": 1e3 * x}
         pd.DataFrame(data).to_csv(f"table_{k}.csv", index=False, float_format="%.6g")
