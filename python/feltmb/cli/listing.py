@@ -7,9 +7,9 @@ import click
 from feltmb.cli.common import console, json_option, new_table, print_json
 
 ONE_NOTE = (
-    "Every mechanism here is one note, 40 of 88 (middle C): steinway45 and its variants of one "
-    "upright piano, grand_action of a grand from literature. Another note, piano or machine needs "
-    "a file of its own: feltmb new FILE.toml writes a template."
+    "Every mechanism here is one note: 40 of 88 (middle C) of one upright piano, steinway45 and "
+    "its variants, unless its name has another; grand_action is a grand from literature. Another "
+    "note, piano or machine needs a file of its own: feltmb new FILE.toml writes a template."
 )
 
 
