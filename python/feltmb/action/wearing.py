@@ -455,6 +455,8 @@ def wear(
             base = measure(action)
             bar.step("as it is")
             near = base["repetition"] if base["repetition"] > 0.0 else None
+            if near is not None:  # searched as that of the variants: a press may fail in between
+                base["repetition"] = highest_rate(action, key_travel(action), near=near).rate
             futures = [None if a is None else pool.submit(measure, a, near) for _, a in found]
             for (variant, _), future in zip(found, futures, strict=True):
                 none = dict.fromkeys(NUMBERS, math.nan)
