@@ -27,7 +27,7 @@ COMMANDS = {
     "touch": ("touch", "Static and dynamic touch: weights, let-off, timing."),
     "repeat": ("repeat", "Repetition: highest rate at which every press strikes, and why."),
     "wear": ("wear", "Wear: each felt, friction and spring changed, against the regulation."),
-    "symptom": ("symptom", "Symptoms: blocks, double strikes ...; their causes and screws."),
+    "symptom": ("symptom", "Symptoms, such as blocks: tests, causes and screws."),
     "gap": ("gap", "The gap to measurements: where, which cause, how far it shrinks."),
     "fit": ("fit", "Fit a model to measured records: parameters with intervals."),
     "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),

@@ -19,7 +19,7 @@ from feltmb.cli.completing import actions
 __all__ = ["command"]
 
 
-@click.command("report")
+@click.command("report", short_help="Write a page for a customer.")
 @click.argument("result", type=click.Path(path_type=Path))
 @click.argument("action", shell_complete=actions)
 @click.option(
