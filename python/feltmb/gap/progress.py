@@ -82,17 +82,14 @@ class Meter:
         self._share = self._since = 0.0
         self._stopped = False
 
-    def stage(self, name: str, share: float = 0.0) -> None:
+    def stage(self, name: str) -> None:
         """A stage begins, or another round of it.
 
         Parameters
         ----------
         name
             Name of the stage.
-        share
-            Share of the stage that is done [1]; it is not used.
         """
-        del share
         now = self._clock()
         if name != self._stage:
             self._share = max(self._state(now).share, ENDS[self._stage])

@@ -76,7 +76,7 @@ def rank(problem: Problem, sets: Sequence[Fitted]) -> tuple[list[Fitted], Array]
 def search(
     problem: Problem,
     options: Options,
-    tell: Callable[[str, float], None] | None = None,
+    tell: Callable[[str], None] = lambda _: None,
     step: Callable[[], None] = lambda: None,
 ) -> Searched:
     """Search the sets of causes.
@@ -88,8 +88,7 @@ def search(
     options
         Options of the diagnosis.
     tell
-        Is called with the stage and the share of the work that is done [1]; None: nothing is
-        called.
+        Is called with the stage.
     step
         Is called before each simulation of all fits that proceed together.
 
@@ -105,15 +104,11 @@ def search(
         if time.monotonic() > end:
             raise Stop
 
-    def told(stage: str, share: float) -> None:
-        if tell is not None:
-            tell(stage, share)
-
     found = Searched(problem)
     now = model_alone(problem, step)
     _keep(found, [now])
     try:
-        _climb(problem, options, found, now, check, told)
+        _climb(problem, options, found, now, check, tell)
     except (Stop, KeyboardInterrupt):
         found.complete = False
     return found
@@ -349,7 +344,7 @@ def _climb(
     found: Searched,
     now: Fitted,
     check: Callable[[], None],
-    tell: Callable[[str, float], None],
+    tell: Callable[[str], None],
 ) -> None:
     def gain(s: Fitted, over: Fitted) -> float:
         return log_odds(problem, s, over)
@@ -368,7 +363,7 @@ def _climb(
         return [f for f in _refit(problem, found, jobs, check) if f is not None]
 
     while len(now.members) < options.most:  # add
-        tell("search", len(now.members) / options.most)
+        tell("search")
         ranked = scored(now)
         if not found.first:
             found.first = ranked
@@ -393,7 +388,7 @@ def _climb(
     improved = True
     while improved and now.members:  # exchange
         improved = False
-        tell("exchange", 0.9)
+        tell("exchange")
         for out in now.members:
             rest = next((f for f in less(now) if out.cause not in f.causes), None)
             if rest is None:

@@ -57,7 +57,7 @@ def judge(
     searched: Searched,
     options: Options,
     seconds: float,
-    tell: Callable[[str, float], None] = lambda *_: None,
+    tell: Callable[[str], None] = lambda _: None,
     check: Callable[[], None] = lambda: None,
 ) -> Result:
     """The result of a search.
@@ -71,14 +71,14 @@ def judge(
     seconds
         Time that preparation and search took [s].
     tell
-        Is called with the stage and the share of it that is done [1].
+        Is called with the stage.
     check
         Is called before each simulation of all fits that proceed together; may raise ``Stop``.
     """
     shown = searched.problem
-    tell("held_out", 0.0)
+    tell("held_out")
     problem, sets, weight, predicted, worse = _posterior(searched, check)
-    tell("judge", 0.0)
+    tell("judge")
     first = sets[0]
     sets, weight = _consistent(problem, sets, weight)
     told, classes = _told(sets, weight, options.credibility)
@@ -98,7 +98,7 @@ def judge(
         Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
     }
     tried = {i for s in searched.sets.values() for i in s.causes}
-    tell("locate", 0.0)
+    tell("locate")
     unknowns, correlation = _correlation(problem, best)
     return Result(
         verdict=_verdict(told, classes, channels),
