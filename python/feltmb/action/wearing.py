@@ -326,23 +326,30 @@ class Wear:
         }
 
     @classmethod
+    @checked
     def read(cls, path: str | Path) -> Wear:
         """The result in a JSON file of ``feltmb wear ACTION -o FILE.json``."""
-        data = read_json(Path(path))
-        if not isinstance(data, dict) or not {"name", "hash", "base", "rows"} <= set(data):
-            raise InvalidParameter(
-                f"{path}: is no table of wear, expected a file of feltmb wear -o FILE.json"
-            )
-        return cls.from_dict(data)
+        try:
+            return cls.from_dict(read_json(Path(path)))
+        except InvalidParameter as error:
+            raise InvalidParameter(f"{path}: {error}") from None
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Wear:
         """The result of :meth:`as_dict`."""
-        rows = [
-            (Variant(**{k: v for k, v in row.items() if k != "numbers"}), _filled(row["numbers"]))
-            for row in data["rows"]
-        ]
-        return cls(data["name"], data["hash"], _filled(data["base"]), tuple(rows))
+        try:
+            rows = [
+                (
+                    Variant(**{k: v for k, v in row.items() if k != "numbers"}),
+                    _filled(row["numbers"]),
+                )
+                for row in data["rows"]
+            ]
+            return cls(data["name"], data["hash"], _filled(data["base"]), tuple(rows))
+        except (AttributeError, KeyError, TypeError, ValueError):
+            raise InvalidParameter(
+                "is no table of wear, expected that of feltmb wear -o FILE.json"
+            ) from None
 
     def plot(self) -> Figure:
         """Changes of each number by each variant, as shares of what matters of the number."""

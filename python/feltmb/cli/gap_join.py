@@ -125,7 +125,8 @@ def _aligned(
     first: Record, second: Record, model: str | None, inputs: Mapping[str, str] | None
 ) -> Record:
     """Records joined by the begin of the motion, and then by the motion of a model."""
-    from feltmb.data import align_clocks, join_records
+    from feltmb.data import join_records
+    from feltmb.data.joining import align_clocks
 
     clocks, sd = align_clocks(first, second)
     offset = clocks.offset

@@ -2,7 +2,7 @@
 
 from feltmb.data.files import read, read_record, read_records, write_record
 from feltmb.data.frames import records_from_frame
-from feltmb.data.joining import Clocks, align_clocks, fit_clocks, join_records
+from feltmb.data.joining import Clocks, fit_clocks, join_records
 from feltmb.data.records import Array as Array
 from feltmb.data.records import InputMode as InputMode
 from feltmb.data.records import Integers as Integers
@@ -19,7 +19,6 @@ __all__ = [
     "Record",
     "Sensor",
     "StartPrior",
-    "align_clocks",
     "fit_clocks",
     "join_records",
     "read",

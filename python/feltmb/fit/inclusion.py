@@ -189,6 +189,7 @@ class Including(Model):
         own = self._found(theta, included, magnitudes)
         return self._base.write(path, *own, provenance=provenance, force=force)
 
+    @checked
     def numbers(
         self, theta: Array, included: Sequence[Candidate], magnitudes: Array
     ) -> tuple[dict[str, float], dict[str, float]]:

@@ -249,6 +249,7 @@ class MujocoModel(Simulator):
                 f"{self.source.parent}"
             )
 
+    @checked
     def numbers(
         self, theta: Array, included: Sequence[Candidate], magnitudes: Array
     ) -> tuple[dict[str, float], dict[str, float]]:

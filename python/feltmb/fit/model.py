@@ -581,6 +581,7 @@ class Model(ABC):
         """
         check_suffix(path, *self.suffixes)
 
+    @checked
     def numbers(
         self, theta: Array, included: Sequence[Candidate], magnitudes: Array
     ) -> tuple[dict[str, float], dict[str, float]]:

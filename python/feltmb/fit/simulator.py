@@ -350,6 +350,7 @@ class Simulator(Model):
         seen = iter(self._runner.values(runs))
         return [np.array([next(seen) for _ in range(jobs.count)]) for _, jobs in batches]
 
+    @checked
     def numbers(
         self, theta: Array, included: Sequence[Candidate], magnitudes: Array
     ) -> tuple[dict[str, float], dict[str, float]]:

@@ -165,11 +165,10 @@ def _statement(result: Result) -> str:
     told += [f"one of {_listed([_name(n) for n in g], 'or')}" for g in result.classes]
     told += ["what is not named"] if _unnamed(result) else []
     takes = "takes" if len(told) == 1 else "take"
-    of_list = "of the list" if result.complete else "that was tried"
     found = {
         Verdict.NO_GAP: ": there is no gap",
         Verdict.CALIBRATED: ". No cause is missing",
-        Verdict.UNKNOWN: f". No cause {of_list} explains it",
+        Verdict.UNKNOWN: ". No cause that was tried explains it",
     }.get(result.verdict, f". {_listed(told)} {takes} it to {_part(c, c.explained)}")
     return f"{misses}{found}. {_remains(result)}"
 

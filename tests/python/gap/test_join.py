@@ -158,7 +158,7 @@ def test_the_command_writes_a_record_that_is_read_as_it_is(tmp_path, capsys, mon
 
 def test_clocks_are_aligned_by_the_begin_of_the_motion():
     """Both begin at 0.2 s on the clock of the camera; the truth is within the told deviation."""
-    from feltmb.data import align_clocks
+    from feltmb.data.joining import align_clocks
 
     rng = np.random.default_rng(0)
 

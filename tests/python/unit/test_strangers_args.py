@@ -3,6 +3,7 @@
 import dataclasses
 import importlib
 import inspect
+import json
 import math
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -260,6 +261,7 @@ def model_methods(model):
         "accepts": {"effect": DRY},
         "events": {"record": record(), "outputs": {"q": np.zeros(200)}},
         "motion": {"record": record(), "jobs": rows},
+        "numbers": {"theta": theta, "included": (), "magnitudes": np.zeros(0)},
         "matched": {"records": [record()]},
         "ready": {"records": [record()]},
         "simulate": {"record": record(), "jobs": rows},
@@ -293,6 +295,16 @@ def wood():
 @cache
 def actuator_run():
     return actuator.simulate_actuator("wood", None, 0.002, output_rate=1000.0)
+
+
+def symptoms():
+    return importlib.import_module("feltmb.action.symptoms")
+
+
+def wear_file():
+    path = Path("wear.json")
+    path.write_text(json.dumps(symptoms().packaged_wear().as_dict()), encoding="utf-8")
+    return path
 
 
 def sweeps():
@@ -1252,6 +1264,9 @@ CALLS = {
         "duration": -1.0
     },  # long: refused at the door
     # regulate
+    "feltmb.Wear.from_dict": lambda: (feltmb.Wear, {"data": symptoms().packaged_wear().as_dict()}),
+    "feltmb.Wear.read": lambda: (feltmb.Wear, {"path": wear_file()}),
+    "feltmb.symptom": lambda: {"name": "blocks", "wear": None},
     "feltmb.wear": lambda: {
         "action": steinway(),
         "parts": ("jack spring",),
@@ -1290,6 +1305,7 @@ CALLS = {
         "action": feltmb.load_action("steinway45"),
     },
     # touch
+    "feltmb.action.touch.distances": None,
     "feltmb.action.touch.static_touch": lambda: {"action": pendulum(), "most_travel": 0.02},
     # sweep
     "feltmb.run.sweep.Axis": lambda: {
