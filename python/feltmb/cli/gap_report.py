@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import click
@@ -45,9 +46,8 @@ __all__ = ["command"]
 )
 @click.option(
     "--done",
-    multiple=True,
     metavar="TEXT",
-    help="Work that was done, one sentence. Repeatable. Default: what should be done.",
+    help="Work that was done, a sentence for each item. Default: what should be done.",
 )
 @click.option("--title", default="Your piano action", show_default=True, help="Head line.")
 @click.option("--workshop", default="", metavar="NAME", help="Name of the workshop.")
@@ -65,7 +65,7 @@ def command(
     customer: bool,
     output: Path,
     after: str | None,
-    done: tuple[str, ...],
+    done: str | None,
     title: str,
     workshop: str,
     photo: Path | None,
@@ -83,7 +83,7 @@ def command(
         after=after,
         title=title,
         workshop=workshop,
-        done=done,
+        done=[] if done is None else re.split(r"(?<=[.!])\s+", done.strip()),
         photo=photo,
     )
     say_written(page.write(output, force=force))

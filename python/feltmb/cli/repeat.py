@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--highest",
-    type=click.FloatRange(2, 50),
+    type=Number(2, 50),
     default=16.0,
     show_default=True,
     help="Rate at which the search ends, presses per second.",

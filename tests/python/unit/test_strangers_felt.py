@@ -53,6 +53,9 @@ def test_options_with_a_unit_take_it(option):
 def test_lists_are_taken_alike(option):
     assert isinstance(option, ListOption)
     context = click.Context(click.Command("any"))
+    if isinstance(option.type, Quantity):
+        assert option.type_cast_value(context, ("0.1,0.2", "0.3")) == (0.1, 0.2, 0.3)
+        return
     together = option.type_cast_value(context, ("first=1,second=2", "third=3"))
     assert together == ("first=1", "second=2", "third=3")
 
