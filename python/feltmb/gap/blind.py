@@ -263,7 +263,7 @@ class _Machine:
         model = self.problem.model
         shown, square = [], 0.0
         for observed, known in zip(self.problem.fit, self.starts, strict=True):
-            record, start = observed.record, known.copy()
+            record, start = observed.as_measured, known.copy()
             for q in (q for q in observed.local if q.kind == "start" and q.weight > 1e-4):
                 start[q.index] = q.mean + q.scale * rng.standard_normal()
             own = theta + [p.process_sd * rng.standard_normal() for p in model.parameters]
@@ -292,7 +292,7 @@ class _Machine:
         model, parts = self.problem.model, []
         for e in self.effects:
             given = ((Candidate(e, e.shapes[0]), float(np.clip(e.scale, *e.bounds))),)
-            y = _outputs(model, self.problem.fit[0].record, self.theta, self.starts[0], given)
+            y = _outputs(model, self.problem.fit[0].as_measured, self.theta, self.starts[0], given)
             parts.append((e.name, e.scale, e.bounds, e.weight, repr(e.shapes), np.nan_to_num(y)))
         data = [(r.name, r.role, r.time, r.inputs, r.outputs, repr(r.sensors)) for r in records]
         own = (package_digest(), repr(self.options), repr(model.parameters), repr(model.states()))

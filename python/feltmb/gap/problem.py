@@ -112,6 +112,13 @@ class Observed:
     modes: Array | None = None
     """Outputs by the noise of inputs and by variation from record to record: one pattern for each
     standard normal coefficient [units of the channels], (n, m, q)."""
+    after: int = 0
+    """Number of samples after the end of the measured record (``feltmb.gap.records.AFTER``)."""
+
+    @property
+    def as_measured(self) -> Record:
+        """The record without the samples after its end."""
+        return self.record.cut(0, self.record.samples - self.after)
 
     def first(self, share: float) -> Observed:
         """The first share of the record; at least ten samples."""
@@ -126,6 +133,7 @@ class Observed:
             valid=self.valid[:count],
             sd=self.sd[:count],
             modes=None if self.modes is None else self.modes[:count],
+            after=max(0, count - (self.record.samples - self.after)),
         )
 
     @cached_property

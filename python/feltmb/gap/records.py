@@ -191,8 +191,7 @@ def problem_of(
     noise = _noise_levels(records)
     after = AFTER if model.accepts(clock_rate(model.outputs)) else 0.0
     observed, unseen = (
-        tuple(_observed(model, r.continued(after), names, noise) for r in part)
-        for part in (fitted, held)
+        tuple(_observed(model, r, names, noise, after) for r in part) for part in (fitted, held)
     )
     of_records = _errors(model, effects, observed, names)
     return Problem(
@@ -282,9 +281,10 @@ def _check_effects(model: Model, effects: Sequence[Effect]) -> None:
 
 
 def _observed(
-    model: Model, record: Record, names: Sequence[str], noise: Mapping[str, float]
+    model: Model, measured: Record, names: Sequence[str], noise: Mapping[str, float], after: float
 ) -> Observed:
-    """A record with the noise of its sensors and its unknowns."""
+    """A record, continued by a share of it, with the noise of its sensors and its unknowns."""
+    record = measured.continued(after)
     values = record.output_array(names)
     valid = np.isfinite(values)
     sd = np.ones_like(values)
@@ -302,7 +302,8 @@ def _observed(
         ):
             if scale > 0.0:
                 local.append(Local(kind, c, 0.0, scale))
-    return Observed(record, np.where(valid, values, 0.0), valid, sd, tuple(local))
+    more = record.samples - measured.samples
+    return Observed(record, np.where(valid, values, 0.0), valid, sd, tuple(local), after=more)
 
 
 def _noise_levels(records: Sequence[Record]) -> dict[str, float]:

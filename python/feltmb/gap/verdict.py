@@ -409,9 +409,9 @@ def _traces(
     held = {o.record.name for o in shown.held_out}
     out = []
     for r, o in enumerate(problem.fit):
-        if not (seen := np.flatnonzero(o.valid[:, c])).size:
+        own = slice(o.record.samples - o.after)
+        if not o.valid[own, c].any():
             continue
-        own = slice(seen[-1] + 1)
         pair = [
             np.where(o.valid[own, c], s.linears[r].residual[own, c] * o.sd[own, c], np.nan)
             for s in (alone, best)
