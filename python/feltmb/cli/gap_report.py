@@ -11,7 +11,9 @@ from feltmb.cli.common import (
     FileName,
     check_targets,
     force_option,
+    json_option,
     load_with_settings,
+    print_json,
     say_written,
     set_option,
 )
@@ -59,6 +61,7 @@ __all__ = ["command"]
 )
 @set_option
 @force_option
+@json_option
 def command(
     result: Path,
     action: str,
@@ -71,6 +74,7 @@ def command(
     photo: Path | None,
     settings: tuple[str, ...],
     force: bool,
+    as_json: bool,
 ) -> None:
     """Write a page about RESULT, the report.json of a diagnosis of ACTION or its folder."""
     from feltmb.action.customer import customer_page
@@ -86,4 +90,8 @@ def command(
         done=[] if done is None else re.split(r"(?<=[.!])\s+", done.strip()),
         photo=photo,
     )
-    say_written(page.write(output, force=force))
+    written = page.write(output, force=force)
+    if as_json:
+        print_json({"sentences": page.sentences, page.head: page.work, "file": str(written)})
+    else:
+        say_written(written)

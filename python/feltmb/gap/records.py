@@ -189,7 +189,9 @@ def problem_of(
         )
     sensors = [r.sensors[n] for r in fitted for n in names if n in r.outputs]
     noise = _noise_levels(records)
-    after = AFTER if model.accepts(clock_rate(model.outputs)) else 0.0
+    # Functions of a user may return arrays of the length of the measured record.
+    goes_on = bool(model.states()) and model.accepts(clock_rate(model.outputs))
+    after = AFTER if goes_on else 0.0
     observed, unseen = (
         tuple(_observed(model, r, names, noise, after) for r in part) for part in (fitted, held)
     )
