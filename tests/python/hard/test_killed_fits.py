@@ -9,7 +9,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import killing
 
-FILES = ["report.html", "report.json", "report.txt"]
+FILES = ["remedy.toml", "report.html", "report.json", "report.txt"]
 
 
 @pytest.fixture(scope="module")
