@@ -29,6 +29,7 @@ from feltmb.gap.result import (
     Channel,
     Named,
     ParameterValue,
+    Place,
     Reason,
     Result,
     SetOfCauses,
@@ -90,6 +91,15 @@ def judge(
     if best is not alone and ours is not None and base is not None:
         ratio, low, high = (math.exp(v) for v in compare(ours, base, best.noise, best.effective))
         gain = ratio, low, high
+    tried = {i for s in searched.sets.values() for i in s.causes}
+    tell("locate")
+    ports: tuple[Place, ...] = ()
+    if any(c.material for c in channels):
+        try:
+            check()
+            ports = places(problem, best)
+        except (Stop, KeyboardInterrupt):
+            searched.complete = False
     reasons = {
         Reason.DIFFERS_BETWEEN_RECORDS: sets[0] is not first,
         Reason.NOT_COMPLETE: not searched.complete,
@@ -97,8 +107,6 @@ def judge(
         Reason.CALIBRATION_PREDICTS_WORSE: worse,
         Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
     }
-    tried = {i for s in searched.sets.values() for i in s.causes}
-    tell("locate")
     unknowns, correlation = _correlation(problem, best)
     return Result(
         verdict=_verdict(told, classes, channels),
@@ -130,7 +138,7 @@ def judge(
         records=tuple(o.record.name for o in problem.fit),
         cells=cells(problem, alone, best),
         events=events(problem, alone, best),
-        places=places(problem, best) if any(c.material for c in channels) else (),
+        places=ports,
         apart=tuple(
             most_different(problem, _where(sets, a), _where(sets, b)) for a, b, *_ in classes
         ),
