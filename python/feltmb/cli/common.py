@@ -505,6 +505,17 @@ def force_option(function: F) -> F:
     return click.option("--force", is_flag=True, help="Overwrite existing files.")(function)
 
 
+def picture_option(text: str) -> Callable[[F], F]:
+    """Option ``--plot FILE`` of a command that draws one picture."""
+    return click.option(
+        "--plot",
+        "picture",
+        metavar="FILE",
+        type=FileName(".png", ".pdf", ".svg", dir_okay=False),
+        help=text,
+    )
+
+
 def json_option(function: F) -> F:
     """Option ``--json``."""
     return click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")(

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
-    FileName,
     Number,
     check_targets,
     console,
@@ -18,6 +17,7 @@ from feltmb.cli.common import (
     list_option,
     load_with_settings,
     new_table,
+    picture_option,
     positive,
     print_json,
     save_figure,
@@ -54,13 +54,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Rate at which the search ends, presses per second.",
 )
-@click.option(
-    "--plot",
-    "picture",
-    metavar="FILE",
-    type=FileName(".png", ".pdf", ".svg", dir_okay=False),
-    help="Draw the rates with their reasons, and the run with the first failure.",
-)
+@picture_option("Draw the rates with their reasons, and the run with the first failure.")
 @set_option
 @force_option
 @json_option

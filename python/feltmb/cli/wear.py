@@ -17,6 +17,7 @@ from feltmb.cli.common import (
     list_option,
     load_with_settings,
     new_table,
+    picture_option,
     print_json,
     save_figure,
     say_written,
@@ -37,13 +38,7 @@ if TYPE_CHECKING:
     help="Part of the mechanism, such as '*jack*'; default: all, which takes minutes.",
 )
 @click.option("--screws", is_flag=True, help="Also turn each screw of the regulation both ways.")
-@click.option(
-    "--plot",
-    "picture",
-    metavar="FILE",
-    type=FileName(".png", ".pdf", ".svg", dir_okay=False),
-    help="Draw all changes in one picture.",
-)
+@picture_option("Draw all changes in one picture.")
 @click.option(
     "--out",
     "-o",

@@ -64,7 +64,7 @@ def cells(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Cell, ...]:
     """
     out = []
     for r, o in enumerate(problem.fit):
-        time, n = o.record.time, o.record.samples - o.after
+        time, n = o.record.time, o.end
         marks = [("", 0)]
         for name, moment in _events_of(problem, o):
             index = int(np.searchsorted(time, moment))

@@ -116,9 +116,14 @@ class Observed:
     """Number of samples after the end of the measured record (``feltmb.gap.records.AFTER``)."""
 
     @property
+    def end(self) -> int:
+        """Number of samples of the measured record."""
+        return self.record.samples - self.after
+
+    @property
     def as_measured(self) -> Record:
         """The record without the samples after its end."""
-        return self.record.cut(0, self.record.samples - self.after)
+        return self.record.cut(0, self.end)
 
     def first(self, share: float) -> Observed:
         """The first share of the record; at least ten samples."""
@@ -133,7 +138,7 @@ class Observed:
             valid=self.valid[:count],
             sd=self.sd[:count],
             modes=None if self.modes is None else self.modes[:count],
-            after=max(0, count - (self.record.samples - self.after)),
+            after=max(0, count - self.end),
         )
 
     @cached_property

@@ -190,12 +190,12 @@ def problem_of(
     sensors = [r.sensors[n] for r in fitted for n in names if n in r.outputs]
     noise = _noise_levels(records)
     # Functions of a user may return arrays of the length of the measured record.
-    goes_on = bool(model.states()) and model.accepts(clock_rate(model.outputs))
-    after = AFTER if goes_on else 0.0
+    clock = clock_rate(model.outputs)
+    after = AFTER if model.states() and model.accepts(clock) else 0.0
     observed, unseen = (
         tuple(_observed(model, r, names, noise, after) for r in part) for part in (fitted, held)
     )
-    of_records = _errors(model, effects, observed, names)
+    of_records = _errors(model, effects, observed, names, clock)
     return Problem(
         model=model,
         causes=causes_of(model, effects, options.missing, of_records),
@@ -208,11 +208,14 @@ def problem_of(
 
 
 def _errors(
-    model: Model, effects: Sequence[Effect], records: Sequence[Observed], names: Sequence[str]
+    model: Model,
+    effects: Sequence[Effect],
+    records: Sequence[Observed],
+    names: Sequence[str],
+    clock: Effect,
 ) -> list[Cause]:
     """Errors of the records that every diagnosis considers, unless the list or a sheet has them."""
     rms, found = spread(records), []
-    clock = clock_rate(model.outputs)
     if model.accepts(clock) and clock.name not in {e.name for e in effects}:
         found.append(Cause(clock.name, clock.component, clock))
     stated = {q.index for o in records for q in o.local if q.kind == "offset"}

@@ -417,7 +417,7 @@ def _traces(
     held = {o.record.name for o in shown.held_out}
     out = []
     for r, o in enumerate(problem.fit):
-        own = slice(o.record.samples - o.after)
+        own = slice(o.end)
         if not o.valid[own, c].any():
             continue
         pair = [
