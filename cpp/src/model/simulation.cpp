@@ -463,7 +463,7 @@ class Run {
   /// By how much the error test is wider while strings are apart, down to a tolerance of 1e-7. Most
   /// of the true error of a stroke was what Newton's method left over, which no test sees; since it
   /// leaves next to nothing, a wider test gives the same true error
-  /// (docs/validation/2026-11_performance.md).
+  /// (docs/validation/speed.md).
   static constexpr double kTestWidth = 2.0;
 
   /// See bdf_order.hpp. At tight tolerances accuracy holds the step further down than stability

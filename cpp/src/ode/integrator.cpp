@@ -327,7 +327,7 @@ void Integrator::start(double t, std::span<const double> y, bool reset_quadratur
     CVodeSetMaxHnilWarns(d.cvode, -1);
     // What Newton's method leaves over is error that the error test does not see; a new Jacobian
     // every other step and a tight test of convergence cost less than the steps that they save. A
-    // step that may grow by a tenth pays, too (docs/validation/2026-11_performance.md).
+    // step that may grow by a tenth pays, too (docs/validation/speed.md).
     constexpr long every = 2;
     CVodeSetLSetupFrequency(d.cvode, every);
     CVodeSetJacEvalFrequency(d.cvode, every);

@@ -103,7 +103,7 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
     screen.print(published_table(list(runs.values())))
     screen.print(
         "String forces and contact times are those of three strings; with the one string that the\n"
-        "thesis prints they are not reached: see docs/validation/2026-11_thesis.md.",
+        "thesis prints they are not reached: see docs/validation/thesis.md.",
     )
     for path in written:
         say_written(path)

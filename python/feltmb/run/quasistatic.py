@@ -4,7 +4,7 @@ There are two methods. :func:`simulated_press` simulates a finger with a constan
 the complete model. :func:`slow_press` neglects inertia: at each finger travel the forces are
 balanced, Q(q, dq/dt) = 0, where dq/dt follows from the path (implicit Euler) and the finger force
 is the multiplier of the prescribed travel. Nothing oscillates, and with Coulomb friction the path
-does not depend on the speed. ``docs/validation/2026-11_regulation.md`` compares the methods.
+does not depend on the speed. ``docs/validation/regulation.md`` compares the methods.
 """
 
 from __future__ import annotations

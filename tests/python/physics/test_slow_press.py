@@ -1,6 +1,6 @@
 """How the let-off distance depends on what a slow press is.
 
-The table of docs/validation/2026-11_regulation.md.
+The table of docs/validation/regulation.md.
 """
 
 import pytest

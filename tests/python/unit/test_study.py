@@ -554,14 +554,14 @@ def test_study_of_the_documentation_runs():
 
 def test_documentation_counts_the_findings():
     docs = Path(__file__).parents[3] / "docs"
-    text = (docs / "validation" / "2026-11_studies.md").read_text(encoding="utf-8")
+    text = (docs / "validation" / "studies.md").read_text(encoding="utf-8")
     for name, (thesis, own) in OUTCOMES.items():
         row = re.search(rf"^\| `{name}` \|.*$", text, re.MULTILINE)
         assert row is not None, name
         cells = [c.strip() for c in row.group().split("|")[3:10]]
         wanted = [*(thesis.count(letter) for letter in "APDN"), *(own.count(c) for c in "APD")]
         assert [int(c or 0) for c in cells] == wanted, name
-    validation = (docs / "validation" / "2026-11_thesis.md").read_text("utf-8")
+    validation = (docs / "validation" / "thesis.md").read_text("utf-8")
     thesis, own = ("".join(pair[i] for pair in OUTCOMES.values()) for i in (0, 1))
     for letters in (thesis, own):
         counts = [letters.count(letter) for letter in "APD"]

@@ -2,7 +2,7 @@
 /// with the widest vectors.
 ///
 /// It is used for the two kernels that benefit, the LU of Newton's matrix and the vectors of the
-/// integrator (bench/results/2026-11-22_kernels.md). Kernels marked so must not depend on the width
+/// integrator (bench/results/kernels.md). Kernels marked so must not depend on the width
 /// of the vectors: elementwise, or with a fixed number of partial sums, so that every clone gives
 /// the same bits (contraction is off).
 #pragma once

@@ -25,7 +25,7 @@ using StepObserver =
 enum class Method {
   kAuto,   ///< kModal if the mechanism has strings, else kCvode
   kCvode,  ///< all states, the modes of the strings among them, by CVODES (BDF)
-  kModal,  ///< linear modes exactly, the rest by CVODES; see docs/validation/2026-11_performance.md
+  kModal,  ///< linear modes exactly, the rest by CVODES; see docs/validation/speed.md
 };
 
 /// Name as users write it: "auto", "cvode", "modal". Throws InvalidParameter for another.
@@ -34,7 +34,7 @@ const char* method_name(Method method);
 
 /// Relative tolerance at which a method keeps the largest error of a contact force below `error`
 /// times its peak, in (0, 0.1], after a strike of 50 ms on a string
-/// (docs/validation/2026-11_performance.md, "Error asked for"). The tolerance itself is that of a
+/// (docs/validation/speed.md, "Error asked for"). The tolerance itself is that of a
 /// step. What the integrator leaves over adds up with the periods of a string without damping:
 /// there the BDF is held to order two and its error falls with the root of the tolerance only.
 /// Throws InvalidParameter.
