@@ -179,6 +179,71 @@ def test_a_generic_effect_is_one_file(tmp_path):
     assert len(lines) == 1 + len(library.for_coordinate(PART, force=2.0, travel=0.1, speed=1.0))
 
 
+PROGRAM = """
+import json
+import math
+import sys
+
+numbers, given, made = sys.argv[1:]
+p = json.load(open(numbers))
+rows = [[float(x) for x in line.split(",")] for line in open(given).readlines()[1:]]
+x = v = 0.0
+with open(made, "w") as file:
+    file.write("time,x\\n")
+    for (time, force), (after, _) in zip(rows, [*rows[1:], rows[-1]]):
+        file.write(f"{time!r},{x!r}\\n")
+        h = (after - time) / 4
+        for _ in range(4):
+            v += h / p["mass"] * (force - 40.0 * x - v)
+            v = math.copysign(max(abs(v) - h / p["mass"] * p["dry_friction"], 0.0), v)
+            x += h * v
+"""
+
+RUN_PROGRAM = """
+import sys
+import numpy as np
+from feltmb.fit.program import program
+from feltmb.gap import Record
+
+model = program(
+    [sys.executable, "-S", "cart.py"],
+    {"mass": (2.0, 0.1, "kg")},
+    inputs={"force": "N"},
+    outputs={"x": "m"},
+    unknown={"dry_friction": "N"},
+)
+time = np.arange(200) * 0.01
+records = []
+for name, role, size in (("soft", "fit", 2.0), ("hard", "held_out", 4.0)):
+    force = size * (np.sin(5.0 * time) + np.sin(11.0 * time))
+    run = model._function(time, {"force": force}, {"mass": 2.04, "dry_friction": 0.5})
+    noise = 1e-4 * np.random.default_rng(len(records)).standard_normal(time.size)
+    records.append(
+        Record(
+            name=name,
+            time=time,
+            inputs={"force": force},
+            outputs={"x": run["x"] + noise},
+            role=role,
+        )
+    )
+report = model.diagnose(records, effects=["dry_friction"])
+[found] = report.named
+print(found.cause, found.low, found.high)
+"""
+
+
+def test_an_adapter_for_another_simulator_is_one_file(tmp_path):
+    """A program that is started anew for each run; its withheld dry friction is found."""
+    touched = overlaid(tmp_path, "add_a_simulator.md", "fit")
+    assert touched == ["python/feltmb/fit/program.py"]
+    (tmp_path / "cart.py").write_text(PROGRAM, encoding="utf-8")
+    cause, low, high = run_in(tmp_path, RUN_PROGRAM).split()
+    assert cause == "dry_friction"
+    assert float(low) < 0.5 < float(high)
+    assert float(high) - float(low) < 0.1
+
+
 def test_a_mechanism_is_one_file(tmp_path):
     """Its summary, plots and viewer need no code."""
     for name, text in files_of("describe_a_mechanism.md").items():
