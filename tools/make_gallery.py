@@ -43,7 +43,7 @@ HEAD = """\
 `tools/make_gallery.py` writes this page. Each example is one file in
 [`examples/gallery`](../../examples/gallery). It draws one picture and computes one number. The
 number is compared with another method: a closed form, the energy, or a smaller tolerance. A test
-repeats all computations (`tests/python/unit/test_gallery.py`). To run one example:
+repeats all computations (`tests/python/docs/test_gallery.py`). To run one example:
 
 ```console
 $ python examples/gallery/bouncing.py bouncing.png

@@ -27,10 +27,10 @@ case $kind in
   *) printf 'sanitize.sh: got %s, expected address or thread\n' "$kind" >&2; exit 2 ;;
 esac
 python_tests=(
-  tests/python/unit/test_events.py tests/python/unit/test_config_faults.py
-  tests/python/unit/test_strangers_core.py tests/python/unit/test_machine.py
+  tests/python/run/test_events.py tests/python/mechanism/test_config_faults.py
+  tests/python/unit/test_strangers_core.py tests/python/run/test_machine.py
   tests/python/physics/test_surfaces_with_ends.py tests/python/physics/test_contacts_of_a_string.py
-  tests/python/hard/test_random_models.py
+  tests/python/physics/test_random_models.py
 )
 
 summary=()

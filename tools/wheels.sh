@@ -9,10 +9,10 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 work=build/wheels
-tests=(tests/python/unit/test_machine.py tests/python/unit/test_fmu.py
-  tests/python/unit/test_import.py tests/python/unit/test_simulate.py
-  tests/python/unit/test_cli_help.py tests/python/unit/test_config.py
-  tests/python/unit/test_stroke.py
+tests=(tests/python/run/test_machine.py tests/python/run/test_fmu.py
+  tests/python/package/test_import.py tests/python/run/test_simulate.py
+  tests/python/cli/test_help.py tests/python/mechanism/test_config.py
+  tests/python/run/test_stroke.py
   # What depends on the version of Python most: asyncio and processes.
   tests/python/live/test_server.py tests/python/gap/test_simulator.py)
 

@@ -101,7 +101,7 @@ def resident(pid: int) -> float:
 
 
 def latency(changes: int, every: float, tab: str) -> None:
-    browser = of_tests("python/viewer/conftest.py").Browser
+    browser = of_tests("python/graphics/conftest.py").Browser
     with serving() as (pid, address), browser(1400, 900) as page:
 
         def until(expression: str) -> None:

@@ -17,7 +17,7 @@ pytest.importorskip("uvicorn", reason="extra live is not installed")
 pytest.importorskip("websockets", reason="extra live is not installed")
 
 _spec = importlib.util.spec_from_file_location(
-    "viewer_browser", Path(__file__).parents[1] / "viewer" / "conftest.py"
+    "viewer_browser", Path(__file__).parents[1] / "graphics" / "conftest.py"
 )
 _viewer = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(_viewer)

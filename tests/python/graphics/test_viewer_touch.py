@@ -1,4 +1,4 @@
-"""The viewer in strangers' hands: keys without a click, narrow screens, fingers that scroll."""
+"""The viewer on a fresh page: keys without a click, narrow screens, fingers that scroll."""
 
 import pytest
 
