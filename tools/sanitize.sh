@@ -28,7 +28,7 @@ case $kind in
 esac
 python_tests=(
   tests/python/run/test_events.py tests/python/mechanism/test_config_faults.py
-  tests/python/unit/test_strangers_core.py tests/python/run/test_machine.py
+  tests/python/run/test_restart.py tests/python/run/test_threads.py tests/python/physics/test_ledger.py tests/python/run/test_machine.py
   tests/python/physics/test_surfaces_with_ends.py tests/python/physics/test_contacts_of_a_string.py
   tests/python/physics/test_random_models.py
 )

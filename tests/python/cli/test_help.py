@@ -52,3 +52,16 @@ def test_a_null_character_is_refused(capsys):
         main(["show", "a\0b"])
     assert stop.value.code == 2
     assert "null character" in capsys.readouterr().err
+
+
+def command(*arguments):
+    return CliRunner().invoke(cli, [str(a) for a in arguments])
+
+
+def test_help_of_the_actuator_writes_a_mass_with_its_unit():
+    told = command("actuator", "--help").output
+    assert "tip.mass=0.05" not in told
+    assert "tip.mass=1.5g" in told
+    from feltmb.action.actuator import load_actuator
+
+    assert load_actuator("wood").with_values({"tip.mass": "1.5g"}).config.tip.mass == 0.0015

@@ -12,6 +12,7 @@ import pytest
 
 import feltmb
 from feltmb.contact import CORE_LAWS, LAWS, law
+from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, Contact
 
 DATA = Path(__file__).resolve().parents[2] / "data"
@@ -234,3 +235,24 @@ def test_no_file_can_name_a_function():
         Action(pendulum(law="callback", callback={"function": 4096}))
     with pytest.raises(feltmb.InvalidParameter, match=r"contacts.01.callback: unknown key"):
         Action(pendulum(callback={"function": 4096}))
+
+
+def refused(call, *parts):
+    """Message of the InvalidParameter that ``call`` raises."""
+    with pytest.raises(feltmb.InvalidParameter) as caught:
+        call()
+    for part in parts:
+        assert part in str(caught.value)
+    return str(caught.value)
+
+
+def test_curve_of_a_law_that_is_a_number():
+    # TypeError: object of type 'int' has no len()
+    refused(lambda: law("mean", loading=5, unloading=(1.0, 2.0, 3.0)), "loading = 5, expected")
+
+
+def test_lengths_of_compression_and_rate():
+    law = feltmb.contact.law("stulov", stiffness=1e8, exponent=2.5, amplitude=0.3, time=1e-3)
+    with pytest.raises(InvalidParameter, match="shape"):
+        law.force([1e-3, 2e-3], [0.0, 0.0, 0.0])
+    assert law.force([1e-3, 2e-3], 0.0).shape == (2,)

@@ -72,9 +72,8 @@ def test_the_number_of_cases():
 def test_the_fuzzer_finds_what_is_wrong(monkeypatch):
     """The checks can fail: a target that does each wrong thing is told."""
     sys.path.insert(0, str(WORKER.parent))
-    import fuzz
-
     import feltmb
+    import fuzz
 
     def wrong(case):
         kind = case.rng.randrange(5)

@@ -1,6 +1,6 @@
 """Every function of every public module raises only exceptions of feltmb, whatever it is given.
 
-``test_strangers_args.py`` gives each argument of a valid call a hostile value. Here, the calls are
+``test_arguments.py`` gives each argument of a valid call a hostile value. Here, the calls are
 made from the annotations, so that no new function is forgotten.
 """
 
@@ -94,7 +94,7 @@ def calls(function, value):
             yield given | {p.name: value}
 
 
-#: What starts a long computation from a valid call; test_strangers_args.py calls them.
+#: What starts a long computation from a valid call; test_arguments.py calls them.
 LONG = ("feltmb.gap", "feltmb.fit", "feltmb.fiber", "feltmb.felt", "feltmb.action", "feltmb.live",
         "feltmb.run.study", "feltmb.run.sweep", "feltmb.run.fmu", "feltmb.contact")  # fmt: skip
 

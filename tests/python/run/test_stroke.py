@@ -1,5 +1,6 @@
 """Strokes made in Python and read from TOML."""
 
+import dataclasses
 import pickle
 
 import numpy as np
@@ -251,3 +252,33 @@ def test_values_at_scalars_and_arrays():
     stroke = feltmb.ramp_stroke(5.0)
     assert np.ndim(stroke.at(0.1)) == 0
     assert stroke.at(np.zeros((2, 3))).shape == (2, 3)
+
+
+def refused(call, *parts):
+    """Message of the InvalidParameter that ``call`` raises."""
+    with pytest.raises(feltmb.InvalidParameter) as caught:
+        call()
+    for part in parts:
+        assert part in str(caught.value)
+    return str(caught.value)
+
+
+def test_oscillating_stroke_is_not_shifted():
+    # the ramp came later, its oscillation did not: another stroke
+    stroke = feltmb.ramp_stroke(5.0, oscillation=(0.5, 30.0))
+    refused(lambda: stroke.shifted(0.01), "oscillates and cannot be shifted")
+
+
+def test_oscillation_that_is_no_number():
+    # accepted; the solver failed later: "the right-hand side failed at the start"
+    stroke = feltmb.load_stroke("forte")
+    refused(lambda: dataclasses.replace(stroke, oscillation_amplitude=float("nan")), "oscillation")
+
+
+def test_sequence_holds_what_a_stroke_holds():
+    # Two held ramps in sequence fell linearly from one to the next.
+    ramp = feltmb.ramp_stroke(5.0, 0.05, 0.1, duration=0.3)
+    both = feltmb.sequence(ramp, ramp)
+    assert both.at([0.15, 0.2, 0.299, 0.301, 0.34, 0.45]).tolist() == pytest.approx(
+        [5.0, 5.0, 5.0, 0.0, 0.0, 5.0]
+    )

@@ -185,3 +185,27 @@ def test_faults_of_a_quantity(node, message):
 )
 def test_torques_are_read_as_instruments_write_them(text, unit):
     assert spelled_unit(text) == unit
+
+
+@pytest.mark.parametrize(
+    ("unit", "si", "factor"),
+    [
+        ("cm2", "m^2", 1e-4),
+        ("mm²", "m^2", 1e-6),
+        ("m/s2", "m/s^2", 1.0),
+        ("N/mm2", "Pa", 1e6),
+        ("m s-2", "m/s^2", 1.0),
+        ("N/m^2.3", "N/m^2.3", 1.0),
+        ("bar", "Pa", 1e5),
+        ("μm", "m", 1e-6),
+        ("1/s", "1/s", 1.0),
+    ],
+)
+def test_powers_without_a_caret(unit, si, factor):
+    assert conversion_factor(unit, si) == pytest.approx(factor, rel=1e-15)
+
+
+@pytest.mark.parametrize("unit", ["m2m", "12", "mm^", "m^^2", "2m"])
+def test_what_is_no_unit(unit):
+    with pytest.raises(InvalidParameter, match="unknown unit"):
+        conversion_factor(unit, "m")

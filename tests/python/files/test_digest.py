@@ -1,0 +1,35 @@
+"""The digest of the package, by which stored results know their code."""
+
+import importlib
+import sys
+from types import SimpleNamespace
+
+from feltmb.files import package_digest
+
+
+def test_members_know_the_code():
+    assert len(package_digest()) == 64
+
+
+def test_the_digest_of_the_package_is_of_all_of_it(monkeypatch, tmp_path):
+    digest = importlib.import_module("feltmb.files.digest")
+    for name in ("run/a.py", "contact/b.py", "mechanism/c.toml", "_core.so", "files/digest.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
+        (tmp_path / name).write_text(name)
+    monkeypatch.setattr(digest, "__file__", str(tmp_path / "files" / "digest.py"))
+    monkeypatch.setitem(sys.modules, "feltmb._core", SimpleNamespace())
+
+    def now():
+        return digest.package_digest.__wrapped__()
+
+    first = now()
+    seen = {first}
+    for name in ("run/a.py", "contact/b.py", "mechanism/c.toml", "_core.so"):
+        (tmp_path / name).write_text("changed")
+        seen.add(now())
+    (tmp_path / "run" / "a.py").rename(tmp_path / "run" / "z.py")
+    seen.add(now())
+    assert len(seen) == 6
+    (tmp_path / "run" / "__pycache__").mkdir()
+    (tmp_path / "run" / "__pycache__" / "a.pyc").write_text("any")
+    assert now() in seen

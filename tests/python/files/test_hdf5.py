@@ -1,0 +1,184 @@
+"""HDF5 and MAT files that lead elsewhere or unpack to more than they say."""
+
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb.data import read_record
+from feltmb.files import hdf5
+
+DATA = Path(__file__).parents[2] / "data"
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    return feltmb.load_action(DATA / "pendulum.toml")
+
+
+@pytest.fixture(scope="module")
+def saved(pendulum, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    return feltmb.simulate(pendulum, "staccato", 0.001).save(folder / "run.nc").read_bytes()
+
+
+@pytest.fixture
+def run_file(saved, tmp_path):
+    path = tmp_path / "run.nc"
+    path.write_bytes(saved)
+    return path
+
+
+def refused(call, *parts):
+    with pytest.raises(feltmb.InvalidParameter) as caught:
+        call()
+    for part in parts:
+        assert part in str(caught.value)
+    return str(caught.value)
+
+
+def elsewhere(tmp_path, count):
+    """A file of someone else, as raw numbers and as HDF5."""
+    (tmp_path / "secret.bin").write_bytes(np.full(count, 42.0).tobytes())
+    with h5py.File(tmp_path / "secret.h5", "w") as file:
+        file["x"] = np.full(count, 42.0)
+
+
+def external_link(file, name, _count, folder):
+    file[name] = h5py.ExternalLink(str(folder / "secret.h5"), "x")
+
+
+def external_storage(file, name, count, folder):
+    file.create_dataset(name, (count,), "f8", external=[(str(folder / "secret.bin"), 0, 8 * count)])
+
+
+def virtual_dataset(file, name, count, folder):
+    layout = h5py.VirtualLayout((count,), "f8")
+    layout[:] = h5py.VirtualSource(str(folder / "secret.h5"), "x", (count,))
+    file.create_virtual_dataset(name, layout)
+
+
+def soft_link(file, name, count, folder):
+    external_link(file, "door", count, folder)
+    file[name] = h5py.SoftLink("/door")
+
+
+def group(file, name, _count, _folder):
+    file.create_group(name)
+
+
+def reference(file, name, count, _folder):
+    file.create_dataset(name, (count,), h5py.ref_dtype)
+
+
+WAYS_OUT = [external_link, external_storage, virtual_dataset, soft_link, group, reference]
+
+
+@pytest.mark.parametrize("way", WAYS_OUT)
+def test_a_saved_run_reads_no_other_file(run_file, tmp_path, way):
+    # validated "ok", and showed the numbers of the other file
+    with h5py.File(run_file, "a") as file:
+        name = next(n for n in file if n.endswith(".angle"))
+        count = file[name].size
+        elsewhere(tmp_path, count)
+        del file[name]
+        way(file, name, count, tmp_path)
+    refused(lambda: feltmb.load_run(run_file), "is no complete run")
+
+
+@pytest.mark.parametrize("way", WAYS_OUT)
+def test_a_record_reads_no_other_file(tmp_path, way):
+    elsewhere(tmp_path, 9)
+    with h5py.File(tmp_path / "a.nc", "w") as file:
+        file["time"] = np.arange(9.0)
+        way(file, "q", 9, tmp_path)
+    (tmp_path / "a.toml").write_text("[outputs.q]\n")
+    refused(lambda: read_record(tmp_path / "a.nc"), "no column 'q'", "left out: ", "q (")
+
+
+def test_attributes_that_are_references_are_no_text(run_file):
+    with h5py.File(run_file, "a") as file:
+        name = next(n for n in file if n.endswith(".angle"))
+        file[name].attrs["units"] = file[name].ref
+        file.attrs["message"] = file[name].regionref[:]
+    refused(lambda: feltmb.load_run(run_file), "'message' is missing")
+
+
+def test_there_is_one_reader_of_hdf5():
+    users = [
+        str(p.relative_to(DATA.parents[1]))
+        for p in sorted(Path(feltmb.__file__).parent.rglob("*.py"))
+        if "h5py" in p.read_text() and p.name not in ("hdf5.py", "netcdf.py")
+    ]
+    assert not users
+
+
+def bomb(path, stored, claimed):
+    """One chunk that says it holds 80 bytes and unpacks to far more."""
+    with h5py.File(path, "w") as file:
+        file["time"] = np.arange(10.0)
+        q = file.create_dataset("q", (10,), "f8", chunks=(10,), compression="gzip")
+        q.id.write_direct_chunk((0,), zlib.compress(bytes(stored), 9))
+        assert q.id.get_chunk_info(0).size < claimed
+
+
+def test_a_packed_bomb_is_found_before_the_library_unpacks_it(tmp_path):
+    # 400 kB became 400 MB of memory, 4 MB 4 GB
+    bomb(tmp_path / "a.nc", 20_000_000, 30_000)
+    (tmp_path / "a.toml").write_text("[outputs.q]\n")
+    tracemalloc.start()
+    try:
+        refused(lambda: read_record(tmp_path / "a.nc"), "unpacks to more than its 80 bytes")
+        assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_chunk_larger_than_the_limit_is_refused(tmp_path):
+    with h5py.File(tmp_path / "a.nc", "w") as file:
+        file["time"] = np.arange(10.0)
+        q = file.create_dataset(
+            "q", (10,), "f8", chunks=(30_000_000,), maxshape=(None,), compression="gzip"
+        )
+        q.id.write_direct_chunk((0,), zlib.compress(bytes(80)))
+    (tmp_path / "a.toml").write_text("[outputs.q]\n")
+    refused(lambda: read_record(tmp_path / "a.nc"), "claims more than")
+
+
+def test_a_mat_file_that_unpacks_to_more_than_it_says(tmp_path):
+    packed = zlib.compress(bytes(200_000_000), 9)
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    body = np.array([15, len(packed)], "<u4").tobytes() + packed
+    (tmp_path / "a.mat").write_bytes(head + body)
+    (tmp_path / "a.toml").write_text("[outputs.q]\n")
+    refused(lambda: read_record(tmp_path / "a.mat"), "cannot be read as MAT: unpacks to more than")
+
+
+def test_heaps_that_overlap_cost_no_more_than_the_file_is_long(monkeypatch):
+    # every header of thousands had its own walk to the end: a minute for 1 MB
+    count = 3000
+    one = b"GCOL\x01\x00\x00\x00" + (0).to_bytes(8, "little")
+    data = bytearray(one * count + bytes(16) * 2000)
+    for i in range(count):
+        at = 16 * i
+        data[at + 8 : at + 16] = (len(data) - at).to_bytes(8, "little")
+    steps = 0
+    unpack = hdf5.struct.unpack_from
+
+    def counted(*given):
+        nonlocal steps
+        steps += 1
+        return unpack(*given)
+
+    monkeypatch.setattr(hdf5.struct, "unpack_from", counted)
+    with pytest.raises(ValueError, match="global heap"):
+        hdf5._check_heaps(bytes(data))
+    assert steps <= 2 * len(data) // 16
+
+
+def folder(path):
+    path.mkdir()

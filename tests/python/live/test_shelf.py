@@ -1,0 +1,15 @@
+"""Uploaded records of the live page."""
+
+import pytest
+
+
+def test_uploaded_columns_are_read_once(tmp_path):
+    pytest.importorskip("starlette", reason="extra live is not installed")
+    from feltmb.live.measured import Shelf
+
+    shelf = Shelf(tmp_path)
+    shelf.add("a.csv", b"time [s],q [mm]\n0,0\n1,1\n2,2\n")
+    (path,) = tmp_path.rglob("a.csv")
+    path.unlink()
+    (columns,) = shelf.kept([]).values()
+    assert list(columns.values) == ["time", "q"]
