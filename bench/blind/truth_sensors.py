@@ -67,7 +67,7 @@ def _cameras(
     return key, hammer
 
 
-def _input(case: Case, stroke: str, fine: Array, frames: Array) -> Array:
+def recorded_input(case: Case, stroke: str, fine: Array, frames: Array) -> Array:
     """Recorded input, before noise. Magnitudes are errors of the reading, as of the cameras."""
     size = _Sizes(case)
     u = played(fine, case.mode, stroke, case.strokes[STROKES.index(stroke)])
@@ -108,7 +108,7 @@ def record(
         view = {
             "key": _expose(frames, fine, key, 0.0),
             "hammer": _expose(frames, fine, hammer, case.skew),
-            "finger": _input(case, name, fine, frames),
+            "finger": recorded_input(case, name, fine, frames),
         }
         if not ideal:
             raw = view["finger"] + NOISE_INPUT[case.mode] * rng.standard_normal(frames.size)

@@ -330,7 +330,7 @@ def _with_intervals(fit: BranchFit, covariance: Array, freedom: int, level: floa
     return replace(fit, interval=interval, correlation=correlation)
 
 
-def _fixed_point(change: Callable[[float], float], start: float) -> float:
+def fixed_point(change: Callable[[float], float], start: float) -> float:
     """Where a round changes nothing, the first such point in the direction of the first change.
 
     At an end of the range, a round cannot lead out of it, so that there is such a point. Repeated
@@ -373,7 +373,7 @@ def _identify_branch(
         rounds.append(_fit_elastic(v, rows[:, 5], weight, v0, q, math.exp(x))[1])
         return math.log(rounds[-1]) - x
 
-    gamma = math.exp(_fixed_point(change, math.log(start)))
+    gamma = math.exp(fixed_point(change, math.log(start)))
     rows = sliding_at_pressure(material, v, pressure, which, gamma)
     K = _fit_elastic(v, rows[:, 5], weight, v0, q, gamma)[0]
     if not K > 0:

@@ -196,7 +196,7 @@ def _reading_faults(config: MechanismFile, outputs: Collection[str]) -> list[str
 _IN_FILES = ("time", "end_state", "end_memory", "string.eta")
 
 
-def _output_faults(outputs: Sequence[str]) -> list[str]:
+def output_faults(outputs: Sequence[str]) -> list[str]:
     """Output names that a file cannot contain, or that are used twice."""
     faults = [
         f"output {name!r}: the name of a coordinate, point or strap must hold no '/'"
@@ -425,7 +425,7 @@ def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
         return faults + found, None
     if not faults:
         outputs = [name for name, _, _ in _core.observables(mechanism)]
-        faults = _output_faults(outputs) + _reading_faults(config, outputs)
+        faults = output_faults(outputs) + _reading_faults(config, outputs)
         faults += workshop_faults(config)
     return faults, mechanism
 

@@ -5,7 +5,7 @@ import pytest
 
 from blind.key_hammer import SAMPLE_TIME, KeyHammer, effects
 from blind.truth import STROKES, Part, plain_case
-from blind.truth_sensors import _input
+from blind.truth_sensors import recorded_input
 from feltmb.data import Record
 from feltmb.data.readings import acting
 from feltmb.fit import Candidate, Jobs
@@ -18,8 +18,8 @@ def test_the_blind_generator_misreads_inputs_with_the_same_signs(mode, form, err
     fine = np.arange(20001) * 2e-5
     frames = np.arange(20, 700) * SAMPLE_TIME
     part = Part(f"input_{error}", form, size, 0.0)
-    shown = _input(plain_case(mode, [part]), STROKES[0], fine, frames)
-    truth = _input(plain_case(mode), STROKES[0], fine, frames)
+    shown = recorded_input(plain_case(mode, [part]), STROKES[0], fine, frames)
+    truth = recorded_input(plain_case(mode), STROKES[0], fine, frames)
     unit = 1e-3 if mode == "motion" and error == "offset" else 1.0
     back = acting(frames, shown, error, unit * size, smooth=True)
     # Form B is another function of the same mean sign and about the same size.

@@ -2,10 +2,12 @@
 
 import math
 
+import click
 import numpy as np
 import pytest
 
 from feltmb.cli import main
+from feltmb.cli.gap_reading import reading_options
 from feltmb.data import ReadOptions, read_record, read_records, write_record
 from feltmb.data.mapping import Signals
 from feltmb.data.sketch import sketch_sheet
@@ -534,21 +536,14 @@ def test_new_writes_a_sheet_beside_a_file(tmp_path, capsys):
 
 
 def test_options_of_the_command_line():
-    from feltmb.cli.gap_reading import _options
+    @click.command()
+    @reading_options
+    def read(reading):
+        return reading
 
     def options(**given):
-        empty = dict.fromkeys(("column", "unit", "scale", "origin", "reference", "time_offset"), ())
-        return _options(
-            {
-                **empty,
-                "frame_rate": None,
-                "run": "",
-                "likelihood": None,
-                "missing": (),
-                "y_up": False,
-                **given,
-            }
-        )
+        words = [(f"--{key.replace('_', '-')}", v) for key, vs in given.items() for v in vs]
+        return read.main([w for pair in words for w in pair], standalone_mode=False)
 
     told = options(column=("tip.x=Marker 3 X",), unit=("px", "time=ms"), time_offset=("12ms",))
     assert options(missing=("-9999", "1e30")).missing == (-9999.0, 1e30)

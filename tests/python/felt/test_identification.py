@@ -16,7 +16,7 @@ from feltmb.felt import (
     load_material,
     packaged_materials,
 )
-from feltmb.felt.identification import _fixed_point
+from feltmb.felt.identification import fixed_point
 from feltmb.fiber import read_compression
 
 NAMES = [name for name in packaged_materials() if name.startswith("synthetic")]
@@ -110,7 +110,7 @@ def test_the_loss_of_the_samples_is_that_of_the_felt():
     assert found.measured_loss == pytest.approx(m.loss(), rel=2e-4)
 
 
-def test_fixed_point_matters():
+def testfixed_point_matters():
     # Friction taken off with another gamma would move the result: that is why it is repeated.
     m = load_material("synthetic_soft_red")
     v, p, loading = samples(m)
@@ -119,14 +119,14 @@ def test_fixed_point_matters():
     assert found.loading.rounds[-1] == pytest.approx(found.loading.gamma, rel=1e-8)
 
 
-def test_a_round_that_does_not_contract_has_its_fixed_point():
+def test_a_round_that_does_not_contract_has_itsfixed_point():
     # Rounds x -> 3 - 2 x diverge from every start but their fixed point, 1.
     def change(x):
         return 3.0 - 3.0 * x
 
     for start in (-2.0, 0.9, 1.0, 2.5):
-        assert _fixed_point(change, start) == pytest.approx(1.0, abs=1e-9)
-    assert _fixed_point(lambda _: 1.0, 0.0) == pytest.approx(np.log(30.0))
+        assert fixed_point(change, start) == pytest.approx(1.0, abs=1e-9)
+    assert fixed_point(lambda _: 1.0, 0.0) == pytest.approx(np.log(30.0))
 
 
 def test_low_friction_is_warned_of():

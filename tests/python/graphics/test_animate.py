@@ -7,7 +7,7 @@ import pytest
 
 import feltmb
 from feltmb import FileExists, InvalidParameter
-from feltmb.graphics.animate import _times, animate
+from feltmb.graphics.animate import animate
 from feltmb.graphics.film import Film
 
 
@@ -52,7 +52,7 @@ def test_gif_of_the_forte_stroke_is_small(run, tmp_path):
 
 
 def test_forces_point_into_the_bodies_that_move(run, action):
-    film = Film(run, action, _times(0.088, 0.12, 2e-4))
+    film = Film(run, action, np.arange(0.088, 0.12, 2e-4))
 
     def arrows(number):
         i = int(np.argmax(film.forces[number]))

@@ -42,9 +42,9 @@ def test_chains_come_to_rest_in_some_hundred_steps(count, sprung):
 
 def test_thousands_of_points_are_checked_in_one_pass():
     # each name was counted in all of them: 2.7 s for 4000 points, and 60 times that for these
-    from feltmb.mechanism.checking import _output_faults
+    from feltmb.mechanism.checking import output_faults
 
     outputs = [f"p{i}.{axis}" for i in range(30_000) for axis in ("x", "y", "vx", "vy")]
-    assert _output_faults(outputs) == []
-    told = _output_faults([*outputs, "p1.x", "time", "x/y.x", "x/y.y", "x/y.vx"])
+    assert output_faults(outputs) == []
+    told = output_faults([*outputs, "p1.x", "time", "x/y.x", "x/y.y", "x/y.vx"])
     assert len(told) == 5

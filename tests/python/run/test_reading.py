@@ -10,7 +10,6 @@ import pytest
 import feltmb
 from feltmb import InvalidParameter
 from feltmb.cli.stroke import summary_table
-from feltmb.graphics.plot.pages import _summary_line
 from feltmb.mechanism import Action
 from feltmb.run.reading import reading_of, strike_words
 
@@ -143,7 +142,7 @@ def test_a_strike_is_told_in_the_words_of_the_mechanism(label, first, force):
     assert force in texts
     words = " ".join(texts)
     assert label == "hammer - string" or not ("hammer" in words or "string" in words)
-    line = _summary_line(run)
+    line = feltmb.plot.overview(run).get_supxlabel()
     assert force in line
     assert label == "hammer - string" or "string" not in line
 
