@@ -47,8 +47,8 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
             "metavar": "[CHANNEL=]LENGTH",
             "cls": ListOption,
             "multiple": True,
-            "help": "Length of a pixel, or of another unit of the file, such as 0.21mm. "
-            "Repeatable.",
+            "help": "Length of a pixel, or of another unit of the file, such as 0.21mm; or the "
+            "distance of two points in pixels: '210mm from 120 340 to 412 338'. Repeatable.",
         },
     ),
     (

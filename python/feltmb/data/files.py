@@ -7,6 +7,7 @@ names and have their units in the header, ``hammer [mm]``.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -417,7 +418,8 @@ def _series(
         if size is None:
             faults.append(
                 f"column {shown}: scale = {shortened(repr(spec.scale))}, expected what one "
-                f'{unit or "unit"} is, such as "0.21 mm"'
+                f'{unit or "unit"} is, such as "0.21 mm", or the distance of two points, such as '
+                '"210 mm from 120 340 to 412 338"'
             )
             return empty
         down = name.endswith(".y") and unit == PIXEL if spec.down is None else down
@@ -478,14 +480,28 @@ def _bare(name: str, spec: ColumnSpec, columns: Columns) -> bool:
     return not (spec.si or spec.scale != "" or unit_of_column(columns, key, spec.unit))
 
 
+#: A length, and two points of the picture that are so far apart.
+_TWO_POINTS = re.compile(
+    r"(?P<length>.+?)\s+from\s+(?P<x0>[^\s,;]+)[\s,;]+(?P<y0>[^\s,;]+)"
+    r"\s+to\s+(?P<x1>[^\s,;]+)[\s,;]+(?P<y1>[^\s,;]+)"
+)
+
+
 def _scale(scale: float | str) -> tuple[float, str] | None:
     """Size and unit of one unit of the file; a bare number is in meters."""
     if not isinstance(scale, str):
         return float(scale), "m"
+    apart = 1.0
+    if points := _TWO_POINTS.fullmatch(scale.strip()):
+        try:
+            x0, y0, x1, y1 = (float(points[k]) for k in ("x0", "y0", "x1", "y1"))
+        except ValueError:
+            return None
+        scale, apart = points["length"], math.hypot(x1 - x0, y1 - y0)
     found = split_quantity(scale)
-    if found is None or not math.isfinite(found[0]) or found[0] == 0.0:
+    if found is None or not (math.isfinite(found[0]) and found[0] and 0.0 < apart < math.inf):
         return None
-    return found[0], found[1] or "m"
+    return found[0] / apart, found[1] or "m"
 
 
 #: Units of clocks that count from 1970, with a value that the larger units do not reach before the

@@ -94,8 +94,9 @@ def align_clocks(first: Record, second: Record) -> tuple[Clocks, float]:
     Returns
     -------
     tuple
-        Clocks of the same rate, and the standard deviation of their offset [s]: half of the
-        difference of the levels, and 10 ms at least, because a force begins before a motion.
+        Clocks of the same rate, and the standard deviation of their offset [s]: the time from the
+        first to the last level of either record, and 10 ms at least, because a force begins before
+        a motion.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def align_clocks(first: Record, second: Record) -> tuple[Clocks, float]:
     """
     one, two = _begins(first), _begins(second)
     offsets = two - one
-    sd = max(0.5 * float(np.ptp(offsets)), LAG, first.interval, second.interval)
+    sd = max(float(np.ptp(one)), float(np.ptp(two)), LAG, first.interval, second.interval)
     return Clocks(float(np.mean(offsets)), 1.0, 0.0), sd
 
 

@@ -23,7 +23,8 @@ class ColumnSpec(Schema):
     unit: str = ""
     """Unit in the file, also px; default: the unit of the header, else that of the model."""
     scale: float | str = ""
-    """Size of one unit of the file, such as "0.21 mm" for a pixel; replaces the unit."""
+    """Size of one unit of the file, such as "0.21 mm" for a pixel, or the distance of two points of
+    the picture, such as "210 mm from 120 340 to 412 338"; replaces the unit."""
     origin: float | Literal["start"] = 0.0
     """Zero of the channel [unit of the file]; "start": the position at rest at the beginning."""
     down: bool | None = None
@@ -125,7 +126,7 @@ class ReadOptions:
     """Column of the file."""
     units: Mapping[str, str] = field(default_factory=dict)
     scales: Mapping[str, str] = field(default_factory=dict)
-    """Size of one unit of the file, such as "0.21 mm"."""
+    """Size of one unit of the file, such as "0.21 mm" or "210 mm from 120 340 to 412 338"."""
     origins: Mapping[str, str] = field(default_factory=dict)
     """Zero in the unit of the file, or "start"; for all outputs also "X,Y"."""
     delays: Mapping[str, float] = field(default_factory=dict)

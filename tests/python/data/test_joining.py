@@ -176,3 +176,36 @@ def test_clocks_are_aligned_by_the_begin_of_the_motion():
     assert both.sensors["y"].delay_sd == sd
     with pytest.raises(DataError, match="does not begin at rest"):
         align_clocks(one, cell(time=OFFSET + late, outputs={"Load": late}))
+
+
+def test_the_motion_of_a_model_gives_the_clocks(tmp_path, capsys):
+    """A camera of 1000 frames a second and a load cell of 20 kHz, of one stroke.
+
+    The begin alone is far off, because a slow force begins long before the motion, and says so.
+    """
+    import feltmb
+
+    run = feltmb.simulate("steinway45", "piano", output_rate=20e3, ledger=False)
+    rng, frames, offset = np.random.default_rng(1), slice(0, None, 20), 0.3712
+    key = run["key_front.y"][frames] - run["key_front.y"][0]
+    key += rng.normal(scale=2e-5, size=key.size)
+    load = run["finger.force"] + rng.normal(scale=5e-3, size=run.time.size)
+    for name, head, time, values in (
+        ("camera", "key_front.y [mm]", run.time[frames], 1e3 * key),
+        ("cell", "Load [N]", run.time + offset, load),
+    ):
+        rows = np.column_stack([time, values])
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header=f"time [s],{head}",
+                   comments="", fmt="%.6f")  # fmt: skip
+    for options, accuracy in (((), 0.03), (("--model", "steinway45"), 1e-4)):
+        out = tmp_path / "both.csv"
+        files = [str(tmp_path / "camera.csv"), str(tmp_path / "cell.csv"), "-o", str(out)]
+        with pytest.raises(SystemExit) as end:
+            main(["gap", "join", *files, "--same", "auto", *options, "--force"])
+        assert end.value.code == 0
+        told = capsys.readouterr().err
+        found = 1e-3 * float(told.partition("first clock is ")[2].split(" ms")[0])
+        assert abs(found - offset) < min(accuracy, read_record(out).sensors["key_front.y"].delay_sd)
+    with pytest.raises(SystemExit):
+        main(["gap", "join", *files, "--model", "steinway45", "--force"])
+    assert "--same auto" in capsys.readouterr().err

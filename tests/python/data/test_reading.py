@@ -250,6 +250,19 @@ def test_columns_in_pixels_with_scale_and_origin(tmp_path):
     np.testing.assert_allclose(record.outputs["tip.y"], [0, -2e-3, -4e-3, -4e-3], atol=1e-15)
 
 
+@pytest.mark.parametrize("points", ["from 10 20 to 13 24", "from 10, 20 to 13, 24"])
+def test_the_scale_is_that_of_two_points_of_the_picture(tmp_path, points):
+    """3 and 4 pixels: they are 5 pixels apart."""
+    options = ReadOptions(
+        columns={"tip.x": "Marker 3 X", "tip.y": "Marker 3 Y"},
+        scales={"": f"1 mm {points}"},
+        origins={"": "90,480"},
+        frame_rate=500.0,
+    )
+    record = read_record(put(tmp_path, PIXELS), **MODEL, options=options)
+    np.testing.assert_allclose(record.outputs["tip.x"], [2e-3, 4e-3, 6e-3, 6e-3])
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -257,6 +270,8 @@ def test_columns_in_pixels_with_scale_and_origin(tmp_path):
         ({"units": {"": "px"}, "frame_rate": 100.0}, "is in pixels: how large is one"),
         ({"scales": {"": "0.2mm"}}, "counts frames: how many are a second"),
         ({"scales": {"": "wide"}, "frame_rate": 100.0}, "scale = 'wide', expected what one px is"),
+        ({"scales": {"": "1mm from 3 4 to 3 4"}, "frame_rate": 100.0}, "expected what one px is"),
+        ({"scales": {"": "1mm from 3 4 to a b"}, "frame_rate": 100.0}, "expected what one px is"),
         (
             {"scales": {"": "1mm", "toe": "1mm"}},
             "scale of toe: there is no such channel; known are",
