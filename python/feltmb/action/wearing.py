@@ -48,7 +48,7 @@ NUMBERS: dict[str, tuple[str, str, float]] = {
     "repetition": ("repetition", "1/s", 1.0),
     "impact_speed": ("impact speed", "m/s", 1.0),
     "up_weight": ("up weight", "g", GRAM),
-    "rebound": ("hammer to string after a soft strike", "mm", 1e-3),
+    "twice": ("soft strikes that strike twice", "%", 0.01),
     "caught": ("soft strike until the hammer is held", "ms", 1e-3),
     "key_return": ("key back after the release", "ms", 1e-3),
     "return_force": ("largest force of the return", "N", 1.0),
@@ -56,9 +56,8 @@ NUMBERS: dict[str, tuple[str, str, float]] = {
 #: The numbers of the table and picture of :func:`wear`.
 WEAR_NUMBERS = tuple(NUMBERS)[:6]
 
-#: Finger speeds of soft, held presses [m/s]; time that they are held [s]; the hammer has left the
-#: string when it is farther from it than LEFT [m].
-SOFT, HELD, LEFT = (0.06, 0.1, 0.14), 0.3, 3e-3
+#: Finger speeds of soft, held presses [m/s]; time that they are held [s].
+SOFT, HELD = tuple(0.01 * k for k in range(6, 21, 2)), 0.3
 #: Strokes of the strike and of the release, and the begin of the release [s].
 STRIKE, RELEASE, RELEASED = "piano", "press_release", 0.45
 #: Part of the range of a screw in the targets by which it is turned.
@@ -132,14 +131,14 @@ def _strike(action: Action) -> dict[str, float]:
 
 
 def _soft(action: Action) -> dict[str, float]:
-    """The worst of soft, held presses: how near the hammer comes again, and when it is held."""
+    """Soft, held presses: share of them that strike twice, and the longest time until the check."""
     import numpy as np
 
     from feltmb.run.simulate import simulate
     from feltmb.run.stroke import motion_stroke
 
     reading = action.config.reading
-    travel, rebounds, times = key_travel(action), [], []
+    travel, strikes, times = key_travel(action), [], []
     for speed in SOFT:
         end = 0.02 + (travel + 1e-3) / speed
         stroke = motion_stroke([0.02, end], [0.0, travel + 1e-3], interpolation="linear",
@@ -148,17 +147,12 @@ def _soft(action: Action) -> dict[str, float]:
         hit = run.summary.get("impact_time")
         if hit is None:
             continue
-        gap = -run[f"contact{reading.strike_contact:02d}.compression"]
-        if "string.strike" in run:
-            gap = gap - run["string.strike"]
-        left = np.flatnonzero((run.time > hit) & (gap > LEFT))
-        if left.size:
-            rebounds.append(max(0.0, float(np.min(gap[left[0] :]))))
+        strikes.append(len(run.strikes))
         held = np.sum([run[f"contact{c:02d}.force"] for c in reading.check_contacts], axis=0) > 0.0
         free = run.time[(run.time > hit) & ~np.broadcast_to(held, run.time.shape)]
         times.append(float(free[-1]) - hit if free.size else 0.0)
     return {
-        "rebound": min(rebounds, default=math.nan),
+        "twice": float(np.mean(np.array(strikes) > 1)) if strikes else math.nan,
         "caught": max(times, default=math.nan),
     }
 
@@ -394,7 +388,7 @@ MATTERS = {
     "repetition": 2.0,
     "impact_speed": 0.1,
     "up_weight": 5.0,
-    "rebound": 2.0,
+    "twice": 20.0,
     "caught": 30.0,
     "key_return": 20.0,
     "return_force": 3.0,
