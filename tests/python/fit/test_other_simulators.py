@@ -98,6 +98,21 @@ def test_variables_that_an_fmu_lacks_are_told(fmu):
         cart(fmu.with_name("other.fmu"))
 
 
+def test_a_run_of_an_fmu_does_not_depend_on_those_before(fmu):
+    """The library is loaded once, and every run has an instance of its own."""
+    time = np.arange(50) * 1e-2
+    wave = np.sin(9.0 * time)
+    record = Record(name="a", time=time, inputs={"force": wave}, outputs={"x": 0.0 * time})
+    one, other = (np.array([[m, 40.0, 1.0]]) for m in (2.0, 1.0))
+
+    def last(model, *thetas):
+        return [model.simulate(record, Jobs(theta=t, starts=np.zeros((1, 0)))) for t in thetas][-1]
+
+    alone = last(cart(fmu), one)
+    assert np.array_equal(last(cart(fmu), other, one), alone)
+    assert not np.array_equal(last(cart(fmu), other), alone)
+
+
 @pytest.mark.slow
 def test_fmu_friction_is_named_with_its_size(fmu):
     model = cart(fmu)
