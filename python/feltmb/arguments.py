@@ -380,6 +380,8 @@ def _mapping(kinds: list[_Kind | None]) -> _Kind:
     def check(value: Any, where: str) -> Any:
         if not isinstance(value, Mapping):
             raise _Refused(where, value, "a mapping")
+        if key is None and item is None:
+            return value
         for name, inner in list(value.items()):  # another thread may add to it
             if key is not None:
                 key.check(name, f"{where}: key")

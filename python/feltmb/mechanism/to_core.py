@@ -125,7 +125,7 @@ def _core_point(name: str, p: Point) -> _core.TrackingPointDescription:
 
 @checked
 def describe(
-    config: MechanismFile, known: dict[int, tuple[Any, Any]] | None = None
+    config: MechanismFile, known: dict[Any, Any] | None = None
 ) -> _core.MechanismDescription:
     """Plain description of a validated file for the core.
 
