@@ -144,10 +144,10 @@ def actuator_dampers() -> Any:
 
 def actuator_input() -> Any:
     """The effect of a wrong capstan with force and with motion input."""
-    from feltmb.run.study import study
-    from feltmb.run.study.plot import draw
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
+    from thesis.findings import Study
 
-    return draw(study("input"), "timing")
+    return Study("input").run().figure("timing")
 
 
 def view_two() -> str:

@@ -19,7 +19,7 @@ Strokes
 Simulation
     simulate, RunOptions, Run, load_run, view, plot, animate; step by step: Machine, MachineState
 Many simulations
-    sweep, study, packaged_studies, StudyResult, batch
+    sweep, batch
 Derivatives
     gradient, Gradient, sensitivity
 Piano actions
@@ -84,7 +84,6 @@ if TYPE_CHECKING:
         table_stroke,
         torque_stroke,
     )
-    from feltmb.run.study import StudyResult, packaged_studies, study
     from feltmb.run.sweep import sweep
 
 __all__ = [
@@ -107,7 +106,6 @@ __all__ = [
     "RunOptions",
     "Simulator",
     "Stroke",
-    "StudyResult",
     "Touch",
     "Wear",
     "__version__",
@@ -130,7 +128,6 @@ __all__ = [
     "mujoco",
     "packaged_actions",
     "packaged_strokes",
-    "packaged_studies",
     "pulse_stroke",
     "ramp_stroke",
     "read",
@@ -140,7 +137,6 @@ __all__ = [
     "repeat",
     "sequence",
     "simulate",
-    "study",
     "sweep",
     "symptom",
     "table_stroke",
@@ -167,7 +163,6 @@ _LAZY = {
     "run.simulate": "Evaluation evaluate simulate",
     "run.stroke": "Stroke load_stroke motion_stroke packaged_strokes pulse_stroke ramp_stroke "
     "read_stroke_csv sequence table_stroke torque_stroke",
-    "run.study": "StudyResult packaged_studies study",
     "run.sweep": "sweep",
     "action.symptoms": "symptom",
     "action.touch": "Touch touch",

@@ -26,7 +26,6 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
     from feltmb.fiber.material import FeltMaterial
     from feltmb.mechanism import MechanismFile
     from feltmb.run.stroke.files import StrokeFile
-    from feltmb.run.study.schema import StudyFile
 
     return [
         ("Mechanism", "[Mechanism files](../mechanism_files.md) explain the keys.", MechanismFile),
@@ -34,7 +33,6 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
         ("Felt", "[Felt](../../explanation/felt.md#a-felt).", FeltMaterial),
         ("Actuator", "[The key actuator](../../explanation/actuator.md).", ActuatorFile),
         ("Targets of a regulation", "[Regulation](../../howto/regulate_an_action.md).", Targets),
-        ("Study", "[Studies](../../howto/run_studies.md).", StudyFile),
         (
             "Record",
             "The TOML beside a measured file: [records](../../explanation/gap.md#records).",

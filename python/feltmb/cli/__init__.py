@@ -20,7 +20,6 @@ __all__ = ["main"]
 COMMANDS = {
     "stroke": ("stroke", "Simulate strokes, and save, plot or summarize them."),
     "demo": ("demo", "Demonstration: piano, forte, staccato; table, plots, animation."),
-    "study": ("study", "Studies: comparisons of variants, as figures and tables."),
     "regulate": ("regulate", "Regulate a mechanism as a technician does, steps A to F."),
     "sensitivity": ("sensitivity", "Derivatives of a stroke with respect to parameters."),
     "actuator": ("actuator", "The key actuator: simulate, study, match a finger force."),
@@ -39,7 +38,7 @@ COMMANDS = {
     "wav": ("wav", "Sound of the string of a saved run (WAV)."),
     "felt": ("felt", "Felt: identification, envelopes for the contact law, audit."),
     "fiber": ("fiber", "Micromechanics of fiber masses: structure, contacts, laws, fits."),
-    "list": ("listing", "Packaged mechanisms, strokes, actuators, studies, laws, units."),
+    "list": ("listing", "Packaged mechanisms, strokes, actuators, laws, units."),
     "validate": ("validate", "Check mechanism, stroke and run files; report all faults."),
     "new": ("new", "Write a commented template of a mechanism file."),
 }

@@ -16,7 +16,7 @@ ONE_NOTE = (
 @click.command("list")
 @json_option
 def command(as_json: bool) -> None:
-    """List packaged mechanisms, strokes and studies, contact laws and accepted units."""
+    """List packaged mechanisms, strokes, contact laws and accepted units."""
     from feltmb import params
     from feltmb.contact import LAWS
     from feltmb.run.stroke import load_stroke, packaged_strokes
@@ -24,7 +24,6 @@ def command(as_json: bool) -> None:
 
     actions, actuators = params.texts("about"), params.texts("about", "actuators")
     strokes = {name: load_stroke(name) for name in packaged_strokes()}
-    studies = params.texts("title", "studies")
     if as_json:
         print_json(
             {
@@ -32,7 +31,6 @@ def command(as_json: bool) -> None:
                 "actuators": actuators,
                 "strokes": {n: s.as_dict() for n, s in strokes.items()},
                 "laws": LAWS,
-                "studies": studies,
                 "units": sorted(ACCEPTED_UNITS),
             }
         )
@@ -56,9 +54,5 @@ def command(as_json: bool) -> None:
     table = new_table("contact laws (contacts.NN.law)", "name", "about")
     for name, about in LAWS.items():
         table.add_row(name, about)
-    screen.print(table)
-    table = new_table("studies", "name", "about")
-    for name, title in studies.items():
-        table.add_row(name, title)
     screen.print(table)
     screen.print("units: " + " ".join(sorted(u for u in ACCEPTED_UNITS if u != "1")))

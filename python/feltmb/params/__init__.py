@@ -1,4 +1,4 @@
-"""Packaged data sets: mechanisms in this folder; strokes, studies, targets, felts in subfolders."""
+"""Packaged data sets: mechanisms in this folder; strokes, targets, felts in subfolders."""
 
 import tomllib
 from importlib import resources
@@ -13,11 +13,8 @@ def folder(kind: str = "") -> Path:
 
 
 def names(kind: str = "") -> list[str]:
-    """Names of the packaged TOML files of a type; in the order of ``order.txt``, else sorted."""
-    listed = folder(kind) / "order.txt"
-    order = listed.read_text("utf-8").split() if listed.is_file() else []
-    found = sorted(p.stem for p in folder(kind).glob("*.toml"))
-    return sorted(found, key=lambda n: order.index(n) if n in order else len(order))
+    """Names of the packaged TOML files of a type, sorted."""
+    return sorted(p.stem for p in folder(kind).glob("*.toml"))
 
 
 def texts(key: str, kind: str = "") -> dict[str, str]:

@@ -1,1 +1,1 @@
-"""Strokes and simulations of a mechanism: runs, sweeps, studies and sensitivities."""
+"""Strokes and simulations of a mechanism: runs, sweeps and sensitivities."""

@@ -1,7 +1,7 @@
 """Many strokes in one call, on threads of the core, in order and with limited memory.
 
 For a sweep with a table, which can be interrupted and continued, use :func:`feltmb.sweep`. This
-module is for programs of the user: fits and studies with thousands of strokes.
+module is for programs of the user with thousands of strokes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Options of a simulation, shared by ``simulate``, ``simulate_many``, sweeps and studies."""
+"""Options of a simulation, shared by ``simulate``, ``simulate_many`` and sweeps."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class RunOptions:
     """Options of a simulation.
 
     ``feltmb.simulate(action, stroke, rtol=1e-8)`` is short for ``feltmb.simulate(action, stroke,
-    options=RunOptions(rtol=1e-8))``. Batches, sweeps and studies have the same options. Their
-    ledger is off by default.
+    options=RunOptions(rtol=1e-8))``. Batches and sweeps have the same options. Their ledger is off
+    by default.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class RunOptions:
 
 
 ALL_OPTIONS = tuple(f.name for f in fields(RunOptions))
-#: Options that a sweep or a study can have in a file.
+#: Options of a sweep.
 OPTIONS = tuple(name for name in ALL_OPTIONS if name not in ("summary_only", "error"))
 #: Optional limits that must be above zero, by unit.
 _LIMITS = {"max_wall": "s", "max_step": "s"}

@@ -67,7 +67,6 @@ def called(capsys, *arguments):
         ["felt", "list"],
         ["list"],
         ["show", "steinway45"],
-        ["study", "--list"],
     ],
 )
 def test_json_is_all_of_stdout(capsys, arguments):

@@ -23,7 +23,6 @@ def completed(line, monkeypatch):
         ("feltmb stroke steinway45_f", ["steinway45_felt", "steinway45_felt_hammer"]),
         ("feltmb stroke steinway45 fo", ["forte", "forte_finger"]),
         ("feltmb stroke steinway45 --actuator al", ["aluminum"]),
-        ("feltmb study wire", ["wire", "wire_vibration"]),
         ("feltmb regulate steinway45 --targets steinway45_s", ["steinway45_shipped"]),
         ("feltmb felt show synthetic_h", ["synthetic_hammer"]),
         ("feltmb fiber pressure van", ["van_wyk"]),

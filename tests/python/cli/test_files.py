@@ -58,7 +58,6 @@ def test_a_file_is_judged_as_what_it_is_meant_to_be(tmp_path, text, message):
         (("wav", "{t}", "-o", "a.mp3"), "cannot write .mp3, expected .wav"),
         (("touch", "{t}", "--plot", "t.png"), "t.png: is the name of a file, expected that of a"),
         (("plot", "{t}", "-o", "t.png"), "expected that of a folder"),
-        (("study", "letoff", "-o", "t.html"), "expected that of a folder"),
         (("demo", "-o", "t.csv"), "expected that of a folder"),
         (("regulate", "steinway45", "-o", "t.json"), "cannot write .json, expected .toml"),
         (("sensitivity", "{t}", "piano", "-o", "t.nc"), "cannot write .nc, expected .csv"),
@@ -99,7 +98,6 @@ def test_a_mistyped_folder_is_not_made(tmp_path):
     assert isinstance(result.exception, InvalidParameter)
     for line in (
         ["stroke", "steinway45", "forte", "piano", "-o", tmp_path / "typo" / "runs"],
-        ["study", "wire", "--out", tmp_path / "typo" / "wire"],
         ["touch", "steinway45", "--plot", tmp_path / "typo" / "touch"],
         ["regulate", "steinway45", "-o", tmp_path / "typo" / "new.toml"],
         ["demo", "--out", tmp_path / "typo" / "demo"],

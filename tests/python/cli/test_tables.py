@@ -25,7 +25,6 @@ FAST = [
     "stroke steinway45 forte",
     "felt list",
     "felt show a12_03",
-    "study --list",
     "fiber models",
     "fiber models binomial",
     "fiber structure 1 3",

@@ -9,7 +9,6 @@ import pytest
 import feltmb
 from feltmb.cli import main
 from feltmb.files import check_writable, write_text
-from feltmb.run.study import load_study
 
 
 def refused(call, *parts):
@@ -46,7 +45,6 @@ def test_names_longer_than_names_of_files(name, tmp_path):
     refused(lambda: feltmb.load_stroke(name), "stroke")
     refused(lambda: feltmb.load_run(name), "there is no such file")
     refused(lambda: feltmb.load_targets(name), "targets")
-    refused(lambda: load_study(name), "study")
     with pytest.raises(feltmb.FeltmbError, match="cannot be written"):
         check_writable(tmp_path / name, force=False)
 

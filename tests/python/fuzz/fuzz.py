@@ -185,8 +185,6 @@ def corpus(kind: str) -> list[bytes]:
         ]
     if kind == "felt":
         return [p.read_bytes() for p in sorted((params.folder() / "felts").glob("*.toml"))]
-    if kind == "study":
-        return [p.read_bytes() for p in sorted((params.folder() / "studies").glob("*.toml"))]
     if kind == "actuator":
         return [p.read_bytes() for p in sorted((params.folder() / "actuators").glob("*.toml"))]
     if kind == "regulation":
@@ -283,13 +281,6 @@ def felt(case: Case) -> None:
     from feltmb.felt import load_material
 
     load_material(given_file(case, "felt", ".toml", tree=True))
-
-
-def study(case: Case) -> None:
-    """A study: read and checked, not run."""
-    from feltmb.run.study import load_study
-
-    load_study(given_file(case, "study", ".toml", tree=True))
 
 
 def actuator(case: Case) -> None:
@@ -829,7 +820,6 @@ SAFE = (  # command lines that are quick when they are right
     ["fiber", "structure", "--R", "2"],
     ["fiber", "law", "van_wyk", "-p", "k_p=0.01", "-p", "E=2.5e9", "-p", "v_f0=0.1"],
     ["fiber", "contacts", "--json"],
-    ["study", "--list"],
     ["--version"],
     ["--help"],
 )  # fmt: skip
@@ -921,7 +911,6 @@ TARGETS: dict[str, Callable[[Case], None]] = {
             curves,
             compression,
             felt,
-            study,
             regulation,
             actuator,
             run_file,

@@ -15,7 +15,6 @@ TARGETS = {  # cases of the fast set and of the slow set, together 140 000
     "curves": (40, 10_000),
     "compression": (40, 6_000),
     "felt": (30, 8_000),
-    "study": (10, 4_000),
     "regulation": (20, 6_000),
     "actuator": (20, 4_000),
     "run_file": (20, 4_000),

@@ -32,7 +32,6 @@ MODULES = [
     "action.regulate",
     "run.fmu",
     "run.sensitivity",
-    "run.study",
     "run.sweep",
     "action.touch",
 ]
@@ -311,10 +310,6 @@ def sweeps():
     return importlib.import_module("feltmb.run.sweep")
 
 
-def studies():
-    return importlib.import_module("feltmb.run.study")
-
-
 def member():
     return sweeps().Member(pendulum(), stroke(), {}, {"duration": 0.002})
 
@@ -325,32 +320,6 @@ def swept():
         pendulum(), stroke(), {"arm.mass": [0.02]}, options={"duration": 0.002}, progress=False,
         folder=Path.cwd() / "sweep", summary_only=False,
     )  # fmt: skip
-
-
-def study_tables():
-    return {
-        "schema": 1,
-        "name": "small",
-        "title": "A study",
-        "base": {"action": str(DATA / "pendulum.toml"), "strokes": ["s"]},
-        "strokes": {"s": {"base": "piano", "scale": 0.1, "duration": 0.002}},
-        "numbers": {"n": {"output": "arm.angle", "stat": "max", "unit": "rad", "label": "n"}},
-        "figures": {"f": {"title": "f", "panels": [{"output": "arm.angle"}]}},
-    }
-
-
-@cache
-def a_study():
-    return studies().Study.from_dict(study_tables())
-
-
-def case():
-    return a_study().cases()[0]
-
-
-@cache
-def study_result():
-    return feltmb.study(a_study(), jobs=1, progress=False)
 
 
 @cache
@@ -443,19 +412,6 @@ CALLS = {
         feltmb.table_stroke(np.arange(50.0), np.sin(np.arange(50.0))),
         {"noise": 0.1},
     ),
-    "feltmb.StudyResult.number": lambda: (
-        study_result(),
-        {"name": "n", "variant": "base", "stroke": "s", "point": ()},
-    ),
-    "feltmb.StudyResult.plot": lambda: (study_result(), {"name": "f"}),
-    "feltmb.StudyResult.save": lambda: (
-        study_result(),
-        {"folder": "out", "force": True, "page": False},
-    ),
-    "feltmb.StudyResult.series": lambda: (
-        study_result(),
-        {"panel": study_result().study.spec.figures["f"].panels[0], "case": case()},
-    ),
     "feltmb.Touch.plot": None,  # minutes of measuring for one path
     "feltmb.evaluate": lambda: {
         "action": pendulum(),
@@ -546,13 +502,6 @@ CALLS = {
         "max_step": None,
         "max_order": None,
         "progress": None,
-    },
-    "feltmb.study": lambda: {
-        "name_or_path": study_tables(),
-        "executor": None,
-        "jobs": 1,
-        "folder": None,
-        "progress": False,
     },
     "feltmb.sweep": lambda: {
         "action": pendulum(),
@@ -1355,48 +1304,6 @@ CALLS = {
         "jobs": 1,
         "folder": None,
     },
-    # study
-    "feltmb.run.study.Case": lambda: {"variant": "base", "stroke": "s", "point": ()},
-    "feltmb.run.study.Study": lambda: {
-        name: getattr(a_study(), name) for name in ("spec", "actions", "strokes", "axes", "origin")
-    },
-    "feltmb.run.study.Study.from_dict": lambda: (
-        studies().Study,
-        {"raw": study_tables(), "origin": "s", "folder": None},
-    ),
-    "feltmb.run.study.Study.label": lambda: (a_study(), {"variant": "base"}),
-    "feltmb.run.study.Study.member": lambda: (a_study(), {"case": case()}),
-    "feltmb.run.study.Study.number_spec": lambda: (a_study(), {"name": "n"}),
-    "feltmb.run.study.Study.read": lambda: (
-        studies().Study,
-        {"path": Path(feltmb.__file__).parent / "params/studies/letoff.toml"},
-    ),
-    "feltmb.run.study.Study.shows": lambda: (
-        a_study(),
-        {"panel": a_study().spec.figures["f"].panels[0], "case": case()},
-    ),
-    "feltmb.run.study.Study.shown": lambda: (a_study(), {"name": "n"}),
-    "feltmb.run.study.Study.strokes_of": lambda: (a_study(), {"variant": "base"}),
-    "feltmb.run.study.extract_run": lambda: {
-        "run": run(),
-        "action": pendulum(),
-        "spec": a_study().member(case()).extract.spec,
-    },
-    "feltmb.run.study.load_study": lambda: {"name_or_path": "letoff"},
-    "feltmb.run.study.run_studies": lambda: {
-        "studies": [a_study()],
-        "executor": None,
-        "jobs": 1,
-        "folder": None,
-        "progress": False,
-    },
-    "feltmb.run.study.statistic": lambda: {
-        "stat": "pulses",
-        "time": np.arange(9.0),
-        "samples": np.arange(9.0),
-        "level": 3.0,
-    },
-    "feltmb.run.study.study_targets": lambda: {"made": a_study(), "folder": "out"},
     # sensitivity
     "feltmb.run.sensitivity.Segment": lambda: {
         "begin": 0.0,

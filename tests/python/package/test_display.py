@@ -101,27 +101,6 @@ def test_points_that_are_no_grid_have_one_dimension():
     assert dict(full.sizes) == {"a": 2}
 
 
-def test_a_study_is_an_array_and_a_picture():
-    spec = {
-        "schema": 1,
-        "name": "small",
-        "title": "small",
-        "base": {"strokes": ["forte"], "options": {"duration": 0.1}},
-        "variants": {"a": {}, "b": {"values": {"shank.rigid": True}}},
-        "figures": {"tip": {"title": "tip", "panels": [{"output": "hammer_tip.x"}]}},
-    }
-    result = feltmb.study(spec, progress=False)
-    data = result.to_xarray()
-    assert list(data["variant"].values) == ["a", "b"]
-    assert data["impact_speed"].attrs == {"units": "m/s"}
-    assert data["impact_duration"].attrs == {"units": "s"}
-    assert result.plot("tip") is result.figures["tip"]
-    assert result.plot()._repr_png_().startswith(b"\x89PNG")
-    assert "<table>" in result._repr_html_()
-    with pytest.raises(feltmb.InvalidParameter, match="no figure 'top', expected one of: tip"):
-        result.plot("top")
-
-
 def test_texts_of_a_table_are_escaped():
     table = html_table("a < b", ("x",), [("<script>",), (1.23456,)])
     assert "&lt;script&gt;" in table

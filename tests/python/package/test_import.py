@@ -69,16 +69,16 @@ def test_a_list_reads_no_mechanism():
     )
     assert "feltmb.params" in modules
     assert not modules & {"scipy", "pandas", "xarray", "matplotlib", "h5netcdf", "h5py", "jinja2"}
-    assert not modules & {"feltmb.mechanism", "feltmb.fiber", "feltmb.data", "feltmb.run.study"}
+    assert not modules & {"feltmb.mechanism", "feltmb.fiber", "feltmb.data", "feltmb.run.simulate"}
 
 
 def test_functions_that_bear_the_name_of_their_module():
     """Whatever was imported first, feltmb.sweep is the function."""
     code = (
-        "import feltmb.run.sweep, feltmb.run.study\n"
+        "import feltmb.run.sweep\n"
         "from feltmb.action.touch import Touch\n"
         "import feltmb\n"
-        "for f in (feltmb.sweep, feltmb.study, feltmb.touch, feltmb.simulate, feltmb.regulate):\n"
+        "for f in (feltmb.sweep, feltmb.touch, feltmb.simulate, feltmb.regulate):\n"
         "    assert callable(f), f\n"
         "from feltmb import sweep\n"
         "assert callable(sweep)\n"

@@ -96,7 +96,7 @@ def calls(function, value):
 
 #: What starts a long computation from a valid call; test_arguments.py calls them.
 LONG = ("feltmb.gap", "feltmb.fit", "feltmb.fiber", "feltmb.felt", "feltmb.action", "feltmb.live",
-        "feltmb.run.study", "feltmb.run.sweep", "feltmb.run.fmu", "feltmb.contact")  # fmt: skip
+        "feltmb.run.sweep", "feltmb.run.fmu", "feltmb.contact")  # fmt: skip
 
 
 def escapes(name, *, each):

@@ -194,7 +194,6 @@ def test_impact_speed_is_that_of_the_contact_wherever_it_is_printed(action):
     from feltmb import plot
     from feltmb.action.touch.strikes import simulate_strike
     from feltmb.run.reading import summary_rows
-    from feltmb.run.study.schema import KNOWN
 
     run = feltmb.simulate(action, "forte", duration=0.12, rtol=1e-5)
     speed = run.summary["impact_speed"]
@@ -210,8 +209,7 @@ def test_impact_speed_is_that_of_the_contact_wherever_it_is_printed(action):
                 assert "tip" in text
                 assert "impact" not in text
     assert any("impact speed (of the contact)" in t for t in words_of(plot.overview(run)))
-    assert summary_rows(run)["impact_speed"][0] == KNOWN["impact_speed"][0]
-    assert "of the contact" in KNOWN["impact_speed"][0]
+    assert "of the contact" in summary_rows(run)["impact_speed"][0]
     strike = simulate_strike(action, "pressed", 12.0, 10.5e-3)
     stroke = feltmb.ramp_stroke(12.0, 0.020, 0.020, duration=0.45)
     same = feltmb.simulate(action, stroke, ledger=False, output_rate=5000.0)

@@ -10,7 +10,6 @@ import feltmb
 from feltmb.cli import cli
 from feltmb.run.batch import simulate_many
 from feltmb.run.stroke import load_stroke
-from feltmb.run.study.model import Study
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -50,10 +49,6 @@ def test_limits_are_refused_alike_everywhere(pendulum, name, value):
         found = feltmb.sweep(pendulum, stroke, {f"options.{name}": [value]}, progress=False)
         assert found.table["status"].tolist() == ["failed"]
         assert name in found.table["error"][0]
-    raw = {"schema": 1, "name": "a", "title": "a", "base": {
-        "action": "steinway45", "strokes": ["piano"], "options": {name: value}}}  # fmt: skip
-    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300:
-        refused(lambda: Study.from_dict(raw), name)
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "inf"])

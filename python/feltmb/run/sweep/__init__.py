@@ -1,9 +1,8 @@
 """Many simulations over parameters, strokes and options, resumable, in a fixed order.
 
-:func:`sweep` is the function for users. It and the studies use :func:`run_members`. A member is one
-simulation. Members run in one batch of the core on threads, or on any
-``concurrent.futures.Executor``. An executor only gets module-level functions and plain data, so
-that processes and clusters can be used.
+:func:`sweep` is the function for users. A member is one simulation. Members run in one batch of the
+core on threads, or on any ``concurrent.futures.Executor``. An executor only gets module-level
+functions and plain data, so that processes and clusters can be used.
 """
 
 from __future__ import annotations

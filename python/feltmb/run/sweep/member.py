@@ -1,4 +1,4 @@
-"""One simulation of a sweep or study, its key, and its outcome."""
+"""One simulation of a sweep, its key, and its outcome."""
 
 from __future__ import annotations
 
