@@ -36,7 +36,7 @@ from feltmb.cli.completing import actions
     "--graph",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Draw the linear graph of the mechanism (PNG), or write it as text (.dot).",
+    help="Write the linear graph of the mechanism as text for Graphviz (.dot).",
 )
 @force_option
 @json_option
@@ -51,7 +51,7 @@ def command(
     as_json: bool,
 ) -> None:
     """Show bodies, joints, contacts, springs and string of ACTION, with units and sources."""
-    from feltmb.files import write_text
+    from feltmb.files import check_suffix, write_text
     from feltmb.mechanism.parameters import bare_numbers
 
     mechanism = load_with_settings(action, settings)
@@ -90,13 +90,10 @@ def command(
 
         save_figure(draw(mechanism), plot, force=force)
     if graph is not None:
-        from feltmb.graphics.graph import draw_graph
         from feltmb.graphics.graph import graph as linear_graph
 
-        if graph.suffix == ".dot":
-            say_written(write_text(graph, linear_graph(mechanism).to_dot(), force=force))
-        else:
-            save_figure(draw_graph(mechanism), graph, force=force)
+        check_suffix(graph, ".dot")
+        say_written(write_text(graph, linear_graph(mechanism).to_dot(), force=force))
 
 
 #: Shown properties of a spring: word before the number, and field.

@@ -9,10 +9,9 @@ mechanics of the elements.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -22,13 +21,11 @@ from feltmb.errors import InvalidParameter
 from feltmb.mechanism.to_core import with_leads
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from feltmb.mechanism import Action
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["EDGE_KINDS", "Edge", "LinearGraph", "Node", "draw_graph", "graph"]
+__all__ = ["EDGE_KINDS", "Edge", "LinearGraph", "Node", "graph"]
 
 DATUM = "ground"
 
@@ -92,6 +89,30 @@ class Edge:
     detail: str = ""
     mass: float = 0.0
     inertia: float = 0.0
+
+
+#: Node kind -> color, and whether it is a center with a name.
+_NODE_LOOK = {
+    "datum": ("#222222", True),
+    "mass_center": ("#222222", True),
+    "joint": ("#FFFFFF", False),
+    "contact": ("#D55E00", False),
+    "strap": ("#CC79A7", False),
+    "string": ("#56B4E9", False),
+    "finger": ("#0072B2", False),
+}
+
+#: Edge kind -> color and line.
+_EDGE_LOOK = {
+    "joint": ("#222222", "solid"),
+    "body_fixed_vector": ("#999999", "solid"),
+    "string": ("#56B4E9", "solid"),
+    "body": ("#C8C8C8", "dashed"),
+    "spring": ("#009E73", "solid"),
+    "strap": ("#CC79A7", "solid"),
+    "contact": ("#D55E00", "solid"),
+    "applied_force": ("#0072B2", "solid"),
+}
 
 
 @dataclass(frozen=True)
@@ -203,8 +224,7 @@ class LinearGraph:
                 + "];"
             )
         for j, edge in enumerate(self.edges):
-            color, dash, _ = _EDGE_LOOK[edge.kind]
-            style = {"-": "solid", "--": "dashed", ":": "dotted"}[dash]
+            color, style = _EDGE_LOOK[edge.kind]
             label = "" if edge.kind == "body_fixed_vector" else edge.label
             lines.append(
                 f"  {_quoted(edge.tail)} -> {_quoted(edge.head)} [color={_quoted(color)}, "
@@ -218,9 +238,16 @@ def _quoted(text: str) -> str:
 
 
 class _Builder:
-    def __init__(self) -> None:
+    """Nodes and edges of a mechanism, part by part."""
+
+    def __init__(self, action: Action):
+        self.config = action.config
         self.nodes: dict[str, Node] = {DATUM: Node(DATUM, "datum", DATUM)}
         self.edges: list[Edge] = []
+        self.joint_ends: dict[str, tuple[str, str]] = {}  # by coordinate
+        string = self.config.string
+        modal = string is not None and string.kind == "modal"
+        self.lines = [string.surface, *string.other_surfaces] if string and modal else []
 
     def point(self, body: str, point: str, kind: str) -> str:
         """Node of a point of a body; a rigid arm connects it to the center of mass (or datum)."""
@@ -232,9 +259,78 @@ class _Builder:
             )
         return name
 
+    def bodies(self) -> None:
+        for name in self.config.bodies:
+            body = with_leads(self.config, name)
+            self.nodes[name] = Node(name, "mass_center", name)
+            mass, inertia = body.mass, body.inertia
+            if body.kind == "beam" and body.length and body.density and body.area:
+                mass = body.density * body.area * body.length
+                inertia = mass * body.length**2 / 12.0
+            beam = "beam" if body.rigid else "flexible beam"
+            self.edges.append(
+                Edge(
+                    f"body {name}",
+                    "body",
+                    DATUM,
+                    name,
+                    body.label or name.replace("_", " "),
+                    beam if body.kind == "beam" else "",
+                    mass,
+                    inertia,
+                )
+            )
 
-def _point_of_string(surface: str, struck: str) -> str:
-    return "string:strike point" if surface == struck else f"string:{surface}"
+    def joints(self) -> None:
+        for name, body in self.config.bodies.items():
+            tail = self.point(body.parent, f"joint {name}", "joint")
+            head = self.point(name, "joint", "joint")
+            what = body.coordinate or body.joint
+            self.edges.append(Edge(f"joint {name}", "joint", tail, head, what, body.joint))
+            if body.coordinate:
+                self.joint_ends[body.coordinate] = (tail, head)
+
+    def springs_and_straps(self) -> None:
+        for name, spring in self.config.springs.items():
+            if spring.enabled and spring.coordinate in self.joint_ends:
+                tail, head = self.joint_ends[spring.coordinate]
+                text = spring.label or name.replace("_", " ")
+                self.edges.append(Edge(f"spring {name}", "spring", tail, head, text, "torsion"))
+        for name, strap in self.config.straps.items():
+            if strap.enabled:
+                tail = self.point(strap.body_a, f"strap {name}", "strap")
+                head = self.point(strap.body_b, f"strap {name}", "strap")
+                text = name.replace("_", " ")
+                self.edges.append(Edge(f"strap {name}", "strap", tail, head, text))
+
+    def string(self) -> None:
+        for line in self.lines:
+            struck = self.lines[0]
+            anchor = self.point(self.config.surfaces[struck].body, struck, "string")
+            under = self._of_string(line)
+            self.nodes[under] = Node(under, "string", "string")
+            name = "string" if line == struck else f"string {line}"
+            self.edges.append(Edge(name, "string", anchor, under, "string"))
+
+    def contacts(self) -> None:
+        for key, contact in self.config.contacts.items():
+            if contact.enabled:
+                tail, head = (self._touched(surface) for surface in contact.surfaces)
+                text = contact.label or f"contact {int(key)}"
+                self.edges.append(Edge(f"contact {int(key)}", "contact", tail, head, text))
+
+    def finger(self) -> None:
+        if self.config.finger is not None:
+            head = self.point(self.config.finger.body, "finger", "finger")
+            self.edges.append(Edge("finger", "applied_force", DATUM, head, "finger force"))
+
+    def _of_string(self, surface: str) -> str:
+        return "string:strike point" if surface == self.lines[0] else f"string:{surface}"
+
+    def _touched(self, surface: str) -> str:
+        if surface in self.lines:
+            return self._of_string(surface)
+        return self.point(self.config.surfaces[surface].body, surface, "contact")
 
 
 @checked
@@ -246,330 +342,11 @@ def graph(action: Action) -> LinearGraph:
     points of the ground have arms from the datum. A modal string connects the ground to the point
     of the string below the hammer, and to the points of its other surfaces.
     """
-    config = action.config
-    b = _Builder()
-    for name in config.bodies:
-        body = with_leads(config, name)
-        b.nodes[name] = Node(name, "mass_center", name)
-        mass, inertia = body.mass, body.inertia
-        if body.kind == "beam" and body.length and body.density and body.area:
-            mass = body.density * body.area * body.length
-            inertia = mass * body.length**2 / 12.0
-        b.edges.append(
-            Edge(
-                f"body {name}",
-                "body",
-                DATUM,
-                name,
-                body.label or name.replace("_", " "),
-                ("beam" if body.rigid else "flexible beam") if body.kind == "beam" else "",
-                mass,
-                inertia,
-            )
-        )
-    joints: dict[str, tuple[str, str]] = {}
-    for name, body in config.bodies.items():
-        tail = b.point(body.parent, f"joint {name}", "joint")
-        head = b.point(name, "joint", "joint")
-        what = body.coordinate or body.joint
-        b.edges.append(Edge(f"joint {name}", "joint", tail, head, what, body.joint))
-        if body.coordinate:
-            joints[body.coordinate] = (tail, head)
-    for name, spring in config.springs.items():
-        if spring.enabled and spring.coordinate in joints:
-            tail, head = joints[spring.coordinate]
-            text = spring.label or name.replace("_", " ")
-            b.edges.append(Edge(f"spring {name}", "spring", tail, head, text, "torsion"))
-    for name, strap in config.straps.items():
-        if strap.enabled:
-            tail = b.point(strap.body_a, f"strap {name}", "strap")
-            head = b.point(strap.body_b, f"strap {name}", "strap")
-            b.edges.append(Edge(f"strap {name}", "strap", tail, head, name.replace("_", " ")))
-    string = config.string if config.string is not None and config.string.kind == "modal" else None
-    lines = [] if string is None else [string.surface, *string.other_surfaces]
-    if string is not None:
-        anchor = b.point(config.surfaces[string.surface].body, string.surface, "string")
-        for line in lines:
-            under = _point_of_string(line, string.surface)
-            b.nodes[under] = Node(under, "string", "string")
-            name = "string" if line == string.surface else f"string {line}"
-            b.edges.append(Edge(name, "string", anchor, under, "string"))
-    for key, contact in config.contacts.items():
-        if not contact.enabled:
-            continue
-        ends = []
-        for surface in contact.surfaces:
-            if string is not None and surface in lines:
-                ends.append(_point_of_string(surface, lines[0]))
-            else:
-                ends.append(b.point(config.surfaces[surface].body, surface, "contact"))
-        text = contact.label or f"contact {int(key)}"
-        b.edges.append(Edge(f"contact {int(key)}", "contact", ends[0], ends[1], text))
-    if config.finger is not None:
-        head = b.point(config.finger.body, "finger", "finger")
-        b.edges.append(Edge("finger", "applied_force", DATUM, head, "finger force"))
+    b = _Builder(action)
+    b.bodies()
+    b.joints()
+    b.springs_and_straps()
+    b.string()
+    b.contacts()
+    b.finger()
     return LinearGraph(action.name, tuple(b.nodes.values()), tuple(b.edges))
-
-
-# --- drawing -------------------------------------------------------------------------------------
-
-#: Node kind -> color, and whether it is a center with a name.
-_NODE_LOOK = {
-    "datum": ("#222222", True),
-    "mass_center": ("#222222", True),
-    "joint": ("#FFFFFF", False),
-    "contact": ("#D55E00", False),
-    "strap": ("#CC79A7", False),
-    "string": ("#56B4E9", False),
-    "finger": ("#0072B2", False),
-}
-
-#: Edge kind -> color, dash, name for people.
-_EDGE_LOOK: dict[str, tuple[str, Literal["-", "--", ":"], str]] = {
-    "joint": ("#222222", "-", "joint"),
-    "body_fixed_vector": ("#999999", "-", "rigid arm"),
-    "string": ("#56B4E9", "-", "string"),
-    "body": ("#C8C8C8", "--", "body (inertia, weight)"),
-    "spring": ("#009E73", "-", "torsion spring"),
-    "strap": ("#CC79A7", "-", "strap"),
-    "contact": ("#D55E00", "-", "contact"),
-    "applied_force": ("#0072B2", "-", "applied force"),
-}
-
-
-def _links(g: LinearGraph) -> dict[tuple[str, str], int]:
-    """Number of elements that connect two bodies."""
-    body = {node.name: node.body for node in g.nodes}
-    count: dict[tuple[str, str], int] = {}
-    for edge in g.edges:
-        a, b = sorted((body[edge.tail], body[edge.head]))
-        if a != b and edge.kind != "body":
-            count[a, b] = count.get((a, b), 0) + 1
-    return count
-
-
-def _crossings(order: list[str], links: dict[tuple[str, str], int]) -> float:
-    """Cost of an order of bodies on a circle: crossing and long connections."""
-    place = {name: i for i, name in enumerate(order)}
-    n = len(order)
-    pairs = [
-        (*sorted((place[a], place[b])), w)
-        for (a, b), w in links.items()
-        if a in place and b in place
-    ]
-    cost = 0.0
-    for i, (a, b, w) in enumerate(pairs):
-        cost += 0.3 * w * min(b - a, n - b + a)
-        for c, d, v in pairs[i + 1 :]:
-            if a < c < b < d or c < a < d < b:
-                cost += w * v
-    return cost
-
-
-def _circle_order(g: LinearGraph) -> list[str]:
-    """Order of the bodies around the datum with few crossings; by pairwise exchange."""
-    links = _links(g)
-    order = list(dict.fromkeys(n.body for n in g.nodes if n.body != DATUM))
-    best = _crossings(order, links)
-    better = True
-    while better:
-        better = False
-        for i in range(len(order)):
-            for j in range(len(order)):
-                if i == j:
-                    continue
-                trial = order.copy()
-                trial.insert(j, trial.pop(i))
-                cost = _crossings(trial, links)
-                if cost < best - 1e-9:
-                    order, best, better = trial, cost, True
-    return order
-
-
-def _layout(g: LinearGraph) -> dict[str, tuple[float, float]]:
-    """Bodies on a circle around the datum; their points are on the sides of their connections."""
-    order = _circle_order(g)
-    body = {node.name: node.body for node in g.nodes}
-    n = max(len(order), 1)
-    big = max(5.2, 0.62 * n)
-    center: dict[str, tuple[float, float]] = {DATUM: (0.0, 0.0)}
-    for i, name in enumerate(order):
-        angle = 0.5 * math.pi - 2.0 * math.pi * i / n
-        center[name] = (1.25 * big * math.cos(angle), big * math.sin(angle))
-    place: dict[str, tuple[float, float]] = {}
-    partner: dict[str, list[str]] = {node.name: [] for node in g.nodes}
-    rank = {name: i for i, name in enumerate([DATUM, *order])}
-    turn: dict[str, float] = {}
-    for j, edge in enumerate(g.edges):
-        if edge.kind not in ("body", "body_fixed_vector"):
-            partner[edge.tail].append(edge.head)
-            partner[edge.head].append(edge.tail)
-            # Elements between the same two bodies have opposite orders at the two bodies.
-            sign = 1.0 if rank[body[edge.tail]] < rank[body[edge.head]] else -1.0
-            turn.setdefault(edge.tail, 1e-4 * sign * j)
-            turn.setdefault(edge.head, -1e-4 * sign * j)
-    for name, (cx, cy) in center.items():
-        own = [x for x in g.nodes if x.body == name and x.name != name]
-        if name == "string":
-            for node in own:
-                place[node.name] = (cx, cy)
-            continue
-        place[name] = (cx, cy)
-        wanted = []
-        for node in own:
-            others = [center[body[p]] for p in partner[node.name] if p != DATUM]
-            x = sum(o[0] - cx for o in others)
-            y = sum(o[1] - cy for o in others)
-            if not others or (x == 0 and y == 0):
-                x, y = cx or 1.0, cy
-            wanted.append((math.atan2(y, x) + turn.get(node.name, 0.0), node.name))
-        radius = 2.4 if name == DATUM else 1.15
-        for angle, point in _spread_angles(wanted):
-            place[point] = (cx + radius * math.cos(angle), cy + radius * math.sin(angle))
-    return place
-
-
-def _spread_angles(wanted: list[tuple[float, str]]) -> list[tuple[float, str]]:
-    """Angles close to the wanted ones, with a minimum distance on the circle."""
-    if len(wanted) < 2:
-        return wanted
-    order = sorted(wanted)
-    gap = min(0.62, 0.94 * 2.0 * math.pi / len(order))
-    angles = [a for a, _ in order]
-    for _ in range(400):
-        moved = False
-        for i in range(len(angles)):
-            j = (i + 1) % len(angles)
-            lap = 2.0 * math.pi if j == 0 else 0.0
-            lack = gap - (angles[j] + lap - angles[i])
-            if lack > 1e-6:
-                angles[i] -= 0.5 * lack
-                angles[j] += 0.5 * lack
-                moved = True
-        if not moved:
-            break
-    return [(a, name) for a, (_, name) in zip(angles, order, strict=True)]
-
-
-@checked
-def draw_graph(action: Action) -> Figure:
-    """Plot the linear graph: datum in the center, bodies around it; tree edges are thick.
-
-    Contacts are labeled with their numbers, bodies with their names.
-    """
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import FancyArrowPatch
-
-    from feltmb.style import NORMAL, SMALL, head_line, new_figure, plain_text
-
-    g = graph(action)
-    place = _layout(g)
-    inside = set(g.tree)
-    figure = new_figure(12.0, 9.2)
-    head_line(figure, plain_text(f"Linear graph of {g.name}"))
-    ax = figure.subplots()
-    ax.set_axis_off()
-    ax.set_aspect("equal")
-    body = {node.name: node.body for node in g.nodes}
-    numbered: dict[tuple[str, ...], int] = {}
-    parallel: dict[tuple[str, ...], int] = {}
-    for j, edge in enumerate(g.edges):
-        a, b = place[edge.tail], place[edge.head]
-        color, dash, _ = _EDGE_LOOK[edge.kind]
-        key = tuple(sorted((edge.tail, edge.head)))
-        turn = parallel.get(key, 0)
-        parallel[key] = turn + 1
-        # Edges of bodies are beside the straight arms and joints, springs are beside their joints.
-        bend = {"body": 0.12, "spring": 0.35, "applied_force": -0.12}.get(edge.kind, 0.0)
-        thick = j in inside
-        ax.add_patch(
-            FancyArrowPatch(
-                a,
-                b,
-                connectionstyle=f"arc3,rad={bend + 0.2 * max(0, turn - 1)}",
-                arrowstyle="-|>,head_length=2.6,head_width=1.3",
-                shrinkA=4,
-                shrinkB=4,
-                color=color,
-                linestyle=dash,
-                linewidth=2.0 if thick else 1.0,
-                zorder=1.0 if edge.kind == "body" else 2.0 + thick,
-            )
-        )
-        if edge.kind == "contact":
-            pair = tuple(sorted((body[edge.tail], body[edge.head])))
-            share = (0.5, 0.42, 0.58)[numbered.setdefault(pair, 0) % 3]
-            numbered[pair] += 1
-            ax.text(
-                *_along(a, b, share),
-                edge.name.removeprefix("contact "),
-                fontsize=SMALL,
-                color=color,
-                ha="center",
-                va="center",
-                zorder=6,
-                bbox={
-                    "boxstyle": "circle,pad=0.15",
-                    "facecolor": "white",
-                    "edgecolor": color,
-                    "linewidth": 0.7,
-                },
-            )
-    for node in g.nodes:
-        color, big = _NODE_LOOK[node.kind]
-        ax.plot(
-            *place[node.name],
-            "s" if node.kind == "datum" else "o",
-            markersize=11 if node.kind == "datum" else 8 if big else 4.5,
-            color=color,
-            markeredgecolor="#222222",
-            markeredgewidth=0.7,
-            zorder=5,
-        )
-        if big:
-            label = "ground" if node.kind == "datum" else action.config.bodies[node.body].label
-            x, y = place[node.name]
-            # Outside the circle of bodies, where no other body is.
-            away = math.hypot(x, y) or 1.0
-            blocked = any(
-                (px - x) * x + (py - y) * y > 0.7 * away
-                for px, py in (place[n.name] for n in g.nodes if n.body == node.body)
-            )
-            out = 0.0 if node.kind == "datum" else 1.7 if blocked else 0.75
-            ax.text(
-                x + out * x / away,
-                y + out * y / away - (0.0 if out else 0.75),
-                plain_text(label or node.body.replace("_", " ")),
-                fontsize=NORMAL,
-                ha="center" if abs(x) < 0.4 * away else "left" if x > 0 else "right",
-                va="center",
-                zorder=4.5,
-                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
-            )
-        elif node.kind == "string" and node.body == "string":
-            x, y = place[node.name]
-            ax.text(1.06 * x, 1.06 * y, "string", fontsize=NORMAL, ha="center", va="center")
-    kinds = [k for k in EDGE_KINDS if g.of_kind(k)]
-    handles = []
-    for kind in kinds:
-        color, dash, text = _EDGE_LOOK[kind]
-        handles.append(Line2D([], [], color=color, linestyle=dash, label=text))
-    handles.append(Line2D([], [], color="#555555", linewidth=2.2, label="in the tree"))
-    handles.append(Line2D([], [], color="#555555", linewidth=1.0, label="in the cotree"))
-    ax.margins(0.13, 0.08)
-    ax.autoscale_view()
-    ax.legend(
-        handles=handles,
-        loc="upper left",
-        bbox_to_anchor=(1.0, 1.0),
-        frameon=False,
-        fontsize=NORMAL - 0.5,
-        title=f"{len(g.nodes)} nodes, {len(g.edges)} edges,\n{len(g.tree)} in the tree",
-        title_fontsize=NORMAL - 0.5,
-        alignment="left",
-    )
-    return figure
-
-
-def _along(a: tuple[float, float], b: tuple[float, float], share: float) -> tuple[float, float]:
-    return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
