@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feltmb.fiber.plot import new_figure, style_axes
+from feltmb.style import new_figure, style_axes
 
 if TYPE_CHECKING:
     from feltmb.felt.auditing import Audit
@@ -29,8 +28,6 @@ __all__ = [
 LOADING, UNLOADING, ELASTIC, FRICTION = "#1b6ca8", "#d1495b", "#2e8b57", "#edae49"
 GRAYS = ("#bbbbbb", "#888888", "#555555", "#222222")
 
-_style = partial(style_axes, title_size=10.5)
-
 
 def _scale(largest: float) -> tuple[float, str]:
     """Factor and unit for a pressure axis."""
@@ -46,12 +43,12 @@ def plot_loop(loop: CarnabyPan) -> Any:
     left.plot(loop.v_f, loop.P_unloading * factor, color=UNLOADING, label="unloading")
     left.plot(loop.v_f, loop.sigma_el * factor, "--", color=ELASTIC, label="sticking contacts")
     left.legend(frameon=False)
-    _style(left, "volume fraction [-]", f"pressure [{unit}]", f"Loop, {loop.form} form")
+    style_axes(left, "volume fraction [-]", f"pressure [{unit}]", f"Loop, {loop.form} form")
     middle.plot(loop.v_f, np.degrees(loop.theta_cr), color=LOADING, label="critical angle [deg]")
     middle.plot(loop.v_f, 100 * loop.r_sc, color=FRICTION, label="contacts that slide [%]")
     middle.legend(frameon=False)
     middle.set_ylim(bottom=0)
-    _style(middle, "volume fraction [-]", "angle [deg], part [%]", "Sliding")
+    style_axes(middle, "volume fraction [-]", "angle [deg], part [%]", "Sliding")
     right.plot(loop.v_f, loop.C * 1e6, color=ELASTIC, label="mean contact")
     right.plot(loop.v_f, loop.C_s_loading * 1e6, color=LOADING, label="sliding, loading")
     right.plot(loop.v_f, loop.C_s_unloading * 1e6, color=UNLOADING, label="sliding, unloading")
@@ -60,7 +57,7 @@ def plot_loop(loop: CarnabyPan) -> Any:
     if np.isfinite(low):
         right.set_ylim(bottom=0.3 * low)
     right.legend(frameon=False)
-    _style(right, "volume fraction [-]", "force a contact [uN]", "Contact forces")
+    style_axes(right, "volume fraction [-]", "force a contact [uN]", "Contact forces")
     return figure
 
 
@@ -87,10 +84,10 @@ def plot_identification(result: Identification) -> Any:
     rest.axhline(0.0, color="#888888", lw=0.8)
     rest.legend(frameon=False)
     title = "SYNTHETIC fibers, " if "synthetic" in m.about.lower() else ""
-    _style(loop, "volume fraction [-]", f"pressure [{unit}]", f"{title}{result.name}: loop")
-    _style(parts, "volume fraction [-]", f"stress [{unit}]", "Parts: dots from the data")
-    _style(angle, "volume fraction [-]", "critical angle [deg]", "Critical angle of sliding")
-    _style(rest, "volume fraction [-]", f"residual [{unit}]", "Measured minus identified")
+    style_axes(loop, "volume fraction [-]", f"pressure [{unit}]", f"{title}{result.name}: loop")
+    style_axes(parts, "volume fraction [-]", f"stress [{unit}]", "Parts: dots from the data")
+    style_axes(angle, "volume fraction [-]", "critical angle [deg]", "Critical angle of sliding")
+    style_axes(rest, "volume fraction [-]", f"residual [{unit}]", "Measured minus identified")
     return figure
 
 
@@ -106,7 +103,7 @@ def plot_material(material: FeltMaterial) -> Any:
         axes.plot(v, curve.elastic * factor, "--", lw=1, color=color, label=f"{name}, elastic part")
     axes.legend(frameon=False)
     title = material.name + (" (SYNTHETIC)" if material.synthetic else "")
-    _style(axes, "volume fraction [-]", f"pressure [{unit}]", title)
+    style_axes(axes, "volume fraction [-]", f"pressure [{unit}]", title)
     return figure
 
 
@@ -127,7 +124,7 @@ def plot_envelope(made: FeltEnvelope) -> Any:
         )
     axes.legend(frameon=False)
     title = made.name + (" (SYNTHETIC felt)" if "synthetic" in made.about.lower() else "")
-    _style(axes, "compression [mm]", "force [N]", title)
+    style_axes(axes, "compression [mm]", "force [N]", title)
     return figure
 
 
@@ -156,7 +153,7 @@ def plot_measured_loop(found: MeasuredLoop) -> Any:
         )  # fmt: skip
     axes.axhline(0.0, color="#888888", lw=0.8)
     axes.legend(frameon=False)
-    _style(axes, "compression [mm]", "force [N]", found.envelope.name)
+    style_axes(axes, "compression [mm]", "force [N]", found.envelope.name)
     return figure
 
 
@@ -173,7 +170,7 @@ def plot_audit(audit: Audit) -> Any:
             axes.axvspan(low, high, color="#e6f2e6", zorder=0, label="valid window")
     curves.axhline(0.0, color="#888888", lw=0.8)
     curves.legend(frameon=False)
-    _style(curves, "compression [mm]", "force [N]", f"{audit.name} ({audit.law})")
+    style_axes(curves, "compression [mm]", "force [N]", f"{audit.name} ({audit.law})")
 
     faulty = [f.high for f in audit.findings if f.kind in ("crossing", "adhesion", "softening")]
     reach = min(2.5 * max(faulty), e[-1] * 1e-3) if faulty else 0.25 * e[-1] * 1e-3
@@ -192,7 +189,7 @@ def plot_audit(audit: Audit) -> Any:
     margin = 0.05 * float(np.ptp(shown))
     band.set_ylim(float(shown.min()) - margin, float(shown.max()) + margin)
     band.legend(frameon=False)
-    _style(band, "compression [mm]", "force [mN]", "The same near zero")
+    style_axes(band, "compression [mm]", "force [mN]", "The same near zero")
 
     amplitudes = sorted({c.amplitude for c in audit.cycles})
     for i, amplitude in enumerate(amplitudes):
@@ -206,11 +203,11 @@ def plot_audit(audit: Audit) -> Any:
         )
     loss.axhline(0.0, color="#888888", lw=0.8)
     loss.legend(frameon=False)
-    _style(loss, "frequency [Hz]", "loss of the second cycle [%]", "Loss of sinusoidal cycles")
+    style_axes(loss, "frequency [Hz]", "loss of the second cycle [%]", "Loss of sinusoidal cycles")
 
     stiffness.plot(e, audit.loading_stiffness * 1e-3, color=LOADING, label="loading")
     stiffness.plot(e, audit.unloading_stiffness * 1e-3, color=UNLOADING, label="unloading")
     stiffness.axhline(0.0, color="#888888", lw=0.8)
     stiffness.legend(frameon=False)
-    _style(stiffness, "compression [mm]", "dF/de [N/mm]", "Tangent stiffness")
+    style_axes(stiffness, "compression [mm]", "dF/de [N/mm]", "Tangent stiffness")
     return figure

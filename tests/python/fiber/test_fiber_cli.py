@@ -209,21 +209,3 @@ def test_simulate_and_resume(tmp_path):
     assert "no such file" in run("simulate", tmp_path / "none.npz", "--resume", code=2)
     assert "n_fibers" in run("simulate", tmp_path / "x.npz", "--fibers", 1, code=2)
     assert not (tmp_path / "x.npz").exists()
-
-
-def test_gallery(tmp_path):
-    text = run("gallery", tmp_path / "pictures", "--fibers", 300)
-    names = {p.stem for p in (tmp_path / "pictures").iterdir()}
-    assert names == {
-        "pressures",
-        "sphere",
-        "structure",
-        "planar",
-        "van_wyk",
-        "toll",
-        "contacts",
-        "arcs",
-        "history",
-    }
-    assert text.count("wrote") == len(names)
-    assert "exists already" in run("gallery", tmp_path / "pictures", "--fibers", 300, code=2)

@@ -24,7 +24,7 @@ from feltmb.fiber import (
     structure,
     tangent_modulus,
 )
-from feltmb.fiber.plot import FELT_EXAMPLES
+from thesis.fiber_figures import FELT_EXAMPLES, figures
 
 E = 2.5e9
 V = np.array([0.12, 0.2, 0.35, 0.5])
@@ -568,3 +568,9 @@ def test_bad_history(call, words):
         call()
     for word in words:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize("name", list(figures(300)))
+def test_figures_of_the_thesis(name):
+    figure = figures(300)[name]()
+    assert all(ax.lines or ax.collections or ax.patches for ax in figure.axes)

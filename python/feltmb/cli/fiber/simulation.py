@@ -1,4 +1,4 @@
-"""``feltmb fiber simulate, gallery``: fiber masses simulated bead by bead."""
+"""``feltmb fiber simulate``: fiber masses simulated bead by bead."""
 
 from __future__ import annotations
 
@@ -253,29 +253,3 @@ def simulate_command(
         complain(f"warning: {warning}")
     if run.status == "failed":
         raise ModelError("simulate: failed, for the reasons above; the samples so far are saved")
-
-
-@fiber.command(name="gallery")
-@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
-@click.option(
-    "--fibers",
-    type=click.IntRange(2, 100_000),
-    default=6000,
-    show_default=True,
-    help="Fibers of the sampled network (the thesis uses 6000).",
-)
-@seed_option
-@force_option
-@guard
-def gallery_command(folder: Path, fibers: int, seed: int, force: bool) -> None:
-    """Draw all pictures of the fiber models into FOLDER."""
-    from feltmb.fiber.plot import gallery
-    from feltmb.files import make_folder
-
-    make_folder(folder)
-    figures = gallery(fibers, seed)
-    paths = [folder / f"{name}.png" for name in figures]
-    for path in paths:
-        refuse_existing(path, force)
-    for path, figure in zip(paths, figures.values(), strict=True):
-        save_figure(figure, path, force=True)
