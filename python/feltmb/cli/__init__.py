@@ -8,7 +8,6 @@ import sys
 import traceback
 import warnings
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -16,31 +15,43 @@ from feltmb.blas import one_thread_from_the_start
 
 __all__ = ["main"]
 
-#: command -> (module below feltmb.cli, one line of help)
+#: command -> (module below feltmb.cli, and object in it, one line of help)
 COMMANDS = {
     "stroke": ("stroke", "Simulate strokes, and save, plot or summarize them."),
-    "demo": ("demo", "Demonstration: piano, forte, staccato; table, plots, animation."),
-    "regulate": ("regulate", "Regulate a mechanism as a technician does, steps A to F."),
+    "demo": ("stroke:demo", "Demonstration: piano, forte, staccato; table, plots, animation."),
+    "regulate": ("technician:regulate", "Regulate a mechanism as a technician does, steps A to F."),
     "sensitivity": ("sensitivity", "Derivatives of a stroke with respect to parameters."),
     "actuator": ("actuator", "The key actuator: simulate, study, match a finger force."),
-    "touch": ("touch", "Static and dynamic touch: weights, let-off, timing."),
-    "repeat": ("repeat", "Repetition: highest rate at which every press strikes, and why."),
-    "wear": ("wear", "Wear: each felt, friction and spring changed, against the regulation."),
-    "symptom": ("symptom", "Symptoms, such as blocks: tests, causes and screws."),
+    "touch": ("technician:touch", "Static and dynamic touch: weights, let-off, timing."),
+    "repeat": (
+        "technician:repeat",
+        "Repetition: highest rate at which every press strikes, and why.",
+    ),
+    "wear": (
+        "technician:wear",
+        "Wear: each felt, friction and spring changed, against the regulation.",
+    ),
+    "symptom": ("technician:symptom", "Symptoms, such as blocks: tests, causes and screws."),
     "gap": ("gap", "The gap to measurements: where, which cause, how far it shrinks."),
-    "fit": ("fit", "Fit a model to measured records: parameters with intervals."),
-    "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),
-    "fmu": ("fmu", "Export a mechanism as a co-simulation unit (FMI 3.0 or 2.0)."),
-    "plot": ("plot", "Plots of saved runs."),
-    "view": ("view", "Saved runs in a browser: motion, forces, curves, string."),
-    "live": ("live", "Change a mechanism in a browser and see its motion."),
-    "animate": ("animate", "Animation of a saved run (GIF)."),
-    "wav": ("wav", "Sound of the string of a saved run (WAV)."),
+    "fit": ("gap:fit", "Fit a model to measured records: parameters with intervals."),
+    "show": (
+        "inputs:showing",
+        "Bodies, contacts, springs of a mechanism, with units and sources.",
+    ),
+    "fmu": ("inputs:fmu", "Export a mechanism as a co-simulation unit (FMI 3.0 or 2.0)."),
+    "plot": ("runs:plot", "Plots of saved runs."),
+    "view": ("runs:view", "Saved runs in a browser: motion, forces, curves, string."),
+    "live": ("inputs:live", "Change a mechanism in a browser and see its motion."),
+    "animate": ("runs:animate", "Animation of a saved run (GIF)."),
+    "wav": ("runs:wav", "Sound of the string of a saved run (WAV)."),
     "felt": ("felt", "Felt: identification, envelopes for the contact law, audit."),
     "fiber": ("fiber", "Micromechanics of fiber masses: structure, contacts, laws, fits."),
-    "list": ("listing", "Packaged mechanisms, strokes, actuators, laws, units."),
-    "validate": ("validate", "Check mechanism, stroke and run files; report all faults."),
-    "new": ("new", "Write a commented template of a mechanism file."),
+    "list": (
+        "inputs:listing",
+        "Packaged mechanisms, strokes, actuators, laws, units.",
+    ),
+    "validate": ("inputs:validate", "Check mechanism, stroke and run files; report all faults."),
+    "new": ("inputs:new", "Write a commented template of a mechanism file."),
 }
 
 
@@ -55,9 +66,10 @@ class _Lazy(click.Group):
         del ctx
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f"feltmb.cli.{COMMANDS[cmd_name][0]}")
-        command: click.Command = module.command
-        return command
+        module, _, name = COMMANDS[cmd_name][0].partition(":")
+        found = getattr(importlib.import_module(f"feltmb.cli.{module}"), name or "command")
+        assert isinstance(found, click.Command)
+        return found
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         del ctx
@@ -107,14 +119,12 @@ def main(
 ) -> None:
     """Run the command line, or another command; no traceback is shown for invalid input."""
     one_thread_from_the_start()
-    from feltmb.cli.common import complain, say
-    from feltmb.errors import FeltmbError, FileExists, ModelError
+    from feltmb.cli.screen import complain
 
     for word in arguments or ():  # impossible in a shell, but possible in a call from Python
         if "\0" in word:
             complain(f"argument {word[:60]!r}: holds a null character, expected none")
             sys.exit(2)
-    code: Any = 0
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: complain(f"warning: {message}")
@@ -122,40 +132,52 @@ def main(
     except SystemExit as end:
         if "_FELTMB_COMPLETE" in os.environ:  # click ends in this way after a completion
             raise
-        frames = traceback.extract_tb(end.__traceback__)
-        by_click = frames and frames[-1].filename.startswith(str(Path(click.__file__).parent))
-        # The reader of the output ended: rich and click end in these ways.
-        if by_click or isinstance(end.__context__, BrokenPipeError):
-            sys.exit(0)
-        # No command ends in this way: a Python model or effect of the user did.
-        where = f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else "a model"
-        complain(
-            f"{where}: ends the program (exit code {end.code!r}); a model must return or raise an "
-            "exception"
-        )
-        code = 1
-    except click.exceptions.Abort:
-        complain("interrupted")
-        code = 130
-    except click.ClickException as error:
+        code = _ended(end)
+    except (Exception, KeyboardInterrupt) as error:
+        code = _told(error)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _ended(end: SystemExit) -> int:
+    """Exit code after an end of the program in the middle of a command."""
+    from feltmb.cli.screen import complain
+
+    frames = traceback.extract_tb(end.__traceback__)
+    by_click = frames and frames[-1].filename.startswith(str(Path(click.__file__).parent))
+    # The reader of the output ended: rich and click end in these ways.
+    if by_click or isinstance(end.__context__, BrokenPipeError):
+        return 0
+    # No command ends in this way: a Python model or effect of the user did.
+    where = f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else "a model"
+    complain(
+        f"{where}: ends the program (exit code {end.code!r}); a model must return or raise an "
+        "exception"
+    )
+    return 1
+
+
+def _told(error: BaseException) -> int:
+    """Print one message for an error, and return the exit code; others are raised."""
+    from feltmb.cli.screen import complain, say
+    from feltmb.errors import FeltmbError, FileExists, ModelError
+
+    text, code = str(error), 1
+    if isinstance(error, BrokenPipeError):
+        return 0
+    if isinstance(error, (click.exceptions.Abort, KeyboardInterrupt)):
+        text, code = f"interrupted{f': {text}' if text else ''}", 130
+    elif isinstance(error, click.ClickException):
         if isinstance(error, click.UsageError) and error.ctx is not None:
             say(error.ctx.get_usage(), err=True)
             say(f"Try '{error.ctx.command_path} --help' for help.\n", err=True)
-        complain(error.format_message())
-        code = error.exit_code
-    except KeyboardInterrupt as error:
-        complain(f"interrupted{f': {error}' if str(error) else ''}")
-        code = 130
-    except FeltmbError as error:
-        complain(str(error))
-        bad_input = isinstance(error, (ValueError, FileExists, ModelError))
-        code = 2 if bad_input else 1
-    except BrokenPipeError:
-        code = 0
-    except MemoryError as error:
-        complain(f"not enough memory: {error}" if str(error) else "not enough memory")
-        code = 1
-    except OSError as error:
-        complain(f"{error.filename or 'a file'}: {error.strerror or error}")
-        code = 1
-    sys.exit(code if isinstance(code, int) else 0)
+        text, code = error.format_message(), error.exit_code
+    elif isinstance(error, FeltmbError):
+        code = 2 if isinstance(error, (ValueError, FileExists, ModelError)) else 1
+    elif isinstance(error, MemoryError):
+        text = f"not enough memory: {error}" if text else "not enough memory"
+    elif isinstance(error, OSError):
+        text = f"{error.filename or 'a file'}: {error.strerror or error}"
+    else:
+        raise error
+    complain(text)
+    return code

@@ -3,35 +3,44 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
 
-from feltmb.cli.common import (
+from feltmb.cli.completing import actions, actuators
+from feltmb.cli.options import (
+    FORCE,
     FRACTION,
+    CommandGroup,
     FileName,
     FolderName,
-    check_targets,
-    complain,
-    console,
-    force_option,
-    json_option,
-    list_option,
-    new_table,
-    parse_damper,
+    argument,
+    count,
+    declare,
+    option,
     positive,
+)
+from feltmb.cli.screen import (
+    check_targets,
     pretty,
     print_json,
     save_figure,
+    save_text,
     say_written,
+    show,
+    warn,
     with_settings,
 )
-from feltmb.cli.completing import actions, actuators
+from feltmb.cli.stroke import parse_damper
+from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from feltmb.action.actuator import Actuator, ActuatorRun
+    from feltmb.action.actuator.matching import Match
 
 __all__ = ["command"]
 
@@ -45,90 +54,48 @@ ROWS = {
     "mean_finger_force": ("mean finger force, last quarter", "N"),
     "ringing": ("rms of its oscillation", "N"),
 }
+ARM = option(
+    "wood, aluminum, or an actuator file.", default="wood", metavar="NAME", complete=actuators
+)
+SETTINGS = option(
+    "Change a value of the actuator by its dotted path, such as tip.mass=1.5g; a bare number is in "
+    "SI units.",
+    words="--set",
+    metavar="PATH=VALUE",
+)
 
 
-def _load(arm: str, damper: str | None, settings: tuple[str, ...]) -> Actuator:
+def _load(arm: str, damper: str | None, settings: Sequence[str]) -> Actuator:
     from feltmb.action.actuator import load_actuator
 
     actuator = with_settings(load_actuator(arm), settings)
     return actuator if damper is None else actuator.with_damper(*parse_damper(damper))
 
 
-_arm = click.option(
-    "--arm",
-    shell_complete=actuators,
-    metavar="NAME",
-    default="wood",
-    show_default=True,
-    help="wood, aluminum, or an actuator file.",
-)
-_damper = click.option(
-    "--damper",
-    metavar="KIND[=C]",
-    help="none, dashpot, one-sided; C in N m s/rad, default the thesis's.",
-)
-_set = list_option(
-    "--set",
-    "settings",
-    metavar="PATH=VALUE",
-    help="Change a value of the actuator by its dotted path, such as "
-    "tip.mass=1.5g; a bare number is in SI units.",
-)
-
-
-@click.group("actuator", invoke_without_command=True)
-@_arm
-@_damper
-@_set
-@click.option("--elements", type=click.IntRange(1, 200), help="Finite elements of the arm.")
-@click.option("--torque", metavar="FILE", help="Torque by time, CSV or TOML; default: the file's.")
-@click.option(
-    "--action-force",
-    metavar="FILE",
-    help="Measured force of the action on the tip over time, CSV or TOML; it replaces the mass.",
-)
-@click.option(
-    "--duration", type=positive("s"), default=0.2, show_default=True, help="Simulated time [s]."
-)
-@click.option(
-    "--output-rate",
-    type=positive("Hz"),
-    default=10000.0,
-    show_default=True,
-    help="Samples per second [Hz].",
-)
-@click.option(
-    "--tolerance",
-    type=FRACTION,
-    default=3e-5,
-    show_default=True,
-    help="Error of a force, relative to the largest.",
-)
-@click.option(
-    "--out",
-    "-o",
-    metavar="FILE",
-    type=FileName(".nc", ".csv"),
-    help="File to write, .nc or .csv.",
-)
-@click.option("--plot", is_flag=True, help="Also draw actuator_ARM.png beside --out (or here).")
-@force_option
-@json_option
-@click.pass_context
+@declare("actuator", cls=CommandGroup, invoke_without_command=True)
 def command(
-    context: click.Context,
-    arm: str,
-    damper: str | None,
-    settings: tuple[str, ...],
-    elements: int | None,
-    torque: str | None,
-    action_force: str | None,
-    duration: float,
-    output_rate: float,
-    tolerance: float,
-    out: Path | None,
-    plot: bool,
-    force: bool,
+    arm: str = ARM,
+    damper: str | None = option(
+        "none, dashpot, one-sided; C in N m s/rad, default the thesis's.", metavar="KIND[=C]"
+    ),
+    settings: tuple[str, ...] = SETTINGS,
+    elements: int | None = option("Finite elements of the arm.", count(1, 200)),
+    torque: str | None = option(
+        "Torque by time, CSV or TOML; default: the file's.", metavar="FILE"
+    ),
+    action_force: str | None = option(
+        "Measured force of the action on the tip over time, CSV or TOML; it replaces the mass.",
+        metavar="FILE",
+    ),
+    duration: float = option("Simulated time [s].", positive("s"), 0.2),
+    output_rate: float = option("Samples per second [Hz].", positive("Hz"), 10000.0),
+    tolerance: float = option("Error of a force, relative to the largest.", FRACTION, 3e-5),
+    out: Path | None = option(
+        "File to write, .nc or .csv.", FileName(".nc", ".csv", dir_okay=True), metavar="FILE"
+    ),
+    plot: bool = option("Also draw actuator_ARM.png beside --out (or here)."),
+    force: bool = FORCE,
+    *,
     as_json: bool,
 ) -> None:
     """Simulate the key actuator of thesis chapter 5 on its felt stop.
@@ -136,6 +103,7 @@ def command(
     Motor, hub, flexible arm by finite elements, tip mass, gravity, damper, equivalent reaction of
     the action. To let it press a real action: feltmb stroke ACTION --actuator NAME.
     """
+    context = click.get_current_context()
     if context.invoked_subcommand is not None:
         given = [
             option.opts[0]
@@ -144,8 +112,6 @@ def command(
             and context.get_parameter_source(option.name) is ParameterSource.COMMANDLINE
         ]
         if given:
-            from feltmb.errors import InvalidParameter
-
             raise InvalidParameter(
                 f"{', '.join(given)}: actuator {context.invoked_subcommand} does not read what "
                 "stands before its name; see its --help"
@@ -160,10 +126,9 @@ def command(
     actuator = _load(arm, damper, settings)
     if action_force is not None:
         actuator = actuator.with_action(load_stroke(action_force))
-    folder = out.parent if out is not None else Path()
     # The name comes from a file and must not lead to another folder.
     name = re.sub(r"[^\w.-]+", "_", actuator.name)
-    picture = folder / f"actuator_{name}.png"
+    picture = (out.parent if out is not None else Path()) / f"actuator_{name}.png"
     if out is not None and out.suffix not in (".nc", ".csv"):
         raise click.UsageError(f"--out {out}: expected the name of a .nc or .csv file")
     check_targets(out, pictures=(picture if plot else None,), force=force)
@@ -171,73 +136,58 @@ def command(
     run = simulate_actuator(
         actuator, stroke, duration, output_rate=output_rate, tolerance=tolerance
     )
+    most = min(3, 2 * actuator.config.arm.elements)
+    frequencies = [float(f) for f in actuator.frequencies(most)]
+    kind = actuator.config.damper.kind.replace("_", "-")
     if as_json:
-        print_json(
-            {
-                "summary": run.summary,
-                "energy": run.energy,
-                "stats": run.stats,
-                "frequencies": _frequencies(actuator),
-            }
-        )
+        found = {name: getattr(run, name) for name in ("summary", "energy", "stats")}
+        print_json(found | {"frequencies": frequencies})
     else:
-        _show(actuator, run)
-    for warning in run.stats["warnings"]:
-        complain(f"warning: {warning}")
+        show(
+            f"actuator {actuator.name}, damper {kind}",
+            "| >value | unit",
+            _rows(actuator, run, frequencies),
+            f"{run.stats['steps']} steps, {run.stats['forces']} forces, "
+            f"{1e3 * run.stats['wall']:.3g} ms",
+        )
+    warn(run.stats["warnings"])
     if out is not None:
         say_written(run.save(out, force=force))
-    if plot:
-        kind = actuator.config.damper.kind.replace("_", "-")
-        figure = plot_run(run, f"Key actuator, {actuator.name} arm, damper: {kind}")
-        save_figure(figure, picture, force=force)
+    title = f"Key actuator, {actuator.name} arm, damper: {kind}"
+    save_figure(picture if plot else None, lambda: plot_run(run, title), force=force)
 
 
-def _frequencies(actuator: Actuator, count: int = 3) -> list[float]:
-    most = min(count, 2 * actuator.config.arm.elements)
-    return [float(f) for f in actuator.frequencies(most)]
-
-
-def _show(actuator: Actuator, run: ActuatorRun) -> None:
-    kind = actuator.config.damper.kind.replace("_", "-")
-    table = new_table(f"actuator {actuator.name}, damper {kind}", "", "value", "unit", right=(1,))
-    for i, f in enumerate(_frequencies(actuator)):
-        table.add_row(f"natural frequency {i + 1}", f"{f:.5g}", "Hz")
+def _rows(
+    actuator: Actuator, run: ActuatorRun, frequencies: Sequence[float]
+) -> Iterator[tuple[str, str, str]]:
+    for i, f in enumerate(frequencies):
+        yield f"natural frequency {i + 1}", f"{f:.5g}", "Hz"
     reaction = actuator.config.action
     if reaction.mass or reaction.force is None:
-        table.add_row("mass of the action", f"{reaction.mass:.4g}", "kg")
+        yield "mass of the action", f"{reaction.mass:.4g}", "kg"
     if reaction.force is not None:
         role = "added to the mass" if reaction.mass else "replaces the mass"
-        table.add_row("force of the action", "record", role)
+        yield "force of the action", "record", role
     for key, (text, unit) in ROWS.items():
-        if key not in run.summary:
-            continue
-        value = run.summary[key]
-        number, shown = (f"{1e3 * value:.3f}", "ms") if unit == "s" else pretty(value, unit)
-        table.add_row(text, number, shown)
+        if key in run.summary:
+            value = run.summary[key]
+            cells = (f"{1e3 * value:.3f}", "ms") if unit == "s" else pretty(value, unit)
+            yield text, *cells
     for key in ("work_motor", "given_to_action", "dissipated_stop", "dissipated_damper"):
-        table.add_row(key.replace("_", " "), *pretty(run.energy[key], "J"))
-    table.add_row("energy balance error", f"{run.energy['residual_relative']:.1e}", "of work")
-    table.caption = (
-        f"{run.stats['steps']} steps, {run.stats['forces']} forces, "
-        f"{1e3 * run.stats['wall']:.3g} ms"
-    )
-    console().print(table)
+        yield key.replace("_", " "), *pretty(run.energy[key], "J")
+    yield "energy balance error", f"{run.energy['residual_relative']:.1e}", "of work"
 
 
-@command.command("study", short_help="Figures 5.6 to 5.11 of the thesis and its findings.")
-@click.option(
-    "--out",
-    "-o",
-    metavar="DIRECTORY",
-    type=FolderName(),
-    help="Folder for the figures and the tables.",
-)
-@force_option
-@json_option
-def study_command(out: Path | None, force: bool, as_json: bool) -> None:
+@declare("study", command, "Figures 5.6 to 5.11 of the thesis and its findings.")
+def study_command(
+    out: Path | None = option(
+        "Folder for the figures and the tables.", FolderName(), metavar="DIRECTORY"
+    ),
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
     """Figures 5.6 to 5.11 of the thesis and its findings, held against the numbers."""
-    from dataclasses import asdict
-
     from feltmb.action.actuator.studies import study_actuator
     from feltmb.files import make_folder
 
@@ -245,89 +195,39 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
         make_folder(out)
     result = study_actuator()
     if as_json:
-        print_json(
-            {
-                "runs": {name: run.summary for name, run in result.runs.items()},
-                "findings": [asdict(f) for f in result.findings],
-            }
-        )
+        runs = {name: run.summary for name, run in result.runs.items()}
+        print_json({"runs": runs, "findings": [asdict(f) for f in result.findings]})
     else:
-        table = new_table("what the thesis found", "finding", "section", "here", "agrees")
-        for f in result.findings:
-            verdict = "not tested" if f.agrees is None else "yes" if f.agrees else "NO"
-            table.add_row(f.says, f.source, f.here, verdict)
-        console().print(table)
-    if out is not None:
-        for path in result.save(out, force=force):
-            say_written(path)
+        verdicts = {None: "not tested", True: "yes", False: "NO"}
+        rows = [(f.says, f.source, f.here, verdicts[f.agrees]) for f in result.findings]
+        show("what the thesis found", "finding | section | here | agrees", rows)
+    for path in result.save(out, force=force) if out is not None else ():
+        say_written(path)
 
 
-@command.command("match")
-@click.argument("target")
-@_arm
-@click.option(
-    "--damper",
-    metavar="KIND[=C]",
-    default="one-sided",
-    show_default=True,
-    help="Damper at the start of the fit.",
-)
-@_set
-@click.option(
-    "--action",
-    shell_complete=actions,
-    metavar="NAME",
-    help="Press this action instead of the stop of the actuator.",
-)
-@click.option(
-    "--torque",
-    metavar="FILE",
-    help="Torque at the start of the fit; default: that of the actuator.",
-)
-@list_option(
-    "--fit",
-    metavar="NAME",
-    default=("stiffness", "damping", "torque"),
-    show_default=True,
-    help="Parameters that are fitted.",
-)
-@click.option(
-    "--knots",
-    type=click.IntRange(2, 100),
-    default=8,
-    show_default=True,
-    help="Knots of the torque.",
-)
-@click.option(
-    "--steps",
-    type=click.IntRange(1),
-    default=60,
-    show_default=True,
-    help="Largest number of steps.",
-)
-@click.option(
-    "--out",
-    "-o",
-    metavar="FILE",
-    type=FileName(".toml"),
-    help="Actuator file to write (TOML).",
-)
-@click.option("--plot", metavar="FILE", type=click.Path(path_type=Path), help="Picture to write.")
-@force_option
-@json_option
+@declare("match", command)
 def match_command(
-    target: str,
-    arm: str,
-    damper: str,
-    settings: tuple[str, ...],
-    action: str | None,
-    torque: str | None,
-    fit: tuple[str, ...],
-    knots: int,
-    steps: int,
-    out: Path | None,
-    plot: Path | None,
-    force: bool,
+    target: str = argument(),
+    arm: str = ARM,
+    damper: str = option(
+        "Damper at the start of the fit.", default="one-sided", metavar="KIND[=C]"
+    ),
+    settings: tuple[str, ...] = SETTINGS,
+    action: str | None = option(
+        "Press this action instead of the stop of the actuator.", metavar="NAME", complete=actions
+    ),
+    torque: str | None = option(
+        "Torque at the start of the fit; default: that of the actuator.", metavar="FILE"
+    ),
+    fit: tuple[str, ...] = option(
+        "Parameters that are fitted.", default=("stiffness", "damping", "torque"), metavar="NAME"
+    ),
+    knots: int = option("Knots of the torque.", count(2, 100), 8),
+    steps: int = option("Largest number of steps.", count(), 60),
+    out: Path | None = option("Actuator file to write (TOML).", FileName(".toml"), metavar="FILE"),
+    plot: Path | None = option("Picture to write.", metavar="FILE"),
+    force: bool = FORCE,
+    *,
     as_json: bool,
 ) -> None:
     """Fit arm, damper and torque so that the finger force follows TARGET.
@@ -336,7 +236,6 @@ def match_command(
     """
     from feltmb.action.actuator.matching import match
     from feltmb.action.actuator.plot import plot_match
-    from feltmb.files import write_text
     from feltmb.run.stroke import load_stroke
 
     check_targets(out, pictures=(plot,), force=force)
@@ -350,37 +249,32 @@ def match_command(
         max_evaluations=steps,
     )
     if as_json:
-        print_json(
-            {
-                "rms": found.rms,
-                "rms_start": found.rms_start,
-                "relative": found.relative,
-                "evaluations": found.evaluations,
-                "parameters": [vars(p) for p in found.parameters],
-            }
-        )
+        numbers = ("rms", "rms_start", "relative", "evaluations")
+        parameters = {"parameters": [vars(p) for p in found.parameters]}
+        print_json({name: getattr(found, name) for name in numbers} | parameters)
     else:
-        table = new_table(
-            "finger force on its target", "parameter", "start", "fitted", "95 % interval", "unit",
-            "force changes by", right=(1, 2, 5),
-        )  # fmt: skip
-        for p in found.parameters:
-            note = " (at its bound)" if p.at_bound else ""
-            table.add_row(
-                p.name + note,
-                f"{p.start:.4g}",
-                f"{p.value:.4g}",
-                f"{p.low:.4g} to {p.high:.4g}",
-                p.unit,
-                f"{p.effect:.3g} N",
-            )
-        table.caption = (
-            f"rms deviation {found.rms:.3g} N, {100 * found.relative:.2g} % of the target (before "
-            f"{found.rms_start:.3g} N); {found.evaluations} simulations; last column: rms, for "
-            "10 % of a parameter or 0.1 N m of torque"
+        _print_match(found)
+    save_text(out, found.actuator.to_toml, force=force)
+    save_figure(plot, lambda: plot_match(found), force=force)
+
+
+def _print_match(found: Match) -> None:
+    rows = [
+        (
+            p.name + (" (at its bound)" if p.at_bound else ""),
+            f"{p.start:.4g}",
+            f"{p.value:.4g}",
+            f"{p.low:.4g} to {p.high:.4g}",
+            p.unit,
+            f"{p.effect:.3g} N",
         )
-        console().print(table)
-    if out is not None:
-        say_written(write_text(out, found.actuator.to_toml(), force=force))
-    if plot is not None:
-        save_figure(plot_match(found), plot, force=force)
+        for p in found.parameters
+    ]
+    show(
+        "finger force on its target",
+        "parameter | >start | >fitted | 95 % interval | unit | >force changes by",
+        rows,
+        f"rms deviation {found.rms:.3g} N, {100 * found.relative:.2g} % of the target (before "
+        f"{found.rms_start:.3g} N); {found.evaluations} simulations; last column: rms, for "
+        "10 % of a parameter or 0.1 N m of torque",
+    )

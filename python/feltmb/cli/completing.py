@@ -92,7 +92,7 @@ def effects(
     model = _mechanism()
     if model is None:
         return []
-    from feltmb.cli.gap_models import load_adapter
+    from feltmb.cli.models import load_adapter
 
     try:
         names = [effect.name for effect in load_adapter(model).effects]

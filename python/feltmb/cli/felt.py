@@ -3,78 +3,106 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from feltmb.cli.common import (
+from feltmb.cli.completing import actions, felts, packaged
+from feltmb.cli.models import TEST, TestFile
+from feltmb.cli.options import (
+    DIAMETER,
+    FORCE,
     FRACTION,
+    MODULUS,
     NOT_NEGATIVE,
     POSITIVE,
+    SET,
     FileName,
+    FolderName,
+    Number,
+    Quantity,
+    argument,
     caution,
+    count,
+    declare,
+    group,
+    option,
+    positive,
+)
+from feltmb.cli.screen import (
     check_targets,
     complain,
-    console,
-    diameter_option,
-    force_option,
-    modulus_option,
-    new_table,
-    positive,
+    finite,
+    print_json,
     save_figure,
+    save_text,
     say,
-    say_written,
-    tables_as_json,
+    show,
+    warn,
 )
-from feltmb.cli.completing import actions, felts
-from feltmb.cli.felt_audit import audit_command
-from feltmb.cli.felt_contact import contact_command, known_contact, print_envelope
-from feltmb.cli.felt_fit import fit_command, identify_command
 
-__all__ = ["command", "felt"]
+if TYPE_CHECKING:
+    from feltmb.felt import (
+        Audit,
+        ContactFit,
+        FeltEnvelope,
+        Identification,
+        LoopUncertainty,
+        MeasuredLoop,
+    )
+
+__all__ = ["ZERO", "command", "felt"]
+
+#: A file that exists.
+FILE = click.Path(dir_okay=False, path_type=Path)
+MATERIAL = argument(complete=felts)
+TOML = option("TOML file to write.", FileName(".toml"))
+AREA = option(
+    "constant:100mm^2, crossed_cylinders:9mm,0.5mm, circle_on_layer:5mm,10mm (radius, width) or "
+    "sphere_on_layer:5mm.",
+    metavar="LAW:NUMBERS",
+    required=True,
+)
+ACTION = option("Mechanism to extend.", default="steinway45", metavar="NAME", complete=actions)
+PICTURE = option("Picture (.png, .pdf or .svg).", FILE, words="--plot")
+ZERO = option(
+    "Displacement at the first contact [m], such as 0.35mm, for displacement data; default: 0.",
+    Quantity("m"),
+)
+ROWS = count(5, 100_000)
 
 
-@click.group(name="felt")
+@group("felt")
 def felt() -> None:
     """Felt: loops with friction, identification, envelopes, audit of laws."""
 
 
-@felt.command(name="list")
-@tables_as_json
+command = felt
+
+
+@declare("list", felt)
 def list_command() -> None:
     """List the packaged felts. All of them are synthetic."""
     from feltmb.felt import load_material, packaged_materials
 
-    table = new_table("Felts (synthetic, not measured)", "name", "v_f", "P max [MPa]", "loss",
-                      right=(1, 2, 3))  # fmt: skip
+    rows = []
     for name in packaged_materials():
         m = load_material(name)
-        top = m.pressure("loading", [m.end])[0]
-        table.add_row(
-            name, f"{m.v_f0:.3f} to {m.end:.2f}", f"{top * 1e-6:.3f}", f"{100 * m.loss():.1f} %"
-        )
-    console().print(table)
+        top = f"{m.pressure('loading', [m.end])[0] * 1e-6:.3f}"
+        rows.append((name, f"{m.v_f0:.3f} to {m.end:.2f}", top, f"{100 * m.loss():.1f} %"))
+    show("Felts (synthetic, not measured)", "name | >v_f | >P max [MPa] | >loss", rows)
 
 
-@felt.command(name="show", short_help="Pressures, parts and critical angles of felt MATERIAL.")
-@click.argument("material", shell_complete=felts)
-@click.option(
-    "--points",
-    type=click.IntRange(2, 100_000),
-    default=9,
-    show_default=True,
-    help="Rows of the table.",
-)
-@click.option(
-    "--out",
-    "-o",
-    "output",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Picture (.png, .pdf or .svg).",
-)
-@force_option
-@tables_as_json
-def show_command(material: str, points: int, output: Path | None, force: bool) -> None:
+@declare("show", felt, "Pressures, parts and critical angles of felt MATERIAL.")
+def show_command(
+    material: str = MATERIAL,
+    points: int = option("Rows of the table.", count(2, 100_000), 9),
+    out: Path | None = option("Picture (.png, .pdf or .svg).", FILE),
+    force: bool = FORCE,
+) -> None:
     """Pressures, parts and critical angles of felt MATERIAL (name or TOML file)."""
     import numpy as np
 
@@ -86,98 +114,60 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
     load, back = m.branch("loading", v), m.branch("unloading", v)
     if m.about:
         say(m.about)
-    table = new_table(
-        m.name, "v_f [-]", "P load [kPa]", "friction", "angle [deg]", "P unload [kPa]", "friction",
-        "angle [deg]", right=tuple(range(7)),
-    )  # fmt: skip
-    for i, x in enumerate(v):
-        table.add_row(
-            f"{x:.4f}",
-            *(
-                text
-                for c in (load, back)
-                for text in (
-                    f"{c.pressure[i] * 1e-3:.5g}",
-                    f"{c.friction[i] * 1e-3:.4g}",
-                    f"{math.degrees(c.theta_cr[i]):.2f}",
-                )
-            ),
-        )
-    console().print(table)
+
+    def cells(curve: Any, i: int) -> tuple[str, ...]:
+        angle = math.degrees(curve.theta_cr[i])
+        return f"{curve.pressure[i] * 1e-3:.5g}", f"{curve.friction[i] * 1e-3:.4g}", f"{angle:.2f}"
+
+    show(
+        m.name,
+        ">v_f [-] | >P load [kPa] | >friction | >angle [deg] | >P unload [kPa] | >friction | "
+        ">angle [deg]",
+        [(f"{x:.4f}", *cells(load, i), *cells(back, i)) for i, x in enumerate(v)],
+    )
     say(f"loss of the loop: {100 * m.loss():.2f} % of the loading work")
-    for text in m.fiber.unusual():
-        complain(f"warning: {text}")
-    if output is not None:
-        save_figure(plot_material(m), output, force=force)
+    warn(m.fiber.unusual())
+    save_figure(out, lambda: plot_material(m), force=force)
 
 
-@felt.command(name="loop", short_help="Compress and release a fiber mass with friction.")
-@click.option("--v-f0", type=FRACTION, required=True, help="Volume fraction without load [-].")
-@click.option(
-    "--to", "top", type=FRACTION, required=True, callback=caution("v_f"),
-    help="Largest volume fraction [-].",
-)  # fmt: skip
-@click.option(
-    "--mu", type=NOT_NEGATIVE, default=0.35, show_default=True, callback=caution("mu"),
-    help="Friction [-].",
-)  # fmt: skip
-@click.option(
-    "--Wf0", "withdrawal", type=positive("N/m"), default=1.0, show_default=True,
-    callback=caution("Wf0"), help="Withdrawal force per length [N/m].",
-)  # fmt: skip
-@modulus_option
-@diameter_option
-@click.option(
-    "--gamma",
-    type=POSITIVE,
-    default=1.3,
-    show_default=True,
-    callback=caution("gamma"),
-    help="Blocked length per contact over the fiber diameter [-].",
-)
-@click.option("--k-bend", type=POSITIVE, default=24.0, show_default=True, help="Beam constant [-].")
-@click.option(
-    "--Q",
-    "q",
-    type=POSITIVE,
-    default=2.0,
-    show_default=True,
-    help="Constant of thesis eq. 3.15 [-], 2 for random fibers.",
-)
-@click.option(
-    "--form",
-    type=click.Choice(["repaired", "printed"]),
-    default="repaired",
-    show_default=True,
-    help="Corrected equations, or the equations as printed in the thesis.",
-)
-@click.option(
-    "--points",
-    type=click.IntRange(2, 100_000),
-    default=201,
-    show_default=True,
-    help="Points of each branch.",
-)
-@click.option(
-    "--out", "-o", "output", type=click.Path(dir_okay=False, path_type=Path),
-    help="CSV, or .png/.pdf/.svg for a picture.",
-)  # fmt: skip
-@force_option
-@tables_as_json
+@declare("loop", felt, "Compress and release a fiber mass with friction.")
 def loop_command(
-    v_f0: float,
-    top: float,
-    mu: float,
-    withdrawal: float,
-    modulus: float,
-    d_f: float,
-    gamma: float,
-    k_bend: float,
-    q: float,
-    form: str,
-    points: int,
-    output: Path | None,
-    force: bool,
+    v_f0: float = option("Volume fraction without load [-].", FRACTION, required=True),
+    top: float = option(
+        "Largest volume fraction [-].",
+        FRACTION,
+        words="--to",
+        required=True,
+        callback=caution("v_f"),
+    ),
+    mu: float = option("Friction [-].", NOT_NEGATIVE, 0.35, callback=caution("mu")),
+    withdrawal: float = option(
+        "Withdrawal force per length [N/m].",
+        positive("N/m"),
+        1.0,
+        words="--Wf0",
+        callback=caution("Wf0"),
+    ),
+    modulus: float = MODULUS,
+    d_f: float = DIAMETER,
+    gamma: float = option(
+        "Blocked length per contact over the fiber diameter [-].",
+        POSITIVE,
+        1.3,
+        callback=caution("gamma"),
+    ),
+    k_bend: float = option("Beam constant [-].", POSITIVE, 24.0),
+    q: float = option(
+        "Constant of thesis eq. 3.15 [-], 2 for random fibers.", POSITIVE, 2.0, words="--Q"
+    ),
+    form: str = option(
+        "Corrected equations, or the equations as printed in the thesis.",
+        click.Choice(["repaired", "printed"]),
+        "repaired",
+    ),
+    points: int = option("Points of each branch.", count(2, 100_000), 201),
+    out: Path | None = option("CSV, or .png/.pdf/.svg for a picture.", FILE),
+    force: bool = FORCE,
 ) -> None:
     """Compress and release a fiber mass with friction between its fibers."""
     import numpy as np
@@ -185,125 +175,108 @@ def loop_command(
     from feltmb.errors import InvalidParameter
     from feltmb.felt.plot import plot_loop
     from feltmb.fiber import carnaby_pan
-    from feltmb.files import write_text
 
     if not 0 < v_f0 < top < 1:
         raise InvalidParameter(
             f"loop: --v-f0 = {v_f0:g}, --to = {top:g}; expected 0 < v_f0 < to < 1"
         )
-    if output is not None:
-        picture = None if output.suffix == ".csv" else output
-        check_targets(output if picture is None else None, pictures=(picture,), force=force)
+    as_csv = out is not None and out.suffix == ".csv"
+    check_targets(out if as_csv else None, pictures=(None if as_csv else out,), force=force)
     v = np.linspace(v_f0, top, points)
     made = carnaby_pan(v, mu, withdrawal, modulus, d_f, v_f0, gamma, k_bend, q, form=form)
     if not np.all(np.isfinite(made.P_loading)):
         raise InvalidParameter("loop: these numbers give pressures beyond any; check their units")
-    if output is not None and output.suffix != ".csv":
-        save_figure(plot_loop(made), output, force=force)
-    columns = {
-        "v_f [-]": made.v_f,
-        "C [N]": made.C,
-        "theta_cr [rad]": made.theta_cr,
-        "r_sc [-]": made.r_sc,
-        "C_s_loading [N]": made.C_s_loading,
-        "C_s_unloading [N]": made.C_s_unloading,
-        "sigma_el [Pa]": made.sigma_el,
-        "P_loading [Pa]": made.P_loading,
-        "P_unloading [Pa]": made.P_unloading,
-    }
-    if output is not None and output.suffix == ".csv":
-        rows = [",".join(columns)]
-        rows += [
-            ",".join(f"{x:.10g}" for x in row) for row in np.column_stack(list(columns.values()))
-        ]
-        say_written(write_text(output, "\n".join(rows) + "\n", force=force))
-    if output is None:
-        table = new_table(
-            f"Loop of a fiber mass, {form} form", "v_f", "angle [deg]", "slide", "P load [kPa]",
-            "P unload [kPa]", right=tuple(range(5)),
-        )  # fmt: skip
-        for i in np.unique(np.linspace(0, points - 1, min(points, 11)).astype(int)):
-            table.add_row(
-                f"{made.v_f[i]:.4f}",
-                f"{math.degrees(made.theta_cr[i]):.2f}",
-                f"{100 * made.r_sc[i]:.1f} %",
-                f"{made.P_loading[i] * 1e-3:.5g}",
-                f"{made.P_unloading[i] * 1e-3:.5g}",
-            )
-        console().print(table)
+    if as_csv:
+        columns = {
+            "v_f [-]": made.v_f,
+            "C [N]": made.C,
+            "theta_cr [rad]": made.theta_cr,
+            "r_sc [-]": made.r_sc,
+            "C_s_loading [N]": made.C_s_loading,
+            "C_s_unloading [N]": made.C_s_unloading,
+            "sigma_el [Pa]": made.sigma_el,
+            "P_loading [Pa]": made.P_loading,
+            "P_unloading [Pa]": made.P_unloading,
+        }
+        lines = [",".join(f"{x:.10g}" for x in row) for row in zip(*columns.values(), strict=True)]
+        save_text(out, "\n".join([",".join(columns), *lines]) + "\n", force=force)
+    elif out is not None:
+        save_figure(out, lambda: plot_loop(made), force=force)
+    else:
+        picks = np.unique(np.linspace(0, points - 1, min(points, 11)).astype(int))
+        show(
+            f"Loop of a fiber mass, {form} form",
+            ">v_f | >angle [deg] | >slide | >P load [kPa] | >P unload [kPa]",
+            [
+                (
+                    f"{made.v_f[i]:.4f}",
+                    f"{math.degrees(made.theta_cr[i]):.2f}",
+                    f"{100 * made.r_sc[i]:.1f} %",
+                    f"{made.P_loading[i] * 1e-3:.5g}",
+                    f"{made.P_unloading[i] * 1e-3:.5g}",
+                )
+                for i in picks
+            ],
+        )
     say(f"loss: {100 * made.loss:.2f} % of the loading work")
 
 
-@felt.command(name="envelope", short_help="Loop of a contact, force against compression.")
-@click.argument("material", shell_complete=felts)
-@click.option(
-    "--thickness",
-    type=positive("m"),
-    required=True,
-    help="Thickness of the felt without load [m], such as 6mm.",
-)
-@click.option(
-    "--area", required=True, metavar="LAW:NUMBERS",
-    help="constant:100mm^2, crossed_cylinders:9mm,0.5mm, circle_on_layer:5mm,10mm (radius, width) "
-    "or sphere_on_layer:5mm.",
-)  # fmt: skip
-@click.option(
-    "--columns",
-    is_flag=True,
-    help="Compute the compression of each column of the felt under the indenter.",
-)
-@click.option(
-    "--largest",
-    type=positive("m"),
-    help="End of the loop [m], such as 2mm; default: compression at v_f_max.",
-)
-@click.option(
-    "--points",
-    type=click.IntRange(5, 100_000),
-    default=193,
-    show_default=True,
-    help="Rows of the loop.",
-)
-@click.option(
-    "--action",
-    shell_complete=actions,
-    metavar="NAME",
-    default="steinway45",
-    show_default=True,
-    help="Mechanism to extend.",
-)
-@click.option(
-    "--contact",
-    metavar="NN",
-    help="Write a mechanism in which this contact (such as 06) has the envelope.",
-)
-@click.option(
-    "--out",
-    "-o",
-    "output",
-    type=FileName(".toml", dir_okay=False),
-    help="TOML file to write.",
-)
-@click.option(
-    "--plot",
-    "picture",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Picture (.png, .pdf or .svg).",
-)
-@force_option
-@tables_as_json
+# --- contact laws --------------------------------------------------------------------------------
+
+
+def _known_contact(action: str, contact: str | None) -> None:
+    """Check that a mechanism has a contact."""
+    from feltmb.errors import InvalidParameter
+    from feltmb.mechanism import load_action
+
+    known = {} if contact is None else load_action(action).config.contacts
+    if contact is not None and contact not in known:
+        raise InvalidParameter(
+            f"--contact: got {contact!r}, expected one of {', '.join(known)} of {action}"
+        )
+
+
+def _print_envelope(made: FeltEnvelope, sure: LoopUncertainty | None = None) -> None:
+    """Print some rows of an envelope, with their standard uncertainties if they are known."""
+    import numpy as np
+
+    sides = () if sure is None else (sure.loading, sure.unloading)
+
+    def rows() -> Iterator[list[str]]:
+        for share in (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1.0):
+            x = share * made.closing
+            forces = float(made.core.loading(x)), float(made.core.unloading(x, made.closing))
+            texts = [[f"{force:.5g}"] for force in forces]
+            for text, side in zip(texts, sides, strict=False):
+                text.append(f"{np.interp(x, made.compression, side):.2g}")
+            yield [f"{x * 1e3:.4g}", *texts[0], *texts[1]]
+
+    plus = " | >± [N]" if sides else ""
+    heads = f">compression [mm] | >loading [N]{plus} | >unloading [N]{plus}"
+    show("Envelope", heads, rows())
+
+
+@declare("envelope", felt, "Loop of a contact, force against compression.")
 def envelope_command(
-    material: str,
-    thickness: float,
-    area: str,
-    columns: bool,
-    largest: float | None,
-    points: int,
-    action: str,
-    contact: str | None,
-    output: Path | None,
-    picture: Path | None,
-    force: bool,
+    material: str = MATERIAL,
+    thickness: float = option(
+        "Thickness of the felt without load [m], such as 6mm.", positive("m"), required=True
+    ),
+    area: str = AREA,
+    columns: bool = option(
+        "Compute the compression of each column of the felt under the indenter."
+    ),
+    largest: float | None = option(
+        "End of the loop [m], such as 2mm; default: compression at v_f_max.", positive("m")
+    ),
+    points: int = option("Rows of the loop.", ROWS, 193),
+    action: str = ACTION,
+    contact: str | None = option(
+        "Write a mechanism in which this contact (such as 06) has the envelope.", metavar="NN"
+    ),
+    out: Path | None = TOML,
+    image: Path | None = PICTURE,
+    force: bool = FORCE,
 ) -> None:
     """Compute the loop of a contact, force against compression, from felt MATERIAL.
 
@@ -312,10 +285,9 @@ def envelope_command(
     """
     from feltmb.felt import envelope, load_material, parse_area
     from feltmb.felt.plot import plot_envelope
-    from feltmb.files import write_text
 
-    check_targets(output, pictures=(picture,), force=force)
-    known_contact(action, contact)
+    check_targets(out, pictures=(image,), force=force)
+    _known_contact(action, contact)
     made = envelope(
         load_material(material),
         thickness,
@@ -325,21 +297,462 @@ def envelope_command(
         points=points,
     )
     say(made.about)
-    print_envelope(made)
+    _print_envelope(made)
     apart = ""
     if math.isfinite(made.open_loss):
         apart = f"; without closing it at its end by force: {100 * made.open_loss:.2f} %"
     say(f"loss of the loop: {100 * made.loss:.2f} % of the loading work{apart}")
-    if output is not None:
-        text = made.to_toml(action, contact) if contact is not None else made.to_toml()
-        say_written(write_text(output, text, force=force))
-    if picture is not None:
-        save_figure(plot_envelope(made), picture, force=force)
+    extended = (None, None) if contact is None else (action, contact)
+    save_text(out, lambda: made.to_toml(*extended), force=force)
+    save_figure(image, lambda: plot_envelope(made), force=force)
 
 
-felt.add_command(identify_command)
-felt.add_command(fit_command)
-felt.add_command(audit_command)
-felt.add_command(contact_command)
+@declare("contact", felt, "Contact law from the measured loop in TEST.")
+def contact_command(
+    test: Path = argument(FILE),
+    zero: float | None = option(
+        "Displacement (or thickness) at the first contact [m], such as 0.4mm; default: the "
+        "beginning of a power law through the toe of loading.",
+        Quantity("m"),
+    ),
+    thickness: float | None = option(
+        "Thickness without load [m], for a column of strain.", positive("m")
+    ),
+    area: float | None = option("Area [m^2], for a column of pressure.", positive("m^2")),
+    read: TestFile = TEST,
+    points: int = option("Rows of the table.", ROWS, 193),
+    action: str = ACTION,
+    contact: str | None = option(
+        "Write a mechanism in which this contact (such as 06) has the law.", metavar="NN"
+    ),
+    out: Path | None = TOML,
+    image: Path | None = PICTURE,
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Contact law from the measured loop in TEST, a CSV with units in its header.
 
-command = felt
+    Columns: "displacement [mm]" (positive in compression), "thickness [mm]" or "strain [%]", and
+    "force [N]" or "stress [kPa]", also by their usual names in English, German and French; other
+    units, such as in, gf and kgf, are converted. A column that is called compression and starts at
+    zero is not shifted. No data of the fibers are needed. The loop is one cycle; the loss of each
+    is printed, and the scatter of the complete ones gives the uncertainty of the forces. The table
+    is the value of contacts.NN.memory.envelope in a mechanism file. With --contact the output file
+    is a complete mechanism.
+    """
+    from feltmb.felt import read_measured_loop
+    from feltmb.felt.plot import plot_measured_loop
+
+    check_targets(out, pictures=(image,), force=force)
+    _known_contact(action, contact)
+    found = read_measured_loop(
+        test, zero=zero, points=points, thickness0=thickness, area=area, **read.reading
+    )
+    if as_json:
+        print_json(_contact_json(found))
+    else:
+        _print_contact(found)
+    extended = (None, None) if contact is None else (action, contact)
+    save_text(out, lambda: found.envelope.to_toml(*extended), force=force)
+    save_figure(image, lambda: plot_measured_loop(found), force=force)
+
+
+def _first_contact(found: MeasuredLoop) -> tuple[float, list[float]]:
+    """Reading at the first contact [m], and its interval."""
+    sign = -1.0 if found.by_thickness else 1.0
+    return sign * found.zero, sorted(sign * end for end in found.zero_interval or ())
+
+
+def _contact_json(found: MeasuredLoop) -> dict[str, Any]:
+    made, sure = found.envelope, found.uncertainty
+    at, span = _first_contact(found)
+    return {
+        "zero": at,
+        "zero_interval": span or None,
+        "cycle": found.branches.chosen,
+        "cycles": [asdict(one) for one in found.cycles],
+        "largest_compression": made.closing,
+        "largest_force": float(made.loading[-1]),
+        "loss": made.loss,
+        "loss_of_samples": found.loss,
+        "uncertainty": {
+            "cycles": sure.cycles,
+            "zero": sure.zero,
+            "loss": sure.loss,
+            "kappa": finite(sure.kappa),
+            "loading": sure.loading.tolist(),
+            "unloading": sure.unloading.tolist(),
+            "source": sure.source,
+        },
+        "memory": dict(found.memory),
+        "rms_of_law": found.rms,
+        "notes": list(found.notes),
+        "envelope": made.table(),
+    }
+
+
+def _print_contact(found: MeasuredLoop) -> None:
+    made, sure = found.envelope, found.uncertainty
+    at, span = _first_contact(found)
+    _print_envelope(made, sure)
+    say(f"±: standard uncertainty (68 %), {sure.source}")
+    what = "thickness" if found.by_thickness else "displacement"
+    given = "given, or zero of a compression"
+    if span:
+        given = f"95 %: {1e3 * span[0]:.4g} to {1e3 * span[1]:.4g} mm; --zero"
+    say(f"{what} at the first contact: {at * 1e3:.4g} mm ({given})")
+    say(
+        f"loss of the loop: {100 * made.loss:.2f} ± {100 * sure.loss:.2g} % of the loading "
+        f"work; of the samples of its cycle: {100 * found.loss:.2f} %"
+    )
+    if len(found.cycles) > 1:
+        show(
+            "Cycles",
+            ">cycle | >from [mm] | >to [mm] | >force [N] | >loss [%] | >± [%]",
+            [
+                (
+                    f"{c.number}{' *' if c.number == found.branches.chosen else ''}",
+                    f"{1e3 * c.low:.4g}",
+                    f"{1e3 * c.top:.4g}",
+                    f"{c.force:.4g}",
+                    f"{100 * c.loss:.2f}",
+                    f"{100 * c.sd:.2g}",
+                )
+                for c in found.cycles
+            ],
+        )
+        say("* the loop")
+    say(_memory(found))
+    say(
+        f"difference of law and test: {found.rms:.4g} N rms, "
+        f"{100 * found.rms / made.loading[-1]:.2g} % of the largest force"
+    )
+    warn(found.notes)
+
+
+def _memory(found: MeasuredLoop) -> str:
+    """Numbers of the memory with their uncertainty, or why they have none."""
+    if "kappa" not in found.memory:
+        return (
+            "memory: kappa = 0.2 and wiping_out = 0, the defaults of the law: the test does not "
+            "tell better ones, and they have no uncertainty"
+        )
+    from feltmb.felt.measured import WIPING_OUT
+
+    kappa, sd = found.memory["kappa"], found.uncertainty.kappa
+    about = f"± {sd:.2g}" if math.isfinite(sd) else "the test does not determine its uncertainty"
+    return (
+        f"memory: kappa = {kappa:.4g} ({about}), wiping_out = "
+        f"{found.memory.get('wiping_out', 0.0):g} (of 0 and {WIPING_OUT}, the one that follows the "
+        "test better; no uncertainty)"
+    )
+
+
+# --- felts from loops ----------------------------------------------------------------------------
+
+
+@declare("identify", felt, "Identify a felt from the measured loop in TEST.")
+def identify_command(
+    test: Path = argument(FILE),
+    material: str = option(
+        "Felt (name or TOML file) whose fiber data are used.",
+        metavar="NAME",
+        complete=felts,
+        required=True,
+    ),
+    out: Path | None = option("Identified felt, TOML.", FileName(".toml")),
+    folder: Path | None = option(
+        "Folder for the report and its pictures.", FolderName(), words="--plot"
+    ),
+    v_f0: float | None = option(
+        "Volume fraction without load [-]; default: that of the felt.", FRACTION
+    ),
+    thickness: float | None = option(
+        "Thickness without load [m], such as 6mm, for thickness data; default: estimated.",
+        positive("m"),
+    ),
+    area: float | None = option(
+        "Area of the sample [m^2], such as 4cm2, for force data.", positive("m^2")
+    ),
+    zero: float | None = ZERO,
+    read: TestFile = TEST,
+    relative: float = option(
+        "Factor r of the weight 1/(1 + r P/P_max) of a sample [-]; 0: equal weights.",
+        Number(0.0, 1e3),
+        0.0,
+    ),
+    level: float = option("Confidence [-].", FRACTION, 0.95),
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Identify a felt from the loading-unloading loop in TEST, a CSV with units in its header.
+
+    Columns: one of "v_f [-]", "strain [%]", "thickness [mm]", "displacement [mm]"; one of
+    "pressure [kPa]", "force [N]"; optionally "branch" with loading and unloading.
+    """
+    from feltmb.felt import identify, load_material
+    from feltmb.felt.plot import plot_identification
+    from feltmb.fiber import read_compression
+    from feltmb.files import make_folder
+
+    report = None if folder is None else make_folder(folder) / "report.md"
+    image = None if folder is None else folder / "identification.png"
+    check_targets(out, report, pictures=(image,), force=force)
+    base = load_material(material)
+    data = read_compression(
+        test,
+        v_f0=base.v_f0 if v_f0 is None else v_f0,
+        thickness0=thickness,
+        area=area,
+        zero=zero,
+        **read.reading,
+    )
+    name = out.stem if out is not None else test.stem
+    result = identify(data, material=base, relative=relative, level=level, name=name)
+    if as_json:
+        print_json(_identification_json(result, level))
+    else:
+        _print_identification(result, level)
+        if v_f0 is None:
+            say(f"v_f0 = {base.v_f0:g}, that of {material} (--v-f0)")
+        measured = finite(result.measured_loss)
+        told = "" if measured is None else f"; of the samples: {100 * measured:.2f} %"
+        say(f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work{told}")
+        warn(result.warnings)
+    save_text(out, result.material.to_toml, force=force)
+    save_figure(image, lambda: plot_identification(result), force=force)
+    text = result.report() + "\n![Identification](identification.png)\n"
+    save_text(report, text, force=force)
+
+
+def _identification_json(result: Identification, level: float) -> dict[str, Any]:
+    return {
+        "name": result.name,
+        "level": level,
+        "loss": result.material.loss(),
+        "measured_loss": finite(result.measured_loss),
+        "closing_gap": result.closing_gap,
+        "warnings": list(result.warnings),
+        "thickness": result.thickness,
+        "thickness_interval": result.thickness_interval,
+        "v_f0": result.material.v_f0,
+        "v_f_max": result.material.end,
+        **{
+            b.which: {
+                "K_p": b.K_p,
+                "gamma": b.gamma,
+                "interval": {k: list(v) for k, v in b.interval.items()},
+                "correlation": b.correlation,
+                "rmse": b.rmse,
+                "r_squared": b.r_squared,
+                "rounds": len(b.rounds),
+            }
+            for b in (result.loading, result.unloading)
+        },
+    }
+
+
+def _print_identification(result: Identification, level: float) -> None:
+    rows: list[Sequence[str]] = []
+    for b in (result.loading, result.unloading):
+        for key, title in (("K_p", "K_p [Pa]"), ("gamma", "gamma")):
+            fit = f"{b.r_squared:.5f}" if key == "K_p" else ""
+            low, high = b.interval[key]
+            value = f"{getattr(b, key):.5g}"
+            rows.append((b.which, title, value, f"{low:.5g}", f"{high:.5g}", fit))
+    if result.thickness is not None:
+        span = result.thickness_interval
+        ends = ("given", "") if span is None else [f"{1e3 * x:.5g}" for x in span]
+        rows.append(("both", "thickness [mm]", f"{1e3 * result.thickness:.5g}", *ends))
+    title = f"Identified from {result.name}, interval of {100 * level:g} %"
+    show(title, "branch | parameter | >value | >from | >to | >R^2", rows)
+
+
+@declare("fit", felt, "Find a felt whose layer has the loop of ACTION:CONTACT.")
+def fit_command(
+    contact: str = argument(complete=actions, metavar="ACTION:CONTACT"),
+    area: str = option(
+        "Area of the contact, as in `felt envelope`.", metavar="LAW:NUMBERS", required=True
+    ),
+    fibers: str = option(
+        "Felt (name or TOML file) whose fiber data and v_f0 are used.",
+        metavar="NAME",
+        complete=felts,
+        required=True,
+    ),
+    thickness: float | None = option(
+        "Thickness without load [m], such as 3mm; default: fitted with gamma = pi/2.",
+        positive("m"),
+    ),
+    friction: float = option(
+        "Share of friction at half the largest force, loading.", Number(0, 1, max_open=True), 0.1
+    ),
+    settings: tuple[str, ...] = SET,
+    out: Path | None = TOML,
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Find a felt whose layer has the loop of a contact, such as steinway45:06.
+
+    Area and thickness convert force and compression of the contact to pressure and volume fraction.
+    For a specimen with measured pressure use identify.
+    """
+    from feltmb.felt import audit_targets, contact_loop, fit_contact, load_material, parse_area
+
+    check_targets(out, force=force)
+    ((name, item),) = audit_targets(contact, settings, all_hint="", tell=complain)
+    made = fit_contact(
+        *contact_loop(item, name=name),
+        parse_area(area),
+        fibers=load_material(fibers),
+        thickness=thickness,
+        friction_share=friction,
+        name=out.stem if out is not None else name.replace(":", "_"),
+        about=f"Felt fitted to the loop of {name}; fibers of {fibers}",
+    )
+    if as_json:
+        print_json(_fit_json(name, made))
+    else:
+        material = made.material
+        show(
+            f"Felt of {name}, {made.thickness * 1e3:.4g} mm thick",
+            "branch | >K_p [Pa] | >gamma | >left over",
+            [
+                (which, f"{branch.K_p:.5g}", f"{branch.gamma:.4g}", f"{100 * rms:.2f} %")
+                for which, branch, rms in (
+                    ("loading", material.loading, made.rms_loading),
+                    ("unloading", material.unloading, made.rms_unloading),
+                )
+                if branch is not None
+            ],
+        )
+        say(
+            f"withdrawal force {material.fiber.withdrawal_force:.4g} N/m, friction "
+            f"{100 * made.friction_share:.3g} % of the pressure at half the largest force"
+        )
+        warn(made.warnings)
+    save_text(out, made.material.to_toml, force=force)
+
+
+def _fit_json(name: str, made: ContactFit) -> dict[str, Any]:
+    material = made.material
+    assert material.loading is not None
+    assert material.unloading is not None
+    return {
+        "contact": name,
+        "thickness": made.thickness,
+        "rms_loading": made.rms_loading,
+        "rms_unloading": made.rms_unloading,
+        "friction_share": made.friction_share,
+        "v_f_max": material.end,
+        "loading": material.loading.model_dump(),
+        "unloading": material.unloading.model_dump(),
+        "withdrawal_force": material.fiber.withdrawal_force,
+        "warnings": list(made.warnings),
+    }
+
+
+# --- audit ---------------------------------------------------------------------------------------
+
+
+@declare("audit", felt, "Audit LAW: a contact, a felt, an envelope, or all contacts.")
+def audit_command(
+    law: str = argument(complete=packaged("", "felts")),
+    everything: bool = option("Audit all contacts of the mechanism LAW.", words="--all"),
+    settings: tuple[str, ...] = SET,
+    largest: float | None = option(
+        "End of the audit of a law without a loop [m], such as 1mm.", positive("m")
+    ),
+    folder: Path | None = option(
+        "Folder for one picture of each law.", FolderName(), words="--plot"
+    ),
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Audit LAW: a contact (steinway45:04), a felt, an envelope, or --all contacts of a mechanism.
+
+    The audit reports valid window, crossing, adhesion, created energy, loss against amplitude and
+    frequency, and stiffness.
+    """
+    from feltmb.felt import audit, audit_targets
+    from feltmb.felt.plot import plot_audit
+    from feltmb.files import check_writable, make_folder
+
+    if everything and ":" in law:
+        raise click.UsageError(f"--all is for all contacts of a mechanism; {law} is one of them")
+    targets = audit_targets(law, settings, everything=everything, tell=complain)
+    images: dict[str, Path] = {}
+    if folder is not None:
+        make_folder(folder)
+        for name, _ in targets:
+            images[name] = folder / f"audit_{Path(name).stem.replace(':', '_')}.png"
+            check_writable(images[name], force=force)
+    results = [audit(item, name=name, largest=largest) for name, item in targets]
+    if as_json:
+        print_json([r.to_dict() for r in results])
+    elif len(results) == 1:
+        _print_audit(results[0])
+    else:
+        _print_audits(law, results)
+    for r in results:
+        save_figure(images.get(r.name), lambda r=r: plot_audit(r), force=force)  # type: ignore[misc]
+
+
+def _print_audit(result: Audit) -> None:
+    say(f"{result.name}: {result.about or result.law} (law {result.law})")
+    if result.closing is not None:
+        say(f"  loop ends at {result.closing * 1e3:.4g} mm")
+    if result.window is None:
+        say("  valid window: none")
+    else:
+        say(f"  valid window: {result.window[0] * 1e3:.4g} to {result.window[1] * 1e3:.4g} mm")
+    for branch, (low, high) in result.stiffness_range.items():
+        say(f"  tangent stiffness, {branch}: {low * 1e-3:.4g} to {high * 1e-3:.4g} N/mm")
+    for f in result.findings:
+        say(f"  {f.kind}: {f.text}")
+    if not result.findings:
+        say("  no faults")
+    frequencies = sorted({c.frequency for c in result.cycles})
+    rows = []
+    for amplitude in sorted({c.amplitude for c in result.cycles}):
+        row = [c for c in result.cycles if c.amplitude == amplitude]
+        losses = (f"{100 * c.loss:.2f} ({100 * c.first_loss:.2f})" for c in row)
+        rows.append([f"{amplitude * 1e3:.4g} mm", *losses])
+    heads = " | ".join(["amplitude", *(f">{f:g} Hz" for f in frequencies)])
+    show("Loss of the second cycle, in brackets of the first [%]", heads, rows)
+
+
+def _print_audits(law: str, results: Sequence[Audit]) -> None:
+    def short(r: Audit) -> str:
+        return r.name.partition(":")[2] or r.name
+
+    rows = []
+    for r in results:
+        full = {c.frequency: c for c in r.cycles if c.amplitude == r.cycles[-1].amplitude}
+        window = "none"
+        if r.window is not None:
+            window = f"{r.window[0] * 1e3:.3f} - {r.window[1] * 1e3:.3f}"
+        kinds = {f.kind for f in r.findings} & {"crossing", "adhesion", "softening", "open"}
+        rows.append(
+            (
+                short(r),
+                window,
+                "-" if r.closing is None else f"{r.closing * 1e3:.3f}",
+                f"{100 * full[0.03].loss:.2f} %",
+                f"{100 * full[30.0].loss:.2f} %",
+                ", ".join(sorted(kinds)) or "sound",
+                "sound" if r.law_is_sound else "unsound",
+            )
+        )
+    show(
+        f"Audit of {law}: contact law {', '.join(sorted({r.law for r in results}))}",
+        "no. | >window [mm] | >loop to | >loss, 0.03 Hz | >30 Hz | data | law",
+        rows,
+    )
+    for r in results:
+        for f in r.findings:
+            say(f"{short(r)} {f.kind}: {f.text}")

@@ -1,51 +1,78 @@
-"""``feltmb gap``: checks records, plans experiments, diagnoses."""
+"""``feltmb gap diagnose``, ``blind``, ``report``, and ``feltmb fit``: models against records."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import re
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from feltmb.cli.common import (
+from feltmb.cli.completing import actions, effects
+from feltmb.cli.gap_plan import plan
+from feltmb.cli.gap_records import check, join
+from feltmb.cli.models import (
+    DATA,
+    HOLD_OUT,
+    MEASURED,
+    MODEL,
+    READING,
+    STATED,
+    config_option,
+    held_out,
+    load_adapter,
+)
+from feltmb.cli.options import (
+    FORCE,
+    MODEL_SET,
+    SET,
+    FileName,
+    FolderName,
     Number,
+    argument,
+    count,
+    declare,
+    fields_of,
+    group,
+    option,
+    positive,
+)
+from feltmb.cli.screen import (
     ProgressLine,
+    check_targets,
     complain,
     console,
-    credibility_option,
-    force_option,
-    json_option,
-    list_option,
-    model_set_option,
-    positive,
+    is_terminal,
+    load_with_settings,
     print_json,
+    redraw,
+    save_text,
     say,
     say_written,
+    show,
 )
-from feltmb.cli.completing import actions, effects
-from feltmb.cli.gap_blind import command as blind_command
-from feltmb.cli.gap_check import command as check_command
-from feltmb.cli.gap_join import command as join_command
-from feltmb.cli.gap_plan import command as plan_command
-from feltmb.cli.gap_plan import measured_option
-from feltmb.cli.gap_reading import config_option, reading_options, stated_options
-from feltmb.cli.gap_report import command as report_command
 from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
-    from feltmb.cli.gap_models import Stated
+    from feltmb.cli.models import Adapter, Stated
     from feltmb.data import ReadOptions
-    from feltmb.gap import Explained
+    from feltmb.gap import Case, Explained, Options, Report
 
-__all__ = ["command"]
+__all__ = ["command", "fit", "floors", "run"]
 
 #: Endings of files for a remedy; another name is that of a folder. Lines of a difference.
 REMEDIES = (".toml", ".xml")
 DIFF = 60
 
+CREDIBILITY = {"type": Number(0.5, 1, max_open=True)}
+SECONDS = {"type": positive("s")}
 
-@click.group(name="gap", context_settings={"help_option_names": ["-h", "--help"]})
+
+@group("gap")
 def command() -> None:
     """Diagnose the gap between a model and measurements: which cause, how much, where.
 
@@ -55,100 +82,52 @@ def command() -> None:
     """
 
 
-command.add_command(blind_command)
-command.add_command(check_command)
-command.add_command(join_command)
-command.add_command(plan_command)
-command.add_command(report_command)
+command.add_command(check)
+command.add_command(join)
+command.add_command(plan)
 
 
-@command.command("diagnose")
-@click.argument("model", shell_complete=actions)
-@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
-@list_option(
-    "--hold-out",
-    "hold_out",
-    metavar="NAME",
-    help="Record (or its file) that is not fitted, but predicted. Default: the records with the "
-    "role held_out, else some records are chosen.",
-)
-@click.option(
-    "--out",
-    "-o",
-    "output",
-    metavar="NAME",
-    type=click.Path(path_type=Path),
-    help="Folder for report.html, report.txt, report.json and the remedy; or a file for the "
-    "remedy: the mechanism or the numbers (TOML), a MuJoCo model (XML).",
-)
-@stated_options
-@list_option(
-    "--exclude",
-    "excluded",
-    metavar="EFFECT",
-    help="Effect, pattern such as 'sensor*', or component that is not tested.",
-)
-@list_option(
-    "--include",
-    "included",
-    shell_complete=effects,
-    metavar="EFFECT",
-    help="Effect of the library that is added to the model before the diagnosis, with its "
-    "magnitude as a parameter.",
-)
-@credibility_option
-@click.option(
-    "--prior",
-    type=Number(0, 1, min_open=True, max_open=True),
-    default=0.5,
-    show_default=True,
-    help="Prior probability that the model lacks an effect of the list.",
-)
-@click.option(
-    "--max-effects",
-    type=click.IntRange(1, 6),
-    default=4,
-    show_default=True,
-    help="Largest set of effects.",
-)
-@click.option(
-    "--seconds",
-    type=positive("s"),
-    default=120.0,
-    show_default="120 s",
-    help="Limit of time; the best sets of effects until then are the answer, such as 5min [s].",
-)
-@list_option(
-    "--good-enough",
-    "good_enough",
-    metavar="[CHANNEL=]SIZE",
-    help="Difference that does not matter, such as 0.2mm or hammer_tip.x=0.1mm; default: 1 % of "
-    "the motion.",
-)
-@reading_options
-@config_option
-@measured_option
-@model_set_option
-@json_option
-@force_option
+# --- diagnosis -----------------------------------------------------------------------------------
+
+
+@declare("diagnose", command, more=[config_option])
 def run(
-    model: str,
-    data: tuple[Path, ...],
-    hold_out: tuple[str, ...],
-    output: Path | None,
-    stated: Stated,
-    excluded: tuple[str, ...],
-    included: tuple[str, ...],
-    credibility: float,
-    prior: float,
-    max_effects: int,
-    seconds: float,
-    good_enough: tuple[str, ...],
-    reading: ReadOptions,
-    measured: Path | None,
-    settings: tuple[str, ...],
+    model: str = MODEL,
+    data: tuple[Path, ...] = DATA,
+    hold_out: tuple[str, ...] = HOLD_OUT,
+    out: Path | None = option(
+        "Folder for report.html, report.txt, report.json and the remedy; or a file for the remedy: "
+        "the mechanism or the numbers (TOML), a MuJoCo model (XML).",
+        metavar="NAME",
+    ),
+    stated: Stated = STATED,
+    exclude: tuple[str, ...] = option(
+        "Effect, pattern such as 'sensor*', or component that is not tested.", metavar="EFFECT"
+    ),
+    include: tuple[str, ...] = option(
+        "Effect of the library that is added to the model before the diagnosis, with its magnitude "
+        "as a parameter.",
+        metavar="EFFECT",
+        complete=effects,
+    ),
+    options: Options = fields_of(
+        "gap.options:Options",
+        credibility=CREDIBILITY,
+        missing={"words": "--prior", "type": Number(0, 1, min_open=True, max_open=True)},
+        most={"words": "--max-effects", "type": count(1, 6)},
+        seconds=SECONDS,
+    ),
+    good_enough: tuple[str, ...] = option(
+        "Difference that does not matter, such as 0.2mm or hammer_tip.x=0.1mm; default: 1 % of the "
+        "motion.",
+        metavar="[CHANNEL=]SIZE",
+    ),
+    reading: ReadOptions = READING,
+    measured: Path | None = MEASURED,
+    settings: tuple[str, ...] = MODEL_SET,
+    force: bool = FORCE,
+    *,
     as_json: bool,
-    force: bool,
 ) -> None:
     """Diagnose the gap between MODEL and measured DATA.
 
@@ -157,40 +136,22 @@ def run(
 
     Ctrl-C ends the search; the answer rests on the fits so far.
     """
-    from feltmb.cli.gap_models import held_out, load_adapter
-    from feltmb.files import check_writable, make_folder
-    from feltmb.gap import Options, diagnose
+    from feltmb.gap import diagnose
 
     adapter = load_adapter(model, settings, stated=stated)
-    folder = output if output is not None and output.suffix.lower() not in REMEDIES else None
-    remedy = None if folder is not None else output
-    if folder is not None:
-        make_folder(folder)
-        remedy = folder / f"remedy{adapter.model.suffixes[0]}"
-        for name in ("report.html", "report.txt", "report.json"):
-            check_writable(folder / name, force=force)
-    if remedy is not None:
-        check_writable(remedy, force=force)
-        adapter.model.check_writing(remedy)
+    folder, remedy = _places(out, adapter, force=force)
     groups = adapter.read_each(data, reading)
     records = tuple(r for group in groups for r in group)
-    if included or measured is not None or not adapter.default:
-        adapter = adapter.with_records(records).including(included).measured(measured)
-    options = Options(
-        credibility=credibility,
-        good_enough=floors(good_enough, adapter.model.units),
-        missing=prior,
-        seconds=seconds,
-        most=max_effects,
-    )
+    if include or measured is not None or not adapter.default:
+        adapter = adapter.with_records(records).including(include).measured(measured)
     line = ProgressLine()
     report = diagnose(
         adapter.model,
         None if adapter.default else adapter.effects,
         records,
-        exclude=excluded,
+        exclude=exclude,
         hold_out=held_out(hold_out, data, groups) or None,
-        options=options,
+        options=replace(options, good_enough=floors(good_enough, adapter.model.units)),
         tell=line,
     )
     line.close()
@@ -201,13 +162,36 @@ def run(
     if folder is not None:
         title = f"{adapter.model.name}: diagnosis"
         say_written(report.write(folder, title=title, force=force))
-    if remedy is not None and report.model is not None:
-        try:
-            _write_remedy(report.model, remedy, force=force)
-        except InvalidParameter as error:
-            if folder is None:
-                raise
-            complain(f"no remedy: {error}")
+    _remedy(report, remedy, alone=folder is None, force=force)
+
+
+def _places(out: Path | None, adapter: Adapter, *, force: bool) -> tuple[Path | None, Path | None]:
+    """Folder of the report and file of the remedy, checked before anything is computed."""
+    from feltmb.files import check_writable, make_folder
+
+    folder = out if out is not None and out.suffix.lower() not in REMEDIES else None
+    remedy = None if folder is not None else out
+    if folder is not None:
+        make_folder(folder)
+        remedy = folder / f"remedy{adapter.model.suffixes[0]}"
+        for name in ("report.html", "report.txt", "report.json"):
+            check_writable(folder / name, force=force)
+    if remedy is not None:
+        check_writable(remedy, force=force)
+        adapter.model.check_writing(remedy)
+    return folder, remedy
+
+
+def _remedy(report: Report, path: Path | None, *, alone: bool, force: bool) -> None:
+    """Write the remedy, if there is one; beside a report it may be impossible."""
+    if path is None or report.model is None:
+        return
+    try:
+        _write_remedy(report.model, path, force=force)
+    except InvalidParameter as error:
+        if alone:
+            raise
+        complain(f"no remedy: {error}")
 
 
 def _write_remedy(model: Explained, path: Path, *, force: bool) -> None:
@@ -225,7 +209,7 @@ def _write_remedy(model: Explained, path: Path, *, force: bool) -> None:
         say(f"not in {path.name}: {', '.join(model.left_out)}; it has no place for them")
 
 
-def floors(texts: tuple[str, ...], units: Mapping[str, str]) -> dict[str, float]:
+def floors(texts: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
     """Accepted differences by channel or SI unit, from ``0.2mm`` or ``CHANNEL=0.2mm``.
 
     ``units``: SI unit of each channel of the model, if it is known. A number without a unit has
@@ -257,3 +241,237 @@ def floors(texts: tuple[str, ...], units: Mapping[str, str]) -> dict[str, float]
         else:
             raise InvalidParameter(f"--good-enough {text}: unit {unit!r} is not known")
     return out
+
+
+# --- fit without a diagnosis ---------------------------------------------------------------------
+
+
+@declare("fit")
+def fit(
+    model: str = MODEL,
+    data: tuple[Path, ...] = DATA,
+    options: Options = fields_of("gap.options:Options", seconds=SECONDS),
+    out: Path | None = option("Folder for fit.json.", FolderName(), metavar="DIRECTORY"),
+    reading: ReadOptions = READING,
+    settings: tuple[str, ...] = MODEL_SET,
+    stated: Stated = STATED,
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Fit the parameters of MODEL to measured DATA, and print values and intervals.
+
+    MODEL is a mechanism (packaged or a TOML file), an FMU, a MuJoCo model (robot.xml), or a
+    function or model of a Python file (model.py:cart). Effects are not searched;
+    `feltmb gap diagnose` does that.
+    """
+    from feltmb.files import make_folder
+    from feltmb.gap import fit_model
+
+    file = None if out is None else make_folder(out) / "fit.json"
+    check_targets(file, force=force)
+    adapter = load_adapter(model, settings, stated=stated)
+    line = ProgressLine()
+    report = fit_model(adapter.model, adapter.read(data, reading), options=options, tell=line)
+    line.close()
+    save_text(file, report.to_json, force=force)
+    if as_json:
+        print_json(report.as_dict())
+    else:
+        _print_fit(adapter.model.name, report)
+
+
+def _print_fit(name: str, report: Report) -> None:
+    def bracket(unit: str) -> str:
+        return "" if unit == "1" else f" [{unit}]"
+
+    show(
+        name,
+        "=parameter | >fitted | >95 % | >prior",
+        [
+            (
+                p.name + bracket(p.unit),
+                f"{p.value:.5g}",
+                f"{p.low:.4g} .. {p.high:.4g}",
+                f"{p.tabulated:.4g} ± {p.sd:.2g}",
+            )
+            for p in report.parameters
+        ],
+    )
+    show(
+        "residual (rms)",
+        "=channel | >tabulated | >fitted | >noise",
+        [
+            (
+                f"{c.name} [{c.unit}]",
+                f"{c.tabulated:.3g}",
+                f"{c.explained:.3g}",
+                "" if c.noise != c.noise else f"{c.noise:.3g}",
+            )
+            for c in report.channels
+        ],
+    )
+    for cause in (*report.named, *(c for alike in report.classes for c in alike)):
+        say(f"{cause.cause}: it is wrong, probability {cause.probability:.0%}")
+    for note in report.notes:
+        say(f"note: {note}")
+    if any(c.material for c in report.channels):
+        say("the model does not explain the records: see feltmb gap diagnose")
+
+
+# --- simulated machines --------------------------------------------------------------------------
+
+
+class _Told:
+    """Prints each case with its withheld effect and the diagnosis, and the remaining time."""
+
+    def __init__(self) -> None:
+        self.start = time.monotonic()
+
+    def __call__(self, done: int, total: int, case: Case) -> None:
+        from feltmb.units import unit_suffix
+
+        left = (time.monotonic() - self.start) / done * (total - done)
+        rest = f"; about {left:.0f} s left" if done < total else ""
+        unit = unit_suffix(case.unit)
+        what = f"{case.effect} {case.magnitude:.3g}{unit}" if case.effect else "nothing withheld"
+        said = case.verdict or case.error
+        if is_terminal():
+            redraw("")
+        say(f"{done} of {total}: {what}: {said} ({case.outcome}){rest}", err=True)
+
+
+@declare("blind", command, "Test the diagnosis of MODEL on simulated machines.")
+def blind(
+    model: str = MODEL,
+    data: tuple[Path, ...] = argument(required=False),
+    cases: int | None = option(
+        "Number of cases; default: one without an effect and one for each effect.",
+        count(1, 100_000),
+    ),
+    seed: int = option("Seed of all random draws.", count(0), 0),
+    only: tuple[str, ...] = option(
+        "Effect that is withheld; default: each effect in turn. All effects are candidates.",
+        words="--effect",
+        metavar="EFFECT",
+        complete=effects,
+    ),
+    hold_out: tuple[str, ...] = option(
+        "Record that is held out to confirm the findings.", metavar="NAME"
+    ),
+    out: Path | None = option(
+        "Folder for blind.json and one file for each case. An interrupted run continues.",
+        FolderName(),
+        metavar="DIRECTORY",
+    ),
+    options: Options = fields_of("gap.options:Options", credibility=CREDIBILITY, seconds=SECONDS),
+    settings: tuple[str, ...] = MODEL_SET,
+    *,
+    as_json: bool,
+) -> None:
+    """Estimate how often a diagnosis of MODEL would be correct on your machine.
+
+    Each case adds one effect of the library to the model, with a magnitude and parameters from
+    their priors, and simulates the inputs of DATA with the noise of its sensors. The diagnosis does
+    not know the effect. Without DATA the planned runs of the model are used. Machine and model have
+    the same equations, so a real machine is more difficult.
+    """
+    from feltmb.gap import withhold
+
+    adapter = load_adapter(model, settings)
+    groups = adapter.read_each(data) if data else (adapter.planned,)
+    records = tuple(r for group in groups for r in group)
+    if not records:
+        raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
+    adapter = adapter.with_records(records)
+    found = withhold(
+        adapter.model,
+        adapter.effects,
+        records,
+        cases=cases,
+        seed=seed,
+        only=list(dict.fromkeys(only)) or None,
+        hold_out=(held_out(hold_out, data, groups) if data else list(hold_out)) or None,
+        folder=out,
+        options=options,
+        progress=_Told(),
+    )
+    result = found.as_dict()
+    if out is not None:
+        text = json.dumps(result, indent=1, sort_keys=True) + "\n"
+        save_text(out / "blind.json", text, force=True)
+    if as_json:
+        print_json(result)
+        return
+    from feltmb.gap import OUTCOMES
+
+    rows = []
+    for row in found.rows():
+        ratio = f"{row['signal_to_noise']:.3g}" if row["effect"] else ""
+        counts = [str(row[word] or "") for word in OUTCOMES]
+        rows.append([row["effect"] or "(nothing)", ratio, *counts])
+    show("withheld", f"=effect | >S/N | {' | '.join(f'>{word}' for word in OUTCOMES)}", rows)
+    shares = found.shares()
+    for word, text in (
+        ("right", "right, signal-to-noise ratio of 5 or more"),
+        ("wrong", "wrong, signal-to-noise ratio of 5 or more"),
+        ("false alarm", "false alarms, nothing withheld"),
+        ("intervals", "95 % intervals that contain the truth"),
+    ):
+        if word in shares:
+            value, low, high, number = shares[word]
+            say(f"{text}: {value:.0%} of {number} (95 %: {low:.0%} to {high:.0%})")
+
+
+# --- page for a customer -------------------------------------------------------------------------
+
+
+@declare("report", command, "Write a page for a customer.")
+def report(
+    result: Path = argument(),
+    action: str = argument(complete=actions),
+    customer: bool = option(
+        "One page for a customer: the guilty part, what the hand feels, what was done.",
+        required=True,
+    ),
+    out: Path = option(
+        "Page to write: .pdf or .html.", FileName(".pdf", ".html"), metavar="FILE", required=True
+    ),
+    after: str | None = option(
+        "Mechanism after the work; default: ACTION without the causes.",
+        metavar="ACTION",
+        complete=actions,
+    ),
+    done: str | None = option(
+        "Work that was done, a sentence for each item. Default: what should be done.",
+        metavar="TEXT",
+    ),
+    title: str = option("Head line.", default="Your piano action"),
+    workshop: str = option("Name of the workshop.", default="", metavar="NAME"),
+    photo: Path | None = option(
+        "Photo, PNG or JPEG.", click.Path(dir_okay=False, path_type=Path), metavar="FILE"
+    ),
+    settings: tuple[str, ...] = SET,
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Write a page about RESULT, the report.json of a diagnosis of ACTION or its folder."""
+    from feltmb.action.customer import customer_page
+
+    del customer  # the only kind of page so far
+    check_targets(out, force=force)
+    page = customer_page(
+        result,
+        load_with_settings(action, settings),
+        after=after,
+        title=title,
+        workshop=workshop,
+        done=[] if done is None else re.split(r"(?<=[.!])\s+", done.strip()),
+        photo=photo,
+    )
+    written = page.write(out, force=force)
+    if as_json:
+        print_json({"sentences": page.sentences, page.head: page.work, "file": str(written)})
+    else:
+        say_written(written)

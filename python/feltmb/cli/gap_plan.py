@@ -6,156 +6,93 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Literal
 
 import click
 
-from feltmb.cli.common import (
+from feltmb.cli.completing import actuators
+from feltmb.cli.models import MEASURED, MODEL, load_adapter
+from feltmb.cli.options import (
+    FORCE,
+    MODEL_SET,
+    FolderName,
     Number,
-    console,
-    folder_option,
-    force_option,
-    is_terminal,
-    json_option,
-    list_option,
-    model_set_option,
-    new_table,
-    print_json,
-    redraw,
-    say,
-    say_written,
+    argument,
+    count,
+    declare,
+    option,
 )
-from feltmb.cli.completing import actions, actuators
+from feltmb.cli.screen import Line, print_json, say, say_written, show
 from feltmb.errors import InvalidParameter
 from feltmb.units import readable_unit, unit_suffix
 
 if TYPE_CHECKING:
-    from feltmb.cli.gap_models import Adapter
+    from feltmb.cli.models import Adapter
     from feltmb.data import Record, Sensor
     from feltmb.experiment import Belief, Design, DesignedExperiment, Limits, Visible
     from feltmb.experiment.files import InputFiles
 
-__all__ = ["command", "input_files", "measured_option"]
+__all__ = ["input_files", "plan"]
 
 #: Largest numbers of causes, and of helpful tests or sensors, that are listed.
 MOST_CAUSES, MOST_HELP = 12, 5
 #: Smallest probability of a cause that is listed, as a share of the largest.
 LIKELY = 0.1
 
-measured_option = click.option(
-    "--measured",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="TOML file with tests of single parts: [measured.NAME] with value, sd and how. NAME is a "
-    "parameter, whose tolerance the test replaces, or an effect, which becomes a parameter.",
-)
 
-
-class Telling:
-    """Progress of a plan: one line on a terminal, else one line per stage."""
-
-    def __init__(self) -> None:
-        self._stage = ""
-        self._start = time.monotonic()
-
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show the progress."""
-        if is_terminal():
-            elapsed = time.monotonic() - self._start
-            redraw(f"{stage}: {done + 1} of {total}, {elapsed:.0f} s")
-        elif stage != self._stage:
-            say(f"feltmb: {stage}", err=True)
-        self._stage = stage
-
-    def close(self) -> None:
-        """Clear the line."""
-        if self._stage and is_terminal():
-            redraw("")
-
-
-@click.command("plan", short_help="Experiments that identify what MODEL lacks.")
-@click.argument("model", shell_complete=actions)
-@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
-@click.option(
-    "--budget",
-    type=Number(0, 1000, min_open=True),
-    default=3.0,
-    show_default=True,
-    help="Number of records (the limits give the cost of a test of a part).",
-)
-@click.option(
-    "--limits",
-    "limits_file",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="TOML file with the limits of the inputs, sensors, and possible tests of parts. Default: "
-    "the limits of the model; for a mechanism with a finger 0 to 25 N, 2 kN/s, 0.6 s.",
-)
-@click.option(
-    "--report",
-    metavar="PATH",
-    type=click.Path(path_type=Path),
-    help="Diagnosis of the data (folder or report.json). The plan separates the causes that it "
-    "could not separate.",
-)
-@measured_option
-@click.option(
-    "--aim",
-    type=click.Choice(["names", "sizes"]),
-    default="names",
-    show_default=True,
-    help="Identify causes, or estimate their magnitudes.",
-)
-@list_option("--channels", metavar="NAME", help="Channel or output that will be measured.")
-@list_option("--family", "families", metavar="NAME", help="Kind of profile; default: all.")
-@click.option(
-    "--candidates",
-    type=click.IntRange(1, 10_000),
-    default=12,
-    show_default=True,
-    help="Number of profiles that are evaluated in full.",
-)
-@click.option(
-    "--refine",
-    "refinements",
-    type=click.IntRange(0, 10_000),
-    default=4,
-    show_default=True,
-    help="Number of further profiles that improve the first experiment.",
-)
-@click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random draws."
-)
-@click.option(
-    "--arm",
-    shell_complete=actuators,
-    metavar="NAME",
-    help="Key actuator (wood, aluminum or a file) for which torques are also written.",
-)
-@folder_option(
-    "Folder of the inputs (CSV; for a mechanism strokes, TOML), their pictures and plan.json."
-)
-@model_set_option
-@json_option
-@force_option
-def command(
-    model: str,
-    data: tuple[Path, ...],
-    budget: float,
-    limits_file: Path | None,
-    report: Path | None,
-    measured: Path | None,
-    aim: Any,
-    channels: tuple[str, ...],
-    families: tuple[str, ...],
-    candidates: int,
-    refinements: int,
-    seed: int,
-    arm: str | None,
-    output: Path | None,
-    settings: tuple[str, ...],
+@declare("plan", short="Experiments that identify what MODEL lacks.")
+def plan(
+    model: str = MODEL,
+    data: tuple[Path, ...] = argument(required=False),
+    budget: float = option(
+        "Number of records (the limits give the cost of a test of a part).",
+        Number(0, 1000, min_open=True),
+        3.0,
+    ),
+    limits: Path | None = option(
+        "TOML file with the limits of the inputs, sensors, and possible tests of parts. Default: "
+        "the limits of the model; for a mechanism with a finger 0 to 25 N, 2 kN/s, 0.6 s.",
+        metavar="FILE",
+    ),
+    report: Path | None = option(
+        "Diagnosis of the data (folder or report.json). The plan separates the causes that it "
+        "could not separate.",
+        metavar="PATH",
+    ),
+    measured: Path | None = MEASURED,
+    aim: Literal["names", "sizes"] = option(
+        "Identify causes, or estimate their magnitudes.",
+        click.Choice(["names", "sizes"]),
+        "names",
+    ),
+    channels: tuple[str, ...] = option("Channel or output that will be measured.", metavar="NAME"),
+    families: tuple[str, ...] = option(
+        "Kind of profile; default: all.", words="--family", metavar="NAME"
+    ),
+    candidates: int = option(
+        "Number of profiles that are evaluated in full.", count(1, 10_000), 12
+    ),
+    refinements: int = option(
+        "Number of further profiles that improve the first experiment.",
+        count(0, 10_000),
+        4,
+        words="--refine",
+    ),
+    seed: int = option("Seed of the random draws.", count(0), 0),
+    arm: str | None = option(
+        "Key actuator (wood, aluminum or a file) for which torques are also written.",
+        metavar="NAME",
+        complete=actuators,
+    ),
+    out: Path | None = option(
+        "Folder of the inputs (CSV; for a mechanism strokes, TOML), their pictures and plan.json.",
+        FolderName(),
+        metavar="DIRECTORY",
+    ),
+    settings: tuple[str, ...] = MODEL_SET,
+    force: bool = FORCE,
+    *,
     as_json: bool,
-    force: bool,
 ) -> None:
     """Plan experiments that identify what MODEL lacks.
 
@@ -163,26 +100,29 @@ def command(
     most informative ones come first. DATA are measured files, to which the experiments add; what
     they say about causes comes from the --report of their diagnosis.
     """
-    from feltmb.cli.gap_models import load_adapter
     from feltmb.experiment import design, design_json, write_design
     from feltmb.files import check_writable, make_folder
 
-    if output is not None:
-        make_folder(output)
-        check_writable(output / "plan.json", force=force)
+    if out is not None:
+        check_writable(make_folder(out) / "plan.json", force=force)
     lever = None if arm is None else _lever(arm)
     adapter = load_adapter(model, settings, channels)
     records = adapter.read(data) if data else ()
     adapter = adapter.with_records(records).measured(measured)
-    limits = _limits(model, adapter, limits_file)
+    allowed = _limits(model, adapter, limits)
     belief = None if report is None else _belief(report)
-    telling = Telling()
+    line, start = Line(), time.monotonic()
+
+    def tell(stage: str, done: int, total: int) -> None:
+        elapsed = time.monotonic() - start
+        line.show(stage, f"{stage}: {done + 1} of {total}, {elapsed:.0f} s")
+
     found = design(
         adapter.model,
         adapter.effects,
         records,
-        limits=limits,
-        sensors=_sensors(adapter, limits, records, channels),
+        limits=allowed,
+        sensors=_sensors(adapter, allowed, records, channels),
         budget=budget,
         aim=aim,
         belief=belief,
@@ -190,9 +130,9 @@ def command(
         candidates=candidates,
         refinements=refinements,
         seed=seed,
-        progress=telling,
+        progress=tell,
     )
-    telling.close()
+    line.close()
     if as_json:
         print_json(design_json(found))
     else:
@@ -201,10 +141,10 @@ def command(
             say(f"Named causes are part of the model: {', '.join(belief.included)}.")
         if records and belief is None:
             say("The data count by their inputs and sensors only; --report adds what they say.")
-    if output is not None:
-        units = {**adapter.model.units, **{n: i.unit for n, i in limits.inputs.items()}}
+    if out is not None:
+        units = {**adapter.model.units, **{n: i.unit for n, i in allowed.inputs.items()}}
         files = input_files(adapter, units, lever=lever, force=force)
-        for path in write_design(found, output, units=units, input_files=files, force=force):
+        for path in write_design(found, out, units=units, input_files=files, force=force):
             if not as_json:
                 say_written(path)
 
@@ -301,14 +241,12 @@ def _print(found: Design) -> None:
         return f"{v:.0%}" if names else f"{v:.3g}"
 
     what = "probability of the correct name" if names else "information"
-    if found.experiments:
-        table = new_table(
-            "next experiments", "", "experiment", "cost", what, right=(2, 3), whole=(0, 2, 3)
-        )
-        for i, e in enumerate(found.experiments, 1):
-            text = "\n".join([e.name, *(f"  {r}" for r in reasons(e, len(found.effects)))])
-            table.add_row(str(i), text, f"{e.cost:g}", f"{value(e.before)} -> {value(e.after)}")
-        console().print(table)
+    rows = []
+    for i, e in enumerate(found.experiments, 1):
+        text = "\n".join([e.name, *(f"  {r}" for r in reasons(e, len(found.effects)))])
+        rows.append((f"{i}", text, f"{e.cost:g}", f"{value(e.before)} -> {value(e.after)}"))
+    if rows:
+        show("next experiments", f"= | experiment | =>cost | =>{what}", rows)
     else:
         say("No experiment within the limits gives more information.")
     say(
@@ -334,18 +272,14 @@ def _print_causes(causes: Sequence[Visible]) -> None:
     """Print the most probable causes, and those that cannot be detected."""
     shown = [v for v in causes if v.smallest < float("inf")]
     likely = [v for v in shown[:MOST_CAUSES] if v.belief >= LIKELY * causes[0].belief]
-    table = new_table(
-        "detectable causes",
-        "cause", "now", "detectable from", "correct", "confused with", "chance",
-        right=(1, 2, 3, 5), whole=(0,),
-    )  # fmt: skip
-    for v in likely:
-        rival = (v.rival, f"{v.confusion:.0%}") if v.rival else ("", "")
-        table.add_row(
-            _name(v), f"{v.belief:.0%}", _amount(v.smallest, v.unit), f"{v.right:.0%}", *rival
-        )
+    rows = [
+        (_name(v), f"{v.belief:.0%}", _amount(v.smallest, v.unit), f"{v.right:.0%}",
+         *((v.rival, f"{v.confusion:.0%}") if v.rival else ("", "")))
+        for v in likely
+    ]  # fmt: skip
     if shown:
-        console().print(table)
+        heads = "=cause | >now | >detectable from | >correct | confused with | >chance"
+        show("detectable causes", heads, rows)
     if len(shown) > len(likely):
         say(f"and {len(shown) - len(likely)} less probable causes (plan.json, --json)")
     hidden = [v for v in causes if v not in shown]

@@ -123,26 +123,32 @@ class ReadOptions:
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
-    """Column of the file."""
+    """Column of the file for this channel (or for time)."""
     units: Mapping[str, str] = field(default_factory=dict)
+    """Unit of a channel (or of time), also px; without CHANNEL: unit of all outputs without a unit
+    in the header."""
     scales: Mapping[str, str] = field(default_factory=dict)
-    """Size of one unit of the file, such as "0.21 mm" or "210 mm from 120 340 to 412 338"."""
+    """Length of a pixel, or of another unit of the file, such as 0.21mm; or the distance of two
+    points in pixels: '210mm from 120 340 to 412 338'."""
     origins: Mapping[str, str] = field(default_factory=dict)
-    """Zero in the unit of the file, or "start"; for all outputs also "X,Y"."""
-    delays: Mapping[str, float] = field(default_factory=dict)
-    """Delay of a channel [s]."""
-    references: Mapping[str, str] = field(default_factory=dict)
-    """"absolute" or "rest"."""
-    frame_rate: float | None = None
-    """True frame rate of a camera [Hz]."""
-    run: str = ""
-    """Column that numbers the runs."""
-    likelihood: float | None = None
-    """Samples of a tracker with a smaller likelihood are missing [1]."""
-    missing: Sequence[float] = ()
-    """Numbers that stand for a missing value in all columns [unit of the file]."""
+    """Zero of a channel in the unit of the file; X,Y: zero of all channels in pixels; start: first
+    value of the channel."""
     down: bool | None = None
     """Whether y in pixels increases downwards; default: yes."""
+    references: Mapping[str, str] = field(default_factory=dict)
+    """absolute (coordinates of the mechanism) or rest (displacement from rest); default: determined
+    from the first value of the channel."""
+    frame_rate: float | None = None
+    """Frames per second of the camera [Hz]."""
+    delays: Mapping[str, float] = field(default_factory=dict)
+    """Delay of a channel, or of all outputs, relative to the input [s], such as 12ms."""
+    run: str = ""
+    """Column with the number of the run; default: a new run begins where the time restarts."""
+    missing: Sequence[float] = ()
+    """Number of the file that stands for a missing value, such as -9999."""
+    likelihood: float | None = None
+    """Points of a tracker below this likelihood [1] are missing values; default: 0.6; the file
+    needs a column such as tip_likelihood beside tip_x."""
 
     def top(self) -> dict[str, Any]:
         """Keys of the TOML file that are replaced."""

@@ -48,8 +48,9 @@ class FiberBox:
     """Fibers, material and numerical parameters of a bead-spring simulation; SI units."""
 
     n_fibers: int = 60
+    """Fibers in the box."""
     n_beads: int = 31
-    """Number of beads per fiber."""
+    """Beads per fiber."""
     d_f: float = 25e-6
     """Fiber diameter [m]."""
     segment_length: float = 62.5e-6
@@ -61,12 +62,13 @@ class FiberBox:
     ratio: float = 1.0
     """Initial orientation R of the fibers (1: isotropic)."""
     seed: int = 0
+    """Seed of all random draws."""
     E: float = 2.5e9
     """Fiber modulus [Pa]."""
     density: float = 1310.0
     """Density of the fiber material [kg/m^3]."""
     repulsion: str = "hertz"
-    """``"hertz"`` or ``"logarithmic"`` (eq. 2.10)."""
+    """Repulsion between touching segments: hertz with friction, or logarithmic (eq. 2.10)."""
     interaction: float = 0.0
     """Constant K_I [J]; 0: Hertz contact of crossed cylinders, 0.41 E d_f^3."""
     friction: float = 0.0
@@ -97,6 +99,7 @@ class Cycle:
     sample_every: int = 500
     """Number of steps between two samples."""
     cycles: int = 1
+    """Number of cycles of compression and release."""
 
 
 @dataclass

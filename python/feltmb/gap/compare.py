@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data import Array, Record
+from feltmb.data import Array, Record, join_records
+from feltmb.data.joining import align_clocks
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.model import Model, Ready
 from feltmb.gap.beside import Compared, row_of, simulated
@@ -21,7 +22,12 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["Comparison", "check", "compared", "refuse"]
+__all__ = ["Comparison", "check", "compared", "join_by_motion", "refuse"]
+
+
+#: Largest number of alignments of clocks; smallest standard deviation of their offset [s], because
+#: a lighter or easier part is early, too.
+ROUNDS, CLOCK_SD = 4, 2e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +94,39 @@ def check(model: Model, records: Sequence[Record] | Record) -> Comparison:
             "its rates per second?"
         )
     return found
+
+
+@checked
+def join_by_motion(
+    first: Record,
+    second: Record,
+    model: Model | None = None,
+    *,
+    inputs: Mapping[str, str] | None = None,
+) -> Record:
+    """Join two records with two clocks: by the begin of the motion, and then by that of a model.
+
+    Parameters
+    ----------
+    first, second, inputs
+        As in :func:`feltmb.data.join_records`.
+    model
+        Model whose motion under the force is correlated with ``first``.
+    """
+    clocks, sd = align_clocks(first, second)
+    offset = clocks.offset
+    for _ in range(ROUNDS if model is not None else 0):
+        made = join_records(first, second, same=[(0.0, offset)], inputs=inputs)
+        assert model is not None
+        delays = [r.delay for r in check(model, [made]).rows if np.isfinite(r.delay)]
+        if not delays:
+            break
+        middle = sum(delays) / len(delays)
+        offset -= middle
+        sd = max(max(delays) - min(delays), CLOCK_SD, first.interval, second.interval)
+        if abs(middle) < 0.1 * sd:
+            break
+    return join_records(first, second, same=[(0.0, offset)], inputs=inputs, same_sd=sd)
 
 
 def compared(ready: Ready) -> Comparison:

@@ -18,7 +18,8 @@ class Options:
     """Options of a diagnosis. The defaults are suitable for most cases."""
 
     credibility: float = 0.9
-    """Posterior probability that a named effect, or a class of effects, needs [1]."""
+    """Posterior probability that a named effect, or a class of effects, needs, compared with the
+    other causes of the library [1]."""
     good_enough: Mapping[str, float] = field(default_factory=dict)
     """Residual that does not matter, by output or by unit (``{"m": 2e-4}``) [SI]; for others, 1 %
     of the motion."""

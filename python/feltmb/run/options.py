@@ -26,15 +26,16 @@ class RunOptions:
     Attributes
     ----------
     duration : float or None
-        Duration [s], > 0; default: the duration of the stroke.
+        Simulated time [s]; default: the stroke's own.
     rtol : float
         Relative tolerance of the integrator, 1e-13 to 1e-2. The absolute tolerance of each state
         follows from it: rtol times 0.2 mm and 0.2 m/s at the contacts.
     method : str
-        ``"cvode"``: CVODES (BDF) integrates all states, including the modes of the string.
-        ``"modal"``: a string without contact is not integrated but vibrates exactly, for any
-        frequencies and damping; it needs a string with modes. ``"auto"``: modal for such a string.
-        The methods agree within their errors; ``run.stats["method"]`` is the method that was used.
+        "cvode": CVODES integrates all states; "modal": the vibration of a free string is computed
+        exactly and separately; "auto": modal for a string with modes. CVODES (BDF) includes the
+        modes of the string. ``"modal"`` does not integrate a string without contact, for any
+        frequencies and damping. The methods agree within their errors; ``run.stats["method"]`` is
+        the method that was used.
     output_rate : float
         Sample rate of the outputs [Hz]. Events and the largest force of the impact are found with
         dense output and do not depend on it.
@@ -47,21 +48,21 @@ class RunOptions:
         Whether outputs are sampled only over the last 10 ms, which the summary needs. This is
         faster for comparisons of thousands of strokes. A run that stops early then has no samples.
     error : float or None
-        Replaces ``rtol``: largest permitted error of a contact force relative to its peak, in (0,
-        0.1], after one strike on a string of 50 ms. The tolerance of the method follows from it
+        Instead of ``rtol``: largest error of a contact force relative to its peak, for a strike of
+        50 ms on a string. It is in (0, 0.1], and the tolerance of the method follows from it
         (``run.provenance["options"]``). The error limit holds for a hammer on a string. A whole
         action with bounces may have a larger error: compare with a tenth of the value.
     max_wall : float or None
-        Limit of the wall time [s].
+        Limit of the wall time [s]; the simulated part is kept.
     max_step : float or None
         Largest step [s].
     max_order : int or None
         Largest order of the BDF, 1 to 5; default: chosen from the lightly damped modes of strings
         and members (docs/explanation/model.md, "Integrator").
     ledger_limit : float or None
-        Largest permitted energy balance error as a fraction of the exchanged energy, above 0;
-        default 0.1 (``run.energy["residual_relative"]``). A run with a larger error fails. Without
-        a ledger there is no limit. A large value, for example 1e9, also means no limit.
+        A run fails if the energy balance error exceeds this fraction of the exchanged energy;
+        default: 0.1. The error is ``run.energy["residual_relative"]``. Without a ledger there is no
+        limit. A large value, for example 1e9, also means no limit.
     """
 
     duration: float | None = None

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 import feltmb
 from feltmb import InvalidParameter
 from feltmb.action.customer import customer_page
-from feltmb.cli.gap_report import command
+from feltmb.cli.gap import report as command
 
 
 def named(cause, component, magnitude, unit="1", **other):

@@ -16,7 +16,7 @@ from feltmb.action.regulate import (
 )
 from feltmb.action.regulate.measuring import CannotMeasure
 from feltmb.action.regulate.solving import solve
-from feltmb.cli.regulate import command
+from feltmb.cli.technician import regulate as command
 from feltmb.mechanism import Action
 
 STEP = {

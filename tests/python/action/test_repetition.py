@@ -9,7 +9,7 @@ from click.testing import CliRunner
 import feltmb
 from feltmb import FeltmbError, InvalidParameter
 from feltmb.action.repetition import highest_rate, key_travel
-from feltmb.cli.repeat import command
+from feltmb.cli.technician import repeat as command
 
 
 @pytest.fixture(scope="module")

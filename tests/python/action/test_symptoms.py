@@ -10,7 +10,7 @@ import feltmb
 from feltmb import InvalidParameter, Wear
 from feltmb.action.symptoms import PACKAGED, load_symptoms, packaged_wear
 from feltmb.action.wearing import NUMBERS, Variant
-from feltmb.cli.symptom import command
+from feltmb.cli.technician import symptom as command
 
 BASE = dict.fromkeys(NUMBERS, 10.0) | {"let_off": 2.3, "check": 15.0}
 

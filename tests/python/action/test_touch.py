@@ -15,7 +15,7 @@ from feltmb.action.touch import Strike, TouchRow, static_touch, touch
 from feltmb.action.touch.static import roles_of
 from feltmb.action.touch.strikes import at_speed, fit_travel_time, simulate_strike
 from feltmb.action.touch.weights import weights
-from feltmb.cli.touch import command
+from feltmb.cli.technician import touch as command
 from feltmb.mechanism import Action
 from feltmb.run.quasistatic import (
     SlowPress,

@@ -9,7 +9,8 @@ from click.testing import CliRunner
 import feltmb
 from feltmb import InvalidParameter, Wear, _core
 from feltmb.action.wearing import NUMBERS, Variant, measure, variants
-from feltmb.cli.wear import command, wear_table
+from feltmb.cli.technician import wear as command
+from feltmb.cli.technician import wear_table
 
 
 @pytest.fixture(scope="module")

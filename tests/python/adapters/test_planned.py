@@ -9,8 +9,8 @@ import pytest
 
 import feltmb
 from feltmb.adapters import STROKE_KINDS, finger_limits, mechanism_model
-from feltmb.cli.gap_models import Adapter
 from feltmb.cli.gap_plan import input_files
+from feltmb.cli.models import Adapter
 from feltmb.data import Record
 from feltmb.experiment import DesignedExperiment
 from feltmb.experiment.profiles import FAMILIES

@@ -11,7 +11,7 @@ from feltmb.adapters import mechanism_model
 from feltmb.adapters.drives import driven as driven_by_force
 from feltmb.adapters.landmarks import first_turn
 from feltmb.adapters.resolve import resolve
-from feltmb.cli.gap_models import load_adapter
+from feltmb.cli.models import load_adapter
 from feltmb.data import Record, Sensor
 from feltmb.data.smoothing import smooth_record
 from feltmb.errors import DataError, InvalidParameter

@@ -128,7 +128,6 @@ def test_piped_tables_are_plain_and_fit_80_columns(arguments):
     [
         (["felt", "show", "synthetic_soft_red", "--points", "1000000000000"], "100000"),
         (["felt", "loop", "--points", "1000000000000"], "100000"),
-        (["fiber", "structure", "2", "--network", "1000000000000"], "10000000"),
         (["fiber", "simulate", "x", "--fibers", "1000000000000"], "100000"),
         (["stroke", "steinway45", "forte", "--output-rate", "1e15"], "the limit is"),
     ],

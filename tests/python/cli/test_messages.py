@@ -122,7 +122,7 @@ def test_tables_and_lines_are_printed_at_one_place():
 
 
 def test_tables_show_escapes(capsys):
-    from feltmb.cli.common import console, new_table, say
+    from feltmb.cli.screen import console, new_table, say
 
     table = new_table(ODD, ODD)
     table.add_row(ODD)

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import feltmb.cli
 from feltmb import tables
 from feltmb.cli import cli
-from feltmb.cli.common import new_table
+from feltmb.cli.screen import new_table
 from feltmb.tables import FittingTable, Screen
 
 CLI = Path(feltmb.cli.__file__).parent
@@ -27,9 +27,7 @@ FAST = [
     "felt show a12_03",
     "fiber models",
     "fiber models binomial",
-    "fiber structure 1 3",
     "fiber contacts --v-f 0.1 --length 1e-3",
-    "fiber tensor --v-f 0.12 --e-modulus 1e9",
 ]
 
 
@@ -127,7 +125,7 @@ def test_every_table_of_the_commands_is_made_in_one_place():
 
 
 def test_numbers_are_aligned_to_the_right(capsys):
-    from feltmb.cli.common import console, new_table
+    from feltmb.cli.screen import console, new_table
 
     table = new_table("", "name", "value", right=(1,))
     table.add_row("a", "1.5")

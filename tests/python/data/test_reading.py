@@ -2,12 +2,12 @@
 
 import math
 
-import click
 import numpy as np
 import pytest
 
 from feltmb.cli import main
-from feltmb.cli.gap_reading import reading_options
+from feltmb.cli.models import READING
+from feltmb.cli.options import declare
 from feltmb.data import ReadOptions, read_record, read_records, write_record
 from feltmb.data.mapping import Signals
 from feltmb.data.sketch import sketch_sheet
@@ -551,14 +551,12 @@ def test_new_writes_a_sheet_beside_a_file(tmp_path, capsys):
 
 
 def test_options_of_the_command_line():
-    @click.command()
-    @reading_options
-    def read(reading):
-        return reading
-
     def options(**given):
         words = [(f"--{key.replace('_', '-')}", v) for key, vs in given.items() for v in vs]
-        return read.main([w for pair in words for w in pair], standalone_mode=False)
+        made = []
+        command = declare("read")(lambda reading=READING: made.append(reading))
+        command.main([w for pair in words for w in pair], standalone_mode=False)
+        return made[0]
 
     told = options(column=("tip.x=Marker 3 X",), unit=("px", "time=ms"), time_offset=("12ms",))
     assert options(missing=("-9999", "1e30")).missing == (-9999.0, 1e30)

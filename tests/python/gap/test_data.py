@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import feltmb
-from feltmb.cli.gap_models import Adapter
+from feltmb.cli.models import Adapter
 from feltmb.data import (
     ReadOptions,
     Record,

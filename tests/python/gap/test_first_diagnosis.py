@@ -7,7 +7,7 @@ import pytest
 
 from feltmb import gap
 from feltmb.cli import main as command_line
-from feltmb.cli.gap_models import load_adapter
+from feltmb.cli.models import load_adapter
 from feltmb.data import Record, Sensor, read_record
 from feltmb.errors import DataError, InvalidParameter
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from feltmb.cli.view import command
+from feltmb.cli.runs import view as command
 from feltmb.data import ReadOptions, read_record
 from feltmb.errors import DataError
 from feltmb.graphics.viewer import read_curves, read_each_run

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 import feltmb
-from feltmb.cli.show import command as show
+from feltmb.cli.inputs import showing as show
 from feltmb.run.sensitivity import gradient
 
 LENGTH, TENSION, DENSITY, YOUNG, DIAMETER, XI, MODES = (

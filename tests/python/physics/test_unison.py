@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 import feltmb
-from feltmb.cli.show import command as show
+from feltmb.cli.inputs import showing as show
 from feltmb.mechanism.parameters import find_parameters
 
 TENSION, DENSITY = 654.0, 5.98e-3  # of one string [N], [kg/m]
