@@ -89,6 +89,38 @@ def test_jammed_parts_are_told_with_the_contact():
         assert not [w for w in run.warnings if "jammed" in w]
 
 
+@pytest.mark.parametrize(
+    ("changes", "force"),
+    [
+        (
+            {
+                "surfaces.Jp2.point": {"value": [-5.5983, 70.0120], "unit": "mm"},
+                "surfaces.Jp2.radius": "1.5429 mm",
+                "surfaces.Hbp4.point": {"value": [10.4192, 10.3199], "unit": "mm"},
+                "surfaces.Hbp4.radius": "9.7238 mm",
+            },
+            69.6,
+        ),
+        (
+            {
+                "bodies.whippen.position": {"value": [-179.0152, 51.4782], "unit": "mm"},
+                "bodies.jack.position": {"value": [36.2879, 17.2821], "unit": "mm"},
+                "surfaces.Gp11.point": {"value": [-115.7908, 109.6296], "unit": "mm"},
+                "surfaces.Jp5.point": {"value": [4.5618, 48.7246], "unit": "mm"},
+                "straps.bridle_strap.free_length": "34.3197 mm",
+            },
+            225.2,
+        ),
+    ],
+)  # fmt: skip
+def test_drawn_dimensions_that_jam_are_told(changes, force):
+    """The dimensions that jam the parts, of two draws of all numbers of the file."""
+    run = feltmb.simulate(feltmb.load_action("steinway45").with_values(changes), "forte", 0.001)
+    (text,) = [w for w in run.warnings if "jammed" in w]
+    assert text.startswith("contact 04 jack - hammer butt leather is pressed by ")
+    assert run["contact04.force"][0] == pytest.approx(force, rel=2e-3)
+
+
 def test_a_spring_that_presses_is_no_jam():
     """A light hammer that a strong spring holds against its pad."""
     action = feltmb.load_action(PENDULUM)
