@@ -101,7 +101,10 @@ class Derivatives:
                 point, included=tuple(included[k] for k in live), magnitudes=magnitudes[live]
             )
             beside = tuple(c for c in fresh if c not in included and self._is_smooth(record, c))
-            known |= self._integrated(inside, lacking, beside, new_changes)
+            if lacking or new_changes or any(c in included for c in fresh):
+                known |= self._integrated(inside, lacking, (), new_changes)
+            if beside:  # these are rough
+                known |= self._integrated(inside, (), beside, {}) | known
             rough = [c for c in fresh if (c.name, c.shape) not in known]
 
             def one(c: Candidate) -> None:

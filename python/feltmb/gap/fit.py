@@ -40,6 +40,9 @@ COARSE = 0.2
 RADIUS = 2.0
 #: Share of the promised gain above which derivatives are used again [1].
 AS_PROMISED = 0.5
+#: Trials of a step, and how many shorter ones are tried with derivatives of an earlier point:
+#: these cost ten times as much as a trial, and a step often fails at a kink that they do not show.
+TRIALS, STALE = 7, 2
 #: A fit ends that is behind the best one by more than NEAR [log evidence], if its last step gained
 #: less than this share of the distance.
 NEAR, CATCH_UP = 3.0, 0.3
@@ -293,7 +296,7 @@ def _descend(fit: Descent) -> Steps:
             fit.now = Fitted(members, point, tuple(seen), noise, share)
         now = _cost(problem, problem.fit, members, prior, point, seen, noise, share)
         gain = 0.0
-        for _ in range(6):
+        for trial in range(TRIALS):
             damping = 1e-3
             for _ in range(20):
                 own = system(problem, problem.fit, members, point, seen, noise, share, damping)
@@ -316,7 +319,7 @@ def _descend(fit: Descent) -> Steps:
                 if not derivatives:
                     stale = not problem.model.cheap_derivatives and gain > AS_PROMISED * promised
                     found = (
-                        [replace(x, residual=y.residual) for x, y in zip(seen, found, strict=True)]
+                        _secant(seen, found, step, local)
                         if stale
                         else (yield Ask(members, moved, problem.fit))
                     )
@@ -326,10 +329,10 @@ def _descend(fit: Descent) -> Steps:
                 far = damping > 1e-3 and radius >= RADIUS
                 radius = max(radius, 2.0 * length)
                 break
-            if stale:
+            if stale and trial == STALE:
                 seen, stale = (yield Ask(members, point, problem.fit)), False
                 continue
-            if cost < now + CONVERGED:  # flat
+            if not stale and cost < now + CONVERGED:  # flat
                 break
             radius, derivatives = 0.4 * length, False
         done = change < SETTLED or gain == 0.0  # without a step, nothing will change
@@ -341,6 +344,22 @@ def _descend(fit: Descent) -> Steps:
         settled = settled or gain < CONVERGED
     fit.now = Fitted(members, point, tuple(seen), noise, share)
     return fit.now
+
+
+def _secant(
+    seen: Sequence[Linear], found: Sequence[Linear], step: Array, local: Sequence[Array]
+) -> list[Linear]:
+    """Residuals after a step, and the derivatives before it, corrected by what the step changed.
+
+    The smallest correction with which the derivatives predict the step (Broyden, Mathematics of
+    Computation 19, 1965, 577).
+    """
+    out, square = [], float(step @ step)
+    for x, y, d in zip(seen, found, local, strict=True):
+        missed = x.residual - y.residual - x.by_global @ step - x.by_local @ d
+        change = missed[..., None] * (step / square) if square > 0.0 else 0.0
+        out.append(replace(x, residual=y.residual, by_global=x.by_global + change))
+    return out
 
 
 def first_step(

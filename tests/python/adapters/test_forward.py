@@ -114,6 +114,7 @@ def richardson(model, record, included, place, step):
 def agreement(monkeypatch, stroke, effects, tolerances, tolerance=2e-6, rtol=1e-11):
     """Largest errors of columns against differences, relative to the largest of the column."""
     monkeypatch.setattr("feltmb.adapters.forward.TOLERANCE", tolerance)
+    monkeypatch.setattr("feltmb.adapters.forward.ROUGH", tolerance)
     action = feltmb.load_action("steinway45")
     library = load_library(action)
     model, known = mechanism_model(
