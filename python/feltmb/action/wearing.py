@@ -29,7 +29,7 @@ from feltmb.files import read_json
 from feltmb.mechanism import Action, MechanismFile, load_action
 from feltmb.mechanism.workshop import turns_of
 from feltmb.run.sweep import Progress, ProgressBar
-from feltmb.run.sweep.running import default_jobs
+from feltmb.run.sweep.members import default_jobs
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -27,7 +27,7 @@ from feltmb.files.access import (
     write_text,
 )
 from feltmb.files.digest import digest_of, package_digest
-from feltmb.files.store import Kept, Store
+from feltmb.files.store import Store
 
 __all__ = [
     "LARGEST_FILE",
@@ -35,7 +35,6 @@ __all__ = [
     "LARGEST_TABLE",
     "MOST_EXTENDS",
     "NPZ_FAULTS",
-    "Kept",
     "Store",
     "beside",
     "check_folder",

@@ -221,7 +221,7 @@ class _Machine:
             if store is not None:
                 key = self._key(shown, hold_out, case)
                 if (kept := store.get(key)) is not None:
-                    own = {k: kept.data[k] for k in asdict(case)}
+                    own = {k: kept[k] for k in asdict(case)}
                     return Case(**own | {"told": tuple(map(tuple, own["told"]))})
             model, options = self.problem.model, self.options
             report = diagnose(model, self.effects, shown, hold_out=hold_out, options=options)

@@ -1,47 +1,36 @@
 """Finished work in a folder: whole or not there, and never another's."""
 
-import json
 
 import numpy as np
 import pytest
 
-from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.errors import FeltmbError
 from feltmb.files import Store, digest_of
 
 DATA = {"number": 0.1, "text": "felt", "list": [1, 2], "none": None}
-
-
-def kept(folder, **given):
-    found = Store(folder, **given).get("key")
-    return None if found is None else (found.data, found.arrays)
 
 
 def test_what_was_put_comes_back(tmp_path):
     store = Store(tmp_path / "a" / "b")
     assert store.get("key") is None
     assert not (tmp_path / "a").exists()  # nothing is made by looking
-    store.put("key", DATA, {"x": np.arange(3.0)})
-    data, arrays = kept(tmp_path / "a" / "b")
-    assert data == DATA
-    np.testing.assert_array_equal(arrays["x"], np.arange(3.0))
+    store.put("key", DATA)
+    assert Store(tmp_path / "a" / "b").get("key") == DATA
     assert store.get("another") is None
 
 
 def test_every_damaged_byte_is_told(tmp_path):
-    Store(tmp_path).put("key", DATA, {"x": np.arange(3.0)})
-    for name in ("key.json", "key.npz"):
-        whole = (tmp_path / name).read_bytes()
-        for place in range(0, len(whole), 7):
-            changed = bytearray(whole)
-            changed[place] ^= 0x15
-            (tmp_path / name).write_bytes(changed)
-            with pytest.warns(RuntimeWarning, match="computed again"):
-                assert kept(tmp_path) is None
-        (tmp_path / name).write_bytes(whole)
-    assert kept(tmp_path)[0] == DATA
-    (tmp_path / "key.npz").unlink()
-    with pytest.warns(RuntimeWarning, match="no such file"):
-        assert kept(tmp_path) is None
+    Store(tmp_path).put("key", DATA)
+    path = tmp_path / "key.json"
+    whole = path.read_bytes()
+    for place in range(0, len(whole), 7):
+        changed = bytearray(whole)
+        changed[place] ^= 0x15
+        path.write_bytes(changed)
+        with pytest.warns(RuntimeWarning, match="computed again"):
+            assert Store(tmp_path).get("key") is None
+    path.write_bytes(whole)
+    assert Store(tmp_path).get("key") == DATA
 
 
 def test_a_result_is_not_that_of_another_key(tmp_path):
@@ -55,7 +44,7 @@ def test_files_that_belong_to_a_result(tmp_path):
     run = tmp_path / "run.nc"
     run.write_text("motion")
     Store(tmp_path).put("key", DATA, files={"run": run})
-    assert Store(tmp_path).get("key", {"run": run}).data == DATA
+    assert Store(tmp_path).get("key", {"run": run}) == DATA
     run.write_text("other motion")
     with pytest.warns(RuntimeWarning, match="belongs to it"):
         assert Store(tmp_path).get("key", {"run": run}) is None
@@ -63,23 +52,12 @@ def test_files_that_belong_to_a_result(tmp_path):
     assert Store(tmp_path).get("key", {"run": run}) is None
 
 
-def test_a_folder_of_other_settings_is_refused(tmp_path):
-    Store(tmp_path, "one").put("key", DATA)
-    assert Store(tmp_path, "one").get("key").data == DATA
-    with pytest.raises(InvalidParameter, match="holds cases of another model"):
-        Store(tmp_path, "two")
-    # Nor is a result moved from there.
-    (tmp_path / "settings.json").write_text(json.dumps({"settings": "two"}))
-    with pytest.warns(RuntimeWarning, match="checksum"):
-        assert Store(tmp_path, "two").get("key") is None
-
-
 def test_a_result_that_cannot_be_written_leaves_the_old_one(tmp_path, monkeypatch):
     Store(tmp_path).put("key", DATA)
     monkeypatch.setattr("pathlib.Path.replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
     with pytest.raises(FeltmbError, match="cannot be written"):
         Store(tmp_path).put("key", {"number": 2})
-    assert kept(tmp_path)[0] == DATA
+    assert Store(tmp_path).get("key") == DATA
     assert [p.name for p in tmp_path.iterdir()] == ["key.json"]
 
 

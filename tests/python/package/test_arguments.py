@@ -1258,27 +1258,20 @@ CALLS = {
     "feltmb.action.touch.static_touch": lambda: {"action": pendulum(), "most_travel": 0.02},
     # sweep
     "feltmb.run.sweep.Axis": lambda: {
-        "name": "mass",
+        "path": "arm.mass",
         "values": (0.02,),
-        "paths": ("arm.mass",),
         "how": "set",
-        "inverse": (),
     },
     "feltmb.run.sweep.Axis.at": lambda: (
-        sweeps().Axis("mass", (2.0,), ("arm.mass",), "scale"),
+        sweeps().Axis("arm.mass", (2.0,), "scale"),
         {"value": 2.0},
     ),
-    "feltmb.run.sweep.Extract": lambda: {
-        "function": lambda *_: ({}, {}),
-        "spec": None,
-    },
     "feltmb.run.sweep.Member": lambda: {
         "action": pendulum(),
         "stroke": stroke(),
         "values": {},
         "options": {},
         "name": "m",
-        "extract": None,
         "save_run": "",
     },
     "feltmb.run.sweep.Outcome": None,  # a result
@@ -1287,14 +1280,13 @@ CALLS = {
     "feltmb.run.sweep.SweepResult.run": lambda: (swept(), {"index": 0}),
     "feltmb.run.sweep.SweepResult.save": lambda: (swept(), {"path": "t.csv", "force": True}),
     "feltmb.run.sweep.apply_point": lambda: {
-        "action": pendulum(),
         "stroke": stroke(),
         "options": {},
         "values": {"arm.mass": 0.02},
     },
     "feltmb.run.sweep.axis_values": lambda: {"given": [1.0, 2.0], "where": "here"},
     "feltmb.run.sweep.grid_points": lambda: {
-        "axes": (sweeps().Axis("mass", (2.0,), ("arm.mass",)),),
+        "axes": (sweeps().Axis("arm.mass", (2.0,)),),
         "mode": "grid",
     },
     "feltmb.run.sweep.run_member": lambda: {"member": member()},

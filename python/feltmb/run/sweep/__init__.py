@@ -13,14 +13,12 @@ from feltmb.run.sweep.axes import (
     axis_values,
     grid_points,
 )
-from feltmb.run.sweep.member import Extract, Member, Outcome, run_member
+from feltmb.run.sweep.members import Member, Outcome, run_member, run_members
 from feltmb.run.sweep.progress import Progress, ProgressBar
-from feltmb.run.sweep.running import run_members
 from feltmb.run.sweep.table import SweepResult, sweep
 
 __all__ = [
     "Axis",
-    "Extract",
     "Member",
     "Outcome",
     "Progress",

@@ -11,11 +11,8 @@ from typing import Any, Literal
 
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter, shown
-from feltmb.mechanism import Action
-from feltmb.mechanism.values import tidy
 from feltmb.run.options import OPTIONS, check_options
 from feltmb.run.stroke import Stroke
-from feltmb.units import to_si
 
 
 def _is_finite(value: object) -> bool:
@@ -40,47 +37,33 @@ class Axis:
 
     Attributes
     ----------
-    name
-        Column of the table.
+    path
+        Dotted path that gets the value, and column of the table: a path of the mechanism,
+        ``stroke.scale``, ``stroke.delay`` or ``options.NAME``.
     values
         Values of the axis.
-    paths
-        Dotted paths that get the value: paths of the mechanism, ``stroke.scale``, ``stroke.delay``
-        or ``options.NAME``.
     how
         ``set`` replaces the value of the mechanism, ``scale`` multiplies it, ``offset`` is added to
         it.
-    inverse
-        Paths whose value is divided by the value of the axis; only with ``scale``.
-    unit
-        Unit of the values that are numbers; ``1``: SI units.
     """
 
-    name: str
+    path: str
     values: tuple[Any, ...]
-    paths: tuple[str, ...]
     how: How = "set"
-    inverse: tuple[str, ...] = ()
-    unit: str = "1"
 
     def at(self, value: Any) -> dict[str, Any]:
         """Values and changes by path for one value of the axis, as for ``Action.with_values``."""
-        if self.unit != "1" and _is_finite(value):
-            value = tidy(value * to_si(self.unit)[0])
         if self.how == "set":
-            return dict.fromkeys(self.paths, value)
+            return {self.path: value}
         if self.how == "offset" and isinstance(value, str):
-            return {f"{path} +=": value for path in self.paths}
+            return {f"{self.path} +=": value}
         if not _is_finite(value):
             raise InvalidParameter(
-                f"axis {self.name!r}: got {shown(value)}, expected a finite number to {self.how} by"
+                f"axis {self.path!r}: got {shown(value)}, expected a finite number to {self.how} by"
             )
-        if self.inverse and value == 0.0:
-            raise InvalidParameter(f"axis {self.name!r}: nothing can be divided by 0")
         if self.how == "offset":
-            return {f"{path} +=": value for path in self.paths}
-        scaled = {f"{path} *=": value for path in self.paths}
-        return scaled | {f"{path} *=": 1.0 / value for path in self.inverse}
+            return {f"{self.path} +=": value}
+        return {f"{self.path} *=": value}
 
 
 @checked
@@ -149,17 +132,16 @@ def grid_points(axes: Sequence[Axis], mode: Literal["grid", "list"]) -> Iterator
             raise InvalidParameter(f"sweep: a grid of {size} points; the limit is {MOST_POINTS}")
         return itertools.product(*(axis.values for axis in axes))
     if len({len(axis.values) for axis in axes}) > 1:
-        lengths = ", ".join(f"{axis.name}: {len(axis.values)}" for axis in axes)
+        lengths = ", ".join(f"{axis.path}: {len(axis.values)}" for axis in axes)
         raise InvalidParameter(f"sweep: a list needs axes of the same length, got {lengths}")
     return zip(*(axis.values for axis in axes), strict=True) if axes else iter([()])
 
 
 @checked
 def apply_point(
-    action: Action, stroke: Stroke, options: Mapping[str, Any], values: Mapping[str, Any]
+    stroke: Stroke, options: Mapping[str, Any], values: Mapping[str, Any]
 ) -> tuple[dict[str, Any], Stroke, dict[str, Any]]:
     """Divide values by path into those of the mechanism, the stroke and the options."""
-    del action
     mechanism: dict[str, Any] = {}
     chosen = dict(options)
     for path, value in values.items():

@@ -22,9 +22,8 @@ from feltmb.run.arrays import summary_unit, table_to_dataset
 from feltmb.run.options import OPTIONS, RunOptions, check_options, options_given
 from feltmb.run.stroke import Stroke, load_stroke
 from feltmb.run.sweep.axes import Axis, apply_point, axis_values, grid_points
-from feltmb.run.sweep.member import Member, Outcome, one_line
+from feltmb.run.sweep.members import Member, Outcome, one_line, run_members
 from feltmb.run.sweep.progress import Progress, ProgressBar
-from feltmb.run.sweep.running import run_members
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -165,16 +164,8 @@ def sweep(
     import pandas as pd
 
     base = load_action(action) if isinstance(action, str) else action
-    strokes = [stroke] if isinstance(stroke, (Stroke, str)) else list(stroke)
-    loaded = [load_stroke(s) if isinstance(s, str) else s for s in strokes]
-    if not loaded:
-        raise InvalidParameter("sweep: no stroke")
-    try:
-        values, given = plain_data(values), plain_data(options_given(options))
-    except InvalidParameter as error:
-        raise InvalidParameter(f"sweep: {error}") from None
-    _check_sizes(values, "values")
-    _check_sizes(given, "options")
+    loaded = _strokes(stroke)
+    values, given = _numbers(values, "values"), _numbers(options_given(options), "options")
     check_options(given, known=OPTIONS)
     where = Path(folder) if folder is not None else None
     if where is not None:
@@ -187,22 +178,16 @@ def sweep(
     members: list[Member] = []
     faults: dict[int, Outcome] = {}
     for point, changes in points:
+        label = " ".join(f"{n.rsplit('.', 1)[-1]}={v}" for n, v in zip(names, point, strict=True))
         for s in loaded:
             rows.append({**dict(zip(names, point, strict=True)), "stroke": s.name})
             try:
-                mechanism, changed, chosen = apply_point(base, s, given, changes)
+                mechanism, changed, chosen = apply_point(s, given, changes)
             except InvalidParameter as failure:
-                faults[len(rows) - 1] = Outcome("failed", one_line(failure))
+                faults[len(members)] = Outcome("failed", one_line(failure))
                 mechanism, changed, chosen = {}, s, given
-            label = " ".join(
-                f"{n.rsplit('.', 1)[-1]}={v}" for n, v in zip(names, point, strict=True)
-            )
             member = Member(base, changed, mechanism, chosen, f"{s.name} {label}".strip())
-            if not summary_only:
-                assert where is not None
-                marked = replace(member, save_run="yes")
-                member = replace(member, save_run=str(where / f"{marked.key[:40]}.nc"))
-            members.append(member)
+            members.append(member if summary_only else _kept(member, where))
     outcomes: list[Outcome | None] = [faults.get(i) for i in range(len(members))]
     numbered = [(i, m) for i, m in enumerate(members) if i not in faults]
     if jobs is not None:
@@ -219,6 +204,30 @@ def sweep(
         tuple(m.save_run for m in members) if not summary_only else (),
         _units(base, names, values),
     )
+
+
+def _strokes(stroke: Stroke | str | Sequence[Stroke | str]) -> list[Stroke]:
+    given = [stroke] if isinstance(stroke, (Stroke, str)) else list(stroke)
+    if not given:
+        raise InvalidParameter("sweep: no stroke")
+    return [load_stroke(s) if isinstance(s, str) else s for s in given]
+
+
+def _numbers(given: Any, where: str) -> Any:
+    """Plain data of values or options, with numbers that can be simulated."""
+    try:
+        plain = plain_data(given)
+    except InvalidParameter as error:
+        raise InvalidParameter(f"sweep: {error}") from None
+    _check_sizes(plain, where)
+    return plain
+
+
+def _kept(member: Member, folder: Path | None) -> Member:
+    """A member that writes its run to the folder."""
+    assert folder is not None
+    marked = replace(member, save_run="yes")
+    return replace(member, save_run=str(folder / f"{marked.key[:40]}.nc"))
 
 
 def _units(action: Action, names: Sequence[str], values: Any) -> dict[str, str]:
@@ -273,7 +282,7 @@ def _points(
         axes = []
         for path, given in values.items():
             found, how = axis_values(given, f"values[{path!r}]")
-            axes.append(Axis(path, found, (path,), how))
+            axes.append(Axis(path, found, how))
             if how != "set":  # the path must name numbers
                 apply_values(action.raw, axes[-1].at(found[0]), "sweep")
         combined = grid_points(axes, mode)  # type: ignore[arg-type]
@@ -285,7 +294,7 @@ def _points(
                     changes.update(axis.at(value))
                 yield point, changes
 
-        return [axis.name for axis in axes], expand()
+        return [axis.path for axis in axes], expand()
     listed = [dict(v) for v in values]
     paths = list(dict.fromkeys(path for point in listed for path in point))
     if not listed:

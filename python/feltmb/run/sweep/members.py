@@ -1,33 +1,191 @@
-"""Runs many members in parallel, on threads of the core or on an executor."""
+"""Members of a sweep: one simulation each, in parallel, stored in a folder when they are finished.
+
+They run on threads of the core or on an executor.
+"""
 
 from __future__ import annotations
 
 import os
 import queue
 import threading
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
 from feltmb.arguments import checked
-from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.files import make_folder
+from feltmb.errors import FeltmbError, IntegrationError, InvalidParameter
+from feltmb.files import Store, digest_of, make_folder, package_digest
+from feltmb.mechanism import Action
 from feltmb.run.batch import simulate_many
-from feltmb.run.sweep.folder import recall, store
-from feltmb.run.sweep.member import (
-    Member,
-    Outcome,
-    failure_outcome,
-    one_line,
-    run_member,
-    to_outcome,
-)
+from feltmb.run.stroke import Stroke
 
 if TYPE_CHECKING:
-    from feltmb.mechanism import Action
     from feltmb.run.results import Run
+
+
+@checked
+@dataclass(frozen=True)
+class Member:
+    """One simulation: mechanism, values by dotted path, stroke, options of ``simulate``."""
+
+    action: Action
+    stroke: Stroke
+    values: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    name: str = ""
+    save_run: str = ""  #: NetCDF file to be written; "" for none
+
+    def changed_action(self) -> Action:
+        """The mechanism with the values of this member."""
+        return self.action.with_values(self.values) if self.values else self.action
+
+    def simulate_options(self) -> dict[str, Any]:
+        """Options of ``simulate``."""
+        return {"ledger": False, "summary_only": not self.save_run, **self.options}
+
+    @cached_property
+    def key(self) -> str:
+        """SHA-256 of parameters, stroke, options, and code."""
+        return digest_of(
+            package_digest(),
+            self.action.hash,
+            self.values,
+            self.stroke.as_dict(),
+            self.options,
+            bool(self.save_run),
+        )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Outcome of a member.
+
+    Attributes
+    ----------
+    status
+        ``done``; ``failed``: the solver stopped early (the outcome has what was reached), or the
+        values are impossible; ``error``: another fault (a worker process died, the wall time limit
+        was reached). A member with ``error`` is repeated when the sweep continues.
+    error
+        Message in one line; empty if done.
+    numbers
+        Summary of the run, SI units; ``steps`` and ``rhs``: work counts.
+    wall
+        Wall time of the simulation [s].
+    warnings
+        Warnings of the run (:attr:`Run.warnings`).
+    resumed
+        Whether it was read from the folder instead of computed.
+    """
+
+    status: str
+    error: str = ""
+    numbers: dict[str, float] = field(default_factory=dict)
+    reached: float = 0.0
+    wall: float = 0.0
+    warnings: tuple[str, ...] = ()
+    resumed: bool = False
+
+
+def one_line(error: BaseException) -> str:
+    """Message of an error, with its type if it is not an error of feltmb."""
+    text = " ".join(str(error).split())
+    return (
+        text if isinstance(error, FeltmbError) else f"{type(error).__name__}: {text}".rstrip(": ")
+    )
+
+
+def failure_outcome(error: Exception) -> Outcome:
+    """Outcome of a member without a run."""
+    return Outcome("failed" if isinstance(error, FeltmbError) else "error", one_line(error))
+
+
+def to_outcome(member: Member, result: Run | FeltmbError) -> Outcome:
+    """Outcome of a member, from its run or from an error."""
+    status, error = "done", ""
+    if isinstance(result, IntegrationError):
+        run, error = result.partial, one_line(result)
+        if run.status != "failed":  # the state at a wall time limit is random
+            return Outcome("error", error, reached=run.reached, wall=float(run.stats["wall"]))
+        status = "failed"
+    elif isinstance(result, FeltmbError):
+        return failure_outcome(result)
+    else:
+        run = result
+    try:
+        numbers = {k: float(v) for k, v in run.summary.items()}
+        if member.save_run:
+            try:
+                run.save(member.save_run, force=True)
+            except FeltmbError as failure:  # a fault of the disk, not of the member: it is repeated
+                return Outcome("error", one_line(failure))
+    except Exception as failure:  # a member must not stop the others
+        return failure_outcome(failure)
+    numbers.update(steps=float(run.stats["steps"]), rhs=float(run.stats["rhs"]))
+    wall = float(run.stats["wall"])
+    return Outcome(status, error, numbers, run.reached, wall, run.warnings)
+
+
+@checked
+def run_member(member: Member) -> Outcome:
+    """Simulate one member, in any process; every fault becomes its outcome."""
+    from feltmb.run.simulate import simulate
+
+    try:
+        action = member.changed_action()
+        result: Run | FeltmbError
+        try:
+            result = simulate(action, member.stroke, **member.simulate_options())
+        except IntegrationError as failure:
+            result = failure
+    except Exception as failure:  # a member must not stop the others
+        return failure_outcome(failure)
+    return to_outcome(member, result)
+
+
+# --- in a folder ---------------------------------------------------------------------------------
+
+
+def _files(member: Member, status: str) -> dict[str, Path]:
+    """File of the saved run of a member."""
+    return {"run": Path(member.save_run)} if member.save_run and status == "done" else {}
+
+
+def store(folder: Path, member: Member, outcome: Outcome) -> None:
+    """Write the outcome of a member; it counts as finished when its file exists."""
+    found = {
+        "feltmb": "member",
+        "name": member.name,
+        "action": member.action.name,
+        "values": dict(member.values),
+        "stroke": member.stroke.name,
+        "status": outcome.status,
+        "error": outcome.error,
+        "numbers": outcome.numbers,
+        "reached": outcome.reached,
+        "wall": outcome.wall,
+        "warnings": list(outcome.warnings),
+    }
+    Store(folder).put(member.key, found, files=_files(member, outcome.status))
+
+
+def recall(folder: Path, member: Member) -> Outcome | None:
+    """Outcome of a member from the folder; None if it is absent or was changed."""
+    found = Store(folder).get(member.key, {"run": Path(member.save_run)})
+    if found is None:
+        return None
+    numbers = {str(name): float(value) for name, value in found["numbers"].items()}
+    return Outcome(
+        str(found["status"]), str(found["error"]), numbers, float(found["reached"]),
+        float(found["wall"]), tuple(map(str, found["warnings"])), resumed=True,
+    )  # fmt: skip
+
+
+# --- in parallel ---------------------------------------------------------------------------------
 
 
 def default_jobs() -> int:
@@ -91,7 +249,7 @@ class _Batch:
         self._folder = folder
         self._guard = threading.Lock()
         self._positions: dict[str, list[int]] = {}  # of running members; equal members run once
-        self._under_way: dict[int, tuple[Member, Action]] = {}
+        self._under_way: dict[int, Member] = {}
         self._ready: queue.Queue[tuple[int, Outcome] | None] = queue.Queue(2 * jobs + 2)
         self._stop = _core.StopFlag()
         self._fault: BaseException | None = None
@@ -150,13 +308,13 @@ class _Batch:
             except Exception as failure:  # a member must not stop the others
                 self._finish(member, failure_outcome(failure))
                 continue
-            self._under_way[begun] = (member, action)
+            self._under_way[begun] = member
             begun += 1
             yield action, member.stroke, member.simulate_options()
 
     def _take(self, index: int, result: Run | FeltmbError) -> bool:
-        member, action = self._under_way.pop(index)
-        return self._finish(member, to_outcome(member, action, result))
+        member = self._under_way.pop(index)
+        return self._finish(member, to_outcome(member, result))
 
     def _finish(self, member: Member, outcome: Outcome) -> bool:
         if self._folder is not None and outcome.status in ("done", "failed"):
