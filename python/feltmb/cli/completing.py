@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 __all__ = [
     "actions",
     "actuators",
-    "effects",
     "events",
     "felts",
     "fiber_laws",
+    "mechanism_named",
     "outputs",
     "packaged",
     "paths",
@@ -72,7 +72,7 @@ def _line() -> list[str]:
     return split_arg_string(os.environ.get("COMP_WORDS", ""))
 
 
-def _mechanism() -> str | None:
+def mechanism_named() -> str | None:
     """Mechanism on the command line."""
     from feltmb import params
     from feltmb.files import is_file
@@ -81,24 +81,6 @@ def _mechanism() -> str | None:
     return next(
         (w for w in _line() if w in known or (w.endswith(".toml") and is_file(Path(w)))), None
     )
-
-
-def effects(
-    _context: click.Context, _parameter: click.Parameter, incomplete: str
-) -> list[CompletionItem]:
-    """Effects of the library for the mechanism on the command line; Python files are not run."""
-    from feltmb.errors import FeltmbError
-
-    model = _mechanism()
-    if model is None:
-        return []
-    from feltmb.cli.models import load_adapter
-
-    try:
-        names = [effect.name for effect in load_adapter(model).effects]
-    except FeltmbError:
-        return []
-    return [CompletionItem(name) for name in names if name.startswith(incomplete)]
 
 
 def _paths(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -134,7 +116,7 @@ def _settable() -> dict[str, Any]:
     from feltmb.errors import FeltmbError
     from feltmb.mechanism import load_action
 
-    name = _mechanism()
+    name = mechanism_named()
     if name is None:
         return {}
     try:

@@ -194,7 +194,7 @@ def contacts_command(
     rows = []
     for name in ("poisson", "binomial"):
         extra = {"gamma": gamma} if name == "binomial" else {}
-        extra |= {"ratio": ratio, "length_cv": length_cv, "diameter_cv": diameter_cv}
+        extra |= {"ratio": ratio, "length_cv": length_cv}
         c = contact_count(name, v_f, d_f, length, **extra)
         sd = f"{math.sqrt(c.variance):.4f}"
         rows.append((name, f"{c.mean:.4f}", sd, f"{c.probability[0]:.3e}"))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from feltmb.cli.completing import actions, effects
+from feltmb.cli.completing import actions
 from feltmb.cli.gap_plan import plan
 from feltmb.cli.gap_records import check, join
 from feltmb.cli.models import (
@@ -23,6 +23,7 @@ from feltmb.cli.models import (
     READING,
     STATED,
     config_option,
+    effects,
     held_out,
     load_adapter,
 )

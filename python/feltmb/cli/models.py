@@ -12,8 +12,9 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
-from feltmb.cli.completing import actions
+from feltmb.cli.completing import actions, mechanism_named
 from feltmb.cli.options import (
     Number,
     argument,
@@ -44,6 +45,7 @@ __all__ = [
     "Stated",
     "TestFile",
     "config_option",
+    "effects",
     "held_out",
     "load_adapter",
 ]
@@ -548,6 +550,22 @@ def _listed(given: object) -> tuple[tuple[Effect, ...], str]:
     if not all(isinstance(e, Effect) for e in effects):
         return (), "holds something that is no feltmb.gap.Effect"
     return effects, ""
+
+
+def effects(
+    _context: click.Context, _parameter: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    """Effects of the library for the mechanism on the command line; Python files are not run."""
+    from feltmb.errors import FeltmbError
+
+    model = mechanism_named()
+    if model is None:
+        return []
+    try:
+        names = [effect.name for effect in load_adapter(model).effects]
+    except FeltmbError:
+        return []
+    return [CompletionItem(name) for name in names if name.startswith(incomplete)]
 
 
 def held_out(

@@ -250,12 +250,12 @@ class Line:
     def __init__(self) -> None:
         self._stage = ""
 
-    def show(self, stage: str, text: str, *, always: bool = False) -> None:
-        """Show the text of a stage; ``always``: also without a terminal and a new stage."""
+    def show(self, stage: str, text: str) -> None:
+        """Show the text of a stage; without a terminal only the name of a new stage."""
         if is_terminal():
             redraw(text[: max(console(stderr=True).width - 1, 20)])
-        elif always or stage != self._stage:
-            say(f"feltmb: {text}", err=True)
+        elif stage != self._stage:
+            say(f"feltmb: {stage}", err=True)
         self._stage = stage
 
     def close(self) -> None:
@@ -286,10 +286,11 @@ class ProgressLine(Line):
 
     def __call__(self, p: Progress) -> None:
         """Show the progress."""
-        told = p.stage not in (self._stage, "done") or p.elapsed >= self._next
-        if is_terminal() or told:
+        if is_terminal():
+            self.show(p.stage, self.text(p))
+        elif p.stage not in (self._stage, "done") or p.elapsed >= self._next:
             self._next = p.elapsed + 30.0
-            self.show(p.stage, self.text(p), always=True)
+            say(f"feltmb: {self.text(p)}", err=True)
         self._stage = p.stage
 
     @staticmethod

@@ -141,7 +141,7 @@ class ReadOptions:
     frame_rate: float | None = None
     """Frames per second of the camera [Hz]."""
     delays: Mapping[str, float] = field(default_factory=dict)
-    """Delay of a channel, or of all outputs, relative to the input [s], such as 12ms."""
+    """Delay of a channel, or of all outputs, relative to the input, such as 12ms. Its unit is s."""
     run: str = ""
     """Column with the number of the run; default: a new run begins where the time restarts."""
     missing: Sequence[float] = ()

@@ -115,7 +115,7 @@ def test_a_fit_at_a_bound_fails(tmp_path):
     given = ["--v-f0", "0.0999", "--branch", "loading", "--starts", "2"]
     got = CliRunner().invoke(cli, ["fiber", "fit", str(path), *given])
     assert got.exit_code != 0
-    assert "the data do not determine" in got.output
+    assert "the data do not determine" in str(got.exception)
 
 
 def covered(seeds, noise):

@@ -44,7 +44,7 @@ def test_a_loop_of_inertia_and_drag_has_failed(tmp_path):
     words = ["--fibers", "30", "--beads", "15", "--v-max", "0.12", "--strain-per-step", "2e-4"]
     got = CliRunner().invoke(cli, ["fiber", "simulate", str(tmp_path / "run.npz"), *words])
     assert got.exit_code == 1
-    assert "failed, for the reasons above" in got.output
+    assert "failed, for the reasons above" in str(got.exception)
 
 
 def test_books_that_do_not_close_are_told():

@@ -15,7 +15,7 @@ def run(*args, code=0):
     result = CliRunner(env={"COLUMNS": "80"}).invoke(fiber, [str(a) for a in args])
     said, exit_code = result.output, result.exit_code
     if isinstance(result.exception, FeltmbError):  # feltmb.cli.main prints it
-        said += str(result.exception)
+        said += f"feltmb: {result.exception}"
         exit_code = 2 if isinstance(result.exception, (InvalidParameter, FileExists)) else 1
     elif not isinstance(result.exception, (SystemExit, type(None))):
         raise result.exception
