@@ -17,6 +17,7 @@ from feltmb.cli.gap_plan import plan
 from feltmb.cli.gap_records import check, join
 from feltmb.cli.models import (
     DATA,
+    EXCLUDE,
     HOLD_OUT,
     MEASURED,
     MODEL,
@@ -102,9 +103,7 @@ def run(
         metavar="NAME",
     ),
     stated: Stated = STATED,
-    exclude: tuple[str, ...] = option(
-        "Effect, pattern such as 'sensor*', or component that is not tested.", metavar="EFFECT"
-    ),
+    exclude: tuple[str, ...] = EXCLUDE,
     include: tuple[str, ...] = option(
         "Effect of the library that is added to the model before the diagnosis, with its magnitude "
         "as a parameter.",
@@ -342,7 +341,9 @@ class _Told:
         say(f"{done} of {total}: {what}: {said} ({case.outcome}){rest}", err=True)
 
 
-@declare("blind", command, "Test the diagnosis of MODEL on simulated machines.")
+@declare(
+    "blind", command, "Test the diagnosis of MODEL on simulated machines.", more=[config_option]
+)
 def blind(
     model: str = MODEL,
     data: tuple[Path, ...] = argument(required=False),
@@ -366,6 +367,9 @@ def blind(
         metavar="DIRECTORY",
     ),
     options: Options = fields_of("gap.options:Options", credibility=CREDIBILITY, seconds=SECONDS),
+    stated: Stated = STATED,
+    exclude: tuple[str, ...] = EXCLUDE,
+    reading: ReadOptions = READING,
     settings: tuple[str, ...] = MODEL_SET,
     *,
     as_json: bool,
@@ -379,12 +383,12 @@ def blind(
     """
     from feltmb.gap import withhold
 
-    adapter = load_adapter(model, settings)
-    groups = adapter.read_each(data) if data else (adapter.planned,)
+    adapter = load_adapter(model, settings, stated=stated)
+    groups = adapter.read_each(data, reading) if data else (adapter.planned,)
     records = tuple(r for group in groups for r in group)
     if not records:
         raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
-    adapter = adapter.with_records(records)
+    adapter = adapter.with_records(records, exclude)
     found = withhold(
         adapter.model,
         adapter.effects,

@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from feltmb.cli.completing import actuators
-from feltmb.cli.models import MEASURED, MODEL, load_adapter
+from feltmb.cli.models import (
+    EXCLUDE,
+    MEASURED,
+    MODEL,
+    READING,
+    STATED,
+    config_option,
+    load_adapter,
+)
 from feltmb.cli.options import (
     FORCE,
     MODEL_SET,
@@ -27,8 +35,8 @@ from feltmb.errors import InvalidParameter
 from feltmb.units import readable_unit, unit_suffix
 
 if TYPE_CHECKING:
-    from feltmb.cli.models import Adapter
-    from feltmb.data import Record, Sensor
+    from feltmb.cli.models import Adapter, Stated
+    from feltmb.data import ReadOptions, Record, Sensor
     from feltmb.experiment import Belief, Design, DesignedExperiment, Limits, Visible
     from feltmb.experiment.files import InputFiles
 
@@ -40,7 +48,7 @@ MOST_CAUSES, MOST_HELP = 12, 5
 LIKELY = 0.1
 
 
-@declare("plan", short="Experiments that identify what MODEL lacks.")
+@declare("plan", short="Experiments that identify what MODEL lacks.", more=[config_option])
 def plan(
     model: str = MODEL,
     data: tuple[Path, ...] = argument(required=False),
@@ -89,6 +97,9 @@ def plan(
         FolderName(),
         metavar="DIRECTORY",
     ),
+    stated: Stated = STATED,
+    exclude: tuple[str, ...] = EXCLUDE,
+    reading: ReadOptions = READING,
     settings: tuple[str, ...] = MODEL_SET,
     force: bool = FORCE,
     *,
@@ -106,9 +117,9 @@ def plan(
     if out is not None:
         check_writable(make_folder(out) / "plan.json", force=force)
     lever = None if arm is None else _lever(arm)
-    adapter = load_adapter(model, settings, channels)
-    records = adapter.read(data) if data else ()
-    adapter = adapter.with_records(records).measured(measured)
+    adapter = load_adapter(model, settings, channels, stated)
+    records = adapter.read(data, reading) if data else ()
+    adapter = adapter.with_records(records, exclude).measured(measured)
     allowed = _limits(model, adapter, limits)
     belief = None if report is None else _belief(report)
     line, start = Line(), time.monotonic()

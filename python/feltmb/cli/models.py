@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DATA",
+    "EXCLUDE",
     "HOLD_OUT",
     "MEASURED",
     "MODEL",
@@ -58,6 +59,9 @@ MJCF = (".xml", ".mjcf", ".urdf")
 
 MODEL = argument(complete=actions)
 DATA = argument(click.Path(path_type=Path))
+EXCLUDE = option(
+    "Effect, pattern such as 'sensor*', or component that is not tested.", metavar="EFFECT"
+)
 HOLD_OUT = option(
     "Record (or its file) that is not fitted, but predicted. Default: the records with the role "
     "held_out, else some records are chosen.",
@@ -341,8 +345,10 @@ class Adapter:
 
         return read_each(data, self.signals, options)
 
-    def with_records(self, records: Sequence[Record]) -> Adapter:
+    def with_records(self, records: Sequence[Record], exclude: Sequence[str] = ()) -> Adapter:
         """Copy of the adapter whose effects are made from these records, or from planned ones.
+
+        ``exclude``: names, patterns or components of effects that are left out.
 
         Raises
         ------
@@ -350,23 +356,27 @@ class Adapter:
             There is no record, or the function of the effects fails.
         """
         from feltmb.fit.calling import calling
-        from feltmb.gap import candidates
+        from feltmb.gap.defaults import chosen_effects
+        from feltmb.gap.records import ready_records
 
-        if self.made is None and not self.default:
-            return self
         records = tuple(records) or self.planned
+        if self.made is None and not self.default:
+            kept, _ = chosen_effects(self.model, records, self.effects, exclude)
+            return replace(self, effects=kept)
         if not records:
             raise InvalidParameter(
                 f"model {self.model.name}: its effects are a function of the records; give "
                 "measured files, or define planned records"
             )
         if self.made is None:
-            return replace(self, effects=candidates(self.model, records), default=False)
+            ready = ready_records(self.model, records)
+            kept, _ = chosen_effects(ready.model, ready.records, None, exclude)
+            return replace(self, model=ready.model, effects=kept, default=False)
         with calling(f"model {self.model.name}: effects(records)"):
             effects, fault = _listed(self.made(records))
         if fault:
             raise InvalidParameter(f"model {self.model.name}: effects(records) {fault}")
-        return replace(self, effects=effects, made=None)
+        return replace(self, effects=effects, made=None).with_records(records, exclude)
 
     def measured(self, path: Path | None) -> Adapter:
         """Copy of the adapter with tests of single parts instead of tolerances."""

@@ -36,6 +36,7 @@ from feltmb.experiment.profiles import FAMILIES, Profile
 from feltmb.fit.limits import Limits, PartTest
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.measured import no_test_of
+from feltmb.gap.records import ready_records
 
 __all__ = [
     "Design",
@@ -227,6 +228,9 @@ def design(
     InvalidParameter
         Unknown names, a wrong number, or no profile that can be simulated.
     """
+    if records:
+        ready = ready_records(model, records)
+        model, records = ready.model, ready.records
     check_limits(limits, model, effects)
     known = ", ".join(FAMILIES)
     faults = [f"families: {n} is none of {known}" for n in families if n not in FAMILIES]

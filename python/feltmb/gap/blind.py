@@ -20,7 +20,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import Store, digest_of, make_folder, package_digest
-from feltmb.fit.model import Candidate, Effect, Model
+from feltmb.fit.model import Candidate, Effect, Model, Ready
 from feltmb.fit.observe import observe
 from feltmb.fit.shift import shifted
 from feltmb.gap.diagnosis import diagnose
@@ -28,7 +28,7 @@ from feltmb.gap.fit import empty_point
 from feltmb.gap.linear import Ask, start_states, theta_at
 from feltmb.gap.options import Options
 from feltmb.gap.problem import Problem
-from feltmb.gap.records import noise_of_channel, prepare, split_records
+from feltmb.gap.records import noise_of_channel, prepare, ready_records, split_records
 from feltmb.gap.result import Result, Verdict
 from feltmb.gap.search import SEARCH, model_alone
 
@@ -177,7 +177,7 @@ def withhold(
     if total < 1 or seed < 0:
         raise InvalidParameter(f"cases = {total}, seed = {seed}: expected >= 1 and >= 0")
     split_records(records, hold_out)
-    machine = _machine(model, effects, records, options or Options())
+    machine = _machine(ready_records(model, records), effects, options or Options())
     store = None if folder is None else Store(make_folder(folder))
     done: list[Case] = []
     for number in range(total):
@@ -303,17 +303,15 @@ class _Machine:
 _Given = tuple[tuple[Candidate, float], ...]
 
 
-def _machine(
-    model: Model, effects: Sequence[Effect], records: Sequence[Record], options: Options
-) -> _Machine:
-    for r in records:
+def _machine(ready: Ready, effects: Sequence[Effect], options: Options) -> _Machine:
+    for r in ready.records:
         for n, y in r.outputs.items():
             if r.sensors[n].sigma is None and np.unique(y[np.isfinite(y)]).size < 2:
                 raise DataError(
                     f"record {r.name}: nothing was measured of {n}, and its sensor has no noise; "
                     "expected sigma, or a measured record"
                 )
-    problem = prepare(model.ready(tuple(records)), effects, (), options)
+    problem = prepare(ready, effects, (), options)
     planned = not problem.motion.any()
     point = empty_point(problem, (), problem.fit) if planned else model_alone(problem).point
     ask = Ask((), point, problem.fit)

@@ -128,7 +128,7 @@ def test_an_interrupted_run_ends(spring, causes, records, tmp_path):
 
 def test_wrong_arguments_are_told_before_the_first_case(spring, causes, records):
     bare = [dataclasses.replace(r, sensors={}) for r in records]
-    with pytest.raises(DataError, match=r"nothing was measured of force.*expected sigma"):
+    with pytest.raises(DataError, match=r"force: never changes.*expected sigma"):
         withhold(spring, causes, bare, cases=1)
     with pytest.raises(InvalidParameter, match="no record nope"):
         withhold(spring, causes, records, cases=1, hold_out=["nope"])

@@ -71,6 +71,27 @@ def test_a_fit_of_a_function(capsys):
     assert found["offset"]["sd"] == 1.0
 
 
+def test_blind_and_plan_take_what_diagnose_takes(here, capsys):
+    """The channels, the sizes and the choice of the effects are those of a diagnosis."""
+    (here / "case.toml").write_text(
+        'exclude = ["sensor*", "input force"]\nunknown = "offset=m"\n'
+        '[parameter]\ngain = "2.1m/N±5%"\n'
+    )
+    (here / "limits.toml").write_text(
+        'schema = 1\nduration = "1 s"\nsample_rate = "60 Hz"\n[inputs.force]\nmost = 3.0\n'
+    )
+    given = ("model.py:line", *DATA, "--config", "case.toml", "--json")
+    assert run("gap", "blind", *given, "--cases", 2) == 0
+    cases = json.loads(capsys.readouterr().out)["cases"]
+    assert [(c["effect"], c["outcome"]) for c in cases] == [("", "quiet"), ("offset", "right")]
+    small = ("--limits", "limits.toml", "--candidates", 1, "--refine", 0, "--budget", 1)
+    assert run("gap", "plan", *given, *small) == 0
+    assert {c["cause"] for c in json.loads(capsys.readouterr().out)["effects"]} <= {
+        "offset",
+        "gain",
+    }
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
