@@ -488,6 +488,10 @@ def test_a_number_that_may_be_in_the_unit_of_the_file_is_told_with_every_run(dat
     (text,) = feltmb.simulate(heavy, kick, duration=0.001).warnings
     assert text.startswith(told)
     assert text.endswith("the file has g")
+    assert feltmb.gradient(heavy, kick, ["stroke.scale"], (), duration=0.001).warnings == (text,)
+    swept = feltmb.sweep(pedal, [kick], [{"beater.mass": 200}, {"beater.mass": "200 g"}],
+                         mode="list", options={"duration": 0.001})  # fmt: skip
+    assert list(swept.table["warnings"]) == [text, ""]
     light = pedal.with_values({"bodies.board.mass": 0.5, "beater.mass": "200 g"})
     right = heavy.with_values({"beater.mass": 0.2})
     assert light.doubts == right.doubts == ()

@@ -108,6 +108,11 @@ class Gradient:
             f"{len(self.columns)} columns)"
         )
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Numbers of the mechanism that may have been meant in the unit of its file."""
+        return tuple(self.stats["warnings"])
+
     def _repr_html_(self) -> str:
         table = self.effects()
         names = [f"{name} [{self.summary_units[name]}]" for name in table.columns]

@@ -182,8 +182,9 @@ def segments(
     def sum_up(result: Any) -> Summary:
         return summarize(action, result, rules, infos, choose)
 
+    doubts = action.doubts
     return [
-        _to_gradient(r, w, names, infos, chosen, columns, units, provenance, sum_up)
+        _to_gradient(r, w, names, infos, chosen, columns, units, provenance, sum_up, doubts)
         for r, w in zip(results, segments, strict=True)
     ]
 
@@ -334,6 +335,7 @@ def _to_gradient(
     units: tuple[str, ...],
     provenance: dict[str, Any],
     sum_up: Callable[[Any], Summary],
+    doubts: tuple[str, ...],
 ) -> Gradient:
     import numpy as np
 
@@ -353,6 +355,7 @@ def _to_gradient(
         **result.counts,
         "wall_stroke": result.wall_stroke,
         "wall": result.wall,
+        "warnings": list(doubts),
     }
     return Gradient(
         time=result.time,
