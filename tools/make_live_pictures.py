@@ -20,6 +20,7 @@ from docs_pages import small_png
 ROOT = Path(__file__).resolve().parents[1]
 
 FOLDER = ROOT / "docs" / "img" / "live"
+ACTION = "steinway45_leaded"
 #: Name -> width, height, color scheme, tab, scroll position.
 VIEWS = {
     "wide": (1400, 1000, "light", "regulation", 0),
@@ -64,7 +65,7 @@ def measured_file(folder: Path) -> Path:
 
     import feltmb
 
-    action = feltmb.load_action("steinway45").with_values({"surfaces.Kp2.point.y": "32.3 mm"})
+    action = feltmb.load_action(ACTION).with_values({"capstan": "-0.3 mm"})
     run = feltmb.simulate(action, "piano", output_rate=2000.0)
     noise = np.random.default_rng(3).normal(scale=2e-5, size=(len(run.time), 2))
     rows = ["time [s],finger.force [N],key_front.y [mm],hammer_tip.x [mm]"]
@@ -85,7 +86,7 @@ def main() -> None:
     wanted = sys.argv[1:] or list(VIEWS)
     with tempfile.TemporaryDirectory() as text, browser_of_the_tests()(1400, 1000) as page:
         folder = Path(text)
-        live = Live("steinway45", [measured_file(folder)])
+        live = Live(ACTION, [measured_file(folder)])
         threading.Thread(target=live.run, daemon=True).start()
         while not live.started:
             time.sleep(0.05)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb.action.touch import StaticTouch, distances, static_touch
-from feltmb.adapters import Entry, action_with_effects, load_library
+from feltmb.adapters import Entry, Library, action_with_effects, load_library
 from feltmb.adapters.places import bodies_at, points_at
 from feltmb.arguments import checked
 from feltmb.errors import FeltmbError, InvalidParameter
@@ -377,6 +377,21 @@ def customer_page(
         done=bool(done),
         photo=photo,
     )
+
+
+def finding(data: Mapping[str, Any], library: Library | None) -> str:
+    """What a diagnosis found, in one sentence.
+
+    Parameters
+    ----------
+    data
+        Report as plain data.
+    library
+        Library of the mechanism, for its words.
+    """
+    entries = (*library.tolerances, *library.effects) if library else ()
+    causes, candidates = _causes(data, {e.name: e for e in entries})
+    return _found(causes, candidates, data["verdict"])
 
 
 def _found(causes: Sequence[_Cause], candidates: bool, verdict: str) -> str:

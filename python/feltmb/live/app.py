@@ -72,7 +72,10 @@ class Studio:
         self._folder = tempfile.TemporaryDirectory(prefix="feltmb-live")
         self.shelf = Shelf(Path(self._folder.name))
         for path in records:
+            if is_file(sheet := path.with_suffix(".toml")):
+                self.shelf.add(sheet.name, read_input(sheet, most=MOST_UPLOAD))
             self.shelf.add(path.name, read_input(path, most=MOST_UPLOAD))
+        self.files = self.shelf.listing()  # of every page; others are of the page that added them
         path = Path(mechanism)
         self._file = path if is_file(path) else None
         self._seen = stamps(files_of(self._file)) if self._file is not None else {}
@@ -167,7 +170,7 @@ class Page:
                 "version": __version__,
                 "mechanism": self.studio.name,
                 "edition": self.studio.version,
-                "files": self.studio.shelf.listing(),
+                "files": self.studio.files,
                 **found,
                 "faults": self.studio.faults or found.get("faults", []),
             },

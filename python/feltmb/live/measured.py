@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import itertools
 import math
 import re
@@ -16,6 +17,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from feltmb.action.customer import finding
 from feltmb.adapters import mechanism_model
 from feltmb.adapters.places import bodies_at
 from feltmb.data import ReadOptions, Record
@@ -53,10 +55,13 @@ class _Reading(BaseModel):
     columns: Annotated[dict[Text, Text], Field(max_length=50)] = {}
     units: Annotated[dict[Text, Text], Field(max_length=50)] = {}
     scales: Annotated[dict[Text, Text], Field(max_length=50)] = {}
+    origins: Annotated[dict[Text, Text], Field(max_length=50)] = {}
+    frame_rate: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    down: bool | None = None
 
     def options(self) -> ReadOptions:
         """The entries as options of ``gap check``."""
-        return ReadOptions(columns=self.columns, units=self.units, scales=self.scales)
+        return ReadOptions(**dict(self))
 
 
 class _Asked(BaseModel):
@@ -72,6 +77,8 @@ class _Shelved(NamedTuple):
     name: str
     path: Path
     columns: Columns
+    data: bytes
+    """Digest of the file."""
 
 
 @dataclass
@@ -80,10 +87,13 @@ class Shelf:
 
     folder: Path
     _files: dict[str, _Shelved] = field(default_factory=dict)
+    _sheets: dict[str, bytes] = field(default_factory=dict)
     _numbers: Any = field(default_factory=lambda: itertools.count(1))
 
     def add(self, name: str, data: bytes) -> dict[str, Any]:
-        """Store a file and return its columns.
+        """Store a file and return its columns; a file that is there already is not stored again.
+
+        A TOML file describes the file of the same name, whichever comes first.
 
         Raises
         ------
@@ -93,13 +103,29 @@ class Shelf:
             The file cannot be read.
         """
         plain_name = re.sub(r"[^\w .+-]", "_", Path(name.replace("\\", "/")).name)[-80:] or "record"
-        kind = Path(plain_name).suffix.lower()
+        kind, stem = Path(plain_name).suffix.lower(), Path(plain_name).stem
+        if kind == ".toml":
+            self._sheets[stem] = data
+            while len(self._sheets) > MOST_FILES:
+                del self._sheets[next(iter(self._sheets))]
+            described = [f.path for f in self._files.values() if f.path.stem == stem]
+            for path in described:
+                path.with_suffix(".toml").write_bytes(data)
+            return {"describes": [path.name for path in described]}
         if kind not in MEASURED_FILES:
-            raise InvalidParameter(f"{plain_name}: expected a file {', '.join(MEASURED_FILES)}")
+            raise InvalidParameter(
+                f"{plain_name}: expected a file {', '.join(MEASURED_FILES)}, or its .toml"
+            )
+        digest = hashlib.sha256(data).digest()
+        for known, found in self._files.items():
+            if (found.name, found.data) == (plain_name, digest):
+                return self._entry(known)
         key = f"r{next(self._numbers)}"
         (self.folder / key).mkdir()
         path = self.folder / key / plain_name
         path.write_bytes(data)
+        if stem in self._sheets:
+            path.with_suffix(".toml").write_bytes(self._sheets[stem])
         try:
             columns = read_columns(path)
         except FeltmbError as error:
@@ -111,11 +137,11 @@ class Shelf:
             or sum(_size(f.columns) for f in self._files.values()) > room
         ):
             self.remove(next(iter(self._files)))
-        self._files[key] = _Shelved(plain_name, path, columns)
+        self._files[key] = _Shelved(plain_name, path, columns, digest)
         return self._entry(key)
 
     def _entry(self, key: str) -> dict[str, Any]:
-        name, _, columns = self._files[key]
+        name, columns = self._files[key].name, self._files[key].columns
         heads = [[c, columns.units.get(c, "")] for c in columns.values]
         return {"file": key, "name": name, "columns": heads}
 
@@ -124,26 +150,21 @@ class Shelf:
         if (found := self._files.pop(key, None)) is not None:
             found.path.unlink(missing_ok=True)
 
-    @property
-    def empty(self) -> bool:
-        """Whether there are no files."""
-        return not self._files
-
     def listing(self) -> list[dict[str, Any]]:
         """Files with their columns."""
         return [self._entry(key) for key in self._files]
 
     def kept(self, keys: list[str]) -> dict[Path, Columns]:
-        """Paths and columns of files by key; of all files if no keys are given."""
+        """Paths and columns of files by key."""
         files = dict(self._files)  # another thread may add one
         missing = [k for k in keys if k not in files]
-        if missing or not files:
+        if missing or not keys:
             raise InvalidParameter(
                 f"file {missing[0]!r} is not here any more; drop it again"
                 if missing
                 else "drop a measured file first"
             )
-        return {files[k].path: files[k].columns for k in keys or files}
+        return {files[k].path: files[k].columns for k in keys}
 
 
 def _size(columns: Columns) -> int:
@@ -304,7 +325,7 @@ class Measured:
 
         def work() -> dict[str, Any]:
             model, effects = mechanism_model(asked.turned.action(bench))
-            records = self._records(asked, model) if asked.files or not self._shelf.empty else ()
+            records = self._records(asked, model) if asked.files else ()
             belief, source = None, "before any measurement" if not records else "the records"
             if self._believed is not None and self._believed[0] == _state(asked, bench):
                 belief, source = self._believed[1], "the diagnosis"
@@ -366,6 +387,7 @@ def told(report: Report, effects: Sequence[Effect], bench: Bench) -> dict[str, A
     tabulated = {p.name: p.tabulated for p in report.parameters}
     return {
         "verdict": report.verdict.value.capitalize(),
+        "answer": finding(report.as_dict(), bench.library),
         "statement": report.summary(),
         "reasons": [reason.value for reason in report.reasons],
         "causes": [

@@ -9,7 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb.graphics.plot.readings import busy_window, contact_numbers, named_events
-from feltmb.graphics.viewer.content import default_panels_of, describe_stage, output_label
+from feltmb.graphics.viewer.content import (
+    STRIKER,
+    default_panels_of,
+    describe_stage,
+    output_label,
+    striker_outputs,
+)
 from feltmb.graphics.viewer.packing import pack_columns, pack_times
 from feltmb.mechanism import Action
 from feltmb.run.results import Run
@@ -39,10 +45,14 @@ def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> d
     low, high = busy_window(run)
     time = run.time
     some = _every(len(time), SAMPLES[quality])
-    outputs = [name for name in dict.fromkeys(shown) if name in run]
-    factors = [reader_unit(run.unit(name)) for name in outputs]
+    strikers = striker_outputs(run)
+    outputs = [name for name in dict.fromkeys(shown) if name in run or name in strikers]
+    factors = [reader_unit("m/s" if n in strikers else run.unit(n)) for n in outputs]
     table = np.column_stack(
-        [run[name][some] * f for name, (f, _) in zip(outputs, factors, strict=True)]
+        [
+            (strikers[n] if n in strikers else run[n])[some] * f
+            for n, (f, _) in zip(outputs, factors, strict=True)
+        ]
         or [np.zeros((len(some), 0))]
     )
     first, last = float(time[0]), float(time[-1])
@@ -72,7 +82,7 @@ def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> d
 
 
 def _text(run: Run, name: str) -> str:
-    return run.long_names[run.names.index(name)]
+    return run.long_names[run.names.index(name)] if name in run.names else STRIKER
 
 
 def _every(count: int, most: int) -> npt.NDArray[np.int64]:
@@ -107,7 +117,7 @@ def outputs_of(run: Run) -> list[list[str]]:
     return [
         [n, output_label(n, text), reader_unit(unit)[1]]
         for n, unit, text in zip(run.names, run.units, run.long_names, strict=True)
-    ]
+    ] + [[n, n, "m/s"] for n in striker_outputs(run)]
 
 
 def default_shown(run: Run, action: Action) -> list[dict[str, Any]]:

@@ -129,7 +129,7 @@ def _ends(server: Any) -> Iterator[None]:
 
 @checked
 def serve(
-    mechanism: str = "steinway45",
+    mechanism: str = "steinway45_leaded",
     records: Sequence[str | Path] = (),
     *,
     browser: bool = True,

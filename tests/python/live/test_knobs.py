@@ -165,7 +165,7 @@ def test_the_shelf_keeps_a_few_files_under_names_of_its_own(tmp_path):
         entry = shelf.add(f"../../r{k}.csv", b"time [s],u [V]\n0,1\n1,2\n")
     assert entry["name"] == f"r{MOST_FILES + 2}.csv"
     assert len(shelf.listing()) == MOST_FILES
-    files = shelf.kept([])
+    files = shelf.kept([f["file"] for f in shelf.listing()])
     assert len(files) == MOST_FILES
     assert all(tmp_path in path.parents for path in files)
     assert not (tmp_path.parent / "r0.csv").exists()
@@ -182,3 +182,18 @@ def test_without_the_extra_the_message_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     with pytest.raises(FeltmbError, match=r"uvicorn.*pip install.*uvicorn"):
         Live("steinway45")
+
+
+def test_a_file_that_comes_twice_is_there_once_and_its_toml_describes_it(tmp_path):
+    shelf, data = Shelf(tmp_path), b"t,a\n0,1\n1,2\n"
+    first = shelf.add("rig.csv", data)
+    assert shelf.add("rig.csv", data) == first
+    assert shelf.add("rig.csv", data + b"2,3\n")["file"] != first["file"]
+    assert shelf.add("rig.toml", b'time_unit = "ms"\n') == {"describes": ["rig.csv"] * 2}
+    assert shelf.add("late.toml", b'time_unit = "s"\n') == {"describes": []}
+    late = shelf.add("late.csv", data)
+    paths = list(shelf.kept([first["file"], late["file"]]))
+    texts = [path.with_suffix(".toml").read_text() for path in paths]
+    assert texts == ['time_unit = "ms"\n', 'time_unit = "s"\n']
+    with pytest.raises(InvalidParameter, match="drop a measured file first"):
+        shelf.kept([])

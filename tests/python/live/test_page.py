@@ -224,6 +224,53 @@ def test_every_way_to_play(opened, kind):
     assert opened.complaints() == []
 
 
+def test_names_and_numbers_are_drawn_where_wanted(opened):
+    ink = "(() => { const c = feltmbLive.viewer.stage.canvas; return c.toDataURL(); })()"
+    without = opened.run(ink)
+    toggle = "feltmbLive.viewer.names.click(); 1"
+    opened.run(toggle)
+    assert opened.run(ink) != without
+    assert "hammer butt" in opened.run("feltmbLive.viewer.runs[0].stage.bodies.map(b => b.name)")
+    opened.run(toggle)
+    assert opened.run(ink) == without
+
+
+def test_the_scale_comes_from_two_clicks_in_a_picture(opened):
+    opened.run("feltmbLive.hello.files = [{file: 'r1', name: 'a.csv', columns: []}]")
+    opened.run("feltmbLive.tab = 'measured'; feltmbLive.fillTab(); 1")
+    opened.run(
+        "(async () => { const c = document.createElement('canvas'); c.width = 400; c.height = 300;"
+        "const b = await new Promise(go => c.toBlob(go)); const d = new DataTransfer();"
+        "d.items.add(new File([b], 'p.png'));"
+        "const i = document.querySelector('input[accept=\"image/*\"]');"
+        "i.closest('details').open = true; i.files = d.files;"
+        "i.dispatchEvent(new Event('change')); })(); 1"
+    )
+    until(opened, "!document.querySelector('.photo').hidden")
+    left, top, width, _ = center(opened, ".photo")
+    for x, y in ((10, 20), (310, 220)):
+        opened.mouse("mousePressed", left + x * width / 400, top + y * width / 400)
+        opened.mouse("mouseReleased", left + x * width / 400, top + y * width / 400)
+    length, x0, y0, x1, y1 = (
+        float(t) for t in opened.run("feltmbLive.reading.scales['']").replace("mm from", "")
+        .replace("to", "").split()
+    )  # fmt: skip
+    assert length == 100.0
+    assert (x1 - x0, y1 - y0) == (pytest.approx(300, abs=2), pytest.approx(200, abs=2))
+    opened.run("feltmbLive.hello.files = []; feltmbLive.reading = null; feltmbLive.fillFiles(); 1")
+    assert opened.complaints() == []
+
+
+def test_the_touch_is_drawn_to_the_forces_that_a_hand_feels(opened):
+    opened.run("feltmbLive.tab = 'touch'; feltmbLive.fillTab(); feltmbLive.ask(true); 1")
+    until(opened, "document.querySelectorAll('#more .uplot').length === 1")
+    top = "feltmbLive.charts.at(-1).scales.y.max"
+    assert opened.run(top) == 2
+    opened.run("document.querySelector('#more input[type=checkbox]').click(); 1")
+    assert opened.run(top) > 2
+    opened.run("feltmbLive.allForces = false; feltmbLive.tab = 'numbers'; feltmbLive.fillTab(); 1")
+
+
 def test_a_stroke_is_drawn_by_hand(opened):
     opened.run(
         "(() => { const s = document.querySelector('.play select');"
@@ -325,6 +372,7 @@ def test_what_a_diagnosis_tells_is_shown_and_applied(opened):
     told = {
         "on": "diagnosis", "verdict": "Named", "statement": "The model misses 9 %.",
         "reasons": ["the search was ended before its end"], "stopped": True,
+        "answer": "The capstan is low (-0.6 mm).",
         "causes": [{**row, "effect": "slip", "how": "97% probable", "knob": ""}],
         "parameters": [{**row, "effect": "capstan_height", "how": "3 tolerances",
                         "knob": "screw.lost motion"}],
@@ -341,6 +389,8 @@ def test_what_a_diagnosis_tells_is_shown_and_applied(opened):
     assert "-0.6 mm (-0.61 to -0.59)" in text.replace("\u2212", "-")
     assert opened.run("document.querySelectorAll('.candidates tr').length") == 3
     assert opened.run("document.querySelectorAll('.candidates button').length") == 1
+    assert opened.run("feltmbLive.answer.textContent").startswith("The capstan is low (-0.6 mm).")
+    assert opened.run("feltmbLive.answer.compareDocumentPosition(feltmbLive.root) & 4")  # above it
     opened.run("document.querySelector('.candidates button').click(); 1")
     turned = opened.run("feltmbLive.state.now.knobs['screw.lost motion']")
     assert turned == pytest.approx(-6e-4)

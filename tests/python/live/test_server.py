@@ -428,6 +428,33 @@ def test_measured_files_are_held_against_it(live, client):
     assert str(live.studio.shelf.folder) not in bad.text
 
 
+def test_pixels_and_frames_are_entered_and_a_new_page_is_empty(live, client):
+    """A point that moves 10 pixels up is 5 mm up, where 100 pixels are 50 mm."""
+    run = feltmb.simulate("steinway45", "forte", output_rate=1000.0, ledger=False)
+    tip = run["hammer_tip.x"] - run["hammer_tip.x"][0]
+    rows = [
+        f"{i},{f:.6g},{300 + 2e3 * x:.3f}"
+        for i, (f, x) in enumerate(zip(run["finger.force"], tip, strict=True))
+        if i < 90
+    ]
+    text = "\n".join(["frame,finger.force [N],hammer_tip.x [px]", *rows])
+    post = {"headers": own(live), "params": {"name": "camera.csv"}, "timeout": 60}
+    entry = httpx.post(live.address + "records", content=text.encode(), **post).json()
+    with client(live) as page:
+        assert page.hello["files"] == []  # what another page added is not of this one
+        reading = {
+            "scales": {"": "50 mm from 10 20 to 70 100"},
+            "origins": {"": "start"},
+            "frame_rate": 1000.0,
+            "down": False,
+        }
+        page.send("measure", id=5, files=[entry["file"]], reading=reading)
+        found = page.until(lambda m: m["on"] == "measured" and m["id"] == 5)
+    assert found["rows"][0]["channel"] == "hammer_tip.x"
+    assert found["rows"][0]["rms"] < 0.05
+    httpx.delete(live.address + f"records/{entry['file']}", headers=own(live))
+
+
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="glibc from 2.33 on")
 def test_large_arrays_go_back_to_the_system_though_larger_ones_were_freed():
     """Else those of whole runs lie in heaps that grow: from 145 to 196 MB in 13 minutes."""

@@ -31,7 +31,7 @@ from feltmb.graphics.plot.shapes import Shape, scene, station_of
 from feltmb.graphics.viewer.curves import Curves
 from feltmb.graphics.viewer.packing import pack_columns, pack_points, pack_times
 from feltmb.graphics.viewer.thinning import extremes, knots, thin_outline
-from feltmb.run.reading import reading_of
+from feltmb.run.reading import reading_of, striker_speed
 from feltmb.style import body_fill, reader_unit
 
 if TYPE_CHECKING:
@@ -43,11 +43,13 @@ Progress = Callable[[float], object]
 
 __all__ = [
     "MOST_RUNS",
+    "STRIKER",
     "default_panels",
     "default_panels_of",
     "describe",
     "describe_stage",
     "output_label",
+    "striker_outputs",
 ]
 
 MOST_RUNS = 6
@@ -57,6 +59,8 @@ MOST_STRING_SAMPLES = 4000
 STRING_POINTS = 121
 #: Largest error of a curve by omitted samples, relative to its range.
 CURVE_TOLERANCE = 2e-4
+#: Text of the speed of the striker.
+STRIKER = "speed toward what is struck"
 
 
 def describe(
@@ -83,6 +87,8 @@ def describe(
         columns = {k: run.values[:, i] for i, k in enumerate(run.names)}
         units = dict(zip(run.names, run.units, strict=True))
         texts = dict(zip(run.names, run.long_names, strict=True))
+        for key, values in striker_outputs(run).items():
+            columns[key], units[key], texts[key] = values, "m/s", STRIKER
         events = named_events(run)
     keep = _kept(time, window, name)
     out: dict[str, Any] = {
@@ -115,6 +121,16 @@ def describe(
     except InvalidParameter as error:
         out["note"] = f"no mechanism to show: {error}"
     return out
+
+
+def striker_outputs(run: Run) -> dict[str, Array]:
+    """Speed of the striker toward what it strikes [m/s], by name; empty without a striker.
+
+    Its sign is that of the impact speed, whatever the axes of the mechanism are.
+    """
+    speed = striker_speed(run)
+    striker = reading_of(run).striker
+    return {} if speed is None or striker is None else {f"{striker.point}.speed": speed}
 
 
 def _kept(time: Array, window: tuple[float, float] | None, name: str) -> slice:
@@ -243,7 +259,7 @@ def describe_stage(
         "time": pack_times(1e3 * film.time),
         "unit": round(1e3 * drawn.unit, 4),
         "view": _rounded(1e3 * np.array(film.limits), 2),
-        "bodies": [{"fill": body_fill(drawn.group[b])} for b in bodies],
+        "bodies": [{"fill": body_fill(drawn.group[b]), "name": _part(action, b)} for b in bodies],
         "shapes": [
             {
                 "body": names[s.body],
@@ -311,6 +327,12 @@ def describe_stage(
             "force": pack_columns(film.finger[:, None]),
         }
     return out
+
+
+def _part(action: Action, body: str) -> str:
+    """Name of a body for people."""
+    known = action.config.bodies.get(body)
+    return (known.label if known else "") or body.replace("_", " ")
 
 
 def _string(
@@ -396,9 +418,8 @@ def default_panels_of(run: Run, reading: Reading) -> list[dict[str, Any]]:
         points = [n for n in run.names if re.fullmatch(r".+\.[xy]", n)]
         panels.append({"title": "motion from the start", "outputs": points[:4], "change": True})
     if reading.striker is not None:
-        speed = f"{reading.striker.point}.v{reading.striker.axis}"
         title = reading.striker.label or reading.striker.point
-        panels.append({"title": title, "outputs": [speed] * (speed in run), "change": False})
+        panels.append({"title": title, "outputs": list(striker_outputs(run)), "change": False})
     peaks = {n: float(np.max(run[f"contact{n:02d}.force"])) for n in contact_numbers(run)}
     strongest = sorted((n for n, p in peaks.items() if p > 1e-6), key=lambda n: -peaks[n])
     forces = [f"contact{n:02d}.force" for n in strongest[:5]]

@@ -4,6 +4,7 @@
 const FIRST = {kind: "packaged", name: "forte", force: 5, speed: 0.2, travel: 0.012, rate: 6, count: 3, duration: 0.5,
   drawn: "force", time: [], value: []};
 const READER = {m: [1e3, "mm"], rad: [180 / Math.PI, "deg"], "1": [100, "%"], s: [1e3, "ms"]};
+const FELT = 2;  // forces that a hand feels before the key bottom [N]
 const HOLD = 250;  // a newer change does not wait longer than this for an answer [ms]
 const COLOR = {get a() { return PAINT.runs[0]; }, get b() { return PAINT.runs[1]; }};
 
@@ -116,7 +117,7 @@ class Live {
     this.dark = matchMedia("(prefers-color-scheme: dark)");
     this.narrow = matchMedia("(max-width: 700px)");
     this.dark.addEventListener("change", () => this.paint());
-    this.narrow.addEventListener("change", () => this.place());
+    this.narrow.addEventListener("change", () => { this.place(); this.fillTab(); });
     this.paint();
     this.line = new Line(m => this.hear(m), up => this.connected(up));
     addEventListener("hashchange", () => { if (this.state.read()) this.restored(); });
@@ -149,7 +150,9 @@ class Live {
     const other = !this.hello || this.hello.name !== m.name || this.hello.edition !== m.edition;
     this.fileFaults(m.faults);
     if (!m.knobs) return;
-    this.hello = {...this.hello, ...m};
+    // Files that this page added stay after a lost connection.
+    const own = (this.hello?.files || []).filter(f => !m.files.some(g => g.file === f.file));
+    this.hello = {...this.hello, ...m, files: [...m.files, ...own]};
     document.title = `${m.name} · feltmb live`;
     this.title.textContent = m.name;
     this.title.title = m.about;
@@ -273,7 +276,8 @@ class Live {
       this.status);
     this.playBar = element("div", {class: "play"});
     this.root = element("div", {tabindex: "0"});
-    find("see").append(this.playBar, this.root);
+    this.answer = element("p", {class: "answer", role: "status", hidden: ""});
+    find("see").append(this.answer, this.playBar, this.root);
     this.tabs = element("div", {class: "tabs", role: "tablist"});
     this.tabBox = element("div", {class: "tab", role: "tabpanel"});
     find("more").append(this.tabs, this.tabBox);
@@ -756,14 +760,15 @@ class Live {
   // -------------------------------------------------------------- curves over another number than time
 
   // Lines of x and y; uPlot with its own x for each series. Lines that were there before take new data only; true if not.
-  plot(where, {x, y, series}) {
+  plot(where, {x, y, series, top = null}) {
     const width = Math.min(560, find("more").clientWidth - 10), data = [null, ...series.map(s => s.data)];
-    const key = JSON.stringify([x, y, width, PAINT === NIGHT, series.map(s => [s.name, s.color, s.dash, s.dots])]);
+    const key = JSON.stringify([x, y, top, width, PAINT === NIGHT, series.map(s => [s.name, s.color, s.dash, s.dots])]);
     if (where.plot?.key === key && where.plot.chart.root.isConnected) {
       where.plot.chart.setData(data);
       return false;
     }
     const range = k => u => {
+      if (k && top) return [0, top];
       const all = u.data.slice(1).flatMap(d => Array.from(d[k])).filter(Number.isFinite);
       const low = Math.min(...all), high = Math.max(...all), pad = 0.06 * (high - low) || 1;
       return all.length ? [low - pad, high + pad] : [0, 1];
@@ -776,6 +781,9 @@ class Live {
           if (k) path.lineTo(px, py); else path.moveTo(px, py);
         }
         u.ctx.save();
+        u.ctx.beginPath();
+        u.ctx.rect(left, top, w, h);
+        u.ctx.clip();
         u.ctx.strokeStyle = series[i - 1].color;
         u.ctx.lineWidth = 1.8 * devicePixelRatio;
         u.ctx.setLineDash((series[i - 1].dash || []).map(d => d * devicePixelRatio));
@@ -836,7 +844,14 @@ class Live {
       ...b ? [element("td", {class: "n"}, `B ${round(b.rows[i][1], 4)}`)] : []));
     this.tabBox.replaceChildren(element("div", {class: "cards"}, element("div", {}, where, this.legend(series)), table),
       ...(m.notes || []).map(n => element("p", {class: "hint"}, n)));
-    this.plot(where, {x: "key travel [mm]", y: "force at the key front [N]", series});
+    // The force at the bottom of the key would hide those that a hand feels.
+    const all = element("input", {type: "checkbox", onchange: () => {
+      this.allForces = all.checked;
+      this.touched();
+    }});
+    all.checked = !!this.allForces;
+    where.after(element("p", {class: "hint"}, element("label", {}, all, " all forces"), "; drag enlarges, a double click goes back"));
+    this.plot(where, {x: "key travel [mm]", y: "force at the key front [N]", series, top: this.allForces ? null : FELT});
   }
 
   speeded(m) {
@@ -891,8 +906,8 @@ class Live {
 
   measuredTab() {
     const pick = element("input", {type: "file", multiple: "", "aria-label": "measured files",
-      accept: ".csv,.txt,.tsv,.dat,.asc,.mat,.nc,.h5,.hdf5,.parquet,.feather,.mcap", onchange: () => this.upload([...pick.files])});
-    const drop = element("div", {class: "drop"}, "Drop measured files here (CSV, MAT, NetCDF), or ", pick);
+      accept: ".toml,.csv,.txt,.tsv,.dat,.asc,.mat,.nc,.h5,.hdf5,.parquet,.feather,.mcap", onchange: () => this.upload([...pick.files])});
+    const drop = element("div", {class: "drop"}, "Drop measured files here (CSV, MAT, NetCDF; a TOML file describes the file of its name), or ", pick);
     drop.addEventListener("dragover", e => { e.preventDefault(); drop.classList.add("over"); });
     drop.addEventListener("dragleave", () => drop.classList.remove("over"));
     drop.addEventListener("drop", e => {
@@ -919,7 +934,9 @@ class Live {
     for (const file of files) {
       const answer = await fetch("records?name=" + encodeURIComponent(file.name), {method: "POST", body: file});
       if (!answer.ok) { this.say(await answer.text(), true); continue; }
-      this.hello.files = [...(this.hello.files || []), await answer.json()];
+      const entry = await answer.json();
+      if (entry.describes) this.say(`${file.name} describes ${entry.describes.join(", ") || "the file of this name that comes"}`);
+      else this.hello.files = [...(this.hello.files || []).filter(f => f.file !== entry.file), entry];
     }
     if (this.tab !== "measured") { this.tab = "measured"; this.fillTab(); }
     else this.fillFiles();
@@ -929,7 +946,7 @@ class Live {
   // Which column is which channel; empty: by its name.
   fillFiles() {
     const files = this.hello.files || [];
-    this.reading = this.reading || {columns: {}, units: {}, scales: {}};
+    this.reading = this.reading || {columns: {}, units: {}, scales: {}, origins: {}, frame_rate: null, down: null};
     if (!files.length) { this.fileBox.replaceChildren(); return; }
     const columns = [...new Set(files.flatMap(f => f.columns.map(c => c[0])))];
     const channels = ["time", "finger.force", "finger.displacement", ...this.hello.outputs.map(o => o[0])
@@ -958,11 +975,63 @@ class Live {
         this.fillFiles();
         this.measure();
       }, {"aria-label": `remove ${f.name}`}), " "))),
-      element("details", {}, element("summary", {}, "columns"), rows),
+      element("details", {}, element("summary", {}, "columns"), rows, ...this.camera()),
       element("p", {}, button("Diagnose", () => this.diagnose()), " for at most ", this.minutes = element("input",
         {type: "number", class: "minutes", min: "0.5", max: "120", step: "any", value: "5", "aria-label": "minutes of a diagnosis"}),
         " minutes ", button("Stop", () => this.line.send({do: "stop"})),
         " ", this.diagnosing_ = element("span", {class: "hint", role: "status"})));
+  }
+
+  // How a camera counts: pixels and frames.
+  camera() {
+    const given = this.reading, put = (table, value) => { if (value) table[""] = value; else delete table[""]; };
+    const entry = (label, value, hint, set) => {
+      const input = element("input", {type: "text", size: "14", placeholder: hint, "aria-label": label, onchange: () => {
+        set(input.value.trim());
+        this.measure();
+      }});
+      input.value = value ?? "";
+      return [input, element("label", {}, label + " ", input)];
+    };
+    const [scale, scaleLabel] = entry("one pixel is", given.scales[""], "0.21 mm", v => put(given.scales, v));
+    const [, origin] = entry("origin", given.origins[""], "x,y in pixels, or start", v => put(given.origins, v));
+    const [, rate] = entry("frames a second", given.frame_rate, "1000", v => {
+      given.frame_rate = Number(v) > 0 ? Number(v) : null;
+    });
+    const up = element("input", {type: "checkbox", onchange: () => { given.down = up.checked ? false : null; this.measure(); }});
+    up.checked = given.down === false;
+    const set = text => { scale.value = text; put(given.scales, text); this.measure(); };
+    return [element("p", {class: "group"}, scaleLabel, origin, rate, element("label", {}, up, " y counts upward")), this.ruler(set)];
+  }
+
+  // Two clicks in a picture of the camera, and their distance, give the scale. The picture stays in the browser.
+  ruler(set) {
+    const canvas = element("canvas", {class: "photo", hidden: "", role: "img", "aria-label": "picture of the camera"});
+    const apart = element("input", {type: "text", size: "8", value: "100 mm", "aria-label": "distance of the two points", onchange: () => tell()});
+    let image = null, points = [];
+    const tell = () => {
+      if (points.length === 2) set(`${apart.value} from ${points[0].join(" ")} to ${points[1].join(" ")}`);
+    };
+    const paint = () => {
+      const g = canvas.getContext("2d"), size = image.width / 60;
+      g.drawImage(image, 0, 0);
+      g.strokeStyle = "#D55E00"; g.lineWidth = size / 5;
+      for (const [x, y] of points) { g.beginPath(); g.arc(x, y, size, 0, 7); g.moveTo(x - size, y); g.lineTo(x + size, y); g.stroke(); }
+      if (points.length === 2) { trace(g, points); g.stroke(); }
+    };
+    canvas.addEventListener("click", e => {
+      const share = image.width / canvas.clientWidth;
+      if (points.length === 2) points = [];
+      points.push([e.offsetX, e.offsetY].map(v => +(share * v).toFixed(1)));
+      paint();
+      tell();
+    });
+    const pick = element("input", {type: "file", accept: "image/*", "aria-label": "picture of the camera", onchange: async () => {
+      try { image = await createImageBitmap(pick.files[0]); } catch { this.say("this is no picture", true); return; }
+      [canvas.width, canvas.height, canvas.hidden, points] = [image.width, image.height, false, []];
+      paint();
+    }});
+    return element("div", {}, element("p", {}, "or click two points in a picture of the camera, ", pick, " which are ", apart, " apart"), canvas);
   }
 
   measure() {
@@ -1047,6 +1116,12 @@ class Live {
   diagnosed(m) {
     this.remember("diagnosis", m);
     if (this.diagnosing_) this.diagnosing_.textContent = "";
+    const clear = () => button("Clear", () => {
+      this.answer.hidden = true;
+      if (this.viewer?.stage) { this.viewer.stage.tint = null; this.viewer.render(); }
+    });
+    this.answer.hidden = !m.answer;
+    this.answer.replaceChildren(m.answer || "", " ", clear());
     if (!this.diagnosisBox) return;
     if (m.fault) { this.diagnosisBox.replaceChildren(element("p", {class: "hint"}, m.fault)); return; }
     const table = element("table", {class: "plain candidates"});
@@ -1065,8 +1140,7 @@ class Live {
     if (this.viewer?.stage) { this.viewer.stage.tint = m.tint; this.viewer.render(); }
     this.diagnosisBox.replaceChildren(element("h3", {}, m.verdict), element("p", {}, m.statement),
       ...m.reasons.map(text => element("p", {class: "hint"}, text)), table,
-      element("p", {class: "hint"}, "The parts are colored by the share of the gap that they take away. ",
-        button("Clear colors", () => { this.viewer.stage.tint = null; this.viewer.render(); })),
+      element("p", {class: "hint"}, "The parts are colored by the share of the gap that they take away."),
       m.stopped ? element("p", {class: "hint"}, "Stopped: the answer is that of the fits so far.") : "");
   }
 }

@@ -167,12 +167,33 @@ class Stage {
         order === 0 ? this.drawBody(layer, b) : this.drawOutline(layer, b));
       this.drawLinks(layer, order);
     });
-    if (!options.arrows) return;
     const largest = Math.max(...shown.map(r => r.stage.largest), 0);
-    for (const run of shown) {
+    for (const run of options.arrows ? shown : []) {
       const t = run.time(now), f = locate(run.stage.time, t);
       this.drawForces({g, f, px, s: run.stage, color: run.color}, largest);
     }
+    if (options.names && shown.length) this.drawNames(shown[0].stage, shown[0].time(now), place);
+  }
+
+  // Names of the parts, and the numbers of the contacts as in the table.
+  drawNames(s, t, place) {
+    const g = this.canvas.getContext("2d"), f = locate(s.time, t), d = this.dpr;
+    g.setTransform(d, 0, 0, d, 0, 0);
+    g.textAlign = "center"; g.textBaseline = "middle"; g.lineWidth = 3; g.strokeStyle = PAINT.paper;
+    const write = (text, [x, y], font, color) => {
+      const at = [(place[0] * x + place[4]) / d, (place[3] * y + place[5]) / d];
+      g.font = font; g.fillStyle = color;
+      g.strokeText(text, ...at); g.fillText(text, ...at);
+    };
+    s.bodies.forEach((body, b) => {
+      const own = b ? s.shapes.filter(x => x.body === b && x.role === "wood").flatMap(x => x.points) : [];
+      if (!own.length) return;
+      const middle = k => 0.5 * (Math.min(...own.map(p => p[k])) + Math.max(...own.map(p => p[k])));
+      write(body.name, placeOf(s, b, middle(0), middle(1), f), "12px system-ui, sans-serif", PAINT.ink);
+    });
+    s.contacts.forEach((c, k) => write(String(c.number), [0, 1].map(i => mix(s.places[4 * k + i], f)),
+      "bold 11px system-ui, sans-serif", PAINT.surface));
+    g.textAlign = "start"; g.textBaseline = "alphabetic";
   }
 
   drawString({g, s, t, px, color}, order, magnified) {

@@ -146,7 +146,8 @@ class Viewer {
     if (this.runs.some(r => r.stage)) {
       this.arrows = element("input", {type: "checkbox", onchange: () => this.render()});
       this.arrows.checked = true;
-      line.append(element("label", {}, this.arrows, " forces"));
+      this.names = element("input", {type: "checkbox", onchange: () => this.render()});
+      line.append(element("label", {}, this.arrows, " forces"), element("label", {}, this.names, " names"));
     }
     if (runs.some(r => r.stage && r.stage.string && r.stage.string.modes)) {
       this.magnified = choice("string displacement", [["1", "as it is"], ["5", "5 times"],
@@ -461,7 +462,7 @@ class Viewer {
   render() {
     const {now, window} = this;
     if (now === undefined) return;
-    if (this.stage) this.stage.draw(now, {arrows: this.arrows.checked,
+    if (this.stage) this.stage.draw(now, {arrows: this.arrows.checked, names: this.names.checked,
       magnified: this.magnified ? Number(this.magnified.value) : 1});
     if (this.strip) this.strip.draw(now);
     // Panels out of sight wait until nothing is drawn any more.
