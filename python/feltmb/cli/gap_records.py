@@ -235,7 +235,9 @@ def join(
     elif model is not None:
         raise click.UsageError("--model aligns the clocks with --same auto")
     else:
-        made = join_records(one, two, same=_events(same), inputs=chosen)
+        # An event is read to a sample.
+        sd = max(one.interval, two.interval) if same else 0.0
+        made = join_records(one, two, same=_events(same), inputs=chosen, same_sd=sd)
     made = replace(made, name=out.stem)
     for note in made.notes:
         complain(note)

@@ -449,7 +449,7 @@ def fmu(
 
 @declare("live")
 def live(
-    mechanism: str = argument(complete=actions, default="steinway45"),
+    mechanism: str = argument(complete=actions, default="steinway45_leaded"),
     records: tuple[Path, ...] = argument(
         click.Path(path_type=Path, exists=True, dir_okay=False), required=False
     ),

@@ -1,6 +1,5 @@
 """Finished work in a folder: whole or not there, and never another's."""
 
-
 import numpy as np
 import pytest
 

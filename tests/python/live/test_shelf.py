@@ -8,8 +8,8 @@ def test_uploaded_columns_are_read_once(tmp_path):
     from feltmb.live.measured import Shelf
 
     shelf = Shelf(tmp_path)
-    shelf.add("a.csv", b"time [s],q [mm]\n0,0\n1,1\n2,2\n")
+    key = shelf.add("a.csv", b"time [s],q [mm]\n0,0\n1,1\n2,2\n")["file"]
     (path,) = tmp_path.rglob("a.csv")
     path.unlink()
-    (columns,) = shelf.kept([]).values()
+    (columns,) = shelf.kept([key]).values()
     assert list(columns.values) == ["time", "q"]
