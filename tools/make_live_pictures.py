@@ -41,7 +41,7 @@ TURN = (
 
 def browser_of_the_tests() -> Any:
     """Chromium of the tests, controlled by its DevTools protocol."""
-    path = ROOT / "tests" / "python" / "viewer" / "conftest.py"
+    path = ROOT / "tests" / "python" / "graphics" / "conftest.py"
     spec = importlib.util.spec_from_file_location("viewer_browser", path)
     assert spec is not None
     assert spec.loader is not None
@@ -65,7 +65,7 @@ def measured_file(folder: Path) -> Path:
 
     import feltmb
 
-    action = feltmb.load_action(ACTION).with_values({"capstan": "-0.3 mm"})
+    action = feltmb.load_action(ACTION).with_values({"capstan-=": "0.3 mm"})
     run = feltmb.simulate(action, "piano", output_rate=2000.0)
     noise = np.random.default_rng(3).normal(scale=2e-5, size=(len(run.time), 2))
     rows = ["time [s],finger.force [N],key_front.y [mm],hammer_tip.x [mm]"]

@@ -13,7 +13,10 @@ from scipy.optimize import brentq
 
 import feltmb
 from feltmb.action.touch import static_touch
+from feltmb.adapters import mechanism_model
 from feltmb.cli import main
+from feltmb.data import Record, Sensor
+from feltmb.gap import Options, diagnose
 from feltmb.run.quasistatic import simulated_press
 
 G = 9.81
@@ -284,6 +287,48 @@ def test_the_grand_strikes_again_where_the_upright_does_not(grand, action):
         )
     assert weakest["grand_action"] > 0.1
     assert weakest["steinway45"] == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("path", "value", "cause", "magnitude"),
+    [
+        ("springs.repetition_spring.rest_angle", "0.55 rad", "repetition_spring", None),
+        ("surfaces.knuckle.radius", "4.5 mm", "worn_knuckle", -0.5e-3),
+    ],
+)
+def test_a_slow_press_that_is_held_names_them_with_all_tolerances(
+    grand, path, value, cause, magnitude
+):
+    """After the let-off only the spring carries the hammer; a strike weighs the hammer."""
+    machine, rng = grand.with_values({path: value}), np.random.default_rng(2)
+    slow = feltmb.motion_stroke(
+        [0.02, 0.62, 0.9], [0.0, 11e-3, 11e-3], interpolation="linear", duration=0.8
+    )
+    points, records = ("whippen.y", "lever.y", "hammer_tip.y"), []
+    for name, stroke, rate in (
+        ("slow", slow, 1e3),
+        ("forte", "forte", 4e3),
+        ("piano", "piano", 4e3),
+    ):
+        run = feltmb.simulate(machine, stroke, output_rate=rate, ledger=False)
+        keep = run.time < run.summary.get("impact_time", run.time[-1]) + 0.01
+        key = run["key_front.y"][0] - run["key_front.y"] + rng.normal(0.0, 5e-6, run.time.size)
+        seen = {
+            p: (run[p] - run[p][0] + rng.normal(0.0, 2e-5, run.time.size))[keep] for p in points
+        }
+        sensors = {p: Sensor(name=p, unit="m", sigma=2e-5, reference="rest") for p in points}
+        records.append(
+            Record(name=name, time=run.time[keep], inputs={"displacement": key[keep]},
+                   outputs=seen, sensors=sensors, input_mode="motion",
+                   input_sigma={"displacement": 5e-6})
+        )  # fmt: skip
+    model, effects = mechanism_model(grand, until=np.inf)
+    report = diagnose(model, effects, records, options=Options(seconds=300.0))
+    (named,) = report.named
+    assert cause in named.cause
+    if magnitude is not None:
+        assert named.magnitude == pytest.approx(magnitude, rel=0.1)
 
 
 @pytest.mark.slow
