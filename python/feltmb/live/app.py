@@ -240,7 +240,7 @@ def greeting(bench: Bench) -> dict[str, Any]:
         "knobs": [knob.as_dict(bench.numbers) for knob in bench.knobs.values()],
         "numbers": [[path, *rest] for path, rest in bench.numbers.items()],
         "strokes": names("strokes") if playable else [],
-        "outputs": outputs_of(found),
+        "outputs": outputs_of(found, action),
         "panels": default_shown(found, action),
         "contacts": [
             [int(key), contact.label or f"contact {key}"]

@@ -45,7 +45,7 @@ def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> d
     low, high = busy_window(run)
     time = run.time
     some = _every(len(time), SAMPLES[quality])
-    strikers = striker_outputs(run)
+    strikers = striker_outputs(run, action.config.reading)
     outputs = [name for name in dict.fromkeys(shown) if name in run or name in strikers]
     factors = [reader_unit("m/s" if n in strikers else run.unit(n)) for n in outputs]
     table = np.column_stack(
@@ -112,12 +112,12 @@ def summary_of(run: Run) -> dict[str, float]:
     return {k: float(v) for k, v in run.summary.items() if math.isfinite(float(v))}
 
 
-def outputs_of(run: Run) -> list[list[str]]:
+def outputs_of(run: Run, action: Action) -> list[list[str]]:
     """Name, label and practical unit of every output."""
     return [
         [n, output_label(n, text), reader_unit(unit)[1]]
         for n, unit, text in zip(run.names, run.units, run.long_names, strict=True)
-    ] + [[n, n, "m/s"] for n in striker_outputs(run)]
+    ] + [[n, n, "m/s"] for n in striker_outputs(run, action.config.reading)]
 
 
 def default_shown(run: Run, action: Action) -> list[dict[str, Any]]:

@@ -151,9 +151,12 @@ def row_unit(run: Run, name: str) -> str:
     return "s" if output is None else run.unit(output)
 
 
-def striker_speed(run: Run) -> npt.NDArray[np.float64] | None:
-    """Speed of the striking point along its direction [m/s]; None if there is none."""
-    striker = reading_of(run).striker
+def striker_speed(run: Run, reading: Reading | None = None) -> npt.NDArray[np.float64] | None:
+    """Speed of the striking point along its direction [m/s]; None if there is none.
+
+    ``reading``: that of the mechanism, if it is at hand: to read it from the run takes time.
+    """
+    striker = (reading_of(run) if reading is None else reading).striker
     if striker is None or f"{striker.point}.vx" not in run:
         return None
     length = (striker.direction[0] ** 2 + striker.direction[1] ** 2) ** 0.5

@@ -488,7 +488,8 @@ def test_memory_is_flat_while_dragging(live, client):
     minutes = float(os.environ.get("FELTMB_DRAG_MINUTES", "1.5"))
     rng = np.random.default_rng(5)
     knobs = list(live.studio.bench.knobs.values())
-    outputs = [name for name, *_ in outputs_of(feltmb.simulate("steinway45", "piano"))]
+    action = live.studio.bench.action
+    outputs = [name for name, *_ in outputs_of(feltmb.simulate(action, "piano"), action)]
     begin, sizes, k = time.monotonic(), [], 0
     while time.monotonic() - begin < 60.0 * minutes:
         with client(live) as page:

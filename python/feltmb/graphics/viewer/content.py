@@ -87,7 +87,7 @@ def describe(
         columns = {k: run.values[:, i] for i, k in enumerate(run.names)}
         units = dict(zip(run.names, run.units, strict=True))
         texts = dict(zip(run.names, run.long_names, strict=True))
-        for key, values in striker_outputs(run).items():
+        for key, values in striker_outputs(run, reading_of(run)).items():
             columns[key], units[key], texts[key] = values, "m/s", STRIKER
         events = named_events(run)
     keep = _kept(time, window, name)
@@ -123,13 +123,12 @@ def describe(
     return out
 
 
-def striker_outputs(run: Run) -> dict[str, Array]:
+def striker_outputs(run: Run, reading: Reading) -> dict[str, Array]:
     """Speed of the striker toward what it strikes [m/s], by name; empty without a striker.
 
     Its sign is that of the impact speed, whatever the axes of the mechanism are.
     """
-    speed = striker_speed(run)
-    striker = reading_of(run).striker
+    speed, striker = striker_speed(run, reading), reading.striker
     return {} if speed is None or striker is None else {f"{striker.point}.speed": speed}
 
 
@@ -419,7 +418,8 @@ def default_panels_of(run: Run, reading: Reading) -> list[dict[str, Any]]:
         panels.append({"title": "motion from the start", "outputs": points[:4], "change": True})
     if reading.striker is not None:
         title = reading.striker.label or reading.striker.point
-        panels.append({"title": title, "outputs": list(striker_outputs(run)), "change": False})
+        own = list(striker_outputs(run, reading))
+        panels.append({"title": title, "outputs": own, "change": False})
     peaks = {n: float(np.max(run[f"contact{n:02d}.force"])) for n in contact_numbers(run)}
     strongest = sorted((n for n, p in peaks.items() if p > 1e-6), key=lambda n: -peaks[n])
     forces = [f"contact{n:02d}.force" for n in strongest[:5]]
