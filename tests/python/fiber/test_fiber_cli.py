@@ -100,7 +100,7 @@ def test_fit_both_branches(loop, tmp_path):
 
 
 def test_fit_all_and_options(loop):
-    text = run("fit", loop, "--all", "--branch", "loading", "--starts", 4)
+    text = run("fit", loop, "--all", "--branch", "loading", "--starts", 1)
     assert text.index("binomial") < text.index("van_wyk")
     text = run(
         "fit",

@@ -43,10 +43,11 @@ def fixed_for(model):
     return {k: v for k, v in TRUTHS[model].items() if k in keep and k not in free - keep}
 
 
-@pytest.mark.parametrize("method", ["least_squares", "nelder_mead"])
-@pytest.mark.parametrize("model", list(TRUTHS))
+@pytest.mark.parametrize(
+    ("model", "method"), [*((m, "least_squares") for m in TRUTHS), ("van_wyk", "nelder_mead")]
+)
 def test_exact_data_give_the_truth_back(model, method):
-    f = fit(make(model), model, fixed=fixed_for(model), method=method, n_starts=6)
+    f = fit(make(model), model, fixed=fixed_for(model), method=method, n_starts=3)
     for name in f.free:
         assert f.values[name] == pytest.approx(TRUTHS[model][name], rel=2e-4)
     assert f.r_squared > 1 - 1e-8
@@ -75,9 +76,9 @@ def coverage(model, n_fits, noise=0.01):
 
 @pytest.mark.parametrize("model", ["van_wyk", "binomial"])
 def test_intervals_cover_quickly(model):
-    # 120 fits: the band below is 3.5 standard deviations of a 95 % coverage.
-    for share in coverage(model, 120).values():
-        assert 0.88 <= share <= 1.0
+    # 30 fits: the band below is 3.5 standard deviations of a 95 % coverage.
+    for share in coverage(model, 30).values():
+        assert 0.81 <= share <= 1.0
 
 
 @pytest.mark.slow

@@ -1,10 +1,10 @@
 """Inputs that nobody intended: mutations of valid files and command lines, in a process of its own.
 
-    python fuzz.py TARGET FIRST COUNT LOG
+    python fuzz.py TARGET[,TARGET...] FIRST COUNT LOG
     python fuzz.py readers FIRST COUNT
 
-The first runs the cases FIRST ... FIRST + COUNT - 1 of a target. A case is known by its target and
-number alone. LOG holds the number of the case at work, so that a crash or a hang names its case.
+The first runs the cases FIRST ... FIRST + COUNT - 1 of each target. A case is known by its target
+and number alone. LOG holds the number of the case at work, so that a crash or a hang names its case.
 What is wrong is printed as one JSON object a line. A case that takes more than 10 s of processor
 time, 120 s of any time, or 1 GB of memory is wrong.
 
@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import json
 import os
 import random
@@ -1008,13 +1009,14 @@ def readers(first: int, count: int) -> int:
     return total
 
 
-def main(target: str, first: int, count: int, log: Path) -> None:
+def main(targets: list[str], first: int, count: int, log: Path) -> None:
     """Run the cases and print what is wrong."""
-    prepare(target)
+    for target in targets:
+        prepare(target)
     space = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (space, space))
-    for number in range(first, first + count):
-        log.write_text(str(number))
+    for target, number in itertools.product(targets, range(first, first + count)):
+        log.write_text(str(number) if len(targets) == 1 else f"{target} {number}")
         # A hang in a library is ended by the system, on a busy machine too.
         cpu = int(time.process_time() + 2 * SLOWEST)
         resource.setrlimit(resource.RLIMIT_CPU, (cpu, resource.RLIM_INFINITY))
@@ -1027,4 +1029,4 @@ def main(target: str, first: int, count: int, log: Path) -> None:
 if __name__ == "__main__":
     if sys.argv[1] == "readers":
         sys.exit(readers(int(sys.argv[2]), int(sys.argv[3])) != 0)
-    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
+    main(sys.argv[1].split(","), int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))

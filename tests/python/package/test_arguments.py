@@ -347,6 +347,7 @@ def envelope_file():
     return path
 
 
+@cache
 def measured():
     one = felt_envelope()
     e = np.concatenate([one.compression, one.compression[::-1]])

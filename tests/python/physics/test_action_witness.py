@@ -327,9 +327,10 @@ def test_acceleration_and_sum_of_contributions():
         assert np.all(np.abs(total - e.force) <= 1e-13 * e.scale())
 
 
-def test_compression_by_search_over_boundaries():
+@pytest.mark.parametrize("every", [20, pytest.param(4, marks=pytest.mark.slow)])
+def test_compression_by_search_over_boundaries(every):
     """Compression of contacts 1 to 14 from sampled boundary curves, no distance formula."""
-    for q, _, _ in states()[::4]:
+    for q, _, _ in states()[::every]:
         found = aw.compressions(q)
         for number in range(1, 15):
             searched = aw.brute_force_compression(q, number)

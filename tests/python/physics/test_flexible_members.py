@@ -160,7 +160,7 @@ def test_rotating_beams_against_lagrange(name):
     n = len(action.coordinates)
     elastic = np.array([c[-2:-1] in "uv" and c[-1].isdigit() for c in action.coordinates])
     rng = np.random.default_rng(5)
-    for k in range(20):
+    for k in range(6):
         size = np.where(elastic, 2e-3 * (1 + 9 * (k % 2)), 2.0)
         q, qd = size * rng.normal(size=n), np.where(elastic, 5.0, 20.0) * rng.normal(size=n)
         terms = tree.contributions(q, qd)
@@ -542,7 +542,11 @@ def rigid_action(**values):
     return feltmb.load_action("steinway45").with_values(fixed | values)
 
 
-def test_accelerations_approach_the_rigid_model():
+@pytest.mark.parametrize(
+    ("every", "factors"),
+    [(16, (1e4, 1e5)), pytest.param(4, (1e4, 1e5, 1e6, 1e7, 1e8), marks=pytest.mark.slow)],
+)
+def test_accelerations_approach_the_rigid_model(every, factors):
     """E to infinity: elastic coordinates follow the load, the difference shrinks as 1/E.
 
     At given rigid coordinates and rates the elastic ones are moved until they do not accelerate
@@ -551,9 +555,8 @@ def test_accelerations_approach_the_rigid_model():
     """
     rigid = rigid_action(**{"string.modes": 4})
     stiffness = bw.default_action().tree.stiffness[6:, 6:]
-    kept = [s for s in rigid_states.states() if max(aw.compressions(s[0]).values()) < 6e-4][::4]
-    assert len(kept) >= 15
-    factors = (1e4, 1e5, 1e6, 1e7, 1e8)
+    kept = [s for s in rigid_states.states() if max(aw.compressions(s[0]).values()) < 6e-4][::every]
+    assert len(kept) >= 60 // every
     errors = np.zeros((len(kept), len(factors)))
     for j, factor in enumerate(factors):
         action = stiffened(factor, **{"string.modes": 4})
@@ -574,7 +577,7 @@ def test_accelerations_approach_the_rigid_model():
     clear = errors[:, 1:] > 1e-11
     assert np.all(np.abs(order[clear] - 1.0) < 0.05), order[clear]
     assert np.all(errors[:, 0] < 1e-2)
-    assert np.all(errors[:, -1] < 1e-6)
+    assert np.all(errors[:, -1] < 1e2 / factors[-1])
 
 
 @pytest.mark.slow
@@ -825,11 +828,12 @@ AXIAL = [bw.COORDINATES.index("wire.u1"), bw.COORDINATES.index("shank.u1")]
 OTHERS = [i for i in range(12) if i not in AXIAL]
 
 
-def test_condensed_accelerations_against_lagrange():
+@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.slow)])
+def test_condensed_accelerations_against_lagrange(every):
     """In time the axial coordinates stay at rest; the others obey their own rows of eq. 4.6."""
     action = feltmb.load_action("steinway45").with_values({"string.modes": 4})
     rest = action.rest_pose
-    for q, qd, finger, _ in action_states():
+    for q, qd, finger, _ in action_states()[::every]:
         q, qd = q.copy(), qd.copy()
         q[AXIAL], qd[AXIAL] = rest[AXIAL], 0.0
         if max(bw.compressions(q).values()) > 3e-3:
