@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -119,59 +119,18 @@ def read_test(
     options = options or ReadOptions()
     sheet = read_sheet(path) or Sheet()
     specs: dict[str, ColumnSpec] = {**sheet.inputs, **sheet.outputs}
-    faults = [
-        f"{name}: is no quantity of a compression test, expected one of {', '.join(_UNITS)}, "
-        "specimen (--column QUANTITY=COLUMN, --unit QUANTITY=UNIT)"
-        for name in dict.fromkeys((*options.columns, *options.units, *specs))
-        if name not in _UNITS and (name != "specimen" or name in options.units)
-    ]
-    faults += [
-        f"{path.with_suffix('.toml')}: {key} of {name} is not used in a compression test, expected "
-        f"{', '.join(sorted(_KEYS))}"
-        for name, spec in specs.items()
-        for key in sorted(spec.model_fields_set & ({*ColumnSpec.model_fields, "gain"} - _KEYS))
-    ]
+    faults = _unused(path, options, specs)
     columns = read_columns(path, strict=False, numbered=bool(options.columns or specs))
-    stated: dict[str, str] = {}
-    for name in _UNITS.keys() & {*options.columns, *options.units, *specs}:
-        spec = specs.get(name, ColumnSpec())
-        column = options.columns.get(name) or spec.column
-        found = columns.find(column or name)
-        unit = options.units.get(name) or spec.unit
-        if not found and (column or not unit):
-            faults.append(
-                f"no column {shortened(column or name)!r} for {name}; there are {columns}"
-            )
-        elif found:
-            stated[name] = found
-        if unit:
-            places = [found] if found else _named(columns, name)
-            columns.units |= dict.fromkeys(places, unit)
+    stated = _stated(columns, options, specs, faults)
     notes: list[str] = []
     chosen = []
     for units, wanted in ((COMPRESSIONS, compressions), (LOADS, loads)):
         quantity, column = _choose(columns, units, wanted, stated, faults, notes)
-        values = values_in(columns, column, units[quantity], faults) if column else np.zeros(0)
         spec = specs.get(quantity, ColumnSpec())
-        with np.errstate(over="ignore"):
-            values = values * spec.factor + spec.shift
-        faults += [
-            f"{columns.place(int(i))}: {shortened(column)} = {values[i]:.4g} {units[quantity]}, "
-            f"expected at most {_LARGEST:g}"
-            for i in np.flatnonzero(np.abs(values) > _LARGEST)
-        ]
-        chosen.append((quantity, column, values))
+        chosen.append((quantity, column, _values(columns, column, quantity, spec, faults)))
     (quantity, column, x), (load, load_column, p) = chosen
-    words = next((c for c in (*columns.texts, *columns.values) if plain_name(c) == "branch"), "")
-    branches = [w.strip().lower() for w in columns.texts.get(words, [])]
     faults += columns.faults([column, load_column], complete=True)
-    if words and not branches:
-        faults.append("column branch has numbers, expected the words loading and unloading")
-    faults += [
-        f'{columns.place(i)}: branch = "{shortened(word)}", expected loading or unloading'
-        for i, word in enumerate(branches)
-        if word not in ("loading", "unloading")
-    ]
+    branches = _branches(columns, faults)
     if not faults:
         rows = _specimen(columns, options.columns.get("specimen") or sheet.run, specimen, faults)
         x, p = x[rows], p[rows]
@@ -187,6 +146,78 @@ def read_test(
     return CompressionColumns(quantity, load, x, p, branches, tuple(notes), from_contact)
 
 
+def _unused(path: Path, options: ReadOptions, specs: Mapping[str, ColumnSpec]) -> list[str]:
+    """Faults of names and keys that a compression test does not have."""
+    faults = [
+        f"{name}: is no quantity of a compression test, expected one of {', '.join(_UNITS)}, "
+        "specimen (--column QUANTITY=COLUMN, --unit QUANTITY=UNIT)"
+        for name in dict.fromkeys((*options.columns, *options.units, *specs))
+        if name not in _UNITS and (name != "specimen" or name in options.units)
+    ]
+    return faults + [
+        f"{path.with_suffix('.toml')}: {key} of {name} is not used in a compression test, expected "
+        f"{', '.join(sorted(_KEYS))}"
+        for name, spec in specs.items()
+        for key in sorted(spec.model_fields_set & ({*ColumnSpec.model_fields, "gain"} - _KEYS))
+    ]
+
+
+def _stated(
+    columns: Columns,
+    options: ReadOptions,
+    specs: Mapping[str, ColumnSpec],
+    faults: list[str],
+) -> dict[str, str]:
+    """Columns by quantity as the user states them; stated units go into ``columns``."""
+    stated: dict[str, str] = {}
+    for name in _UNITS.keys() & {*options.columns, *options.units, *specs}:
+        spec = specs.get(name, ColumnSpec())
+        column = options.columns.get(name) or spec.column
+        found = columns.find(column or name)
+        unit = options.units.get(name) or spec.unit
+        if not found and (column or not unit):
+            faults.append(
+                f"no column {shortened(column or name)!r} for {name}; there are {columns}"
+            )
+        elif found:
+            stated[name] = found
+        if unit:
+            places = [found] if found else _named(columns, name)
+            columns.units |= dict.fromkeys(places, unit)
+    return stated
+
+
+def _values(
+    columns: Columns, column: str, quantity: str, spec: ColumnSpec, faults: list[str]
+) -> Array:
+    """Values of a column in the SI unit of its quantity; none without a column."""
+    if not column:
+        return np.zeros(0)
+    values = values_in(columns, column, _UNITS[quantity], faults)
+    with np.errstate(over="ignore"):
+        values = values * spec.factor + spec.shift
+    faults += [
+        f"{columns.place(int(i))}: {shortened(column)} = {values[i]:.4g} {_UNITS[quantity]}, "
+        f"expected at most {_LARGEST:g}"
+        for i in np.flatnonzero(np.abs(values) > _LARGEST)
+    ]
+    return values
+
+
+def _branches(columns: Columns, faults: list[str]) -> list[str]:
+    """Words of the column ``branch``; empty if there is none."""
+    words = next((c for c in (*columns.texts, *columns.values) if plain_name(c) == "branch"), "")
+    branches = [w.strip().lower() for w in columns.texts.get(words, [])]
+    if words and not branches:
+        faults.append("column branch has numbers, expected the words loading and unloading")
+    faults += [
+        f'{columns.place(i)}: branch = "{shortened(word)}", expected loading or unloading'
+        for i, word in enumerate(branches)
+        if word not in ("loading", "unloading")
+    ]
+    return branches
+
+
 def _plain(names: str) -> list[str]:
     return [plain_name(name) for name in names.split(",")]
 
@@ -200,19 +231,7 @@ def _specimen(columns: Columns, stated: str, wanted: str, faults: list[str]) -> 
     if stated and not column:
         faults.append(f"no column {shortened(stated)!r} for specimen; there are {columns}")
         return np.arange(size)
-    for name in () if column else named:
-        if _tells_specimens(name, named[name]) and len(set(named[name])) * _LEAST <= size:
-            column = column or name
-    where = f"column {shortened(column)}"
-    clock = columns.called("time")
-    if column:
-        cells = named[column]
-        labels = [c.strip() if isinstance(c, str) else f"{c:.10g}" for c in cells]
-    elif clock and np.any(np.diff(columns.values[clock[0]]) < 0.0):
-        restarts = np.cumsum(np.diff(columns.values[clock[0]], prepend=-np.inf) < 0.0)
-        labels, where = [str(k + 1) for k in restarts], f"column {clock[0]} starts again"
-    else:
-        labels, where = ["1"] * size, "one specimen"
+    labels, where = _labels(columns, named, column, size)
     found = list(dict.fromkeys(labels))
     if len(found) > 1 and not wanted:
         faults.append(
@@ -222,6 +241,24 @@ def _specimen(columns: Columns, stated: str, wanted: str, faults: list[str]) -> 
     elif wanted and wanted not in found:
         faults.append(f"no specimen {shortened(wanted)!r} ({where}); there are {', '.join(found)}")
     return np.flatnonzero(np.array(labels) == (wanted or found[0]))
+
+
+def _labels(
+    columns: Columns, named: Mapping[str, Sequence[float | str]], column: str, size: int
+) -> tuple[list[str], str]:
+    """Name of the specimen of each row, and what tells it."""
+    if not column:
+        several = (n for n in named if len(set(named[n])) * _LEAST <= size)
+        column = next((n for n in several if _tells_specimens(n, named[n])), "")
+    if column:
+        cells = named[column]
+        labels = [c.strip() if isinstance(c, str) else f"{c:.10g}" for c in cells]
+        return labels, f"column {shortened(column)}"
+    clock = columns.called("time")
+    if clock and np.any(np.diff(columns.values[clock[0]]) < 0.0):
+        restarts = np.cumsum(np.diff(columns.values[clock[0]], prepend=-np.inf) < 0.0)
+        return [str(k + 1) for k in restarts], f"column {clock[0]} starts again"
+    return ["1"] * size, "one specimen"
 
 
 def _tells_specimens(name: str, cells: Sequence[float | str]) -> bool:

@@ -13,7 +13,7 @@ from feltmb.arguments import checked
 from feltmb.data import ReadOptions
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fiber.approach import LEAST, free_approach
-from feltmb.fiber.columns import LOADS, read_test
+from feltmb.fiber.columns import LOADS, CompressionColumns, read_test
 from feltmb.fiber.cycles import find_branches
 from feltmb.units.quantity import fault_text
 
@@ -275,65 +275,24 @@ def read_compression(
         options=options,
         specimen=specimen,
     )
-    fraction, load = table.compression, table.load
-    faults: list[str] = []
-    fault = faults.append
-    if load == "force" and area is None:
-        fault("force without a sample area, expected area in m^2 (--area)")
-    if area is not None and not 1e-10 <= area <= 1.0:
-        fault(f"area = {area:.6g} m^2, expected 1e-10 to 1 m^2, with its unit, such as 3.14cm^2")
-    if fraction == "displacement" and thickness0 is None:
-        fault("displacement without the thickness at its zero, expected thickness0 (--thickness)")
-    if zero is not None and fraction != "displacement":
-        fault(f"zero = {zero:.6g} m is for a column displacement; the file has {fraction}")
-    if fraction != "v_f" and v_f0 is None:
-        fault(f"{fraction} without a reference, expected v_f0 (--v-f0)")
-    if v_f0 is not None and not 0 < v_f0 < 1:
-        fault(f"v_f0 = {v_f0:.6g}, expected > 0 and < 1")
+    stated = _Stated(v_f0, thickness0, area, zero)
+    faults = stated.faults(table)
     if faults:
         raise DataError(fault_text(str(file), faults, most=20))
-
-    x, p, branches = table.x, table.loads, table.branches
-    if fraction == "displacement":
-        assert thickness0 is not None
-        fraction, x = "thickness", thickness0 - (x - (zero or 0.0))
-    if load == "force":
-        assert area is not None
-        p = p / area
-    known = True
-    if fraction == "v_f":
-        v = x
-        known = v_f0 is not None
-        reference = float(np.min(v)) if v_f0 is None else v_f0
-    else:
-        assert v_f0 is not None
-        reference = v_f0
-        if fraction == "strain":
-            if not np.all(x < 1):
-                fault(f"strain up to {np.max(x):.6g}, expected < 1 (compression positive)")
-            v = v_f0 / np.where(x < 1, 1 - x, np.nan)
-        else:
-            known = thickness0 is not None
-            h0 = float(np.max(x)) if thickness0 is None else thickness0
-            if not np.all(x > 0):
-                fault(f"thickness down to {np.min(x):.6g} m, expected > 0")
-            elif not 0 < h0 <= 100.0:
-                fault(f"thickness0 = {h0:.6g} m, expected > 0, at most 100")
-            elif known and (thick := thick_fault(x, v_f0, h0)):
-                fault(thick)
-            with np.errstate(over="ignore"):  # reported below
-                v = v_f0 * h0 / np.where(x > 0, x, np.nan)
+    v, heights = stated.fractions(table, faults)
     if not faults and not np.all((v > 0) & (v <= 1)):
-        fault(f"v_f from {np.min(v):.6g} to {np.max(v):.6g}, expected > 0 and <= 1")
+        faults.append(f"v_f from {np.min(v):.6g} to {np.max(v):.6g}, expected > 0 and <= 1")
     if faults:
         raise DataError(fault_text(str(file), faults, most=20))
-    heights = x if fraction == "thickness" else None
-    if branches:
-        loading = np.array([word == "loading" for word in branches])
-        made = CompressionData(v, p, loading, reference, file.stem, heights, known)
+    known = v_f0 is not None and (heights is None or thickness0 is not None)
+    reference = float(np.min(v)) if v_f0 is None else v_f0
+    loads = table.loads if table.load == "pressure" else table.loads / stated.given_area
+    if table.branches:
+        loading = np.array([word == "loading" for word in table.branches])
+        made = CompressionData(v, loads, loading, reference, file.stem, heights, known)
     else:
         whole = np.ones(len(v), dtype=np.bool_)
-        test = CompressionData(v, p, whole, reference, file.stem, heights, known)
+        test = CompressionData(v, loads, whole, reference, file.stem, heights, known)
         try:
             made = _by_reversals(test, cycle)
         except InvalidParameter as error:
@@ -344,12 +303,76 @@ def read_compression(
     )
     slack = slack_fault(made, thickness0) if known else ""
     if slack:
-        hint = ""
-        if table.compression == "displacement" and thickness0 is not None:
-            first = (zero or 0.0) + thickness0 - made.thickest_loaded
-            hint = (
-                f"; hint: the displacement at the first contact is {1e3 * first:.4g} mm or less, "
-                f"give zero (--zero={1e3 * first:.4g}mm)"
-            )
-        raise DataError(f"{file}: {slack}{hint}")
+        raise DataError(f"{file}: {slack}{stated.hint_of_zero(table, made)}")
     return made
+
+
+@dataclass(frozen=True)
+class _Stated:
+    """What is stated of a specimen beside its file, see :func:`read_compression`."""
+
+    v_f0: float | None
+    thickness0: float | None
+    area: float | None
+    zero: float | None
+
+    @property
+    def given_area(self) -> float:
+        assert self.area is not None
+        return self.area
+
+    def faults(self, table: CompressionColumns) -> list[str]:
+        """What is missing, or does not belong to the columns."""
+        fraction, faults = table.compression, []
+        if table.load == "force" and self.area is None:
+            faults.append("force without a sample area, expected area in m^2 (--area)")
+        if self.area is not None and not 1e-10 <= self.area <= 1.0:
+            faults.append(
+                f"area = {self.area:.6g} m^2, expected 1e-10 to 1 m^2, with its unit, such as "
+                "3.14cm^2"
+            )
+        if fraction == "displacement" and self.thickness0 is None:
+            faults.append(
+                "displacement without the thickness at its zero, expected thickness0 (--thickness)"
+            )
+        if self.zero is not None and fraction != "displacement":
+            faults.append(
+                f"zero = {self.zero:.6g} m is for a column displacement; the file has {fraction}"
+            )
+        if fraction != "v_f" and self.v_f0 is None:
+            faults.append(f"{fraction} without a reference, expected v_f0 (--v-f0)")
+        if self.v_f0 is not None and not 0 < self.v_f0 < 1:
+            faults.append(f"v_f0 = {self.v_f0:.6g}, expected > 0 and < 1")
+        return faults
+
+    def fractions(self, table: CompressionColumns, faults: list[str]) -> tuple[Array, Array | None]:
+        """Volume fractions [1], and thicknesses [m] if they are measured."""
+        x = table.x
+        if table.compression == "v_f":
+            return x, None
+        assert self.v_f0 is not None
+        if table.compression == "strain":
+            if not np.all(x < 1):
+                faults.append(f"strain up to {np.max(x):.6g}, expected < 1 (compression positive)")
+            return self.v_f0 / np.where(x < 1, 1 - x, np.nan), None
+        if table.compression == "displacement":
+            assert self.thickness0 is not None
+            x = self.thickness0 - (x - (self.zero or 0.0))
+        h0 = float(np.max(x)) if self.thickness0 is None else self.thickness0
+        if not np.all(x > 0):
+            faults.append(f"thickness down to {np.min(x):.6g} m, expected > 0")
+        elif not 0 < h0 <= 100.0:
+            faults.append(f"thickness0 = {h0:.6g} m, expected > 0, at most 100")
+        elif self.thickness0 is not None and (thick := thick_fault(x, self.v_f0, h0)):
+            faults.append(thick)
+        with np.errstate(over="ignore"):  # reported by the caller
+            return self.v_f0 * h0 / np.where(x > 0, x, np.nan), x
+
+    def hint_of_zero(self, table: CompressionColumns, made: CompressionData) -> str:
+        if table.compression != "displacement" or self.thickness0 is None:
+            return ""
+        first = (self.zero or 0.0) + self.thickness0 - made.thickest_loaded
+        return (
+            f"; hint: the displacement at the first contact is {1e3 * first:.4g} mm or less, "
+            f"give zero (--zero={1e3 * first:.4g}mm)"
+        )

@@ -306,6 +306,13 @@ def _check(asked: _Asked) -> None:
     faults += [f'fit: parameter "{n}" is both free and fixed' for n in names if n in asked.fixed]
     if not names:
         faults.append("fit: no free parameter, expected at least one")
+    faults += _number_faults(asked)
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+
+
+def _number_faults(asked: _Asked) -> list[str]:
+    faults = []
     if asked.method not in ("least_squares", "nelder_mead"):
         faults.append(f'fit: method = "{asked.method}", expected least_squares or nelder_mead')
     if asked.n_starts < 1:
@@ -314,8 +321,7 @@ def _check(asked: _Asked) -> None:
         faults.append(f"fit: level = {asked.level:.6g}, expected between 0 and 1")
     if asked.relative < 0:
         faults.append(f"fit: relative = {asked.relative:.6g}, expected >= 0")
-    if faults:
-        raise InvalidParameter("\n".join(faults))
+    return faults
 
 
 class _Curve:
@@ -476,6 +482,91 @@ def _places(curves: Sequence[_Curve]) -> list[NDArray[np.int_]]:
     return places
 
 
+@dataclass(frozen=True)
+class _Optimum:
+    """Best parameters of one problem, and how well the test tells them.
+
+    All arrays are over the parameters of the problem; ``best``, ``low`` and ``high`` are those of
+    the search.
+    """
+
+    best: Array
+    low: Array
+    high: Array
+    values: Array
+    """Values of the parameters."""
+    span: Array
+    """A parameter that changes over its complete range changes the curve by column * span."""
+    singular: Array
+    """Singular values over the largest one."""
+    covariance: Array
+    """Covariance of the parameters over their span."""
+    blind: NDArray[np.bool_]
+    """Parameters on which the curve does not depend."""
+    quantile: float
+    """Half an interval over the standard deviation."""
+
+    @classmethod
+    def of(
+        cls,
+        curves: Sequence[_Curve],
+        places: Sequence[NDArray[np.int_]],
+        best: Array,
+        spread: Sequence[float],
+    ) -> _Optimum:
+        from scipy import stats
+
+        size = len(best)
+        low, high = np.full(size, -np.inf), np.full(size, np.inf)
+        logs, values = np.zeros(size, bool), np.zeros(size)
+        for c, at in zip(curves, places, strict=True):
+            low[at] = np.maximum(low[at], c.encode(c.low))
+            high[at] = np.minimum(high[at], c.encode(c.high))
+            logs[at], values[at] = c.logs, c.decode(best[at])
+
+        def residual(u: Array) -> Array:
+            return np.concatenate(
+                [c.residual(u[at]) / s for c, at, s in zip(curves, places, spread, strict=True)]
+            )
+
+        freedom = sum(len(c.v) for c in curves) - size
+        weighted = float(np.sum(residual(best) ** 2))
+        span = np.where(logs, 1.0, np.maximum(np.abs(values), 1e-12))
+        jacobian = _jacobian(residual, best, low, high) * span
+        _, singular, vt = np.linalg.svd(jacobian, full_matrices=False)
+        ratio = singular / singular[0] if singular[0] > 0 else np.zeros_like(singular)
+        lost = ratio < 1e-9
+        inverse = np.where(lost, 0.0, 1.0 / np.where(lost, 1.0, singular))
+        covariance = (vt.T * inverse**2) @ vt * (weighted / freedom)
+        blind = np.any(np.abs(vt[lost]) > 1e-6, axis=0) if lost.any() else np.zeros(size, bool)
+        quantile = float(stats.t.ppf(0.5 + 0.5 * curves[0].asked.level, freedom))
+        return cls(best, low, high, values, span, ratio, covariance, blind, quantile)
+
+    def interval(self, at: int, log: bool) -> tuple[float, float]:
+        """Interval of a parameter."""
+        if self.blind[at]:
+            return -math.inf, math.inf
+        x = float(self.values[at])
+        half = float(self.quantile * np.sqrt(self.covariance[at, at]) * self.span[at])
+        if not log:
+            return x - half, x + half
+        top = math.log(x) + half
+        bottom = math.exp(max(-700.0, math.log(x) - half))
+        return bottom, math.exp(top) if top < 700 else math.inf
+
+    def correlation(self, at: NDArray[np.int_]) -> Array:
+        """Correlation matrix of some parameters."""
+        sd = np.sqrt(np.diag(self.covariance)[at])
+        out: Array = self.covariance[np.ix_(at, at)] / np.maximum(np.outer(sd, sd), 1e-300)
+        return out
+
+    def at_edge(self, at: NDArray[np.int_]) -> NDArray[np.bool_]:
+        """Whether parameters are at a limit of the search."""
+        edge = np.minimum(self.best - self.low, self.high - self.best)[at]
+        out: NDArray[np.bool_] = edge < 1e-4 * (self.high - self.low)[at]
+        return out
+
+
 def _evaluate(
     curves: Sequence[_Curve],
     places: Sequence[NDArray[np.int_]],
@@ -484,113 +575,75 @@ def _evaluate(
     agree: Sequence[int],
 ) -> list[Fit]:
     """Values, intervals and warnings at the best parameters of one problem."""
-    from scipy import stats
+    found = _Optimum.of(curves, places, best, spread)
+    return [
+        _evaluated(c, found, at, n_best, len(curves))
+        for c, at, n_best in zip(curves, places, agree, strict=True)
+    ]
 
-    asked = curves[0].asked
-    model, level = asked.model, asked.level
-    size = len(best)
-    low, high = np.full(size, -np.inf), np.full(size, np.inf)
-    logs, values_of = np.zeros(size, bool), np.zeros(size)
-    for c, at in zip(curves, places, strict=True):
-        low[at] = np.maximum(low[at], c.encode(c.low))
-        high[at] = np.minimum(high[at], c.encode(c.high))
-        logs[at], values_of[at] = c.logs, c.decode(best[at])
 
-    def residual(u: Array) -> Array:
-        return np.concatenate(
-            [c.residual(u[at]) / s for c, at, s in zip(curves, places, spread, strict=True)]
+def _evaluated(c: _Curve, found: _Optimum, at: NDArray[np.int_], n_best: int, branches: int) -> Fit:
+    """Fit of one branch."""
+    asked, names, p = c.asked, c.names, c.p
+    n, k = len(p), len(names)
+    x, blind = found.values[at], found.blind[at]
+    correlation = found.correlation(at)
+    interval = {
+        name: found.interval(int(i), bool(log))
+        for name, i, log in zip(names, at, c.logs, strict=True)
+    }
+    values = {**c.base, **dict(zip(names, x.tolist(), strict=True))}
+    if "v_random" in c.described and "v_random" not in values and asked.model != "bending_chain":
+        values["v_random"] = values["v_f0"]
+    # Down to the first limit, the unloaded state is that of a sample in the file; beyond the other
+    # limit, no felt exists.
+    reported = tuple(
+        m for m, edge in zip(names, found.at_edge(at), strict=True) if edge and m != c.reference
+    )
+    warnings = _warnings(
+        asked.model, names, values, interval, correlation, blind, reported, c.low, c.high
+    )
+    undetermined = [
+        m
+        for i, m in enumerate(names)
+        if blind[i] or (interval[m][0] <= c.low[i] and interval[m][1] >= c.high[i])
+    ]
+    if c.reference is not None:
+        undetermined += _judge_reference(
+            names, interval, c.low, c.high, undetermined, warnings, branches
         )
-
-    samples = sum(len(c.v) for c in curves)
-    weighted = float(np.sum(residual(best) ** 2))
-    jacobian = _jacobian(residual, best, low, high)
-    # If a parameter changes over its complete range, the curve changes by column * span.
-    span = np.where(logs, 1.0, np.maximum(np.abs(values_of), 1e-12))
-    _, singular, vt = np.linalg.svd(jacobian * span, full_matrices=False)
-    ratio = singular / singular[0] if singular[0] > 0 else np.zeros_like(singular)
-    variance = weighted / (samples - size)
-    lost = ratio < 1e-9
-    inverse = np.where(lost, 0.0, 1.0 / np.where(lost, 1.0, singular))
-    covariance = (vt.T * inverse**2) @ vt * variance
-    lose = np.any(np.abs(vt[lost]) > 1e-6, axis=0) if lost.any() else np.zeros(size, bool)
-    quantile = float(stats.t.ppf(0.5 + 0.5 * level, samples - size))
-    fits = []
-    for c, at, n_best in zip(curves, places, agree, strict=True):
-        names, p = c.names, c.p
-        n, k = len(p), len(names)
-        x = values_of[at]
-        blind = lose[at]
-        sd = np.sqrt(np.diag(covariance)[at])
-        correlation = covariance[np.ix_(at, at)] / np.maximum(np.outer(sd, sd), 1e-300)
-        interval: dict[str, tuple[float, float]] = {}
-        for i, name in enumerate(names):
-            half = quantile * sd[i] * span[at[i]]
-            if blind[i]:
-                interval[name] = (-math.inf, math.inf)
-            elif c.logs[i]:
-                top = math.log(x[i]) + half
-                interval[name] = (
-                    math.exp(max(-700.0, math.log(x[i]) - half)),
-                    math.exp(top) if top < 700 else math.inf,
-                )
-            else:
-                interval[name] = (float(x[i] - half), float(x[i] + half))
-        values = {**c.base, **dict(zip(names, x.tolist(), strict=True))}
-        if "v_random" in c.described and "v_random" not in values and model != "bending_chain":
-            values["v_random"] = values["v_f0"]
-        reach = (high - low)[at]
-        edge = np.minimum(best - low, high - best)[at]
-        at_bound = [name for i, name in enumerate(names) if edge[i] < 1e-4 * reach[i]]
-        # Down to the first limit, the unloaded state is that of a sample in the file; beyond the
-        # other limit, no felt exists.
-        reported = tuple(m for m in at_bound if m != c.reference)
-        warnings = _warnings(
-            model, names, values, interval, correlation, blind, reported, c.low, c.high
+    if n_best < max(1, asked.n_starts // 4) and asked.n_starts > 3:
+        warnings.append(
+            f"only {n_best} of {asked.n_starts} starts reached the best fit: several minima"
         )
-        undetermined = [
-            m
-            for i, m in enumerate(names)
-            if blind[i] or (interval[m][0] <= c.low[i] and interval[m][1] >= c.high[i])
-        ]
-        if c.reference is not None:
-            undetermined += _judge_reference(
-                names, interval, c.low, c.high, undetermined, warnings, len(curves)
-            )
-        if n_best < max(1, asked.n_starts // 4) and asked.n_starts > 3:
-            warnings.append(
-                f"only {n_best} of {asked.n_starts} starts reached the best fit: several minima"
-            )
-        fitted = c.curve(x)
-        ssr = float(np.sum((fitted - p) ** 2))
-        mean = float(np.sum((p - np.mean(p)) ** 2))
-        fits.append(
-            Fit(
-                model=model,
-                free=names,
-                values=values,
-                units={m: d.unit for m, d in c.described.items()},
-                interval=interval,
-                level=level,
-                correlation=correlation,
-                singular_values=ratio,
-                v_f=c.at_values(x)[1],
-                pressure=p,
-                fitted=fitted,
-                rmse=math.sqrt(ssr / n),
-                bic=n * math.log(max(ssr, 1e-300) / n) + (k + 1) * math.log(n),
-                r_squared=1 - ssr / mean if mean > 0 else float("nan"),
-                warnings=tuple(warnings),
-                method=asked.method,
-                n_starts=asked.n_starts,
-                n_best=n_best,
-                branch=c.branch,
-                name=c.part.name,
-                at_bound=reported,
-                undetermined=tuple(undetermined),
-                reference="given" if c.reference is None else "estimated",
-            )
-        )
-    return fits
+    fitted = c.curve(x)
+    ssr = float(np.sum((fitted - p) ** 2))
+    mean = float(np.sum((p - np.mean(p)) ** 2))
+    return Fit(
+        model=asked.model,
+        free=names,
+        values=values,
+        units={m: d.unit for m, d in c.described.items()},
+        interval=interval,
+        level=asked.level,
+        correlation=correlation,
+        singular_values=found.singular,
+        v_f=c.at_values(x)[1],
+        pressure=p,
+        fitted=fitted,
+        rmse=math.sqrt(ssr / n),
+        bic=n * math.log(max(ssr, 1e-300) / n) + (k + 1) * math.log(n),
+        r_squared=1 - ssr / mean if mean > 0 else float("nan"),
+        warnings=tuple(warnings),
+        method=asked.method,
+        n_starts=asked.n_starts,
+        n_best=n_best,
+        branch=c.branch,
+        name=c.part.name,
+        at_bound=reported,
+        undetermined=tuple(undetermined),
+        reference="given" if c.reference is None else "estimated",
+    )
 
 
 def _hold_given(
@@ -823,6 +876,12 @@ def _warnings(
                     f"{names[j]} and {names[i]} are correlated {correlation[i, j]:+.4f}: "
                     "only a combination of them is identified"
                 )
+    return out + _unphysical(model, names, values)
+
+
+def _unphysical(model: str, names: tuple[str, ...], values: Mapping[str, float]) -> list[str]:
+    """Warnings of values that no felt has."""
+    out: list[str] = []
     gamma = values.get("gamma")
     if gamma is not None and gamma <= 0:
         out.append(

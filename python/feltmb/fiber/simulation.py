@@ -371,6 +371,48 @@ def simulate(
         The box became too small for the neighbor search, or the motion is unstable.
     """
     plan = cycle or Cycle()
+    faults = _plan_faults(box, plan)
+    if resume is not None and (resume.box != box or resume.cycle != plan):
+        faults.append("simulate: resume is a run of another box or cycle, expected the same")
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+    if resume is not None:
+        run = resume
+        network = _core.BeadSpringNetwork(box.core(), run.state, threads)
+    else:
+        run, network = _begin(box, plan, threads)
+    total_strain = math.log(plan.v_max / box.v_f)
+    legs_samples = math.ceil(total_strain / plan.strain_per_step / plan.sample_every)
+    strain = total_strain / (legs_samples * plan.sample_every)
+    total = 2 * plan.cycles * legs_samples
+    taken = max(0, len(run.table.get("step", [])) - 1)
+    if not run.table:
+        _append(run, network.sample(), 0)
+    last = total if max_samples is None else min(total, taken + max_samples)
+    while taken < last:
+        unloading = (taken // legs_samples) % 2
+        network.advance(plan.sample_every, -strain if unloading else strain)
+        sample = network.sample()
+        if not math.isfinite(sample["pressure"]):
+            raise FeltmbError(
+                f"simulate: pressure is not finite at step {sample['step']}; reduce time_step"
+            )
+        taken += 1
+        _append(run, sample, unloading)
+        stopped = progress is not None and progress(taken / total, sample) is False
+        if checkpoint is not None and taken % 10 == 0:
+            run.state = network.state()
+            run.save(checkpoint)
+        if stopped:
+            break
+    run.state = network.state()
+    run.done = taken >= total
+    if checkpoint is not None:
+        run.save(checkpoint)
+    return run
+
+
+def _plan_faults(box: FiberBox, plan: Cycle) -> list[str]:
     faults = []
     if not box.v_f < plan.v_max < 0.9:
         faults.append(
@@ -385,63 +427,30 @@ def simulate(
             faults.append(f"simulate: {name} = {getattr(plan, name)}, expected >= 1")
     if plan.relax_steps < 0:
         faults.append(f"simulate: relax_steps = {plan.relax_steps}, expected >= 0")
-    if resume is not None and (resume.box != box or resume.cycle != plan):
-        faults.append("simulate: resume is a run of another box or cycle, expected the same")
-    if faults:
-        raise InvalidParameter("\n".join(faults))
-    params = box.core()
-    if resume is not None:
-        run = resume
-        network = _core.BeadSpringNetwork(params, run.state, threads)
-    else:
-        network = _core.BeadSpringNetwork(params, threads)
-        if plan.v_max > network.densest():
-            raise InvalidParameter(
-                f"simulate: v_max = {plan.v_max:.6g}, but this box can be compressed to "
-                f"{network.densest():.6g} only: beyond, it is lower than two segments; expected "
-                "more or longer fibers (n_fibers, n_beads), or a lower v_max"
-            )
-        run = FiberRun(box, plan)
-        volume = float(np.prod(network.state()["box"]))
-        run.laid = {
-            "crossings": float(network.crossings()),
-            **_expected(box, network.directions(), box.v_f, volume),
-        }
-        network.relax(plan.relax_steps)
-        run.relaxed = {
-            "contacts": float(network.sample()["contacts"]),
-            **_expected(box, network.directions(), box.v_f, volume),
-        }
-    total_strain = math.log(plan.v_max / box.v_f)
-    legs_samples = math.ceil(total_strain / plan.strain_per_step / plan.sample_every)
-    strain = total_strain / (legs_samples * plan.sample_every)
-    total = 2 * plan.cycles * legs_samples
-    taken = max(0, len(run.table.get("step", [])) - 1)
-    if not run.table:
-        _append(run, network.sample(), 0)
-    new = 0
-    while taken < total and (max_samples is None or new < max_samples):
-        unloading = (taken // legs_samples) % 2
-        network.advance(plan.sample_every, -strain if unloading else strain)
-        sample = network.sample()
-        if not math.isfinite(sample["pressure"]):
-            raise FeltmbError(
-                f"simulate: pressure is not finite at step {sample['step']}; reduce time_step"
-            )
-        taken += 1
-        new += 1
-        _append(run, sample, unloading)
-        stopped = progress is not None and progress(taken / total, sample) is False
-        if checkpoint is not None and taken % 10 == 0:
-            run.state = network.state()
-            run.save(checkpoint)
-        if stopped:
-            break
-    run.state = network.state()
-    run.done = taken >= total
-    if checkpoint is not None:
-        run.save(checkpoint)
-    return run
+    return faults
+
+
+def _begin(box: FiberBox, plan: Cycle, threads: int) -> tuple[FiberRun, Any]:
+    """Place and relax the fibers; the run without samples, and the network of the core."""
+    network = _core.BeadSpringNetwork(box.core(), threads)
+    if plan.v_max > network.densest():
+        raise InvalidParameter(
+            f"simulate: v_max = {plan.v_max:.6g}, but this box can be compressed to "
+            f"{network.densest():.6g} only: beyond, it is lower than two segments; expected "
+            "more or longer fibers (n_fibers, n_beads), or a lower v_max"
+        )
+    run = FiberRun(box, plan)
+    volume = float(np.prod(network.state()["box"]))
+    run.laid = {
+        "crossings": float(network.crossings()),
+        **_expected(box, network.directions(), box.v_f, volume),
+    }
+    network.relax(plan.relax_steps)
+    run.relaxed = {
+        "contacts": float(network.sample()["contacts"]),
+        **_expected(box, network.directions(), box.v_f, volume),
+    }
+    return run, network
 
 
 def _append(run: FiberRun, sample: dict[str, Any], phase: int) -> None:

@@ -30,10 +30,7 @@ def test_every_command_is_shown():
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        pytest.param(c, marks=pytest.mark.slow if c[0] in ("simulate", "gallery") else ())
-        for c in COMMANDS
-    ],
+    [pytest.param(c, marks=pytest.mark.slow if c[0] == "simulate" else ()) for c in COMMANDS],
     ids=lambda c: c[0],
 )
 def test_command_runs(arguments, tmp_path, monkeypatch):
