@@ -260,7 +260,7 @@ def test_a_mechanism_is_one_file(tmp_path):
     assert np.array_equal(striker_speed(run), run["tip.vy"])
     panels = {p["title"]: p["outputs"] for p in default_panels([run])}
     assert panels["felt stop"] == ["contact01.force"]
-    assert panels["tip"] == ["tip.vy"]
+    assert panels["tip"] == ["tip.speed"]
     labels = [ax.get_ylabel() for ax in plot.overview(run).axes]
     assert "felt stop [N]" in labels
     assert "tip\nspeed [m/s]" in labels

@@ -222,7 +222,9 @@ def test_a_panel_of_the_viewer_has_one_unit(pedal):
     from feltmb.graphics.viewer.content import default_panels
 
     for panel in default_panels([pedal]):
-        assert len({pedal.unit(name) for name in panel["outputs"]}) == 1
+        units = {pedal.unit(name) for name in panel["outputs"] if name in pedal}
+        # The speed of the striker is no output of the run; it has a panel of its own.
+        assert len(units) == (panel["outputs"] != ["tip.speed"])
     assert "string" not in str([p["title"] for p in default_panels([pedal])])
     assert fragment(pedal)
 

@@ -27,7 +27,7 @@ def test_a_value_is_scaled_however_it_is_written(pendulum, written):
     raw = pendulum.raw
     raw["bodies"]["arm"]["mass"] = written
     made = Action(raw)
-    axis = importlib.import_module("feltmb.run.sweep").Axis("m", (1.2,), ("arm.mass",), "scale")
+    axis = importlib.import_module("feltmb.run.sweep").Axis("arm.mass", (1.2,), "scale")
     assert made.with_values(axis.at(1.2)).config.bodies["arm"].mass == pytest.approx(0.018)
     table = feltmb.sweep(
         made,
