@@ -145,7 +145,7 @@ def actuator_dampers() -> Any:
 def actuator_input() -> Any:
     """The effect of a wrong capstan with force and with motion input."""
     sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
-    from thesis.findings import Study
+    from thesis_studies.findings import Study
 
     return Study("input").run().figure("timing")
 

@@ -24,7 +24,7 @@ from feltmb.fiber import (
     structure,
     tangent_modulus,
 )
-from thesis.fiber_figures import FELT_EXAMPLES, figures
+from thesis_studies.fiber_figures import FELT_EXAMPLES, figures
 
 E = 2.5e9
 V = np.array([0.12, 0.2, 0.35, 0.5])

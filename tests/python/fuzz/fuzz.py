@@ -4,7 +4,7 @@
     python fuzz.py readers FIRST COUNT
 
 The first runs the cases FIRST ... FIRST + COUNT - 1 of each target. A case is known by its target
-and number alone. LOG holds the number of the case at work, so that a crash or a hang names its case.
+and number alone. LOG holds the number of the case at work, which names a crash or a hang.
 What is wrong is printed as one JSON object a line. A case that takes more than 10 s of processor
 time, 120 s of any time, or 1 GB of memory is wrong.
 

@@ -1,4 +1,4 @@
-"""Findings of the thesis (``bench/thesis``): what the thesis found and what comes out here."""
+"""``bench/thesis_studies``: what the thesis found, and what comes out here."""
 
 import math
 import re
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thesis.findings import NAMES, Absent, Study, statistic
+from thesis_studies.findings import NAMES, Absent, Study, statistic
 
 #: Outcomes of the claims of the thesis and of the study's own findings, each in the order of the
 #: file: agrees (A), holds in part of the cases (P), disagrees (D), not tested (N).
@@ -35,7 +35,7 @@ def study_of(name):
 
 
 def test_every_file_is_tested(root):
-    files = {path.stem for path in (root / "bench" / "thesis").glob("*.toml")}
+    files = {path.stem for path in (root / "bench" / "thesis_studies").glob("*.toml")}
     assert files == set(NAMES) == set(OUTCOMES)
 
 

@@ -1,6 +1,6 @@
 """Figures of the fiber models: chapters 2 and 3 of the thesis, and laws of the literature.
 
-Usage: python bench/thesis/fiber_figures.py FOLDER [--fibers N] [--seed N]
+Usage: python bench/thesis_studies/fiber_figures.py FOLDER [--fibers N] [--seed N]
 """
 
 from __future__ import annotations

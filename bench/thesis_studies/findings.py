@@ -1,6 +1,6 @@
 """Findings of the thesis: variants of the action, their numbers, and what is claimed about them.
 
-Usage: python bench/thesis/findings.py [NAME ...] [--out FOLDER] [--jobs N]
+Usage: python bench/thesis_studies/findings.py [NAME ...] [--out FOLDER] [--jobs N]
 
 The TOML files of this folder state the variants, numbers, findings and figures; their formulas are
 Python expressions of names of a run. Without names, all are run. ``--out`` writes the numbers as
