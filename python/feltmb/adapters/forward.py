@@ -33,12 +33,6 @@ SHIFT = 1e-5
 #: Share of a change of the inputs by which the input is shifted. A motion enters the equations
 #: through the place of the finger, which is not linear.
 INPUT_SHIFT = 1e-4
-#: Relative tolerance of a derivative by an unknown of a fit. Before a strike, nine of ten
-#: derivatives are correct to 1e-3 of their largest value.
-TOLERANCE = 3e-3
-#: The same for effects that a set lacks, in half the time: nine of ten are correct to 2 to 8 % rms,
-#: which their rank does not show.
-ROUGH = 3e-2
 
 
 @dataclass(frozen=True)
@@ -108,10 +102,10 @@ def forward_sensitivities(
     by_theta: Sequence[int],
     candidates: tuple[Candidate, ...] = (),
     input_changes: Sequence[Mapping[str, Array]] = (),
+    *,
+    tolerance: float,
 ) -> Array | None:
     """Derivatives of the outputs over a record.
-
-    They are rough if there are candidates.
 
     Parameters
     ----------
@@ -126,6 +120,8 @@ def forward_sensitivities(
         Further effects at magnitude zero; :func:`can_differentiate` holds for all of them.
     input_changes
         Changes of the recorded inputs, {input: (n,)} [unit of the input].
+    tolerance
+        Relative tolerance of a derivative [1].
 
     Returns
     -------
@@ -148,7 +144,7 @@ def forward_sensitivities(
     simulation = _core.SimulationOptions()
     simulation.rtol = simulator.rtol
     options.simulation = simulation
-    options.tolerance = ROUGH if candidates else TOLERANCE
+    options.tolerance = tolerance
     options.output_rate = output_rate(record.time - record.time[0])
     index = {name: i for i, (name, _, _) in enumerate(_core.observables(base.mechanism))}
     options.outputs = [index[o] for o in simulator.outputs]

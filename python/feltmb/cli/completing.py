@@ -136,7 +136,7 @@ def paths(
 
 
 #: Settings of models in addition to the values of their mechanism.
-ADAPTER = ("channels", "effects", "library", "rtol", "segment",
+ADAPTER = ("channels", "effects", "library", "rtol",
            "tolerances", "until", "variation")  # fmt: skip
 
 

@@ -588,7 +588,7 @@ SET = option(
 )
 MODEL_SET = option(
     "Setting of a packaged mechanism or mechanism file: channels=key,hammer, effects=all, "
-    "tolerances=felt.*, library, until, variation, rtol, segment; or a value of the mechanism by "
+    "tolerances=felt.*, library, until, variation, rtol; or a value of the mechanism by "
     "its dotted path, such as string.modes=80 or surfaces.Gp10.point.y+=0.5mm.",
     words="--set",
     metavar="NAME=VALUE",

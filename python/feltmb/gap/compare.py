@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Comparison", "check", "compared", "join_by_motion", "refuse"]
 
-
 #: Largest number of alignments of clocks; smallest standard deviation of their offset [s], because
 #: a lighter or easier part is early, too.
 ROUNDS, CLOCK_SD = 4, 2e-3
@@ -115,9 +114,10 @@ def join_by_motion(
     """
     clocks, sd = align_clocks(first, second)
     offset = clocks.offset
-    for _ in range(ROUNDS if model is not None else 0):
+    for _ in range(ROUNDS):
+        if model is None:
+            break
         made = join_records(first, second, same=[(0.0, offset)], inputs=inputs)
-        assert model is not None
         delays = [r.delay for r in check(model, [made]).rows if np.isfinite(r.delay)]
         if not delays:
             break

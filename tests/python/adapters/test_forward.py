@@ -45,8 +45,9 @@ def columns_of(monkeypatch, mechanism, stroke, effects, whole):
     at = OperatingPoint(record, np.zeros(count), (), np.zeros(0))
     with monkeypatch.context() as patch:
         patch.setattr(_core, "sensitivities", call)
-        patch.setattr("feltmb.adapters.forward.TOLERANCE", 2e-6)
-        columns = forward_sensitivities(model.simulator, at, range(count), candidates)
+        columns = forward_sensitivities(
+            model.simulator, at, range(count), candidates, tolerance=2e-6
+        )
     scales = np.array([p.size for p in model.parameters] + [c.effect.scale for c in candidates])
     names = [p.name for p in model.parameters] + [c.name for c in candidates]
     return names, columns * scales, work[0]
@@ -113,8 +114,8 @@ def richardson(model, record, included, place, step):
 
 def agreement(monkeypatch, stroke, effects, tolerances, tolerance=2e-6, rtol=1e-11):
     """Largest errors of columns against differences, relative to the largest of the column."""
-    monkeypatch.setattr("feltmb.adapters.forward.TOLERANCE", tolerance)
-    monkeypatch.setattr("feltmb.adapters.forward.ROUGH", tolerance)
+    monkeypatch.setattr("feltmb.adapters.derivatives.TOLERANCE", tolerance)
+    monkeypatch.setattr("feltmb.adapters.derivatives.ROUGH", tolerance)
     action = feltmb.load_action("steinway45")
     library = load_library(action)
     model, known = mechanism_model(

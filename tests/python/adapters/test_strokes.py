@@ -205,7 +205,7 @@ def test_faults_of_the_variability(settings, message):
 
 def test_derivatives_by_the_input_are_exact_and_in_the_same_pass(adapter, monkeypatch):
     """Delay of the input, and noise at one knot, against differences of tight runs."""
-    monkeypatch.setattr("feltmb.adapters.forward.TOLERANCE", 1e-5)
+    monkeypatch.setattr("feltmb.adapters.derivatives.TOLERANCE", 1e-5)
     rough, effects, record = adapter
     model, _ = mechanism_model(
         rough.action, channels=["key", "whippen", "hammer"], library=rough.library,
