@@ -10,14 +10,18 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import feltmb
+from feltmb.cli import cli
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 ROOT = DATA.parents[1]
 
 # The benches use feltmb and are no part of it.
 sys.path.insert(0, str(ROOT / "bench"))
+# What several tests call: calls.py, readers.py.
+sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 
 
 #: Rigid members and one string: fast, and what the independent models of the tests describe.
@@ -93,3 +97,24 @@ def state_of():
         return dataclasses.replace(run, end_state=np.concatenate([q, qd, rest]))
 
     return make
+
+
+@pytest.fixture(scope="module")
+def saved(pendulum, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    return feltmb.simulate(pendulum, "staccato", 0.001).save(folder / "run.nc").read_bytes()
+
+
+@pytest.fixture
+def run_file(saved, tmp_path):
+    path = tmp_path / "run.nc"
+    path.write_bytes(saved)
+    return path
+
+
+@pytest.fixture(scope="module")
+def template(tmp_path_factory):
+    """The mechanism that ``feltmb new`` writes."""
+    path = tmp_path_factory.mktemp("new") / "t.toml"
+    assert CliRunner().invoke(cli, ["new", str(path)]).exit_code == 0
+    return path

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from calls import refused
 from click.testing import CliRunner
 
 import feltmb
@@ -102,15 +103,6 @@ def test_regulate_shows_the_screws_before_and_after(tmp_path):
     for wrong in ("let-off", "=4mm", "let-off="):
         result, said = _call("regulate", "steinway45", "--target", wrong)
         assert result.exit_code == 2
-
-
-def refused(call, *parts):
-    """Message of the InvalidParameter that ``call`` raises."""
-    with pytest.raises(feltmb.InvalidParameter) as caught:
-        call()
-    for part in parts:
-        assert part in str(caught.value)
-    return str(caught.value)
 
 
 def test_measure_of_a_regulation_that_is_no_text(tmp_path):

@@ -1,33 +1,14 @@
 """Files that commands read and write: kinds, endings, folders."""
 
 import pytest
+from calls import refusal
 from click.testing import CliRunner
 
 import feltmb
 from feltmb import simulate
 from feltmb.cli import cli
-from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder
-
-
-def command(*arguments):
-    return CliRunner().invoke(cli, [str(a) for a in arguments])
-
-
-def refusal(*arguments):
-    """Message of a command that is refused."""
-    done = command(*arguments)
-    assert done.exit_code != 0
-    assert isinstance(done.exception, (FeltmbError, SystemExit)), done.exception
-    return str(done.exception) + done.output
-
-
-@pytest.fixture(scope="module")
-def template(tmp_path_factory):
-    """The mechanism that ``feltmb new`` writes."""
-    path = tmp_path_factory.mktemp("new") / "t.toml"
-    assert command("new", path).exit_code == 0
-    return path
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import click
 import pytest
+from calls import command
 from click.testing import CliRunner
 
 from feltmb.cli import cli
@@ -52,10 +53,6 @@ def test_a_null_character_is_refused(capsys):
         main(["show", "a\0b"])
     assert stop.value.code == 2
     assert "null character" in capsys.readouterr().err
-
-
-def command(*arguments):
-    return CliRunner().invoke(cli, [str(a) for a in arguments])
 
 
 def test_help_of_the_actuator_writes_a_mass_with_its_unit():

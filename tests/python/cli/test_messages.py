@@ -7,36 +7,11 @@ from pathlib import Path
 
 import h5py
 import pytest
+from calls import refused
 
 import feltmb
 
 DATA = Path(__file__).parents[2] / "data"
-
-
-@pytest.fixture(scope="module")
-def pendulum():
-    return feltmb.load_action(DATA / "pendulum.toml")
-
-
-@pytest.fixture(scope="module")
-def saved(pendulum, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("run")
-    return feltmb.simulate(pendulum, "staccato", 0.001).save(folder / "run.nc").read_bytes()
-
-
-@pytest.fixture
-def run_file(saved, tmp_path):
-    path = tmp_path / "run.nc"
-    path.write_bytes(saved)
-    return path
-
-
-def refused(call, *parts):
-    with pytest.raises(feltmb.InvalidParameter) as caught:
-        call()
-    for part in parts:
-        assert part in str(caught.value)
-    return str(caught.value)
 
 
 def folder(path):

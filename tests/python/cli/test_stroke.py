@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from calls import command, refusal
 from click.testing import CliRunner
 from rich.console import Console
 
@@ -12,29 +13,8 @@ import feltmb
 from feltmb import simulate
 from feltmb.cli import cli
 from feltmb.cli.stroke import summary_table
-from feltmb.errors import FeltmbError
 from feltmb.mechanism import load_action
 from feltmb.run.stroke import load_stroke
-
-
-def command(*arguments):
-    return CliRunner().invoke(cli, [str(a) for a in arguments])
-
-
-def refusal(*arguments):
-    """Message of a command that is refused."""
-    done = command(*arguments)
-    assert done.exit_code != 0
-    assert isinstance(done.exception, (FeltmbError, SystemExit)), done.exception
-    return str(done.exception) + done.output
-
-
-@pytest.fixture(scope="module")
-def template(tmp_path_factory):
-    """The mechanism that ``feltmb new`` writes."""
-    path = tmp_path_factory.mktemp("new") / "t.toml"
-    assert command("new", path).exit_code == 0
-    return path
 
 
 def test_a_picture_that_fails_loses_nothing(template, tmp_path, monkeypatch):

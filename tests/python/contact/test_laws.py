@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from calls import refused
 
 import feltmb
 from feltmb.contact import CORE_LAWS, LAWS, law
@@ -235,15 +236,6 @@ def test_no_file_can_name_a_function():
         Action(pendulum(law="callback", callback={"function": 4096}))
     with pytest.raises(feltmb.InvalidParameter, match=r"contacts.01.callback: unknown key"):
         Action(pendulum(callback={"function": 4096}))
-
-
-def refused(call, *parts):
-    """Message of the InvalidParameter that ``call`` raises."""
-    with pytest.raises(feltmb.InvalidParameter) as caught:
-        call()
-    for part in parts:
-        assert part in str(caught.value)
-    return str(caught.value)
 
 
 def test_curve_of_a_law_that_is_a_number():

@@ -1,17 +1,9 @@
 """Values of a felt test that no test has."""
 
 import pytest
+from calls import refused
 
-import feltmb
 from feltmb.fiber import read_compression
-
-
-def refused(call, *parts):
-    with pytest.raises(feltmb.InvalidParameter) as caught:
-        call()
-    for part in parts:
-        assert part in str(caught.value)
-    return str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -5,22 +5,15 @@ import socket
 from pathlib import Path
 
 import pytest
+from calls import refused
+from readers import READERS
 
 import feltmb
 from feltmb.data import columns, read_record
 from feltmb.fiber import read_compression
 from feltmb.files import access as files
 from feltmb.files import hdf5
-from feltmb.graphics.viewer import read_curves
 from feltmb.run.stroke import load_stroke
-
-
-def refused(call, *parts):
-    with pytest.raises(feltmb.InvalidParameter) as caught:
-        call()
-    for part in parts:
-        assert part in str(caught.value)
-    return str(caught.value)
 
 
 def fifo(path):
@@ -39,40 +32,6 @@ def device(path):
 
 def folder(path):
     path.mkdir()
-
-
-READERS = {
-    ".toml": [
-        feltmb.load_action,
-        load_stroke,
-        feltmb.load_targets,
-        files.read_toml,
-        lambda p: feltmb.load_action(extending(p)),
-        lambda p: feltmb.load_action(with_felt(p)),
-    ],
-    ".csv": [
-        load_stroke,
-        lambda p: read_compression(p, v_f0=0.1, area=1e-4),
-        read_curves,
-        lambda p: read_record(p, outputs=["q"]),
-    ],
-    ".nc": [feltmb.load_run, lambda p: read_record(p, outputs=["q"])],
-    ".mat": [lambda p: read_record(p, outputs=["q"])],
-    ".npz": [files.read_npz],
-    ".json": [files.read_json],
-}
-
-
-def extending(path):
-    other = path.parent / "mine.toml"
-    other.write_text(f'schema = 1\nname = "a"\nextends = "{path.name}"\n')
-    return other
-
-
-def with_felt(path):
-    other = path.parent / "mine.toml"
-    other.write_text(f'schema = 1\n[contacts.01]\nmicromechanical = {{ felt = "{path.name}" }}\n')
-    return other
 
 
 @pytest.mark.parametrize("make", [fifo, listening, device, folder])

@@ -5,19 +5,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from calls import refused, short_strike, stroke_command
 
 import feltmb
-from feltmb.cli import main
 from feltmb.files import check_writable, write_text
-
-
-def refused(call, *parts):
-    """Message of the InvalidParameter that ``call`` raises."""
-    with pytest.raises(feltmb.InvalidParameter) as caught:
-        call()
-    for part in parts:
-        assert part in str(caught.value)
-    return str(caught.value)
 
 
 def test_full_disk_leaves_a_message(tmp_path):
@@ -65,19 +56,6 @@ def test_devices_are_not_replaced():
     # --out /dev/null --force put a file in the place of the device
     with pytest.raises(feltmb.FileExists, match="is a device"):
         check_writable(Path("/dev/null"), force=True)
-
-
-def stroke_command(*arguments):
-    """Run ``feltmb stroke`` and return its exit code."""
-    with pytest.raises(SystemExit) as caught:
-        main(["stroke", *map(str, arguments)])
-    return caught.value.code
-
-
-def short_strike(path, name):
-    path.write_text(f'schema = 1\nname = "{name}"\nduration = 0.002\n[ramp]\nforce = 1.0\n'
-                    "start = 0.0\nramp = 0.001\n")  # fmt: skip
-    return path
 
 
 def test_name_of_a_stroke_does_not_leave_the_folder(tmp_path):

@@ -4,25 +4,11 @@ import tomllib
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import feltmb
 from feltmb import plot, simulate
-from feltmb.cli import cli
 from feltmb.mechanism import Action, core_law, load_action
 from feltmb.run.stroke import load_stroke
-
-
-def command(*arguments):
-    return CliRunner().invoke(cli, [str(a) for a in arguments])
-
-
-@pytest.fixture(scope="module")
-def template(tmp_path_factory):
-    """The mechanism that ``feltmb new`` writes."""
-    path = tmp_path_factory.mktemp("new") / "t.toml"
-    assert command("new", path).exit_code == 0
-    return path
 
 
 def test_the_mechanism_of_a_run_is_drawn_at_impact(template):

@@ -5,6 +5,7 @@ from importlib import resources
 
 import numpy as np
 import pytest
+from calls import refused
 
 import feltmb
 from feltmb.mechanism import Action
@@ -15,15 +16,6 @@ def pendulum():
     """The mechanism that ``feltmb new`` writes."""
     text = (resources.files("feltmb") / "params" / "template.toml.txt").read_text("utf-8")
     return Action(tomllib.loads(text), "template.toml")
-
-
-def refused(call, *parts):
-    """Message of the InvalidParameter that ``call`` raises."""
-    with pytest.raises(feltmb.InvalidParameter) as caught:
-        call()
-    for part in parts:
-        assert part in str(caught.value)
-    return str(caught.value)
 
 
 def test_integer_beyond_floats(pendulum):

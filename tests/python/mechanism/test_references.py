@@ -3,23 +3,11 @@
 from pathlib import Path
 
 import pytest
+from calls import refused
 
 import feltmb
 
 DATA = Path(__file__).parents[2] / "data"
-
-
-@pytest.fixture(scope="module")
-def pendulum():
-    return feltmb.load_action(DATA / "pendulum.toml")
-
-
-def refused(call, *parts):
-    with pytest.raises(feltmb.InvalidParameter) as caught:
-        call()
-    for part in parts:
-        assert part in str(caught.value)
-    return str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["../base.toml", "/etc/passwd.toml", "a/../../base.toml"])

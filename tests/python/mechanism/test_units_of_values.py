@@ -3,18 +3,13 @@
 import importlib
 
 import pytest
-from click.testing import CliRunner
+from calls import command
 
 import feltmb
 from feltmb import _core
-from feltmb.cli import cli
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, describe
 from feltmb.mechanism.parameters import all_parameters
-
-
-def command(*arguments):
-    return CliRunner().invoke(cli, [str(a) for a in arguments])
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ from importlib import resources
 
 import h5py
 import pytest
+from calls import refused, short_strike, stroke_command
 
 import feltmb
-from feltmb.cli import main
 from feltmb.mechanism import Action
 
 
@@ -19,28 +19,6 @@ def pendulum():
     """The mechanism that ``feltmb new`` writes."""
     text = (resources.files("feltmb") / "params" / "template.toml.txt").read_text("utf-8")
     return Action(tomllib.loads(text), "template.toml")
-
-
-def refused(call, *parts):
-    """Message of the InvalidParameter that ``call`` raises."""
-    with pytest.raises(feltmb.InvalidParameter) as caught:
-        call()
-    for part in parts:
-        assert part in str(caught.value)
-    return str(caught.value)
-
-
-def stroke_command(*arguments):
-    """Run ``feltmb stroke`` and return its exit code."""
-    with pytest.raises(SystemExit) as caught:
-        main(["stroke", *map(str, arguments)])
-    return caught.value.code
-
-
-def short_strike(path, name):
-    path.write_text(f'schema = 1\nname = "{name}"\nduration = 0.002\n[ramp]\nforce = 1.0\n'
-                    "start = 0.0\nramp = 0.001\n")  # fmt: skip
-    return path
 
 
 def test_interrupted_jobs_keep_what_was_finished(tmp_path, monkeypatch):

@@ -2,19 +2,11 @@
 
 import json
 import warnings
-from pathlib import Path
 
 import h5py
 import pytest
 
 import feltmb
-
-DATA = Path(__file__).parents[2] / "data"
-
-
-@pytest.fixture(scope="module")
-def pendulum():
-    return feltmb.load_action(DATA / "pendulum.toml")
 
 
 def folder(path):

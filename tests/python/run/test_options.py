@@ -1,31 +1,15 @@
 """Options of a run: the same limits in every function and command."""
 
 import math
-from pathlib import Path
 
 import pytest
+from calls import refused
 from click.testing import CliRunner
 
 import feltmb
 from feltmb.cli import cli
 from feltmb.run.batch import simulate_many
 from feltmb.run.stroke import load_stroke
-
-DATA = Path(__file__).parents[2] / "data"
-
-
-@pytest.fixture(scope="module")
-def pendulum():
-    return feltmb.load_action(DATA / "pendulum.toml")
-
-
-def refused(call, *parts):
-    with pytest.raises(feltmb.InvalidParameter) as caught:
-        call()
-    for part in parts:
-        assert part in str(caught.value)
-    return str(caught.value)
-
 
 WRONG = [
     (name, value)

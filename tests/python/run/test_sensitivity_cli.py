@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from calls import command, refusal
 
 import feltmb
-from feltmb.cli import cli, main
-from feltmb.errors import FeltmbError
+from feltmb.cli import main
 
 COMMON = ["steinway45", "forte", "--duration", "0.097", "--rtol", "1e-6"]
 PATHS = ["--parameters", "key.mass", "--parameters", "stroke.scale"]
@@ -87,26 +86,6 @@ def test_a_number_without_a_derivative_is_no_empty_table(capsys, data, monkeypat
     code, out, err = run(capsys, *machine)
     assert code == 0, err
     assert "hit time is" in out
-
-
-def command(*arguments):
-    return CliRunner().invoke(cli, [str(a) for a in arguments])
-
-
-def refusal(*arguments):
-    """Message of a command that is refused."""
-    done = command(*arguments)
-    assert done.exit_code != 0
-    assert isinstance(done.exception, (FeltmbError, SystemExit)), done.exception
-    return str(done.exception) + done.output
-
-
-@pytest.fixture(scope="module")
-def template(tmp_path_factory):
-    """The mechanism that ``feltmb new`` writes."""
-    path = tmp_path_factory.mktemp("new") / "t.toml"
-    assert command("new", path).exit_code == 0
-    return path
 
 
 def test_sensitivity_of_the_template(template):

@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from calls import refused
 
 import feltmb
 
@@ -252,15 +253,6 @@ def test_values_at_scalars_and_arrays():
     stroke = feltmb.ramp_stroke(5.0)
     assert np.ndim(stroke.at(0.1)) == 0
     assert stroke.at(np.zeros((2, 3))).shape == (2, 3)
-
-
-def refused(call, *parts):
-    """Message of the InvalidParameter that ``call`` raises."""
-    with pytest.raises(feltmb.InvalidParameter) as caught:
-        call()
-    for part in parts:
-        assert part in str(caught.value)
-    return str(caught.value)
 
 
 def test_oscillating_stroke_is_not_shifted():
