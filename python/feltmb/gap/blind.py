@@ -29,8 +29,8 @@ from feltmb.gap.linear import Ask, start_states, theta_at
 from feltmb.gap.options import Options
 from feltmb.gap.problem import Problem
 from feltmb.gap.records import noise_of_channel, prepare, ready_records, split_records
-from feltmb.gap.result import Result, Verdict
-from feltmb.gap.search import SEARCH, model_alone
+from feltmb.gap.result import Reason, Result, Verdict
+from feltmb.gap.search import model_alone
 
 __all__ = ["OUTCOMES", "Case", "Withheld", "withhold"]
 
@@ -227,7 +227,7 @@ class _Machine:
             report = diagnose(model, self.effects, shown, hold_out=hold_out, options=options)
         except FeltmbError as fault:
             return replace(case, error=str(fault))
-        if not report.complete and report.seconds < 0.9 * SEARCH * options.seconds:
+        if Reason.INTERRUPTED in report.reasons:
             raise KeyboardInterrupt  # the diagnosis has answered it with its fits so far
         true = {p.name: v for p, v in zip(model.parameters, theta, strict=True)}
         for e in (e for e in self.effects if e.name == case.effect):

@@ -58,6 +58,7 @@ class Reason(Enum):
     NO_HELD_OUT_GAIN = "held-out records are not predicted better"
     CALIBRATION_PREDICTS_WORSE = "the calibrated model predicts held-out records worse"
     NOT_COMPLETE = "the search was ended before its end"
+    INTERRUPTED = "the search was interrupted"
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,8 @@ class Searched:
     """Scores at the fit of the model alone."""
     directions: Directions | None = None
     """Directions at this fit."""
-    complete: bool = True
+    ended_by: BaseException | None = None
+    """``Stop`` or ``KeyboardInterrupt``, if one ended the search before its end."""
 
     def ranked(self) -> tuple[list[Fitted], Array]:
         """Sets in the order of their posterior probability, and these probabilities."""
@@ -109,8 +110,8 @@ def search(
     _keep(found, [now])
     try:
         _climb(problem, options, found, now, check, tell)
-    except (Stop, KeyboardInterrupt):
-        found.complete = False
+    except (Stop, KeyboardInterrupt) as stop:
+        found.ended_by = stop
     return found
 
 
@@ -290,7 +291,7 @@ def with_all_records(
     """
     problem = found.problem
     everything = replace(problem, fit=(*problem.fit, *problem.held_out), held_out=())
-    out = Searched(everything, first=found.first, complete=found.complete)
+    out = Searched(everything, first=found.first, ended_by=found.ended_by)
     pairs = [(s, p) for s, p in zip(sets, predicted, strict=True) if p is not None]
     held = evaluate(problem, [Ask(s.members, p.point, problem.held_out) for s, p in pairs])
     starts = [
@@ -307,7 +308,7 @@ def with_all_records(
         _keep(out, stop.fits)
         if () not in out.sets:
             raise
-        out.complete = False
+        out.ended_by = stop
         return out
     if () not in out.sets:
         raise InvalidParameter(
@@ -318,8 +319,8 @@ def with_all_records(
     smaller = [s for s in out.sets.values() if set(s.causes) < set(best.causes)]
     try:
         _refit(everything, out, [(s.members, best, None) for s in smaller], check)
-    except Stop:
-        out.complete = False
+    except Stop as stop:
+        out.ended_by = stop
     return out
 
 

@@ -98,11 +98,12 @@ def judge(
         try:
             check()
             ports = places(problem, best)
-        except (Stop, KeyboardInterrupt):
-            searched.complete = False
+        except (Stop, KeyboardInterrupt) as stop:
+            searched.ended_by = stop
     reasons = {
         Reason.DIFFERS_BETWEEN_RECORDS: sets[0] is not first,
-        Reason.NOT_COMPLETE: not searched.complete,
+        Reason.NOT_COMPLETE: searched.ended_by is not None,
+        Reason.INTERRUPTED: _interrupted(searched.ended_by),
         Reason.NOISE_NOT_STATED: problem.exact,
         Reason.CALIBRATION_PREDICTS_WORSE: worse,
         Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
@@ -132,7 +133,7 @@ def judge(
         not_tried=tuple(
             problem.causes[s.cause].name for s in searched.first if s.cause not in tried
         ),
-        complete=searched.complete,
+        complete=searched.ended_by is None,
         notes=problem.notes,
         seconds=seconds,
         records=tuple(o.record.name for o in problem.fit),
@@ -146,6 +147,13 @@ def judge(
         correlation=correlation,
         traces=_traces(problem, shown, alone, best, channels),
     )
+
+
+def _interrupted(reason: BaseException | None) -> bool:
+    """Whether Ctrl-C ended the search, also if fits that proceed together passed it on."""
+    while isinstance(reason, Stop):
+        reason = reason.__cause__
+    return isinstance(reason, KeyboardInterrupt)
 
 
 def _verdict(
@@ -182,10 +190,10 @@ def _posterior(
     try:
         *predicted, before = predict(problem, [*some, tabulated], check)
         everything = with_all_records(searched, some, predicted, check)
-    except (Stop, KeyboardInterrupt):
-        searched.complete = False
+    except (Stop, KeyboardInterrupt) as stop:
+        searched.ended_by = stop
         return problem, ranked, weight, {}, False
-    searched.complete = everything.complete
+    searched.ended_by = everything.ended_by
     sets, weight = everything.ranked()
     known = {s.causes: p for s, p in zip(some, predicted, strict=True)}
     after, worse = known[()], False

@@ -212,6 +212,7 @@ def test_an_interrupted_diagnosis_answers_with_what_is_done(spring, causes, stag
 
     result = diagnose(spring, causes, three(hardening=3000.0), tell=interrupt)
     assert Reason.NOT_COMPLETE in result.reasons
+    assert (Reason.INTERRUPTED in result.reasons) is (reason is KeyboardInterrupt)
     assert not result.complete
     best = result.sets[0]
     assert best.causes == ("hardening",)
