@@ -375,6 +375,8 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
             return answer(_asset("uPlot.iife.min.js"), kind="text/javascript; charset=utf-8")
         if name == "uPlot.css":
             return answer(_asset("uPlot.min.css"), kind="text/css; charset=utf-8")
+        if name == "icon.svg":
+            return answer(_asset("icon.svg"), kind="image/svg+xml")
         return answer("no such file\n", 404)
 
     async def asked(request: Request) -> Asked:
