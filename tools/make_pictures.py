@@ -137,9 +137,10 @@ def felt_audit_hammer() -> Any:
 
 def actuator_dampers() -> Any:
     """Figure 5.11 of the thesis."""
-    from feltmb.action.actuator import study_actuator
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
+    from thesis_studies.actuator import figure, simulate
 
-    return study_actuator().figures["5.11"]
+    return figure(simulate(), "5.11")
 
 
 def actuator_input() -> Any:

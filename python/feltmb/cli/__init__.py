@@ -21,7 +21,7 @@ COMMANDS = {
     "demo": ("stroke:demo", "Demonstration: piano, forte, staccato; table, plots, animation."),
     "regulate": ("technician:regulate", "Regulate a mechanism as a technician does, steps A to F."),
     "sensitivity": ("sensitivity", "Derivatives of a stroke with respect to parameters."),
-    "actuator": ("actuator", "The key actuator: simulate, study, match a finger force."),
+    "actuator": ("actuator", "The key actuator: simulate, match a finger force."),
     "touch": ("technician:touch", "Static and dynamic touch: weights, let-off, timing."),
     "repeat": (
         "technician:repeat",
@@ -45,10 +45,10 @@ COMMANDS = {
     "animate": ("runs:animate", "Animation of a saved run (GIF)."),
     "wav": ("runs:wav", "Sound of the string of a saved run (WAV)."),
     "felt": ("felt", "Felt: identification, envelopes for the contact law, audit."),
-    "fiber": ("fiber", "Micromechanics of fiber masses: structure, contacts, laws, fits."),
+    "fiber": ("fiber", "Fiber masses: fits of compression laws, simulation of fibers."),
     "list": (
         "inputs:listing",
-        "Packaged mechanisms, strokes, actuators, laws, units.",
+        "Packaged mechanisms, strokes, actuators, felts, laws, units.",
     ),
     "validate": ("inputs:validate", "Check mechanism, stroke and run files; report all faults."),
     "new": ("inputs:new", "Write a commented template of a mechanism file."),

@@ -1,10 +1,9 @@
-"""Command group ``feltmb actuator``: the key actuator alone, its studies, and its design."""
+"""Command group ``feltmb actuator``: the key actuator alone, and its design."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,6 @@ from feltmb.cli.options import (
     FRACTION,
     CommandGroup,
     FileName,
-    FolderName,
     argument,
     count,
     declare,
@@ -176,33 +174,6 @@ def _rows(
     for key in ("work_motor", "given_to_action", "dissipated_stop", "dissipated_damper"):
         yield key.replace("_", " "), *pretty(run.energy[key], "J")
     yield "energy balance error", f"{run.energy['residual_relative']:.1e}", "of work"
-
-
-@declare("study", command, "Figures 5.6 to 5.11 of the thesis and its findings.")
-def study_command(
-    out: Path | None = option(
-        "Folder for the figures and the tables.", FolderName(), metavar="DIRECTORY"
-    ),
-    force: bool = FORCE,
-    *,
-    as_json: bool,
-) -> None:
-    """Figures 5.6 to 5.11 of the thesis and its findings, held against the numbers."""
-    from feltmb.action.actuator.studies import study_actuator
-    from feltmb.files import make_folder
-
-    if out is not None:
-        make_folder(out)
-    result = study_actuator()
-    if as_json:
-        runs = {name: run.summary for name, run in result.runs.items()}
-        print_json({"runs": runs, "findings": [asdict(f) for f in result.findings]})
-    else:
-        verdicts = {None: "not tested", True: "yes", False: "NO"}
-        rows = [(f.says, f.source, f.here, verdicts[f.agrees]) for f in result.findings]
-        show("what the thesis found", "finding | section | here | agrees", rows)
-    for path in result.save(out, force=force) if out is not None else ():
-        say_written(path)
 
 
 @declare("match", command)

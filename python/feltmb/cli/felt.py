@@ -1,10 +1,10 @@
-"""Command group ``feltmb felt``: loops of fiber masses, identification, envelopes, audits."""
+"""Command group ``feltmb felt``: identification, envelopes, audits of laws."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,21 +13,17 @@ import click
 from feltmb.cli.completing import actions, felts, packaged
 from feltmb.cli.models import TEST, TestFile
 from feltmb.cli.options import (
-    DIAMETER,
     FORCE,
     FRACTION,
-    MODULUS,
-    NOT_NEGATIVE,
-    POSITIVE,
     SET,
     FileName,
     FolderName,
     Number,
     Quantity,
     argument,
-    caution,
     count,
     declare,
+    fields_of,
     group,
     option,
     positive,
@@ -66,8 +62,6 @@ AREA = option(
     metavar="LAW:NUMBERS",
     required=True,
 )
-ACTION = option("Mechanism to extend.", default="steinway45", metavar="NAME", complete=actions)
-PICTURE = option("Picture (.png, .pdf or .svg).", FILE, words="--plot")
 ZERO = option(
     "Displacement at the first contact [m], such as 0.35mm, for displacement data; default: 0.",
     Quantity("m"),
@@ -77,163 +71,51 @@ ROWS = count(5, 100_000)
 
 @group("felt")
 def felt() -> None:
-    """Felt: loops with friction, identification, envelopes, audit of laws."""
+    """Felt: identification, envelopes, audit of laws."""
 
 
 command = felt
 
 
-@declare("list", felt)
-def list_command() -> None:
-    """List the packaged felts. All of them are synthetic."""
-    from feltmb.felt import load_material, packaged_materials
-
-    rows = []
-    for name in packaged_materials():
-        m = load_material(name)
-        top = f"{m.pressure('loading', [m.end])[0] * 1e-6:.3f}"
-        rows.append((name, f"{m.v_f0:.3f} to {m.end:.2f}", top, f"{100 * m.loss():.1f} %"))
-    show("Felts (synthetic, not measured)", "name | >v_f | >P max [MPa] | >loss", rows)
-
-
-@declare("show", felt, "Pressures, parts and critical angles of felt MATERIAL.")
-def show_command(
-    material: str = MATERIAL,
-    points: int = option("Rows of the table.", count(2, 100_000), 9),
-    out: Path | None = option("Picture (.png, .pdf or .svg).", FILE),
-    force: bool = FORCE,
-) -> None:
-    """Pressures, parts and critical angles of felt MATERIAL (name or TOML file)."""
-    import numpy as np
-
-    from feltmb.felt import load_material
-    from feltmb.felt.plot import plot_material
-
-    m = load_material(material)
-    v = np.linspace(m.v_f0, m.end, points)
-    load, back = m.branch("loading", v), m.branch("unloading", v)
-    if m.about:
-        say(m.about)
-
-    def cells(curve: Any, i: int) -> tuple[str, ...]:
-        angle = math.degrees(curve.theta_cr[i])
-        return f"{curve.pressure[i] * 1e-3:.5g}", f"{curve.friction[i] * 1e-3:.4g}", f"{angle:.2f}"
-
-    show(
-        m.name,
-        ">v_f [-] | >P load [kPa] | >friction | >angle [deg] | >P unload [kPa] | >friction | "
-        ">angle [deg]",
-        [(f"{x:.4f}", *cells(load, i), *cells(back, i)) for i, x in enumerate(v)],
-    )
-    say(f"loss of the loop: {100 * m.loss():.2f} % of the loading work")
-    warn(m.fiber.unusual())
-    save_figure(out, lambda: plot_material(m), force=force)
-
-
-@declare("loop", felt, "Compress and release a fiber mass with friction.")
-def loop_command(
-    v_f0: float = option("Volume fraction without load [-].", FRACTION, required=True),
-    top: float = option(
-        "Largest volume fraction [-].",
-        FRACTION,
-        words="--to",
-        required=True,
-        callback=caution("v_f"),
-    ),
-    mu: float = option("Friction [-].", NOT_NEGATIVE, 0.35, callback=caution("mu")),
-    withdrawal: float = option(
-        "Withdrawal force per length [N/m].",
-        positive("N/m"),
-        1.0,
-        words="--Wf0",
-        callback=caution("Wf0"),
-    ),
-    modulus: float = MODULUS,
-    d_f: float = DIAMETER,
-    gamma: float = option(
-        "Blocked length per contact over the fiber diameter [-].",
-        POSITIVE,
-        1.3,
-        callback=caution("gamma"),
-    ),
-    k_bend: float = option("Beam constant [-].", POSITIVE, 24.0),
-    q: float = option(
-        "Constant of thesis eq. 3.15 [-], 2 for random fibers.", POSITIVE, 2.0, words="--Q"
-    ),
-    form: str = option(
-        "Corrected equations, or the equations as printed in the thesis.",
-        click.Choice(["repaired", "printed"]),
-        "repaired",
-    ),
-    points: int = option("Points of each branch.", count(2, 100_000), 201),
-    out: Path | None = option("CSV, or .png/.pdf/.svg for a picture.", FILE),
-    force: bool = FORCE,
-) -> None:
-    """Compress and release a fiber mass with friction between its fibers."""
-    import numpy as np
-
-    from feltmb.errors import InvalidParameter
-    from feltmb.felt.plot import plot_loop
-    from feltmb.fiber import carnaby_pan
-
-    if not 0 < v_f0 < top < 1:
-        raise InvalidParameter(
-            f"loop: --v-f0 = {v_f0:g}, --to = {top:g}; expected 0 < v_f0 < to < 1"
-        )
-    as_csv = out is not None and out.suffix == ".csv"
-    check_targets(out if as_csv else None, pictures=(None if as_csv else out,), force=force)
-    v = np.linspace(v_f0, top, points)
-    made = carnaby_pan(v, mu, withdrawal, modulus, d_f, v_f0, gamma, k_bend, q, form=form)
-    if not np.all(np.isfinite(made.P_loading)):
-        raise InvalidParameter("loop: these numbers give pressures beyond any; check their units")
-    if as_csv:
-        columns = {
-            "v_f [-]": made.v_f,
-            "C [N]": made.C,
-            "theta_cr [rad]": made.theta_cr,
-            "r_sc [-]": made.r_sc,
-            "C_s_loading [N]": made.C_s_loading,
-            "C_s_unloading [N]": made.C_s_unloading,
-            "sigma_el [Pa]": made.sigma_el,
-            "P_loading [Pa]": made.P_loading,
-            "P_unloading [Pa]": made.P_unloading,
-        }
-        lines = [",".join(f"{x:.10g}" for x in row) for row in zip(*columns.values(), strict=True)]
-        save_text(out, "\n".join([",".join(columns), *lines]) + "\n", force=force)
-    elif out is not None:
-        save_figure(out, lambda: plot_loop(made), force=force)
-    else:
-        picks = np.unique(np.linspace(0, points - 1, min(points, 11)).astype(int))
-        show(
-            f"Loop of a fiber mass, {form} form",
-            ">v_f | >angle [deg] | >slide | >P load [kPa] | >P unload [kPa]",
-            [
-                (
-                    f"{made.v_f[i]:.4f}",
-                    f"{math.degrees(made.theta_cr[i]):.2f}",
-                    f"{100 * made.r_sc[i]:.1f} %",
-                    f"{made.P_loading[i] * 1e-3:.5g}",
-                    f"{made.P_unloading[i] * 1e-3:.5g}",
-                )
-                for i in picks
-            ],
-        )
-    say(f"loss: {100 * made.loss:.2f} % of the loading work")
-
-
 # --- contact laws --------------------------------------------------------------------------------
 
 
-def _known_contact(action: str, contact: str | None) -> None:
-    """Check that a mechanism has a contact."""
-    from feltmb.errors import InvalidParameter
-    from feltmb.mechanism import load_action
+@dataclass(frozen=True)
+class _Written:
+    """What `felt envelope` and `felt contact` write."""
 
-    known = {} if contact is None else load_action(action).config.contacts
-    if contact is not None and contact not in known:
-        raise InvalidParameter(
-            f"--contact: got {contact!r}, expected one of {', '.join(known)} of {action}"
-        )
+    points: int = option("Rows of the table.", ROWS, 193)
+    action: str = option(
+        "Mechanism to extend.", default="steinway45", metavar="NAME", complete=actions
+    )
+    contact: str | None = option(
+        "Write a mechanism in which this contact (such as 06) has the law.", metavar="NN"
+    )
+    out: Path | None = TOML
+    plot: Path | None = option("Picture (.png, .pdf or .svg).", FILE)
+    force: bool = FORCE
+
+    def check(self) -> None:
+        """Check the files and the contact."""
+        from feltmb.errors import InvalidParameter
+        from feltmb.mechanism import load_action
+
+        check_targets(self.out, pictures=(self.plot,), force=self.force)
+        known = {} if self.contact is None else load_action(self.action).config.contacts
+        if self.contact is not None and self.contact not in known:
+            raise InvalidParameter(
+                f"--contact: got {self.contact!r}, expected one of {', '.join(known)} of "
+                f"{self.action}"
+            )
+
+    def write(self, made: FeltEnvelope, draw: Callable[[], Any]) -> None:
+        """Write the table or the mechanism, and the picture."""
+        extended = (None, None) if self.contact is None else (self.action, self.contact)
+        save_text(self.out, lambda: made.to_toml(*extended), force=self.force)
+        save_figure(self.plot, draw, force=self.force)
+
+
+WRITTEN = fields_of("cli.felt:_Written")
 
 
 def _print_envelope(made: FeltEnvelope, sure: LoopUncertainty | None = None) -> None:
@@ -269,14 +151,7 @@ def envelope_command(
     largest: float | None = option(
         "End of the loop [m], such as 2mm; default: compression at v_f_max.", positive("m")
     ),
-    points: int = option("Rows of the loop.", ROWS, 193),
-    action: str = ACTION,
-    contact: str | None = option(
-        "Write a mechanism in which this contact (such as 06) has the envelope.", metavar="NN"
-    ),
-    out: Path | None = TOML,
-    image: Path | None = PICTURE,
-    force: bool = FORCE,
+    written: _Written = WRITTEN,
 ) -> None:
     """Compute the loop of a contact, force against compression, from felt MATERIAL.
 
@@ -286,15 +161,14 @@ def envelope_command(
     from feltmb.felt import envelope, load_material, parse_area
     from feltmb.felt.plot import plot_envelope
 
-    check_targets(out, pictures=(image,), force=force)
-    _known_contact(action, contact)
+    written.check()
     made = envelope(
         load_material(material),
         thickness,
         parse_area(area),
         compression="columns" if columns else "even",
         largest=largest,
-        points=points,
+        points=written.points,
     )
     say(made.about)
     _print_envelope(made)
@@ -302,9 +176,7 @@ def envelope_command(
     if math.isfinite(made.open_loss):
         apart = f"; without closing it at its end by force: {100 * made.open_loss:.2f} %"
     say(f"loss of the loop: {100 * made.loss:.2f} % of the loading work{apart}")
-    extended = (None, None) if contact is None else (action, contact)
-    save_text(out, lambda: made.to_toml(*extended), force=force)
-    save_figure(image, lambda: plot_envelope(made), force=force)
+    written.write(made, lambda: plot_envelope(made))
 
 
 @declare("contact", felt, "Contact law from the measured loop in TEST.")
@@ -320,14 +192,7 @@ def contact_command(
     ),
     area: float | None = option("Area [m^2], for a column of pressure.", positive("m^2")),
     read: TestFile = TEST,
-    points: int = option("Rows of the table.", ROWS, 193),
-    action: str = ACTION,
-    contact: str | None = option(
-        "Write a mechanism in which this contact (such as 06) has the law.", metavar="NN"
-    ),
-    out: Path | None = TOML,
-    image: Path | None = PICTURE,
-    force: bool = FORCE,
+    written: _Written = WRITTEN,
     *,
     as_json: bool,
 ) -> None:
@@ -344,18 +209,15 @@ def contact_command(
     from feltmb.felt import read_measured_loop
     from feltmb.felt.plot import plot_measured_loop
 
-    check_targets(out, pictures=(image,), force=force)
-    _known_contact(action, contact)
+    written.check()
     found = read_measured_loop(
-        test, zero=zero, points=points, thickness0=thickness, area=area, **read.reading
+        test, zero=zero, points=written.points, thickness0=thickness, area=area, **read.reading
     )
     if as_json:
         print_json(_contact_json(found))
     else:
         _print_contact(found)
-    extended = (None, None) if contact is None else (action, contact)
-    save_text(out, lambda: found.envelope.to_toml(*extended), force=force)
-    save_figure(image, lambda: plot_measured_loop(found), force=force)
+    written.write(found.envelope, lambda: plot_measured_loop(found))
 
 
 def _first_contact(found: MeasuredLoop) -> tuple[float, list[float]]:

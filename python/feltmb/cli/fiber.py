@@ -1,4 +1,4 @@
-"""Command group ``feltmb fiber``: laws, contacts, fits and simulation of fiber masses."""
+"""Command group ``feltmb fiber``: fits and simulation of fiber masses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from feltmb.cli.completing import fiber_laws
 from feltmb.cli.felt import FILE, ZERO
 from feltmb.cli.models import TEST, TestFile
 from feltmb.cli.options import (
-    DIAMETER,
     FORCE,
     FRACTION,
     NOT_NEGATIVE,
@@ -30,6 +29,7 @@ from feltmb.cli.options import (
     fields_of,
     group,
     option,
+    pairs,
     positive,
 )
 from feltmb.cli.screen import (
@@ -45,18 +45,16 @@ from feltmb.cli.screen import (
 )
 
 if TYPE_CHECKING:
-    from feltmb.data import Array
     from feltmb.fiber import Cycle, FiberBox, FiberRun
 
 __all__ = ["command", "fiber"]
 
-ROWS = count(1, 100_000)
 SEED = option("Seed of all random draws.", count(0), 0)
 
 
 @group("fiber")
 def fiber() -> None:
-    """Micromechanics of fiber networks: explore, fit and simulate felt."""
+    """Micromechanics of fiber networks: fit laws, and simulate fibers."""
 
 
 command = fiber
@@ -68,269 +66,29 @@ def _units(*laws: Any) -> dict[str, str]:
 
 
 def _quantities(
-    pairs: Sequence[str], what: str, units: Mapping[str, str], *, separator: str = ""
+    option: str, texts: Sequence[str], units: Mapping[str, str], form: str = "NAME=VALUE"
 ) -> dict[str, list[float]]:
-    """``name=value`` pairs with units, in SI units; all faults are in one message.
-
-    ``separator`` separates several values of one parameter, if permitted.
-    """
+    """Values by parameter in SI units, of "1" or "1:5"; all faults are in one message."""
     from feltmb.errors import InvalidParameter
     from feltmb.units.quantity import parse_scalar
 
+    given = pairs(option, texts, form)
     out: dict[str, list[float]] = {}
     faults: list[str] = []
-    powers: list[tuple[str, str, str]] = []  # name, unit and text; the unit still needs an exponent
-
-    def add(name: str, unit: str, text: str) -> None:
-        texts = text.split(separator) if separator else [text]
-        try:
-            out[name] = [parse_scalar(t, unit) for t in texts]
-        except ValueError as error:
-            faults.append(f"{what}: {name}: {error}")
-
-    for pair in pairs:
-        name, equals, text = (part.strip() for part in pair.partition("="))
-        unit = units.get(name, "1")
-        if not equals:
-            faults.append(f'{what}: "{pair}", expected name=value, for example gamma=1.3')
-        elif name not in units:
+    for name, text in given.items():
+        if name not in units:
             known = ", ".join(units)
-            faults.append(f'{what}: parameter "{name}" is unknown, expected one of {known}')
-        elif unit.rpartition("^")[2] in units:
-            powers.append((name, unit, text))
-        else:
-            add(name, unit, text)
-    for name, unit, text in powers:
-        head, _, exponent = unit.rpartition("^")
-        add(name, f"{head}^{out[exponent][0]:g}" if exponent in out else "1", text)
+            faults.append(f'{option}: parameter "{name}" is unknown, expected one of {known}')
+            continue
+        try:
+            out[name] = [parse_scalar(part, units[name]) for part in text.split(":")]
+        except ValueError as error:
+            faults.append(f"{option}: {name}: {error}")
+    wrong = [name for name, values in out.items() if len(values) != form.count(":") + 1]
+    faults += [f"{option}: {name}={given[name]}: expected {form}" for name in wrong]
     if faults:
         raise InvalidParameter("\n".join(faults))
     return out
-
-
-def _numbers(pairs: Sequence[str], what: str, units: Mapping[str, str]) -> dict[str, float]:
-    """``name=value`` pairs with one value each."""
-    return {name: values[0] for name, values in _quantities(pairs, what, units).items()}
-
-
-def _csv(columns: Sequence[str], rows: Sequence[Sequence[float]]) -> str:
-    """Rows of numbers as CSV."""
-    lines = [",".join(f"{x:.10g}" for x in row) for row in rows]
-    return "\n".join([",".join(columns), *lines]) + "\n"
-
-
-# --- laws and contacts ---------------------------------------------------------------------------
-
-
-@declare("models", fiber, "List the laws, or the parameters of law NAME.")
-def models_command(name: str | None = argument(complete=fiber_laws)) -> None:
-    """List the laws, or the parameters of law NAME with unit, range and meaning."""
-    from feltmb.errors import InvalidParameter
-    from feltmb.fiber import history_models, models
-
-    kinds = {"Compression laws": models(), "Laws with history": history_models()}
-    if name is None:
-        for title, laws in kinds.items():
-            sources = [(k, d.title, d.source) for k, d in laws.items()]
-            show(title, "law | what | source", sources)
-        return
-    known = {k: d for laws in kinds.values() for k, d in laws.items()}
-    if name not in known:
-        raise InvalidParameter(f'models: NAME = "{name}", must be one of {", ".join(known)}')
-    law = known[name]
-    say(f"{law.title}\nsource: {law.source}\nvalid: {law.validity}")
-    rows = []
-    for p in law.parameters:
-        derived = {"v_random": "isotropic" if name == "bending_chain" else "v_f0"}
-        default = f"{p.default:.4g}"
-        if math.isnan(p.default):
-            default = derived.get(p.name, "required")
-        rows.append((p.name, p.unit or "-", default, f"{p.low:.3g} to {p.high:.3g}", p.meaning))
-    show("Parameters", "name | unit | default | range | meaning", rows)
-
-
-@declare("contacts", fiber, "Mean free length and contacts per volume by every model.")
-def contacts_command(
-    v_f: float = option("Volume fraction [-].", FRACTION, required=True, callback=caution("v_f")),
-    d_f: float = DIAMETER,
-    ratio: float = option("R = v_f/v_random.", POSITIVE, 1.0),
-    gamma: float = option(
-        "Blocked length per contact over d_f (binomial).",
-        POSITIVE,
-        math.pi / 2,
-        show="pi/2",
-        callback=caution("gamma"),
-    ),
-    diameter_cv: float = option("Coefficient of variation of the diameters.", NOT_NEGATIVE, 0.0),
-    length: float | None = option(
-        "Mean fiber length [m]: also the numbers per fiber.",
-        positive("m"),
-        callback=caution("length"),
-    ),
-    length_cv: float = option(
-        "Coefficient of variation of the lengths (gamma distribution).", Number(0, 3), 0.0
-    ),
-) -> None:
-    """Mean free length and contacts per volume by every model."""
-    from feltmb.fiber import contact_count, contacts_per_volume, mean_free_length
-
-    names = ["van_wyk", "van_wyk_tube", "komori_makishima", "pan", "poisson", "binomial", "toll"]
-    if diameter_cv != 0:
-        names = ["komori_makishima", "poisson", "toll"]
-    common = {name: {"gamma": gamma} if name == "binomial" else {} for name in names}
-    rows = []
-    for name in names:
-        extra: dict[str, Any] = {**common[name], "ratio": ratio, "diameter_cv": diameter_cv}
-        free = mean_free_length(name, v_f, d_f, **extra)
-        number = contacts_per_volume(name, v_f, d_f, **extra)
-        rows.append((name, f"{free * 1e6:.4f}", f"{free / d_f:.4f}", f"{number * 1e-9:.6g}"))
-    title = f"Contacts at v_f = {v_f:g}, d_f = {d_f * 1e6:g} um, R = {ratio:g}"
-    show(title, "model | >free length [um] | >over d_f [-] | >contacts [1/mm^3]", rows)
-    say("toll counts a contact on both of its fibers (eq. 3.51), the others once.")
-    if diameter_cv != 0:
-        say("the other models have no distribution of diameters.")
-    if length is None:
-        return
-    rows = []
-    for name in ("poisson", "binomial"):
-        extra = {"gamma": gamma} if name == "binomial" else {}
-        extra |= {"ratio": ratio, "length_cv": length_cv}
-        c = contact_count(name, v_f, d_f, length, **extra)
-        sd = f"{math.sqrt(c.variance):.4f}"
-        rows.append((name, f"{c.mean:.4f}", sd, f"{c.probability[0]:.3e}"))
-    heads = "model | >mean | >standard deviation | >probability of none"
-    show(f"Contacts on a fiber of {length * 1e3:g} mm", heads, rows)
-
-
-@declare("pressure", fiber, "Pressure, modulus and energy against volume fraction.")
-def pressure_command(
-    model: str = argument(complete=fiber_laws),
-    given: tuple[str, ...] = option(
-        "Parameter, such as E=2.5GPa, else in SI units; see 'feltmb fiber models MODEL'.",
-        words="--set -s",
-        metavar="NAME=VALUE",
-    ),
-    top: float = option("Largest volume fraction.", FRACTION, 0.5, words="--to"),
-    points: int = option("Rows.", ROWS, 11),
-    out: Path | None = option("CSV, or .png/.pdf/.svg for a picture.", FILE),
-    force: bool = FORCE,
-) -> None:
-    """Pressure, tangent modulus and stored energy of MODEL against volume fraction."""
-    import numpy as np
-
-    from feltmb.errors import InvalidParameter
-    from feltmb.fiber import law, models, unusual
-    from feltmb.fiber.plot import plot_law
-    from feltmb.fiber.ranges import RANGES
-
-    known = models()
-    if model not in known:
-        law(model)  # the message has the known laws
-    parameters = _numbers(given, "--set", _units(known[model]))
-    warn(unusual(**{k: v for k, v in parameters.items() if k in RANGES}))
-    made = law(model, **parameters)
-    if points < 2 or not top > made.v_f0:
-        raise InvalidParameter(
-            f"pressure: --points = {points}, --to = {top:.6g}; expected at least 2 points and "
-            f"--to above v_f0 = {made.v_f0:.6g}"
-        )
-    v = np.linspace(made.v_f0, min(top, 1.0, made.limit * 0.999), points)
-    if out is not None and out.suffix != ".csv":
-        save_figure(out, lambda: plot_law(made, float(v[-1])), force=force)
-        return
-    columns = (v, 1 - made.v_f0 / v, made.pressure(v), v * made.slope(v), made.energy(v))
-    rows = np.column_stack(columns).tolist()
-    if out is not None:
-        heads = ("v_f [-]", "strain [-]", "pressure [Pa]", "tangent_modulus [Pa]",
-                 "energy_per_fiber_volume [J/m^3]")  # fmt: skip
-        save_text(out, _csv(heads, rows), force=force)
-        return
-    show(
-        repr(made),
-        "v_f [-] | >strain [-] | >P [Pa] | >tangent [Pa] | >U [J/m^3 fiber]",
-        [[f"{x:.5g}" for x in row] for row in rows],
-    )
-
-
-@declare("history", fiber, "Run a law with history over the samples of PATH.")
-def history_command(
-    model: str = argument(complete=fiber_laws),
-    path: Path = argument(FILE),
-    given: tuple[str, ...] = option(
-        "Parameter, such as E=2.5GPa, else in SI units; its value may be a list.",
-        words="--set -s",
-        metavar="NAME=VALUE[,VALUE...]",
-    ),
-    spring: str = option(
-        "Compression law of the springs (dunlop, stamm_kelvin).", default="van_wyk"
-    ),
-    out: Path | None = option("CSV with time, compression and result.", FileName(".csv")),
-    force: bool = FORCE,
-) -> None:
-    """Run a law with history over the samples of PATH, a file with time and compression.
-
-    Its columns are "time [s]" and "strain [-]" or "compression [m]".
-    """
-    import numpy as np
-
-    from feltmb.errors import InvalidParameter
-    from feltmb.fiber import history, history_models, models
-
-    laws = {**models(), **history_models()}
-    for what, name in (("MODEL", model), ("--spring", spring)):
-        if name not in laws:
-            raise InvalidParameter(f'history: {what} = "{name}", must be one of {", ".join(laws)}')
-    params = _quantities(given, "--set", _units(laws[spring], laws[model]), separator=",")
-    time, x, is_strain = _compression(path)
-    result = history(model, time, x, spring=spring, **params)
-    heads = ("time [s]", "strain [-]" if is_strain else "compression [m]")
-    unit = "stress [Pa]" if is_strain else "force [N]"
-    if out is not None:
-        rows = np.column_stack([time, x, result]).tolist()
-        save_text(out, _csv([*heads, unit], rows), force=force)
-    work = float(np.sum(0.5 * (result[1:] + result[:-1]) * np.diff(x)))
-    show(
-        f"{model} over {len(time)} samples",
-        "what | >value",
-        [
-            (f"largest {unit}", f"{np.max(result):.6g}"),
-            (f"at {heads[1]}", f"{x[int(np.argmax(result))]:.6g}"),
-            ("work not given back", f"{work:.6g} {'J/m^3' if is_strain else 'J'}"),
-        ],
-    )
-
-
-def _compression(path: Path) -> tuple[Array, Array, bool]:
-    """Time [s], strain [1] or compression [m] of a file, and whether it is a strain."""
-    import numpy as np
-
-    from feltmb.data.columns import read_columns
-    from feltmb.data.mapping import clock_column, values_in
-    from feltmb.errors import DataError
-    from feltmb.units.quantity import fault_text
-
-    columns = read_columns(path, strict=False)
-    faults: list[str] = []
-    clock = clock_column(columns, guess=False)
-    strain = columns.called("strain")
-    column = next(iter([*strain, *columns.called("displacement")]), "")
-    if not clock or not column:
-        faults.append(
-            f"expected the columns time [s] and strain [-] or compression [m]; there are {columns}"
-        )
-    wanted = ((clock, "s"), (column, "1" if strain else "m"))
-    series = [values_in(columns, name, si, faults) for name, si in wanted if name]
-    faults += columns.faults([c for c in (clock, column) if c], complete=True)
-    if faults:
-        raise DataError(fault_text(str(path), faults, most=20))
-    time, x = series
-    if strain and np.max(x) >= 1.0:
-        i = int(np.argmax(x >= 1.0))
-        raise DataError(
-            f"{path}: {columns.place(i)}: strain {x[i]:g}, expected < 1 (compression positive): "
-            "at 1 nothing is left of the thickness"
-        )
-    return time, x, bool(strain)
 
 
 # --- fits ----------------------------------------------------------------------------------------
@@ -340,7 +98,7 @@ def _compression(path: Path) -> tuple[Array, Array, bool]:
 def fit_command(
     data: Path = argument(FILE),
     model: str = option(
-        "Law to fit; see models.",
+        "Law to fit, see `feltmb list`.",
         default="binomial",
         words="--model -m",
         metavar="NAME",
@@ -399,12 +157,12 @@ def fit_command(
     if model not in known:
         raise InvalidParameter(f'--model = "{model}", must be one of {", ".join(known)}')
     units = _units(*(known.values() if every else [known[model]]))
-    bounds = _bounds(bound, units)
+    bounds = _quantities("--bound", bound, units, "NAME=LOW:HIGH")
     branches = [branch]
     if branch == "each":
         branches = ["loading"] + (["unloading"] if (~test.loading).sum() >= 5 else [])
     common: dict[str, Any] = {
-        "fixed": _numbers(fix, "--fix", units),
+        "fixed": {k: v[0] for k, v in _quantities("--fix", fix, units).items()},
         "method": method,
         "n_starts": starts,
         "seed": seed,
@@ -414,7 +172,12 @@ def fit_command(
         fits = compare(test, branch="each" if len(branches) > 1 else branches[0], **common)
     else:
         fits = fit_branches(
-            test, model, branches=branches, free=free or None, bounds=bounds, **common
+            test,
+            model,
+            branches=branches,
+            free=free or None,
+            bounds={k: (v[0], v[1]) for k, v in bounds.items()},
+            **common,
         )
     if test.thickness0 is not None:
         say(f"unloaded thickness: {test.thickness0 * 1e3:.6g} mm, as given; all values rest on it")
@@ -439,20 +202,6 @@ def fit_command(
                 for f in poor
             )
         )
-
-
-def _bounds(texts: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
-    from feltmb.errors import InvalidParameter
-
-    bounds: dict[str, tuple[float, float]] = {}
-    for name, span in _quantities(texts, "--bound", units, separator=":").items():
-        if len(span) != 2:
-            raise InvalidParameter(
-                f"--bound: {name}: got {len(span)} values, expected name=low:high, for example "
-                "gamma=0.5:5"
-            )
-        bounds[name] = (span[0], span[1])
-    return bounds
 
 
 def _print_ranking(title: str, fits: Sequence[Any]) -> None:

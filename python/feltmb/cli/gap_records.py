@@ -19,7 +19,7 @@ from feltmb.cli.options import (
     argument,
     declare,
     option,
-    split_pairs,
+    pairs,
 )
 from feltmb.cli.screen import (
     check_targets,
@@ -225,7 +225,7 @@ def join(
         check_writable(path, force=force)
         if path.resolve() in read:
             raise InvalidParameter(f"join: -o {out} is the name of a file that is joined")
-    chosen = split_pairs("--input", inputs, "NAME=CHANNEL") or None
+    chosen = pairs("--input", inputs, "NAME=CHANNEL") or None
     one, two = read_record(first), read_record(second)
     if same == ("auto",):
         if model is None:

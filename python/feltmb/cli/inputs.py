@@ -50,13 +50,15 @@ ONE_NOTE = (
 
 @declare("list")
 def listing(*, as_json: bool) -> None:
-    """List packaged mechanisms, strokes, contact laws and accepted units."""
+    """List packaged mechanisms, strokes, felts, laws and accepted units."""
     from feltmb import params
     from feltmb.contact import LAWS
+    from feltmb.fiber import models
     from feltmb.run.stroke import load_stroke, packaged_strokes
     from feltmb.units import ACCEPTED_UNITS
 
-    actions, actuators = params.texts("about"), params.texts("about", "actuators")
+    actions, actuators, felts = (params.texts("about", k) for k in ("", "actuators", "felts"))
+    fibers = {name: law.title for name, law in models().items()}
     strokes = {name: load_stroke(name) for name in packaged_strokes()}
     if as_json:
         print_json(
@@ -65,6 +67,8 @@ def listing(*, as_json: bool) -> None:
                 "actuators": actuators,
                 "strokes": {n: s.as_dict() for n, s in strokes.items()},
                 "laws": LAWS,
+                "felts": felts,
+                "fiber_laws": fibers,
                 "units": sorted(ACCEPTED_UNITS),
             }
         )
@@ -79,6 +83,8 @@ def listing(*, as_json: bool) -> None:
         rows.append((name, stroke.kind, top, f"{stroke.duration:g} s"))
     show("strokes", "name | input | >largest | >length", rows)
     show("contact laws (contacts.NN.law)", "name | about", LAWS.items())
+    show("felts", "name | about", felts.items())
+    show("laws of fiber masses", "name | about", fibers.items())
     console().print("units: " + " ".join(sorted(u for u in ACCEPTED_UNITS if u != "1")))
 
 

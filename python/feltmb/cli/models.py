@@ -77,7 +77,8 @@ MEASURED = option(
 def _delays(texts: Sequence[str]) -> dict[str, float]:
     from feltmb.units import si_value
 
-    delays = {channel: si_value(text) for channel, text in pairs("--time-offset", texts).items()}
+    given = pairs("--time-offset", texts, "[CHANNEL=]TIME", bare=True)
+    delays = {channel: si_value(text) for channel, text in given.items()}
     wrong = [t for t, value in zip(texts, delays.values(), strict=True) if value is None]
     if wrong:
         raise InvalidParameter(f"--time-offset {wrong[0]}: expected a time such as 12ms")
@@ -85,7 +86,7 @@ def _delays(texts: Sequence[str]) -> dict[str, float]:
 
 
 def _references(texts: Sequence[str]) -> dict[str, str]:
-    found = pairs("--reference", texts)
+    found = pairs("--reference", texts, "[CHANNEL=]KIND", bare=True)
     for kind in found.values():
         if kind not in ("absolute", "rest"):
             raise InvalidParameter(f"--reference {kind}: expected absolute or rest")
@@ -102,7 +103,8 @@ def _numbers(texts: Sequence[str]) -> tuple[float, ...]:
 def _origins(texts: Sequence[str]) -> dict[str, str]:
     """Origins; X,Y without a channel, which was split as a list, becomes one point again."""
     bare = [t for t in texts if "=" not in t]
-    return pairs("--origin", [t for t in texts if "=" in t] + ([",".join(bare)] if bare else []))
+    texts = [t for t in texts if "=" in t] + ([",".join(bare)] if bare else [])
+    return pairs("--origin", texts, "[CHANNEL=]VALUE", bare=True)
 
 
 #: How measured files are read.
@@ -111,17 +113,17 @@ READING = fields_of(
     columns={
         "words": "--column",
         "metavar": "CHANNEL=COLUMN",
-        "convert": lambda texts: pairs("--column", texts, bare=False),
+        "convert": lambda texts: pairs("--column", texts, "CHANNEL=COLUMN"),
     },
     units={
         "words": "--unit",
         "metavar": "[CHANNEL=]UNIT",
-        "convert": lambda texts: pairs("--unit", texts),
+        "convert": lambda texts: pairs("--unit", texts, "[CHANNEL=]UNIT", bare=True),
     },
     scales={
         "words": "--scale",
         "metavar": "[CHANNEL=]LENGTH",
-        "convert": lambda texts: pairs("--scale", texts),
+        "convert": lambda texts: pairs("--scale", texts, "[CHANNEL=]LENGTH", bare=True),
     },
     origins={"words": "--origin", "metavar": "[CHANNEL=]VALUE", "convert": _origins},
     down={
@@ -164,8 +166,8 @@ class TestFile:
         from feltmb.data import ReadOptions
 
         options = ReadOptions(
-            columns=pairs("--column", self.columns, bare=False),
-            units=pairs("--unit", self.units, bare=False),
+            columns=pairs("--column", self.columns, "QUANTITY=COLUMN"),
+            units=pairs("--unit", self.units, "QUANTITY=UNIT"),
         )
         return {"options": options, "specimen": self.specimen, "cycle": self.cycle}
 
@@ -191,13 +193,13 @@ class Stated:
     @property
     def parameters(self) -> dict[str, tuple[float | None, float, str]]:
         """(value or None, sd, unit) by name."""
-        given = pairs("--parameter", self.parameter, bare=False)
+        given = pairs("--parameter", self.parameter, "NAME=VALUE±SD")
         return {name: _prior(name, text) for name, text in given.items()}
 
     @property
     def causes(self) -> dict[str, Any]:
         """Unit, or (value without the effect, expected size, unit), by name."""
-        given = pairs("--unknown", self.unknown, bare=False)
+        given = pairs("--unknown", self.unknown, "NAME=UNIT")
         return {name: _unknown(name, text) for name, text in given.items()}
 
 
@@ -446,12 +448,7 @@ def load_adapter(
     from feltmb.fit import fmu, mujoco
 
     stated = stated or Stated((), ())
-    values = {}
-    for text in settings:
-        key, mark, value = text.partition("=")
-        if not mark:
-            raise InvalidParameter(f"--set {text}: expected PATH=VALUE")
-        values[key.strip()] = value.strip()
+    values = pairs("--set", settings, "PATH=VALUE")
     stem, _, attribute = name.partition(".py:")
     path = Path(f"{stem}.py" if attribute else name)
     kind = path.suffix.lower()

@@ -29,11 +29,9 @@ from feltmb.cli.screen import as_json_option, collected_json, complain
 from feltmb.errors import InvalidParameter
 
 __all__ = [
-    "DIAMETER",
     "FORCE",
     "FRACTION",
     "MODEL_SET",
-    "MODULUS",
     "NOT_NEGATIVE",
     "POSITIVE",
     "SET",
@@ -56,7 +54,6 @@ __all__ = [
     "picture",
     "positive",
     "split_list",
-    "split_pairs",
 ]
 
 
@@ -250,8 +247,10 @@ def parse_option(option: str, text: str, unit: str) -> float:
         raise InvalidParameter(f"{option}: {error}") from None
 
 
-def split_pairs(option: str, texts: Sequence[str], form: str) -> dict[str, str]:
-    """Names and values of an option that is given as ``NAME=VALUE``, as text.
+def pairs(
+    option: str, texts: Sequence[str], form: str = "NAME=VALUE", *, bare: bool = False
+) -> dict[str, str]:
+    """Values by name of an option that is given as ``NAME=VALUE``, as text.
 
     Parameters
     ----------
@@ -261,37 +260,24 @@ def split_pairs(option: str, texts: Sequence[str], form: str) -> dict[str, str]:
         Values of the option.
     form
         What is expected, for the message.
+    bare
+        Whether a value may stand alone: it is that of "", of all names.
 
     Raises
     ------
-    click.UsageError
+    InvalidParameter
         A text is no pair, or a name is given twice.
     """
     found: dict[str, str] = {}
     for text in texts:
-        name, _, value = (part.strip() for part in text.partition("="))
-        if not (name and value):
-            raise click.UsageError(f"{option} {text}: expected {form}")
+        head, mark, tail = (part.strip() for part in text.partition("="))
+        name, value = (head, tail) if mark or not bare else ("", head)
+        if not value or (mark and not name) or not (mark or bare):
+            raise InvalidParameter(f"{option} {text}: expected {form}")
         if name in found:
-            raise click.UsageError(f"{option} {name}: given twice")
+            raise InvalidParameter(f"{option} {name or 'without a name'}: given twice")
         found[name] = value
     return found
-
-
-def pairs(option: str, texts: Sequence[str], *, bare: bool = True) -> dict[str, str]:
-    """Values by channel of ``CHANNEL=VALUE``; ``bare``: a value alone is that of "", of all."""
-    out: dict[str, str] = {}
-    for text in texts:
-        channel, mark, value = text.partition("=")
-        if not mark:
-            channel, value = "", text
-        channel, value = channel.strip(), value.strip()
-        if not value or not (channel or (bare and not mark)):
-            raise InvalidParameter(f"{option} {text}: expected CHANNEL=VALUE")
-        if channel in out:
-            raise InvalidParameter(f"{option} {text}: {channel or 'all'} is told twice")
-        out[channel] = value
-    return out
 
 
 # --- parameters of a command ---------------------------------------------------------------------
@@ -613,13 +599,3 @@ def caution(name: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
         return value
 
     return check
-
-
-MODULUS = option(
-    "Fiber modulus [Pa].",
-    positive("Pa"),
-    "2.5 GPa",
-    words="--e-modulus",
-    callback=caution("E"),
-)
-DIAMETER = option("Fiber diameter [m].", positive("m"), "25 um", callback=caution("d_f"))

@@ -25,9 +25,9 @@ from feltmb.cli.options import (
     declare,
     fields_of,
     option,
+    pairs,
     parse_option,
     positive,
-    split_pairs,
 )
 from feltmb.cli.screen import (
     complain,
@@ -230,7 +230,7 @@ def command(
         raise click.UsageError("Missing argument 'STROKES...'.")
     if noise is not None:
         loaded = [s.smoothed(parse_option("--noise", noise, s.unit)) for s in loaded]
-    begin = split_pairs("--initial", initial, "NAME=VALUE")
+    begin = pairs("--initial", initial, "NAME=VALUE")
     initial_values(mechanism, begin)
     made = _jobs(mechanism, loaded, options, target, (start, begin))
     first = load_run(start) if start is not None else begin or None

@@ -21,9 +21,9 @@ from feltmb.cli.options import (
     count,
     declare,
     option,
+    pairs,
     picture,
     positive,
-    split_pairs,
 )
 from feltmb.cli.screen import (
     check_targets,
@@ -97,7 +97,7 @@ def regulate(
     wanted = load_targets(targets) if targets is not None else None
     if own:
         wanted = (wanted or default_targets(mechanism)).with_targets(
-            split_pairs("--target", own, "STEP=VALUE, such as let-off=4mm")
+            pairs("--target", own, "STEP=VALUE, such as let-off=4mm")
         )
     check_targets(out, force=force)
     with working("measuring") as progress:

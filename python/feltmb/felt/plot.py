@@ -13,15 +13,11 @@ if TYPE_CHECKING:
     from feltmb.felt.envelopes import FeltEnvelope
     from feltmb.felt.identification import Identification
     from feltmb.felt.measured import MeasuredLoop
-    from feltmb.fiber.friction import CarnabyPan
-    from feltmb.fiber.material import FeltMaterial
 
 __all__ = [
     "plot_audit",
     "plot_envelope",
     "plot_identification",
-    "plot_loop",
-    "plot_material",
     "plot_measured_loop",
 ]
 
@@ -32,33 +28,6 @@ GRAYS = ("#bbbbbb", "#888888", "#555555", "#222222")
 def _scale(largest: float) -> tuple[float, str]:
     """Factor and unit for a pressure axis."""
     return (1e-6, "MPa") if largest >= 1e6 else (1e-3, "kPa")
-
-
-def plot_loop(loop: CarnabyPan) -> Any:
-    """Plot pressures, critical angle with proportion of sliding contacts, and contact forces."""
-    factor, unit = _scale(float(loop.P_loading.max()))
-    figure = new_figure(11.0, 3.6)
-    left, middle, right = figure.subplots(1, 3)
-    left.plot(loop.v_f, loop.P_loading * factor, color=LOADING, label="loading")
-    left.plot(loop.v_f, loop.P_unloading * factor, color=UNLOADING, label="unloading")
-    left.plot(loop.v_f, loop.sigma_el * factor, "--", color=ELASTIC, label="sticking contacts")
-    left.legend(frameon=False)
-    style_axes(left, "volume fraction [-]", f"pressure [{unit}]", f"Loop, {loop.form} form")
-    middle.plot(loop.v_f, np.degrees(loop.theta_cr), color=LOADING, label="critical angle [deg]")
-    middle.plot(loop.v_f, 100 * loop.r_sc, color=FRICTION, label="contacts that slide [%]")
-    middle.legend(frameon=False)
-    middle.set_ylim(bottom=0)
-    style_axes(middle, "volume fraction [-]", "angle [deg], part [%]", "Sliding")
-    right.plot(loop.v_f, loop.C * 1e6, color=ELASTIC, label="mean contact")
-    right.plot(loop.v_f, loop.C_s_loading * 1e6, color=LOADING, label="sliding, loading")
-    right.plot(loop.v_f, loop.C_s_unloading * 1e6, color=UNLOADING, label="sliding, unloading")
-    right.set_yscale("log")
-    low = float(np.min(loop.C_s_unloading[loop.C_s_unloading > 0], initial=np.inf)) * 1e6
-    if np.isfinite(low):
-        right.set_ylim(bottom=0.3 * low)
-    right.legend(frameon=False)
-    style_axes(right, "volume fraction [-]", "force a contact [uN]", "Contact forces")
-    return figure
 
 
 def plot_identification(result: Identification) -> Any:
@@ -88,22 +57,6 @@ def plot_identification(result: Identification) -> Any:
     style_axes(parts, "volume fraction [-]", f"stress [{unit}]", "Parts: dots from the data")
     style_axes(angle, "volume fraction [-]", "critical angle [deg]", "Critical angle of sliding")
     style_axes(rest, "volume fraction [-]", f"residual [{unit}]", "Measured minus identified")
-    return figure
-
-
-def plot_material(material: FeltMaterial) -> Any:
-    """Plot both branches of a felt with their components."""
-    v = np.linspace(material.v_f0, material.end, 400)
-    load, back = material.branch("loading", v), material.branch("unloading", v)
-    factor, unit = _scale(float(load.pressure.max()))
-    figure = new_figure(6.4, 4.2)
-    axes = figure.subplots()
-    for curve, color, name in ((load, LOADING, "loading"), (back, UNLOADING, "unloading")):
-        axes.plot(v, curve.pressure * factor, color=color, label=name)
-        axes.plot(v, curve.elastic * factor, "--", lw=1, color=color, label=f"{name}, elastic part")
-    axes.legend(frameon=False)
-    title = material.name + (" (SYNTHETIC)" if material.synthetic else "")
-    style_axes(axes, "volume fraction [-]", f"pressure [{unit}]", title)
     return figure
 
 

@@ -8,28 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.style import head_line, new_figure, style_axes
+from feltmb.style import new_figure, style_axes
 
 Array = NDArray[np.float64]
 
 COLORS = ("#1b6ca8", "#d1495b", "#2e8b57", "#edae49", "#6a4c93", "#444444", "#00a6a6", "#b5651d")
-
-
-def plot_law(made: Any, top: float) -> Any:
-    """Plot pressure, tangent modulus and energy of one law up to the volume fraction ``top``."""
-    v = np.linspace(made.v_f0, top, 300)
-    figure = new_figure(10, 3.4)
-    axes = figure.subplots(1, 3)
-    rows = (
-        (made.pressure(v) / 1e3, "pressure [kPa]"),
-        (v * made.slope(v) / 1e3, "tangent modulus [kPa]"),
-        (made.energy(v) / 1e3, "energy per fiber volume [kJ/m$^3$]"),
-    )
-    for ax, (y, label) in zip(axes, rows, strict=True):
-        ax.plot(v, y, color=COLORS[0])
-        style_axes(ax, "volume fraction $v_f$ [-]", label)
-    head_line(figure, made.name, 12.0, "normal")
-    return figure
 
 
 def plot_fits(fits: Sequence[Any]) -> Any:

@@ -61,10 +61,6 @@ def called(capsys, *arguments):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["fiber", "models"],
-        ["fiber", "models", "van_wyk"],
-        ["fiber", "contacts", "--v-f", "0.1"],
-        ["felt", "list"],
         ["list"],
         ["show", "steinway45"],
     ],
@@ -76,12 +72,11 @@ def test_json_is_all_of_stdout(capsys, arguments):
 
 
 def test_json_of_tables_holds_numbers(capsys):
-    code, out, _ = called(capsys, "fiber", "models", "van_wyk", "--json")
+    sizes = ["--thickness", "6mm", "--area", "constant:100mm^2"]
+    code, out, _ = called(capsys, "felt", "envelope", "synthetic_hammer", *sizes, "--json")
     assert code == 0
     (table,) = json.loads(out)["tables"]
-    assert [row["name"] for row in table["rows"]] == ["k_p", "E", "v_f0"]
-    code, out, _ = called(capsys, "felt", "list", "--json")
-    assert isinstance(json.loads(out)["tables"][0]["rows"][0]["P max [MPa]"], float)
+    assert isinstance(table["rows"][0]["loading [N]"], float)
 
 
 def test_json_of_writers_names_the_files(capsys, tmp_path):
@@ -109,7 +104,7 @@ def test_json_of_validate_tells_every_file(capsys, tmp_path):
 
 @pytest.mark.parametrize(
     "arguments",
-    [["list"], ["show", "steinway45"], ["fiber", "models", "binomial"], ["felt", "list"], ["-h"]],
+    [["list"], ["show", "steinway45"], ["-h"]],
 )
 def test_piped_tables_are_plain_and_fit_80_columns(arguments):
     done = subprocess.run(
@@ -126,8 +121,7 @@ def test_piped_tables_are_plain_and_fit_80_columns(arguments):
 @pytest.mark.parametrize(
     ("arguments", "limit"),
     [
-        (["felt", "show", "synthetic_soft_red", "--points", "1000000000000"], "100000"),
-        (["felt", "loop", "--points", "1000000000000"], "100000"),
+        (["felt", "contact", "x.csv", "--points", "1000000000000"], "100000"),
         (["fiber", "simulate", "x", "--fibers", "1000000000000"], "100000"),
         (["stroke", "steinway45", "forte", "--output-rate", "1e15"], "the limit is"),
     ],

@@ -43,7 +43,6 @@ def test_a_file_is_judged_as_what_it_is_meant_to_be(tmp_path, text, message):
         (("regulate", "steinway45", "-o", "t.json"), "cannot write .json, expected .toml"),
         (("sensitivity", "{t}", "piano", "-o", "t.nc"), "cannot write .nc, expected .csv"),
         (("actuator", "-o", "t.txt"), "cannot write .txt, expected .nc or .csv"),
-        (("actuator", "study", "-o", "t.png"), "expected that of a folder"),
         (
             ("felt", "envelope", "synthetic_hammer", "-o", "t.csv"),
             "cannot write .csv, expected .toml",
@@ -83,7 +82,7 @@ def test_a_mistyped_folder_is_not_made(tmp_path):
         ["regulate", "steinway45", "-o", tmp_path / "typo" / "new.toml"],
         ["demo", "--out", tmp_path / "typo" / "demo"],
         ["new", tmp_path / "typo" / "own.toml"],
-        ["felt", "show", "a12_03", "-o", tmp_path / "typo" / "loop.png"],
+        ["felt", "audit", "a12_03", "--plot", tmp_path / "typo" / "deeper" / "loops"],
     ):
         _, said = _call(*line)
         assert "there is no such folder" in said, line

@@ -62,7 +62,7 @@ def test_the_end_of_a_long_line_is_kept():
         ["validate", "{run}"],
         ["plot", "{run}", "--compare", ODD],
         ["gap", "diagnose", ODD, "{file}"],
-        ["felt", "show", ODD],
+        ["felt", "audit", ODD],
         ["list", ODD],
         [ODD],
     ],

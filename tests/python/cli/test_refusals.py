@@ -23,7 +23,6 @@ FIT = ("felt", "fit", "steinway45:06", "--fibers", "synthetic_hammer", "--thickn
         ((*ENVELOPE, "constant:4cm^2", "-o", "a.toml", "--plot", "a.txt"), "cannot draw .txt"),
         ((*ENVELOPE, "constant:4cm^2", "-o", "s.toml", "--plot", "s.toml/s.png"),
          "for two results"),
-        (("felt", "loop", "--v-f0", "0.1", "--to", "0.3", "--e-modulus", "1e308"), "units"),
         (("stroke", "steinway45", "piano", "--rtol", "1e-9", "--error", "1e-3"), "not both"),
         (("felt", "audit", "steinway45:06", "--all"), "one of them"),
         (("stroke", "steinway45", "big.csv"), "expected 100000 at most"),

@@ -23,11 +23,7 @@ FAST = [
     "show steinway45",
     "show steinway45 --values",
     "stroke steinway45 forte",
-    "felt list",
-    "felt show a12_03",
-    "fiber models",
-    "fiber models binomial",
-    "fiber contacts --v-f 0.1 --length 1e-3",
+    "felt audit steinway45:04",
 ]
 
 

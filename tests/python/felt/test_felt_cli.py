@@ -37,25 +37,6 @@ def test_command_is_the_group():
     assert command is felt
 
 
-def test_list_and_show(tmp_path):
-    assert "synthetic_hammer" in run("list")
-    out = run("show", "synthetic_hammer", "-o", tmp_path / "felt.png")
-    assert "SYNTHETIC" in out
-    assert (tmp_path / "felt.png").stat().st_size > 10000
-
-
-def test_loop(tmp_path):
-    args = ["loop", "--v-f0", 0.132, "--to", 0.33, "--k-bend", 0.64, "--Wf0", 0.8]
-    assert "loss: 19.4" in run(*args)
-    assert "loss: -0.1" in run(*args, "--form", "printed")
-    run(*args, "-o", tmp_path / "loop.csv")
-    head, first = (tmp_path / "loop.csv").read_text(encoding="utf-8").splitlines()[:2]
-    assert head.startswith("v_f [-],C [N],theta_cr [rad]")
-    assert first.startswith("0.132,0,0,")
-    with pytest.raises(InvalidParameter, match="expected 0 < v_f0 < to < 1"):
-        run("loop", "--v-f0", 0.3, "--to", 0.2)
-
-
 def test_from_a_test_to_an_audited_contact(tmp_path):
     write_test(tmp_path / "TEST.csv")
     found = tmp_path / "my_felt.toml"

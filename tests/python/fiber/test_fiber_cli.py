@@ -43,45 +43,6 @@ def loop(tmp_path):
     return path
 
 
-def test_models():
-    text = run("models")
-    assert "van_wyk" in text
-    assert "dunlop" in text
-    text = run("models", "binomial")
-    assert "K_p" in text
-    assert "3.64" in text
-    assert "must be one of" in run("models", "wyk", code=2)
-
-
-def test_contacts():
-    text = run("contacts", "--v-f", 0.1, "--length", 1e-3)
-    assert "komori_makishima" in text
-    assert "binomial" in text
-    text = run("contacts", "--v-f", 0.1, "--diameter-cv", 0.4, "--length", 1e-3, "--length-cv", 0.5)
-    assert "no distribution of diameters" in text
-    assert "2.0 is not in the range 0<x<1" in run("contacts", "--v-f", 2, code=2)
-
-
-def test_pressure_table_csv_and_picture(tmp_path):
-    given = ["-s", "K_p=4e6", "-s", "gamma=1.3", "-s", "v_f0=0.1"]
-    assert "tangent" in run("pressure", "binomial", *given)
-    out = tmp_path / "p.csv"
-    run("pressure", "binomial", *given, "-o", out, "--points", 5)
-    table = np.loadtxt(out, delimiter=",", skiprows=1)
-    assert table[-1, 2] == pytest.approx(pressure("binomial", 0.5, K_p=4e6, gamma=1.3, v_f0=0.1))
-    before = out.read_text()
-    assert "--force" in run("pressure", "binomial", *given, "-o", out, code=2)
-    assert out.read_text() == before
-    run("pressure", "binomial", *given, "-o", out, "--points", 3, "--force")
-    run("pressure", "binomial", *given, "-o", tmp_path / "p.svg")
-    assert (tmp_path / "p.svg").read_text().lstrip().startswith("<?xml")
-    assert "cannot draw" in run("pressure", "binomial", *given, "-o", tmp_path / "p.gif", code=2)
-    text = run("pressure", "binomial", "-s", "K_p", "-s", "gamma=x", code=2)
-    assert '"K_p"' in text
-    assert "gamma: got 'x'" in text
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["p.csv", "p.svg"]
-
-
 def test_fit_both_branches(loop, tmp_path):
     out, picture = tmp_path / "fit.json", tmp_path / "fit.png"
     text = run("fit", loop, "--model", "binomial", "-o", out, "--plot", picture)
@@ -118,7 +79,9 @@ def test_fit_all_and_options(loop):
     )
     assert "fixed" in text
     text = run("fit", loop, "--bound", "gamma=1", code=2)
-    assert "low:high" in text
+    assert "--bound: gamma=1: expected NAME=LOW:HIGH" in text
+    assert "gamma: got 'x'" in run("fit", loop, "-b", "gamma=x:2", code=2)
+    assert 'parameter "gam" is unknown' in run("fit", loop, "-f", "gam=1", code=2)
 
 
 def test_fit_bad_file(tmp_path):
@@ -128,38 +91,6 @@ def test_fit_bad_file(tmp_path):
     assert "line 2" in text
     assert "line 3" in text
     assert text.count("feltmb:") == 1
-
-
-def test_history(tmp_path):
-    path = tmp_path / "path.csv"
-    path.write_text("time [s],strain [-]\n0,0\n1,0.3\n2,0.1\n3,0.4\n")
-    out = tmp_path / "out.csv"
-    text = run(
-        "history",
-        "dunlop",
-        path,
-        "-s",
-        "k_p=0.01",
-        "-s",
-        "E=2.5e9",
-        "-s",
-        "v_f0=0.1",
-        "-s",
-        "f_c=100,1000",
-        "-s",
-        "phi=0.2",
-        "-o",
-        out,
-    )
-    assert "not given back" in text
-    assert out.read_text().startswith("time [s],strain [-],stress [Pa]")
-    path.write_text("t,x\n0,0\n1,1\n")
-    assert "expected the columns time [s] and strain" in run("history", "dunlop", path, code=2)
-    path.write_text("Zeit (ms);Dehnung (%)\n0;0\n1000;30\n2000;10,0\n")
-    assert "not given back" in run(
-        "history", "dunlop", path, "-s", "E=2.5e9", "-s", "v_f0=0.1", "-s", "f_c=100,1000",
-        "-s", "phi=0.2", "-s", "k_p=0.01",
-    )  # fmt: skip
 
 
 def test_simulate_and_resume(tmp_path):

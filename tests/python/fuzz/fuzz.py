@@ -817,9 +817,6 @@ SAFE = (  # command lines that are quick when they are right
     ["plot", "{run}", "--compare", "arm.angle", "--out", "{out}"],
     ["new", "{out}/new.toml"],
     ["felt"],
-    ["fiber", "models", "van_wyk"],
-    ["fiber", "law", "van_wyk", "-p", "k_p=0.01", "-p", "E=2.5e9", "-p", "v_f0=0.1"],
-    ["fiber", "contacts", "--json"],
     ["--version"],
     ["--help"],
 )  # fmt: skip

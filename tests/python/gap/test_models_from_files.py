@@ -98,7 +98,7 @@ def test_blind_and_plan_take_what_diagnose_takes(here, capsys):
         (("model.py:other",), "other is missing, expected a model or a function with this name; "
          "there is model.py:line"),
         (("model.py",), "model is missing"),
-        (("model.py:line", "--parameter", "gain"), "--parameter gain: expected CHANNEL=VALUE"),
+        (("model.py:line", "--parameter", "gain"), "--parameter gain: expected NAME=VALUE±SD"),
         (("model.py:line", "--parameter", "gain=2kg±1m"), "--parameter gain=2kg±1m"),
         (("model.py:line", "--parameter", "gain=2±-1"), "expected a value and its standard"),
         (("model.py:line", "--unknown", "offset=furlong"), "--unknown offset=furlong"),

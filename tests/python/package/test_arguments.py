@@ -1186,7 +1186,6 @@ CALLS = {
         actuator_run(),
         {"path": "actuator.nc", "force": True},
     ),
-    "feltmb.action.actuator.ActuatorStudy.save": None,  # minutes of simulation for one path
     "feltmb.action.actuator.compose": lambda: {
         "action": "steinway45",
         "actuator": "wood",
@@ -1210,9 +1209,6 @@ CALLS = {
         "tolerance": 1e-3,
     },
     "feltmb.action.actuator.stand_alone": lambda: {"actuator": "wood"},
-    "feltmb.action.actuator.study_actuator": lambda: {
-        "duration": -1.0
-    },  # long: refused at the door
     # regulate
     "feltmb.Wear.from_dict": lambda: (feltmb.Wear, {"data": symptoms().packaged_wear().as_dict()}),
     "feltmb.Wear.read": lambda: (feltmb.Wear, {"path": wear_file()}),
@@ -1434,7 +1430,6 @@ SLOW_VALID = (
     "feltmb.touch",
     "feltmb.wear",
     "feltmb.action.actuator.match",
-    "feltmb.action.actuator.study_actuator",
     "feltmb.action.touch.static_touch",
 )
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from thesis_studies import actuator
 from thesis_studies.findings import NAMES, Absent, Study, statistic
 
 #: Outcomes of the claims of the thesis and of the study's own findings, each in the order of the
@@ -122,3 +123,11 @@ def test_documentation_counts_the_findings():
         words = "{} agree, {} hold in part of the cases, {} disagree".format(*counts)
         assert f"Of {len(letters)} " in validation
         assert words in " ".join(validation.split())
+
+
+def test_findings_of_the_actuator():
+    runs = actuator.simulate(0.12)
+    outcomes = [f.agrees for f in actuator.findings(runs)]
+    assert outcomes == [None] + 9 * [True]
+    for number in actuator.FIGURES:
+        assert len(actuator.figure(runs, number).axes) == len(actuator.FIGURES[number][2])

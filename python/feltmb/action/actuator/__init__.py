@@ -13,21 +13,17 @@ from feltmb.action.actuator.model import (
     packaged_actuators,
     simulate_actuator,
 )
-from feltmb.action.actuator.studies import ActuatorStudy, StudyFinding, study_actuator
 
 __all__ = [
     "DAMPING",
     "Actuator",
     "ActuatorRun",
-    "ActuatorStudy",
     "Match",
     "MatchParameter",
-    "StudyFinding",
     "compose",
     "load_actuator",
     "match",
     "packaged_actuators",
     "simulate_actuator",
     "stand_alone",
-    "study_actuator",
 ]

@@ -1,4 +1,4 @@
-"""Match of a target force, the studies, the commands."""
+"""Match of a target force, the commands."""
 
 import json
 
@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 import feltmb
-from feltmb.action.actuator import load_actuator, match, simulate_actuator, study_actuator
+from feltmb.action.actuator import load_actuator, match, simulate_actuator
 from feltmb.cli import cli
 from feltmb.errors import InvalidParameter
 
@@ -69,18 +69,6 @@ def test_what_cannot_be_matched():
         assert part in str(caught.value)
     with pytest.raises(InvalidParameter, match="a damping needs a damper"):
         match("wood", force)
-
-
-def test_study_of_figures_5_6_to_5_11(tmp_path):
-    result = study_actuator(0.12)
-    assert set(result.figures) == {"5.6", "5.7", "5.8", "5.9", "5.10", "5.11"}
-    verdicts = {f.says: f.agrees for f in result.findings}
-    assert len(verdicts) == 10
-    assert [says for says, agrees in verdicts.items() if agrees is False] == []
-    assert sum(agrees is None for agrees in verdicts.values()) == 1
-    files = result.save(tmp_path)
-    assert len(files) == 8
-    assert all(path.stat().st_size > 100 for path in files)
 
 
 def run_cli(*arguments):

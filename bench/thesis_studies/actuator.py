@@ -1,20 +1,22 @@
-"""Figures 5.6 to 5.11 of the thesis, and a comparison of its findings with simulated values."""
+"""Figures 5.6 to 5.11 of the thesis, and a comparison of its findings with simulated values.
+
+Usage: python bench/thesis_studies/actuator.py [--out FOLDER]
+
+``--out`` writes the figures as PNG.
+"""
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from feltmb.action.actuator.model import ActuatorRun, load_actuator, simulate_actuator
-from feltmb.arguments import checked
-from feltmb.files import check_writable, make_folder, write_file, write_text
-
-__all__ = ["ActuatorStudy", "StudyFinding", "study_actuator"]
+from feltmb.action.actuator import ActuatorRun, load_actuator, simulate_actuator
+from feltmb.action.actuator.plot import compare_runs
 
 #: figure -> (title, runs, panels)
 FIGURES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
@@ -40,7 +42,7 @@ FIGURES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
 
 
 @dataclass(frozen=True)
-class StudyFinding:
+class Finding:
     """One finding of the thesis.
 
     ``agrees`` is None if it depends on assumed data.
@@ -53,58 +55,8 @@ class StudyFinding:
     note: str = ""
 
 
-@dataclass(frozen=True)
-class ActuatorStudy:
-    """Runs of the study by name, with findings and figures."""
-
-    runs: Mapping[str, ActuatorRun]
-    findings: tuple[StudyFinding, ...]
-
-    @cached_property
-    def figures(self) -> dict[str, Any]:
-        """Figures by their number in the thesis."""
-        from feltmb.action.actuator.plot import compare_runs
-
-        return {
-            number: compare_runs(
-                {name: self.runs[name] for name in names}, panels, f"Fig. {number}: {title}"
-            )
-            for number, (title, names, panels) in FIGURES.items()
-        }
-
-    @checked
-    def save(self, folder: str | Path, *, force: bool = False) -> list[Path]:
-        """Write ``figure_5_6.png`` and so on, ``findings.csv`` and ``runs.csv``."""
-        import csv
-        import io
-
-        folder = make_folder(folder)
-        targets = [folder / f"figure_{n.replace('.', '_')}.png" for n in FIGURES]
-        tables = [folder / "findings.csv", folder / "runs.csv"]
-        for path in targets + tables:
-            check_writable(path, force=force)
-        for path, figure in zip(targets, self.figures.values(), strict=True):
-            write_file(path, partial(figure.savefig, format="png", dpi=150), force=force)
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(["finding", "source", "here", "agrees", "note"])
-        for f in self.findings:
-            verdict = "not tested" if f.agrees is None else "yes" if f.agrees else "no"
-            table.writerow([f.says, f.source, f.here, verdict, f.note])
-        write_text(tables[0], text.getvalue(), force=force)
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        keys = sorted({k for run in self.runs.values() for k in run.summary})
-        table.writerow(["run", *keys])
-        for name, run in self.runs.items():
-            table.writerow([name, *(f"{run.summary.get(k, np.nan):.6g}" for k in keys)])
-        write_text(tables[1], text.getvalue(), force=force)
-        return [*targets, *tables]
-
-
-@checked
-def study_actuator(duration: float = 0.2) -> ActuatorStudy:
-    """Simulate Figures 5.6 to 5.11 and compare them with sections 5.2.1 to 5.2.4."""
+def simulate(duration: float = 0.2) -> dict[str, ActuatorRun]:
+    """Runs of the figures, by name."""
     wood, aluminum = load_actuator("wood"), load_actuator("aluminum")
     made = {
         "wood": wood,
@@ -113,8 +65,13 @@ def study_actuator(duration: float = 0.2) -> ActuatorStudy:
         "wood one-sided": wood.with_damper("one-sided"),
         "wood one-sided, same c": wood.with_damper("one-sided", 0.0075),
     }
-    runs = {name: simulate_actuator(a, duration=duration) for name, a in made.items()}
-    return ActuatorStudy(runs, tuple(_findings(runs)))
+    return {name: simulate_actuator(a, duration=duration) for name, a in made.items()}
+
+
+def figure(runs: Mapping[str, ActuatorRun], number: str) -> Any:
+    """Figure by its number in the thesis."""
+    title, names, panels = FIGURES[number]
+    return compare_runs({name: runs[name] for name in names}, panels, f"Fig. {number}: {title}")
 
 
 def _swing(run: ActuatorRun, output: str, begin: float, end: float) -> float:
@@ -135,7 +92,8 @@ def _lasts(run: ActuatorRun, output: str, share: float = 0.1) -> float:
     return float(times[above[-1]] + 0.005 - first)
 
 
-def _findings(runs: Mapping[str, ActuatorRun]) -> list[StudyFinding]:
+def findings(runs: Mapping[str, ActuatorRun]) -> list[Finding]:
+    """What the thesis found, held against the runs."""
     wood = runs["wood"]
     first = {name: run.summary["first_contact_time"] for name, run in runs.items()}
     after = {name: (t, t + 0.03) for name, t in first.items()}
@@ -153,59 +111,59 @@ def _findings(runs: Mapping[str, ActuatorRun]) -> list[StudyFinding]:
     ring = {n: r.summary["ringing"] for n, r in runs.items()}
     peak = {n: r.summary["peak_finger_force"] for n, r in runs.items()}
     return [
-        StudyFinding(
+        Finding(
             "the stop is first met at 0.032 s",
             "5.2.4",
             f"{1e3 * first['aluminum']:.2f} ms aluminum, {1e3 * first['wood']:.2f} ms wood",
             None,
             "the equivalent mass was chosen for it; the coupled action gives it without",
         ),
-        StudyFinding(
+        Finding(
             "the wooden arm's vibrations are larger",
             "5.2.1",
             f"deflection, rms: {1e3 * bend['wood']:.3f} mm wood, "
             f"{1e3 * bend['aluminum']:.4f} mm aluminum",
             bend["wood"] > bend["aluminum"],
         ),
-        StudyFinding(
+        Finding(
             "and last longer",
             "5.2.1",
             f"to a tenth: {1e3 * lasts['wood']:.0f} ms wood, "
             f"{1e3 * lasts['aluminum']:.0f} ms aluminum",
             lasts["wood"] > lasts["aluminum"],
         ),
-        StudyFinding(
+        Finding(
             "a stiffer arm gives short-lasting oscillations with greater peaks of the force",
             "5.2.4",
             f"peak {peak['aluminum']:.1f} N aluminum, {peak['wood']:.1f} N wood",
             peak["aluminum"] > peak["wood"] and lasts["aluminum"] < lasts["wood"],
         ),
-        StudyFinding(
+        Finding(
             "compliance alone does not suppress the oscillation of the force",
             "5.2.1",
             f"rms over 30 ms after contact: {force['wood']:.2f} N wood, "
             f"{force['aluminum']:.2f} N aluminum",
             force["wood"] > 0.25 * force["aluminum"],
         ),
-        StudyFinding(
+        Finding(
             "the simple dashpot reduces the oscillations of the wooden arm considerably",
             "5.2.2",
             f"held force rings by {ring['wood dashpot']:.3f} N rms, undamped {ring['wood']:.3f} N",
             ring["wood dashpot"] < 0.5 * ring["wood"],
         ),
-        StudyFinding(
+        Finding(
             "it delays the first contact",
             "5.2.3",
             f"by {delay:.2f} ms",
             delay > 0.02,
         ),
-        StudyFinding(
+        Finding(
             "the one-sided dashpot leaves the force before contact and its time as they are",
             "5.2.3",
             f"time shifts by {shift:.4f} ms, force before contact by {gap:.3f} N at most",
             shift < 0.02 and gap < 0.02 * peak["wood"],
         ),
-        StudyFinding(
+        Finding(
             "at the same level of damping the one-sided dashpot leaves more oscillation",
             "5.2.4, Fig. 5.11",
             f"after contact {force['wood one-sided, same c']:.2f} N rms, "
@@ -213,10 +171,31 @@ def _findings(runs: Mapping[str, ActuatorRun]) -> list[StudyFinding]:
             _swing(same, "finger.force", *after["wood one-sided, same c"])
             > _swing(runs["wood dashpot"], "finger.force", *after["wood dashpot"]),
         ),
-        StudyFinding(
+        Finding(
             "one-sided damping of 0.05 suppresses the oscillations after contact",
             "5.2.3, Fig. 5.10",
             f"held force rings by {ring['wood one-sided']:.3f} N rms, undamped {ring['wood']:.3f}",
             ring["wood one-sided"] < 0.5 * ring["wood"],
         ),
     ]
+
+
+def main() -> None:
+    """Print the findings, and write the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, help="folder of the figures")
+    asked = parser.parse_args()
+    runs = simulate()
+    for f in findings(runs):
+        verdict = {None: "not tested", True: "yes", False: "NO"}[f.agrees]
+        print(f"{f.says} ({f.source}): {f.here}: {verdict}" + (f" ({f.note})" if f.note else ""))
+    if asked.out is not None:
+        asked.out.mkdir(parents=True, exist_ok=True)
+        for number in FIGURES:
+            path = asked.out / f"figure_{number.replace('.', '_')}.png"
+            figure(runs, number).savefig(path, dpi=150)
+            print(f"wrote {path}")
+
+
+if __name__ == "__main__":
+    main()
