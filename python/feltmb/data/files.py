@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +25,9 @@ from feltmb.data.mapping import (
     sheet_for,
     unit_of_column,
 )
-from feltmb.data.records import Array, InputMode, Record, Role, Sensor, StartPrior
+from feltmb.data.records import Array, InputMode, Record, Sensor, StartPrior
 from feltmb.data.series import Columns
-from feltmb.data.sheet import ColumnSpec, OutputSpec, ReadOptions, Sheet
+from feltmb.data.sheet import ColumnSpec, InputSpec, OutputSpec, ReadOptions, Sheet
 from feltmb.data.smoothing import start_of
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
@@ -270,105 +269,120 @@ def build_records(
 ) -> tuple[Record, ...]:
     """Records of a file, one for each run. ``model``: units of the signals in the model."""
     faults: list[str] = []
-    read_in, read_out = (
-        {n: _series(n, s, sheet, columns, model.get(n, ""), faults) for n, s in group}
-        for group in (sheet.inputs.items(), sheet.outputs.items())
-    )
+    specs: dict[str, ColumnSpec] = {**sheet.inputs, **sheet.outputs}
+    read = {n: _series(n, s, sheet, columns, model.get(n, ""), faults) for n, s in specs.items()}
     time = _clock(sheet, columns, faults)
-    sensors = {}
-    for name, spec in sheet.outputs.items():
-        fields = spec.model_dump(exclude=set(ColumnSpec.model_fields))
-        if fields["bandwidth"] is None:
-            fields.pop("bandwidth")
-        try:
-            sensors[name] = Sensor(name=name, unit=read_out[name][1] or "1", **fields)
-        except DataError as error:
-            faults.append(str(error))
-    start = None
-    if sheet.start or not sheet.start_known:
-        try:
-            start = StartPrior(
-                mean={k: v[0] for k, v in sheet.start.items()},
-                sd={k: v[1] for k, v in sheet.start.items()},
-                known=sheet.start_known,
-            )
-        except DataError as error:
-            faults.append(str(error))
-    specs = {**sheet.inputs, **sheet.outputs} if guessed else {}
-    bare = [n for n, s in specs.items() if _bare(n, s, columns)]
-    assumed = (
-        f"{', '.join(bare)}: no unit in the header; the numbers are taken as they stand, in SI "
-        "units (--unit NAME=UNIT, in Python units of ReadOptions)",
-    )
-    columns = replace(columns, notes=[*columns.notes, *_unlikely(sheet, columns)])
-    headed = {
-        n: unit_of_column(columns, columns.find(s.column or n), s.unit)
-        for n, s in (*sheet.inputs.items(), *sheet.outputs.items())
-    }
-    weights = [n for n, (_, u) in (read_in | read_out).items() if weight_hint(headed[n] or "1", u)]
-    if weights:
-        columns = replace(columns, notes=[*columns.notes, _WEIGHTS.format(", ".join(weights))])
-    fractions = [n for n, (_, u) in (read_in | read_out).items() if (headed[n], u) == ("%", "1")]
-    if fractions:
-        columns = replace(columns, notes=[*columns.notes, _FRACTIONS.format(", ".join(fractions))])
+    sensors = {n: _sensor(n, s, read[n][1], faults) for n, s in sheet.outputs.items()}
+    start = _start(sheet, faults)
+    headed = {n: _stated_unit(n, s, columns) for n, s in specs.items()}
+    units = {n: unit for n, (_, unit) in read.items()}
+    notes = [*columns.notes, *_unlikely(sheet, columns), *_notes_of_units(headed, units)]
+    bare = [n for n, s in specs.items() if guessed and not (s.si or s.scale != "" or headed[n])]
+    notes += [_ASSUMED.format(", ".join(bare))] * bool(bare)
     parts = [] if faults else _runs(sheet, columns, time, faults)
     if faults:
         raise DataError(fault_text(str(path), faults))
-    role: Role = sheet.role
-    mode: InputMode = sheet.input_mode
+    run = _Run(sheet, read, headed, sensors, start, notes, sheet.source or columns.source)
     base = sheet.name or path.stem
-    used = slice(sheet.first, sheet.last, sheet.every)
     records = []
     for label, rows in parts:
-        at = rows[used]
+        at = rows[sheet.first : sheet.last : sheet.every]
         if fault := _backward(columns, time, at):
             raise DataError(f"{path}: {fault}")
-        zero = {
-            n: start_of(read_out[n][0][at]) if s.origin == "start" else 0.0
-            for n, s in sheet.outputs.items()
-        }
-        zero_in = {
-            n: start_of(read_in[n][0][at]) if s.origin == "start" else 0.0
-            for n, s in sheet.inputs.items()
-        }
+        several = len(parts) > 1
         try:
-            records.append(
-                _acted(
-                    sheet,
-                    Record(
-                        name=f"{base}-{label}" if len(parts) > 1 else base,
-                        time=time[at],
-                        inputs={n: v[at] - zero_in[n] for n, (v, _) in read_in.items()},
-                        outputs={n: v[at] - zero[n] for n, (v, _) in read_out.items()},
-                        sensors=sensors,
-                        input_mode=mode,
-                        input_units={
-                            n: u for n, (_, u) in read_in.items() if u not in ("", "1") or headed[n]
-                        },
-                        input_sigma={n: s.sigma for n, s in sheet.inputs.items() if s.sigma > 0.0},
-                        input_correlation_time={
-                            n: s.correlation_time
-                            for n, s in sheet.inputs.items()
-                            if s.correlation_time > 0.0
-                        },
-                        conditions=sheet.conditions,
-                        role=role,
-                        start=start,
-                        repeats=sheet.repeats or (base if len(parts) > 1 else ""),
-                        source=sheet.source or columns.source,
-                        notes=(*columns.notes, *(assumed if bare else ())),
-                    ),
-                )
-            )
+            made = run.record(f"{base}-{label}" if several else base, time[at], at)
         except DataError as error:
             raise DataError(f"{path}: {error}") from None
+        records.append(replace(made, repeats=sheet.repeats or (base if several else "")))
     return tuple(records)
 
 
-_WEIGHTS = "{}: a scale in g or kg shows a force; 1 g is 9.80665 mN"
-_FRACTIONS = (
-    "{}: percent in the file become fractions, 45 % is 0.45 (a model that states the unit % for "
-    "this signal gets percent)"
+@dataclass(frozen=True)
+class _Run:
+    """What is known of all runs of a file."""
+
+    sheet: Sheet
+    read: Mapping[str, tuple[Array, str]]
+    """Values and unit of each signal."""
+    headed: Mapping[str, str]
+    """Unit of each signal in the file; "" if it is not stated."""
+    sensors: Mapping[str, Sensor]
+    start: StartPrior | None
+    notes: Sequence[str]
+    source: str
+
+    def record(self, name: str, time: Array, at: NDArray[np.intp]) -> Record:
+        """Record of the samples of one run."""
+        sheet = self.sheet
+
+        def values(signal: str, spec: ColumnSpec) -> Array:
+            series = self.read[signal][0][at]
+            return series - start_of(series) if spec.origin == "start" else series
+
+        units = {n: self.read[n][1] for n in sheet.inputs}
+        record = Record(
+            name=name,
+            time=time,
+            inputs={n: values(n, s) for n, s in sheet.inputs.items()},
+            outputs={n: values(n, s) for n, s in sheet.outputs.items()},
+            sensors=self.sensors,
+            input_mode=sheet.input_mode,
+            input_units={n: u for n, u in units.items() if u not in ("", "1") or self.headed[n]},
+            input_sigma={n: s.sigma for n, s in sheet.inputs.items() if s.sigma},
+            input_correlation_time={
+                n: s.correlation_time for n, s in sheet.inputs.items() if s.correlation_time
+            },
+            conditions=sheet.conditions,
+            role=sheet.role,
+            start=self.start,
+            source=self.source,
+            notes=tuple(self.notes),
+        )
+        return _acted(sheet, record)
+
+
+def _sensor(name: str, spec: OutputSpec, unit: str, faults: list[str]) -> Sensor:
+    """Sensor of an output."""
+    fields = spec.model_dump(exclude=set(ColumnSpec.model_fields), exclude_none=True)
+    try:
+        return Sensor(name=name, unit=unit or "1", **fields)
+    except DataError as error:
+        faults.append(str(error))
+        return Sensor(name=name)
+
+
+def _start(sheet: Sheet, faults: list[str]) -> StartPrior | None:
+    """Prior of the start state; None: that of the model."""
+    if not sheet.start and sheet.start_known:
+        return None
+    mean, sd = ({k: v[i] for k, v in sheet.start.items()} for i in (0, 1))
+    try:
+        return StartPrior(mean=mean, sd=sd, known=sheet.start_known)
+    except DataError as error:
+        faults.append(str(error))
+        return None
+
+
+def _stated_unit(name: str, spec: ColumnSpec, columns: Columns) -> str:
+    """Unit of a signal in the file; "" if it is not stated."""
+    return unit_of_column(columns, columns.find(spec.column or name), spec.unit)
+
+
+def _notes_of_units(headed: Mapping[str, str], units: Mapping[str, str]) -> Iterator[str]:
+    """Notes of conversions that are not between units of one quantity."""
+    if names := [n for n, unit in units.items() if weight_hint(headed[n] or "1", unit)]:
+        yield f"{', '.join(names)}: a scale in g or kg shows a force; 1 g is 9.80665 mN"
+    if names := [n for n, unit in units.items() if (headed[n], unit) == ("%", "1")]:
+        yield (
+            f"{', '.join(names)}: percent in the file become fractions, 45 % is 0.45 (a model "
+            "that states the unit % for this signal gets percent)"
+        )
+
+
+_ASSUMED = (
+    "{}: no unit in the header; the numbers are taken as they stand, in SI units (--unit "
+    "NAME=UNIT, in Python units of ReadOptions)"
 )
 
 
@@ -474,12 +488,6 @@ def _unlikely(sheet: Sheet, columns: Columns) -> list[str]:
     return notes
 
 
-def _bare(name: str, spec: ColumnSpec, columns: Columns) -> bool:
-    """Whether the unit of a signal is not stated."""
-    key = columns.find(spec.column or name)
-    return not (spec.si or spec.scale != "" or unit_of_column(columns, key, spec.unit))
-
-
 #: A length, and two points of the picture that are so far apart.
 _TWO_POINTS = re.compile(
     r"(?P<length>.+?)\s+from\s+(?P<x0>[^\s,;]+)[\s,;]+(?P<y0>[^\s,;]+)"
@@ -510,47 +518,54 @@ _EPOCH = {"ns": (1e17, 1e-9), "us": (1e14, 1e-6), "ms": (1e11, 1e-3)}
 
 
 def _clock(sheet: Sheet, columns: Columns, faults: list[str]) -> Array:
-    length = max((v.size for v in columns.values.values()), default=0)
+    """Times of the samples [s]."""
     if sheet.interval is not None:
         if not sheet.interval > 0.0:
             faults.append(f"interval = {sheet.interval!r}, expected > 0 [s]")
+        length = max((v.size for v in columns.values.values()), default=0)
         with np.errstate(over="ignore"):
             return np.arange(length, dtype=np.float64) * float(sheet.interval)
     name = clock_column(columns, sheet.time)
     if not name:
         faults.append(f"{_without_clock(sheet, columns)}; there are {columns}")
         return np.zeros(0)
+    unit = unit_of_column(columns, name, sheet.time_unit)
     if name == columns.unnamed and not sheet.time:
-        unit = unit_of_column(columns, name, sheet.time_unit) or "s"
         columns.notes.append(
-            f"{name} has no name in the header and is taken as the clock in {unit}"
+            f"{name} has no name in the header and is taken as the clock in {unit or 's'}"
         )
-    values = columns.values[name]
     frames = name == frame_column(columns) and not columns.units.get(name)
     if sheet.frame_rate is not None:
-        if not frames:  # the clock of a video that plays at another frame rate
-            steps = np.diff(values)
-            forward = steps[steps > 0.0]
-            step = float(np.median(forward)) if forward.size else 1.0
-            values = np.round((values - values[0]) / step)
-        return values / sheet.frame_rate
+        number = columns.values[name] if frames else _steps_of(columns.values[name])
+        return number / sheet.frame_rate
     if frames and not sheet.time_unit:
         faults.append(
             f"the clock {shortened(name)} counts frames: how many are a second? (frame_rate in "
             "the TOML, --frame-rate HZ, in Python frame_rate of ReadOptions)"
         )
         return np.zeros(0)
-    unit = unit_of_column(columns, name, sheet.time_unit)
-    first = float(values[0]) if values.size else 0.0
-    epoch = next((u for u, (least, _) in _EPOCH.items() if first > least and not unit), "")
-    if epoch:
-        columns.notes.append(
-            f"{shortened(name)} counts {epoch} since 1970: zero is its first value"
-        )
-        values = (values - first) * _EPOCH[epoch][1]
-    unit = unit or "s"
+    return _seconds(name, unit, columns, faults)
+
+
+def _steps_of(clock: Array) -> Array:
+    """Number of each frame of a video that plays at another frame rate."""
+    steps = np.diff(clock)
+    forward = steps[steps > 0.0]
+    return np.round((clock - clock[0]) / (np.median(forward) if forward.size else 1.0))
+
+
+def _seconds(name: str, unit: str, columns: Columns, faults: list[str]) -> Array:
+    """Clock in seconds; one since 1970, in ms or less, starts at zero."""
+    values = columns.values[name]
+    first = float(values[0]) if values.size and not unit else 0.0
+    for epoch, (least, size) in _EPOCH.items():
+        if first > least:
+            columns.notes.append(
+                f"{shortened(name)} counts {epoch} since 1970: zero is its first value"
+            )
+            return (values - first) * size
     try:
-        factor = conversion_factor(unit, "s")
+        factor = conversion_factor(unit or "s", "s")
     except InvalidParameter:
         faults.append(f"column {shortened(name)}: unit {shortened(unit)!r} is no time")
         return np.zeros(0)
@@ -633,6 +648,13 @@ def _kept(unit: str) -> str:
     return "" if _conversion(unit, "", "") in ((0.0, 1.0, unit), (0.0, 1.0, "1")) else unit
 
 
+def _spec(sensor: Sensor) -> OutputSpec:
+    """Description of an output and its sensor."""
+    fields = {k: v for k, v in vars(sensor).items() if k not in ("name", "unit", "bandwidth")}
+    bandwidth = sensor.bandwidth if math.isfinite(sensor.bandwidth) else None
+    return OutputSpec(si=_kept(sensor.unit), bandwidth=bandwidth, **fields)
+
+
 @checked
 def write_record(record: Record, path: str | Path, *, force: bool = False) -> Path:
     """Write a record as a CSV file and a TOML file, which :func:`read_record` can read.
@@ -653,58 +675,39 @@ def write_record(record: Record, path: str | Path, *, force: bool = False) -> Pa
     from feltmb.files import write_text
 
     path = Path(path)
-    names = ["time", *record.inputs, *record.outputs]
-    units = ["s", *(record.input_units.get(n, "") for n in record.inputs)]
-    units += [record.sensors[n].unit for n in record.outputs]
-    # An input without a unit has none in the record; an output has the unit 1.
-    stated = {"time", *record.input_units}
-    head = [
-        f"{n} [{u}]" if n in stated or u != "1" else n for n, u in zip(names, units, strict=True)
-    ]
+    units = {n: record.input_units.get(n, "") for n in record.inputs}
+    units |= {n: sensor.unit for n, sensor in record.sensors.items()}
+    head = ["time [s]", *(f"{n} [{units[n]}]" for n in record.inputs)]
+    head += [n if units[n] == "1" else f"{n} [{units[n]}]" for n in record.outputs]
     table = np.column_stack([record.time, *record.inputs.values(), *record.outputs.values()])
     lines = [",".join(head)]
     lines += [",".join("" if np.isnan(v) else repr(float(v)) for v in row) for row in table]
-    sheet: dict[str, Any] = {
-        "name": record.name,
-        "role": record.role,
-        "input_mode": record.input_mode,
-    }
-    for key in ("repeats", "source"):
-        if getattr(record, key):
-            sheet[key] = getattr(record, key)
-    sheet["inputs"] = {
-        n: {
-            k: v
-            for k, v in (
-                ("si", _kept(record.input_units.get(n, ""))),
-                ("sigma", record.input_sigma.get(n, 0.0)),
-                ("correlation_time", record.input_correlation_time.get(n, 0.0)),
+    start = record.start or StartPrior()
+    sheet = Sheet(
+        name=record.name,
+        role=record.role,
+        input_mode=record.input_mode,
+        repeats=record.repeats,
+        source=record.source,
+        inputs={
+            n: InputSpec(
+                si=_kept(units[n]),
+                sigma=record.input_sigma.get(n, 0.0),
+                correlation_time=record.input_correlation_time.get(n, 0.0),
             )
-            if v
-        }
-        for n in record.inputs
-    }
-    plain = Sensor(name="")
-    sheet["outputs"] = {}
-    for n, sensor in record.sensors.items():
-        fields = {
-            k: getattr(sensor, k)
-            for k in OutputSpec.model_fields
-            if k in Sensor.__dataclass_fields__ and getattr(sensor, k) != getattr(plain, k)
-        }
-        fields.pop("unit", None)
-        if kept := _kept(sensor.unit):
-            fields["si"] = kept
-        sheet["outputs"][n] = {k: v for k, v in fields.items() if v is not None}
-    if record.start is not None:
-        if not record.start.known:
-            sheet["start_known"] = False
-        sheet["start"] = {
-            k: [float(record.start.mean.get(k, 0.0)), float(record.start.sd.get(k, 1e300))]
-            for k in {**record.start.mean, **record.start.sd}
-        }
-    if record.conditions:
-        sheet["conditions"] = dict(record.conditions)
+            for n in record.inputs
+        },
+        outputs={n: _spec(s) for n, s in record.sensors.items()},
+        start={
+            k: (start.mean.get(k, 0.0), start.sd.get(k, 1e300)) for k in {**start.mean, **start.sd}
+        },
+        start_known=start.known,
+        conditions=dict(record.conditions),
+    )
     write_text(path, "\n".join(lines) + "\n", force=force)
-    write_text(path.with_suffix(".toml"), tomlkit.dumps(sheet), force=force)
+    write_text(
+        path.with_suffix(".toml"),
+        tomlkit.dumps(sheet.model_dump(mode="json", exclude_defaults=True)),
+        force=force,
+    )
     return path

@@ -56,17 +56,19 @@ def clock_column(columns: Columns, specified: str = "", *, guess: bool = True) -
     """
     if specified:
         return columns.find(specified)
-    named = columns.called("time")
-    other = [c for c in named if columns.units.get(c) and not _measures(columns.units[c], "s")]
-    clocks = [c for c in named if c not in other] or named
-    exact = [n for n in ("time", "t", "Time", "T") if n in clocks]
     if columns.unnamed and not columns.frames and not columns.no_clock(columns.unnamed):
         return columns.unnamed  # there is no column named time beside it
+    named = columns.called("time")
+    wrong = {c for c in named if columns.units.get(c) and not _measures(columns.units[c], "s")}
+    clocks = [c for c in named if c not in wrong] or named
+    exact = [n for n in ("time", "t", "Time", "T") if n in clocks]
     if exact or len(clocks) == 1 or not guess:
-        return (exact or clocks or [""])[0]
+        return next(iter([*exact, *clocks]), "")
+    if frames := frame_column(columns):
+        return frames
     first = next(iter(columns.values), "")
-    timed = clocks or ([first] if _measures(columns.units.get(first, ""), "s") else [])
-    return frame_column(columns) or next(iter(timed), "")
+    timed = [first] if _measures(columns.units.get(first, ""), "s") else []
+    return next(iter(clocks or timed), "")
 
 
 def frame_column(columns: Columns) -> str:
@@ -86,7 +88,10 @@ def _one_of(columns: Columns, words: Sequence[str]) -> str:
 
 def unit_of_column(columns: Columns, column: str, specified: str = "") -> str:
     """Unit of a column; an unknown unit is kept, "" if there is none."""
-    unit = specified or columns.units.get(column, "")
+    return _spelled(specified or columns.units.get(column, ""))
+
+
+def _spelled(unit: str) -> str:
     return spelled_unit(unit) or unit
 
 
@@ -154,32 +159,12 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
     mode: InputMode = next(iter([*fitting, *signals.modes]), "force")
     driven = (*signals.inputs, *signals.modes.get(mode, ()))
     if signals.any_inputs:
-        aside = {clock_column(columns, options.columns.get("time", "")), frame_column(columns)}
-        aside.add(columns.unnamed)
-        aside |= {run_column(columns, options.run), *columns.likelihood.values()}
-        aside |= {columns.find(place[n]) for n in (*driven, *seen) if place[n]}
-        channel_of = {columns.find(c) or c: name for name, c in options.columns.items()}
-        others = {channel_of.get(c, c): c for c in columns.values if c not in aside}
-        faulty = {n: why for n, c in others.items() if (why := _no_input(columns, c))}
-        columns.notes += [f"column {others[n]} is left out: {why}" for n, why in faulty.items()]
-        others = {n: c for n, c in others.items() if n not in faulty}
+        used = [columns.find(place[n]) for n in (*driven, *seen)]
+        others = _other_inputs(columns, options, used)
         place |= others
         driven = (*driven, *others)
     for name in (*driven, *seen):
-        if place[name] and not columns.find(place[name]):
-            faults.append(
-                f"no column {shortened(repr(place[name]))} for {name}; there are {columns}"
-            )
-            continue
-        unit = signals.units.get(name) or "1"
-        scaled = {name, ""} & {*options.units, *options.scales}
-        known_unit = columns.units.get(columns.find(place[name])) or name in scaled
-        known_unit = known_unit or (name not in driven and "" in scaled)
-        if unit != "1" and place[name] and not known_unit:
-            faults.append(
-                f"column {place[name]} has no unit in the header, expected such as [{unit}] "
-                f"(specify it: --unit {name}={unit}, in Python units of ReadOptions)"
-            )
+        faults += _faults_of_place(name, place[name], columns, signals, options, name in driven)
     if faults:
         raise DataError(fault_text(str(path), faults))
     return Sheet(
@@ -187,6 +172,52 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
         inputs={n: InputSpec(column=_other(place[n], n)) for n in driven},
         outputs={n: OutputSpec(column=_other(place[n], n)) for n in seen},
     )
+
+
+def _aside(columns: Columns, options: ReadOptions) -> set[str]:
+    """Columns that are no signals: clock, frames, runs, likelihoods, one without a name."""
+    return {
+        clock_column(columns, options.columns.get("time", "")),
+        frame_column(columns),
+        run_column(columns, options.run),
+        columns.unnamed,
+        *columns.likelihood.values(),
+    }
+
+
+def _other_inputs(columns: Columns, options: ReadOptions, used: Sequence[str]) -> dict[str, str]:
+    """Further inputs and their columns, of a model that takes any; a note for each that is none."""
+    aside = _aside(columns, options).union(used)
+    channel_of = {columns.find(c) or c: name for name, c in options.columns.items()}
+    found = {}
+    for column in columns.values:
+        if column in aside:
+            continue
+        if why := _no_input(columns, column):
+            columns.notes.append(f"column {column} is left out: {why}")
+        else:
+            found[channel_of.get(column, column)] = column
+    return found
+
+
+def _faults_of_place(
+    name: str, place: str, columns: Columns, signals: Signals, options: ReadOptions, driven: bool
+) -> list[str]:
+    """Why the column of a signal cannot be read: it does not exist, or has no unit."""
+    column = columns.find(place)
+    if not place:
+        return []
+    if not column:
+        return [f"no column {shortened(repr(place))} for {name}; there are {columns}"]
+    unit = signals.units.get(name) or "1"
+    # A unit or a scale without a channel is that of the outputs.
+    scaled = {name} if driven else {name, ""}
+    if unit == "1" or columns.units.get(column) or scaled & {*options.units, *options.scales}:
+        return []
+    return [
+        f"column {place} has no unit in the header, expected such as [{unit}] (specify it: --unit "
+        f"{name}={unit}, in Python units of ReadOptions)"
+    ]
 
 
 def _unknown_channels(
@@ -249,9 +280,7 @@ def _measures(unit: str, si: str) -> bool:
 
 def _of_columns(path: Path, columns: Columns, options: ReadOptions) -> Sheet:
     """Every column is an output of its name, except the clock and a force."""
-    clock = clock_column(columns, options.columns.get("time", ""))
-    aside = {clock, run_column(columns, options.run), frame_column(columns), columns.unnamed}
-    aside |= set(columns.likelihood.values())
+    aside = _aside(columns, options)
     rest = [c for c in columns.values if c not in aside]
     forces = [c for c in columns.called("force") if c in rest]
     forces = forces if len(forces) == 1 < len(rest) else []
@@ -312,41 +341,29 @@ def _update(
     name: str, spec: Any, columns: Columns, options: ReadOptions, *, output: bool
 ) -> dict[str, Any]:
     """Fields of one column that the options replace."""
-    column = columns.find(spec.column or name)
-    update: dict[str, Any] = {}
+    headed = columns.units.get(columns.find(spec.column or name), "")
 
-    def option(table: Mapping[str, Any]) -> Any:
-        return table.get(name)
+    def told(table: Mapping[str, Any], *, of_all: bool) -> Any:
+        """Value for this channel, or the one without a channel, if it is meant for this one."""
+        return table.get(name, table.get("") if output and of_all else None)
 
-    unit = option(options.units)
-    bare = options.units.get("")
-    if unit is None and bare and output and not spec.unit and not columns.units.get(column):
-        unit = bare
-    if unit is not None:
-        update["unit"] = unit
-    unit = unit_of_column(columns, column, update.get("unit", spec.unit))
+    unit = told(options.units, of_all=not (spec.unit or headed)) or None
+    update: dict[str, Any] = {"unit": unit}
+    unit = _spelled(unit or spec.unit or headed)
+    update["scale"] = told(options.scales, of_all=unit in ("", PIXEL))
+    if update["scale"] is not None and not unit:
+        update["unit"] = unit = PIXEL
     pixels = unit == PIXEL
-    scale = option(options.scales)
-    if scale is None and output and (pixels or not unit):
-        scale = options.scales.get("")
-    if scale is not None:
-        update["scale"] = scale
-        if not unit:
-            update["unit"] = PIXEL
-            pixels = True
-    origin = option(options.origins)
-    if origin is None and output and (pixels or _measures(unit, "m")):
-        origin = _of_axis(name, options.origins.get(""), pixels=pixels)
-    if origin is not None:
-        update["origin"] = _origin(name, origin)
-    if options.down is not None and pixels and name.endswith(".y"):
+    origin = told(options.origins, of_all=pixels or _measures(unit, "m"))
+    if name not in options.origins:
+        origin = _of_axis(name, origin, pixels=pixels)
+    update["origin"] = None if origin is None else _origin(name, origin)
+    if pixels and name.endswith(".y"):
         update["down"] = options.down
     if output:
-        for key, table in (("delay", options.delays), ("reference", options.references)):
-            value = table.get(name, table.get(""))
-            if value is not None:
-                update[key] = value
-    return update
+        update["delay"] = told(options.delays, of_all=True)
+        update["reference"] = told(options.references, of_all=True)
+    return {key: value for key, value in update.items() if value is not None}
 
 
 def _of_axis(name: str, origin: str | None, *, pixels: bool) -> str | None:

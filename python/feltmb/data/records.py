@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+V = TypeVar("V")
 Integers = NDArray[np.intp]
 InputMode = Literal["force", "motion"]
 Role = Literal["fit", "held_out"]
@@ -221,47 +222,31 @@ class Record:
     depends on them. It has the same inputs, ends before the record, and has no earlier one."""
 
     def __post_init__(self) -> None:
-        faults = []
         time = _column(self.time)
-        n = time.size
-        if n < 2:
-            faults.append(f"time has {n} samples, expected at least 2")
-        elif not np.all(np.isfinite(time)):
-            faults.append("time holds a number that is not finite")
-        elif not np.all(np.diff(time) > 0.0):
-            at = int(np.argmax(np.diff(time) <= 0.0)) + 1
-            faults.append(
-                f"time does not increase from {time[at - 1]:.10g} s to {time[at]:.10g} s, sample "
-                f"{at} counted from 0"
-            )
         inputs = {k: _column(v) for k, v in self.inputs.items()}
         outputs = {k: _column(v) for k, v in self.outputs.items()}
-        for kind, columns in (("input", inputs), ("output", outputs)):
-            for name, column in columns.items():
-                if column.size != n:
-                    faults.append(f"{kind} {name} has {column.size} samples, the clock {n}")
-                elif kind == "input" and not np.all(np.isfinite(column)):
-                    faults.append(_missing(name, column, time))
-                elif kind == "output" and np.any(np.isinf(column)):
-                    faults.append(f"output {name} holds an infinite number; NaN means missing")
-                elif column.size and np.any(np.abs(column) > LARGEST):
-                    faults.append(f"{kind} {name} holds a number beyond {LARGEST:g}")
-        if n and np.any(np.abs(time) > LARGEST):
-            faults.append(f"time goes beyond {LARGEST:g} s")
-        for name in self.input_units:
-            if name not in inputs:
-                faults.append(f"input_units names {name}, no input ({', '.join(inputs) or 'none'})")
+        faults = _faults_of_clock(time)
+        for name, column in inputs.items():
+            faults += _faults_of_column(f"input {name}", column, time)
+            if column.size == time.size and not np.all(np.isfinite(column)):
+                faults.append(_missing(name, column, time))
+        for name, column in outputs.items():
+            faults += _faults_of_column(f"output {name}", column, time)
+            if np.any(np.isinf(column)):
+                faults.append(f"output {name} holds an infinite number; NaN means missing")
         if not outputs:
             faults.append("there is no output to compare")
-        for name in self.sensors:
-            if name not in outputs:
-                faults.append(f"sensor {name} belongs to no output ({', '.join(outputs)})")
+        for what, names, known in (
+            ("input_units names {}, no input", self.input_units, inputs),
+            ("input_sigma names {}, no input", self.input_sigma, inputs),
+            ("sensor {} belongs to no output", self.sensors, outputs),
+        ):
+            there = ", ".join(known) or "none"
+            faults += [f"{what.format(n)} ({there})" for n in names if n not in known]
         for name, sigma in self.input_sigma.items():
-            if name not in inputs:
-                faults.append(f"input_sigma names {name}, no input ({', '.join(inputs) or 'none'})")
-            elif not 0.0 <= sigma <= LARGEST:
+            if not 0.0 <= sigma <= LARGEST:
                 faults.append(f"input_sigma of {name} is {sigma!r}, expected a number >= 0")
-        if self.before is not None and n:
+        if self.before is not None and time.size:
             faults += _faults_before(self.before, inputs, time[0])
         if faults:
             raise DataError(f"record {self.name}: " + "; ".join(faults))
@@ -511,19 +496,12 @@ class Record:
             raise no_such("channel", output, self.outputs)
         if name in self.inputs or (name in self.outputs and name != output):
             raise InvalidParameter(f"record {self.name}: input {name} exists already")
-        sensor, read = self.sensors[output], self.outputs[output]
-        sigma = math.hypot(sensor.sigma or 0.0, sensor.colored_sigma)
-        if sensor.quantum > 0.0:
-            sigma = sigma or noise_of_record(read[np.isfinite(read)])
-            sigma = math.hypot(sigma, sensor.quantum / math.sqrt(12.0))
+        sensor = self.sensors[output]
         notes = list(self.notes)
         unused = [key for key in NOT_OF_INPUTS if getattr(sensor, key)]
         if unused:
             notes.append(f"{', '.join(unused)} of {output} has no influence: it is an input")
-        before = self.before
-        if before is not None and not np.all(np.isfinite(before.outputs.get(output, [np.nan]))):
-            notes.append(f"samples before the first one are not used: {output} is missing in them")
-            before = None
+        sigma = _noise_as_input(sensor, self.outputs[output])
         color = {name: sensor.correlation_time} if sigma and sensor.correlation_time else {}
         about: dict[str, Any] = {
             "input_mode": mode or self.input_mode,
@@ -531,14 +509,22 @@ class Record:
             "input_sigma": {**self.input_sigma, name: sigma} if sigma else self.input_sigma,
             "input_correlation_time": {**self.input_correlation_time, **color},
         }
+        before = self.before
         if before is not None:
-            driven = {k: before.inputs[k] for k in self.inputs}
-            before = replace(before, inputs={**driven, name: before.outputs[output]}, **about)
+            read = before.outputs.get(output, np.array([np.nan]))
+            if np.all(np.isfinite(read)):
+                driven = {k: before.inputs[k] for k in self.inputs}
+                before = replace(before, inputs={**driven, name: read}, **about)
+            else:
+                notes.append(
+                    f"samples before the first one are not used: {output} is missing in them"
+                )
+                before = None
         made = replace(
             self,
-            inputs={**self.inputs, name: read},
-            outputs={k: v for k, v in self.outputs.items() if k != output},
-            sensors={k: v for k, v in self.sensors.items() if k != output},
+            inputs={**self.inputs, name: self.outputs[output]},
+            outputs=_without(self.outputs, output),
+            sensors=_without(self.sensors, output),
             notes=tuple(notes),
             before=before,
             **about,
@@ -600,13 +586,13 @@ class Record:
                 f"record {self.name}: no column {', '.join(missing)} for an input; there are "
                 f"{', '.join(known)}"
             )
-        used, units = {*columns.values()}, self.units
+        units = self.units
         stated = {n: units[c] for n, c in columns.items() if units.get(c, "1") != "1"}
         return replace(
             self,
             inputs={**self.inputs, **{n: known[c] for n, c in columns.items()}},
-            outputs={n: v for n, v in self.outputs.items() if n not in used},
-            sensors={n: v for n, v in self.sensors.items() if n not in used},
+            outputs=_without(self.outputs, *columns.values()),
+            sensors=_without(self.sensors, *columns.values()),
             input_units={**self.input_units, **stated},
             input_mode=mode or self.input_mode,
         )
@@ -631,6 +617,28 @@ class Record:
         return replace(self, inputs=parts[1], before=before)
 
 
+def _faults_of_clock(time: Array) -> list[str]:
+    if time.size < 2:
+        return [f"time has {time.size} samples, expected at least 2"]
+    if not np.all(np.isfinite(time)):
+        return ["time holds a number that is not finite"]
+    late = np.flatnonzero(np.diff(time) <= 0.0)
+    if late.size:
+        at = int(late[0]) + 1
+        return [
+            f"time does not increase from {time[at - 1]:.10g} s to {time[at]:.10g} s, sample {at} "
+            "counted from 0"
+        ]
+    return [f"time goes beyond {LARGEST:g} s"] if np.any(np.abs(time) > LARGEST) else []
+
+
+def _faults_of_column(name: str, column: Array, time: Array) -> list[str]:
+    if column.size != time.size:
+        return [f"{name} has {column.size} samples, the clock {time.size}"]
+    beyond = np.isfinite(column) & (np.abs(column) > LARGEST)
+    return [f"{name} holds a number beyond {LARGEST:g}"] if np.any(beyond) else []
+
+
 def _faults_before(before: Record, inputs: Iterable[str], start: float) -> list[str]:
     """Faults of the samples before a record, which starts at a time."""
     faults = []
@@ -644,6 +652,19 @@ def _faults_before(before: Record, inputs: Iterable[str], start: float) -> list[
     if before.before is not None:
         faults.append("the record before it has an earlier one, expected one for all samples")
     return faults
+
+
+def _noise_as_input(sensor: Sensor, read: Array) -> float:
+    """Standard deviation of the noise of an output that becomes an input; 0: none is known."""
+    sigma = math.hypot(sensor.sigma or 0.0, sensor.colored_sigma)
+    if sensor.quantum <= 0.0:
+        return sigma
+    sigma = sigma or noise_of_record(read[np.isfinite(read)])
+    return math.hypot(sigma, sensor.quantum / math.sqrt(12.0))
+
+
+def _without(table: Mapping[str, V], *names: str) -> dict[str, V]:
+    return {k: v for k, v in table.items() if k not in names}
 
 
 def _joined(first: Record, after: Record) -> Record:

@@ -273,46 +273,22 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
         raise DataError(f"{path}: line {table.line}: a column is named twice ({every})")
     if table.lines * width > MOST_NUMBERS:
         raise DataError(f"{path}: {table.lines} rows of {width}; {limit_text()}")
-    values = np.full((table.lines, width), np.nan)
-    numbers = np.zeros(table.lines, dtype=np.intp)
-    words: list[dict[int, str]] = [{} for _ in names]
     columns = Columns(decimal=table.decimal)
-    read = 0
-    for i, (line, row) in enumerate(table.rows):
-        numbers[i] = line
-        read += 1
-        if len(row) != width:
-            if not any(c.strip() for c in row[width:]) and len(row) > width:
-                row = row[:width]  # separators at the end of a row
-            else:
-                columns.wrong_rows.append((i, f"{len(row)} cells, expected {width}"))
-                continue
-        for j, cell in enumerate(row):
-            if not names[j][0]:
-                continue
-            number = read_number(cell, table.decimal)
-            if number is None:
-                words[j][i] = cell
-            else:
-                values[i, j] = number
-    if read < 2:  # a quoted cell may contain the other lines
-        raise DataError(f"{path}: {read} rows of numbers, expected at least 2")
-    columns.lines = numbers[:read]
+    values, words = _cells(table, names, columns)
+    if len(values) < 2:  # a quoted cell may contain the other lines
+        raise DataError(f"{path}: {len(values)} rows of numbers, expected at least 2")
     below = table.units or ("",) * width
     for j, ((name, unit), own) in enumerate(zip(names, below, strict=False)):
         if not name:
             continue
-        # There are fewer rows than lines if a quoted cell contains line breaks.
-        series = values[:read, j]
-        stated = unit or spelled_unit(own) or own.strip("[]() ")
+        series, stated = values[:, j], unit or spelled_unit(own) or own.strip("[]() ")
         if len(words[j]) > np.sum(np.isfinite(series)):
-            texts = [words[j].get(i, "") for i in range(read)]
+            texts = [words[j].get(i, "") for i in range(len(values))]
             seconds = seconds_of_day(texts)
             if seconds is None:
                 columns.texts[name] = texts
-                columns.left_out[name] = (
-                    f"text, such as {shortened(repr(next(iter(words[j].values()))), 40)}"
-                )
+                first = next(iter(words[j].values()))
+                columns.left_out[name] = f"text, such as {shortened(repr(first), 40)}"
                 continue
             columns.notes.append(f"{shortened(name)}: times of day become seconds from the first")
             series, stated = seconds, "s"
@@ -321,9 +297,40 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
         columns.values[name] = series
         if stated and stated != "-":
             columns.units[name] = stated
-        if j < len(table.header) and table.header[j].strip() != name:
-            columns.headings[name] = table.header[j].strip()
+        heading = table.header[j].strip() if j < len(table.header) else name
+        if heading != name:
+            columns.headings[name] = heading
     return columns
+
+
+def _cells(
+    table: Table, names: Sequence[tuple[str, str]], columns: Columns
+) -> tuple[Array, list[dict[int, str]]]:
+    """Numbers of the named columns, and by column the cells that are none.
+
+    The numbers of the lines, and the rows of a wrong length, go to ``columns``. There are fewer
+    rows than lines if a quoted cell contains line breaks.
+    """
+    width = len(names)
+    values = np.full((table.lines, width), np.nan)
+    words: list[dict[int, str]] = [{} for _ in names]
+    numbers = []
+    for i, (line, row) in enumerate(table.rows):
+        numbers.append(line)
+        if len(row) < width or any(c.strip() for c in row[width:]):
+            columns.wrong_rows.append((i, f"{len(row)} cells, expected {width}"))
+            continue
+        # Empty cells beyond the columns are separators at the end of a row.
+        for j, (cell, (name, _)) in enumerate(zip(row, names, strict=False)):
+            if not name:
+                continue
+            number = read_number(cell, table.decimal)
+            if number is None:
+                words[j][i] = cell
+            else:
+                values[i, j] = number
+    columns.lines = np.array(numbers, dtype=np.intp)
+    return values[: len(numbers)], words
 
 
 #: A time of day, perhaps after a date: 12:30:05.25, 2026-11-27T12:30:05Z, 27.11.2026 12:30:05,25.

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from feltmb.data.records import Array
 from feltmb.data.series import MOST_NUMBERS, Columns, columns_of, limit_text
 from feltmb.data.tables import Lines, read_number, read_table
 from feltmb.errors import DataError
@@ -62,7 +63,30 @@ def _kinovea_text(path: Path, lines: Lines) -> Columns | None:
     """Blocks of T X Y, one per trajectory; a block starts at its name or when the time restarts."""
     if not (len(lines) and lines.texts[0].strip().lower().startswith(_KINOVEA_TEXT)):
         return None
-    blocks: list[tuple[str, list[tuple[float, float, float]]]] = []
+    blocks, code = _kinovea_blocks(path, lines)
+    columns = Columns(source="Kinovea")
+    clock = np.unique(np.concatenate([rows[:, 0] for _, rows in blocks] or [np.zeros(0)]))
+    # Points that are seen at different times need the square of their number.
+    if clock.size * (1 + 2 * len(blocks)) > MOST_NUMBERS:
+        raise DataError(f"{path}: {len(blocks)} points at {clock.size} times; {limit_text()}")
+    columns.values["time"] = clock
+    columns.units["time"] = "s"
+    columns.notes.append(
+        "times of Kinovea are read as h:mm:ss:hundredths"
+        if code
+        else "Kinovea says no unit of time: seconds, its default"
+    )
+    for name, rows in blocks:
+        for k, axis in ((1, "x"), (2, "y")):
+            values = np.full(clock.size, np.nan)
+            values[np.searchsorted(clock, rows[:, 0])] = rows[:, k]
+            columns.values[f"{name}.{axis}"] = values
+    return columns
+
+
+def _kinovea_blocks(path: Path, lines: Lines) -> tuple[list[tuple[str, Array]], bool]:
+    """Name and rows T X Y of each trajectory, and whether a time is a time code."""
+    blocks: list[tuple[str, list[list[float]]]] = []
     faults = []
     code = False
     for number, line in zip(lines.numbers[1:], lines.texts[1:], strict=True):
@@ -72,36 +96,18 @@ def _kinovea_text(path: Path, lines: Lines) -> Columns | None:
                 blocks.append((text[1:].strip(), []))
             continue
         cells = text.split()
-        numbers = [_kinovea_time(cells[0])]
-        numbers += [read_number(c.replace(",", ".")) for c in cells[1:3]]
-        if len(numbers) != 3 or None in numbers:
+        read = [_kinovea_time(cells[0]), *(read_number(c.replace(",", ".")) for c in cells[1:3])]
+        row = [n for n in read if n is not None]
+        if len(row) != 3:
             faults.append(f"line {number}: got {text[:60]!r}, expected T X Y")
             continue
         code = code or ":" in cells[0]
-        time, x, y = (float(n) for n in numbers if n is not None)
-        if not blocks or (blocks[-1][1] and time < blocks[-1][1][-1][0]):
+        if not blocks or (blocks[-1][1] and row[0] < blocks[-1][1][-1][0]):
             blocks.append((f"point{len(blocks) + 1}", []))
-        blocks[-1][1].append((time, x, y))
+        blocks[-1][1].append(row)
     if faults:
         raise DataError(f"{path}: " + "; ".join(faults[:5]))
-    columns = Columns(source="Kinovea")
-    clock = np.unique([row[0] for _, rows in blocks for row in rows])
-    # Points that are seen at different times need the square of their number.
-    if clock.size * (1 + 2 * len(blocks)) > MOST_NUMBERS:
-        raise DataError(f"{path}: {len(blocks)} points at {clock.size} times; {limit_text()}")
-    columns.values["time"] = clock
-    columns.units["time"] = "s"
-    if code:
-        columns.notes.append("times of Kinovea are read as h:mm:ss:hundredths")
-    else:
-        columns.notes.append("Kinovea says no unit of time: seconds, its default")
-    for name, rows in blocks:
-        for k, axis in ((1, "x"), (2, "y")):
-            values = np.full(clock.size, np.nan)
-            if rows:
-                values[np.searchsorted(clock, [r[0] for r in rows])] = [r[k] for r in rows]
-            columns.values[f"{name}.{axis}"] = values
-    return columns
+    return [(name, np.array(rows).reshape(-1, 3)) for name, rows in blocks], code
 
 
 def _kinovea_time(text: str) -> float | None:
@@ -209,21 +215,22 @@ def _vicon(path: Path, lines: Lines) -> Columns | None:
     heads = [_cells(t) for t in lines.texts[:5]]
     if not titles or titles[0] != 0 or len(heads) < 5 or heads[3][:2] != ["Frame", "Sub Frame"]:
         return None
-    start = next((i for i in titles if "Trajectories" in lines.texts[i]), None)
+    sections = {lines.texts[i].strip(' ,;\t"'): i for i in titles}
+    start = sections.pop("Trajectories", None)
     if start is None:
         raise DataError(
             f"{path}: Vicon export without trajectories, expected the section Trajectories: choose "
             "it in the ASCII export, or save the columns of one device with one header"
         )
-    end = next((i for i in titles if i > start), len(lines))
-    part = lines[start:end]
+    part = lines[start : min((i for i in titles if i > start), default=len(lines))]
     rate, points, axes, units = (_cells(t) for t in part.texts[1:5])
     frequency = read_number(rate[0])
     if not (frequency and frequency > 0.0) or len(units) != len(axes):
         raise DataError(f"{path}: line {part.numbers[1]}: {rate[0]!r}, expected a frame rate [Hz]")
     names, point = [("frame", ""), ("", "")], ""
+    points += [""] * (len(axes) - len(points))  # a point is named above its first axis
     for j in range(2, len(axes)):
-        point = points[j] if j < len(points) and points[j] else point
+        point = points[j] or point
         names.append((f"{point.rpartition(':')[2]}.{axes[j].lower()}", units[j]))
     rows = Lines([part.texts[3], *part.texts[5:]], np.delete(part.numbers[3:], 1))
     columns = columns_of(path, read_table(rows), names)
@@ -232,9 +239,8 @@ def _vicon(path: Path, lines: Lines) -> Columns | None:
     columns.values["time"] = (frames - frames[0]) / frequency
     columns.units["time"] = "s"
     columns.notes.append(f"time is counted from frame {frames[0]:g}, at {frequency:g} Hz")
-    left = [lines.texts[i].strip(' ,;\t"') for i in titles if i != start]
-    if left:
-        columns.notes.append(f"sections {', '.join(left)} of the Vicon export are left out")
+    if sections:
+        columns.notes.append(f"sections {', '.join(sections)} of the Vicon export are left out")
     return columns
 
 
