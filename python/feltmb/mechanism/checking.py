@@ -57,113 +57,121 @@ def _events_behind(name: str, events: Mapping[str, Any]) -> set[str]:
     return behind
 
 
+#: Places of names in a file, and what they name; ``*`` is every entry of a table. A place may hold
+#: a list of names, or a table whose keys are names.
+_REFERENCES = (
+    ("bodies.*.parent", "body"),
+    ("surfaces.*.body", "body"),
+    ("points.*.body", "body"),
+    ("leads.*.body", "body"),
+    ("straps.*.body_a", "body"),
+    ("straps.*.body_b", "body"),
+    ("contacts.*.surfaces", "surface"),
+    ("springs.*.coordinate", "coordinate"),
+    ("dashpots.*.coordinate", "coordinate"),
+    ("start_pose", "coordinate"),
+    ("string.surface", "surface"),
+    ("string.other_surfaces", "surface"),
+    ("finger.body", "body"),
+    ("motor.coordinate", "coordinate"),
+    ("motor.contact", "contact"),
+    ("events.*.point", "point"),
+    ("events.*.before", "event"),
+    ("events.*.after", "event"),
+    ("events.*.unless", "event"),
+    ("events.*.contact", "contact"),
+    ("reading.strike_contact", "contact"),
+    ("reading.let_off_contact", "contact"),
+    ("reading.check_contacts", "contact"),
+    ("reading.key_point", "point"),
+    ("reading.striker.point", "point"),
+    ("reading.touch.*", "event"),
+    ("reading.rows.*.at", "event"),
+    ("reading.rows.*.after", "event"),
+    ("reading.rows.*.before", "event"),
+    ("reading.rows.*.between", "event"),
+)
+
+
+def _found(node: Any, parts: Sequence[str], where: str = "") -> Iterator[tuple[str, Any]]:
+    """Path and value of each place that a pattern of :data:`_REFERENCES` means."""
+    if not parts:
+        yield where, node
+    elif isinstance(node, Mapping):
+        for key in node if parts[0] == "*" else parts[:1]:
+            if key in node:
+                yield from _found(node[key], parts[1:], f"{where}.{key}" if where else key)
+
+
 def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
     """References to names that do not exist, in the raw file, to report them with other faults."""
     faults: list[str] = []
-    bodies = {"ground", *_table(raw, "bodies")}
-    surfaces = set(_table(raw, "surfaces"))
-    points = set(_table(raw, "points"))
-    given = [b.get("coordinate") for b in _table(raw, "bodies").values() if isinstance(b, Mapping)]
-    coordinates = {c for c in given if isinstance(c, str) and c}
     numbers = set()
-
-    def need(name: object, known: set[Any], where: str, what: str) -> None:
-        if isinstance(name, str) and name not in known:
-            listed = shortened(", ".join(sorted(map(str, known))), 300) or "none"
-            faults.append(f"{where}: {what} {name!r} is missing; {what} names are {listed}")
-
     for key in _table(raw, "contacts"):
         if not (key.isascii() and key.isdigit()) or not 2 <= len(key) <= 4:
             faults.append(f"contacts.{key}: expected a number of two digits, such as contacts.06")
         else:
             numbers.add(int(key))
-    for table, fields in (
-        ("bodies", ("parent",)),
-        ("surfaces", ("body",)),
-        ("points", ("body",)),
-        ("leads", ("body",)),
-        ("straps", ("body_a", "body_b")),
-    ):
-        for name, node in _table(raw, table).items():
-            for field in fields:
-                # A lead without a body is one of the key.
-                if isinstance(node, Mapping) and not (table == "leads" and node.get(field) == ""):
-                    need(node.get(field), bodies, f"{table}.{name}.{field}", "body")
-    for name, node in _table(raw, "contacts").items():
-        listed = node.get("surfaces") if isinstance(node, Mapping) else None
-        for surface in listed if isinstance(listed, list) else []:
-            need(surface, surfaces, f"contacts.{name}.surfaces", "surface")
-    for table in ("springs", "dashpots"):
-        for name, node in _table(raw, table).items():
-            if isinstance(node, Mapping):
-                where = f"{table}.{name}.coordinate"
-                need(node.get("coordinate"), coordinates, where, "coordinate")
-    for name in _table(raw, "start_pose"):
-        need(name, coordinates, "start_pose", "coordinate")
-    string = _table(raw, "string")
-    need(string.get("surface"), surfaces, "string.surface", "surface")
-    listed = string.get("other_surfaces")
-    for name in listed if isinstance(listed, list) else []:
-        need(name, surfaces, "string.other_surfaces", "surface")
-    need(_table(raw, "finger").get("body"), bodies, "finger.body", "body")
-    motor = _table(raw, "motor")
-    need(motor.get("coordinate"), coordinates, "motor.coordinate", "coordinate")
-    if isinstance(motor.get("contact"), (int, float)) and motor["contact"] not in numbers:
-        faults.append(f"motor.contact: there is no contact {motor['contact']}")
-    events = set(_table(raw, "events"))
-    for name, node in _table(raw, "events").items():
+    given = [name for _, name in _found(raw, ("bodies", "*", "coordinate"))]
+    known: dict[str, set[Any]] = {
+        "body": {"ground", *_table(raw, "bodies")},
+        "surface": set(_table(raw, "surfaces")),
+        "point": set(_table(raw, "points")),
+        "event": set(_table(raw, "events")),
+        "coordinate": {c for c in given if isinstance(c, str) and c},
+        "contact": numbers,
+    }
+    for place, what in _REFERENCES:
+        for where, value in _found(raw, place.split(".")):
+            for name in value if isinstance(value, (list, Mapping)) else [value]:
+                if not _is_missing(name, what, known[what]):
+                    continue
+                if what == "contact":
+                    faults.append(f"{where}: there is no contact {name}")
+                elif name or not where.startswith("leads."):  # "": a lead of the key
+                    listed = shortened(", ".join(sorted(map(str, known[what]))), 300) or "none"
+                    faults.append(f"{where}: {what} {name!r} is missing; {what} names are {listed}")
+    return [*faults, *_event_faults(_table(raw, "events")), *_row_faults(raw)]
+
+
+def _is_missing(name: object, what: str, known: set[Any]) -> bool:
+    """Whether a name does not exist; what is no name at all is a fault of its type."""
+    return isinstance(name, (int, float) if what == "contact" else str) and name not in known
+
+
+def _event_faults(events: Mapping[str, Any]) -> Iterator[str]:
+    """Events that are not one of both kinds, or that wait for themselves."""
+    for name, node in events.items():
+        where, keys = f"events.{name}", node if isinstance(node, Mapping) else None
+        if keys is None:
+            continue
+        if ("contact" in keys) == ("point" in keys):
+            yield f"{where}: give either contact and change, or point and travel"
+        elif "contact" in keys and "change" not in keys:
+            yield f"{where}: a contact event needs change = 'opens' or 'closes'"
+        elif "point" in keys and "travel" not in keys:
+            yield f"{where}: a point event needs travel"
+        if name in _events_behind(name, events):
+            yield f"{where}: waits for itself through 'after', 'before' or 'unless'"
+
+
+#: Keys of a row of ``[reading]`` that say what it is: a value with take or at an event, or a time.
+_KINDS_OF_ROW = ({"output", "take"}, {"output", "at"}, {"at"}, {"between"})
+
+
+def _row_faults(raw: Mapping[str, Any]) -> Iterator[str]:
+    """Rows of the summary without a clear meaning, or with a name that is taken."""
+    for where, node in _found(raw, ("reading", "rows", "*")):
         if not isinstance(node, Mapping):
             continue
-        where = f"events.{name}"
-        need(node.get("point"), points, f"{where}.point", "point")
-        for key in ("before", "after", "unless"):
-            need(node.get(key), events, f"{where}.{key}", "event")
-        listed = node.get("contact")
-        for number in listed if isinstance(listed, list) else [listed]:
-            if isinstance(number, (int, float)) and number not in numbers:
-                faults.append(f"{where}.contact: there is no contact {number}")
-        if ("contact" in node) == ("point" in node):
-            faults.append(f"{where}: give either contact and change, or point and travel")
-        elif "contact" in node and "change" not in node:
-            faults.append(f"{where}: a contact event needs change = 'opens' or 'closes'")
-        elif "point" in node and "travel" not in node:
-            faults.append(f"{where}: a point event needs travel")
-        if name in _events_behind(name, _table(raw, "events")):
-            faults.append(f"{where}: waits for itself through 'after', 'before' or 'unless'")
-    reading = _table(raw, "reading")
-    for key in ("strike_contact", "let_off_contact"):
-        if isinstance(reading.get(key), (int, float)) and reading[key] not in numbers:
-            faults.append(f"reading.{key}: there is no contact {reading[key]}")
-    listed = reading.get("check_contacts")
-    for number in listed if isinstance(listed, list) else []:
-        if isinstance(number, (int, float)) and number not in numbers:
-            faults.append(f"reading.check_contacts: there is no contact {number}")
-    need(reading.get("key_point"), points, "reading.key_point", "point")
-    need(_table(reading, "striker").get("point"), points, "reading.striker.point", "point")
-    for role, event in _table(reading, "touch").items():
-        need(event, events, f"reading.touch.{role}", "event")
-    for name, node in _table(reading, "rows").items():
-        if not isinstance(node, Mapping):
-            continue
-        where = f"reading.rows.{name}"
-        for key in ("at", "after", "before"):
-            need(node.get(key), events, f"{where}.{key}", "event")
-        pair = node.get("between")
-        for event in pair if isinstance(pair, list) else []:
-            need(event, events, f"{where}.between", "event")
-        kinds = ("take" in node, "at" in node, "between" in node)
-        if (
-            sum(kinds) != 1
-            or (kinds[2] and "output" in node)
-            or (kinds[0] and "output" not in node)
-        ):
-            faults.append(
+        name = where.rpartition(".")[2]
+        if {"output", "take", "at", "between"}.intersection(node) not in _KINDS_OF_ROW:
+            yield (
                 f"{where}: expected output with take or at = EVENT, or a time: at = EVENT alone "
                 "or between = [EVENT, EVENT]"
             )
-        if name in _OWN_ROWS or name.removesuffix("_time") in events:
-            faults.append(f"{where}: the summary has a number of this name; choose another")
-    return faults
+        if name in _OWN_ROWS or name.removesuffix("_time") in _table(raw, "events"):
+            yield f"{where}: the summary has a number of this name; choose another"
 
 
 #: Values of a summary that follow from the roles of contacts and points.
@@ -351,42 +359,43 @@ _ALL_GEOMETRY, _MAY_HAVE = ("normal", "radius", "arc", "end"), {"segment": ("rad
 
 
 def _law_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Entries that the law of a contact, the kind of a surface or the kind of a body needs."""
     faults = []
-    for name, node in _table(raw, "contacts").items():
-        if isinstance(node, Mapping):
-            faults += missing_law_faults(node, f"contacts.{name}")
-    for name, node in _table(raw, "surfaces").items():
-        if not isinstance(node, Mapping):
-            continue
-        kind = node.get("kind")
-        faults += [
-            f"surfaces.{name}.{key}: is missing; kind {kind!r} needs it"
-            for key in _GEOMETRY.get(str(kind), ())
-            if key not in node
-        ]
-        allowed = (*_GEOMETRY.get(str(kind), _ALL_GEOMETRY), *_MAY_HAVE.get(str(kind), ()))
-        for key in _ALL_GEOMETRY:
-            if node.get(key) is not None and key not in allowed:
-                others = ", ".join(
-                    repr(k) for k in _GEOMETRY if key in (*_GEOMETRY[k], *_MAY_HAVE.get(k, ()))
-                )
-                faults.append(
-                    f"surfaces.{name}.{key}: kind {kind!r} has no {key}; these have: {others}"
-                )
-    for name, node in _table(raw, "bodies").items():
-        if not isinstance(node, Mapping):
-            continue
-        if node.get("kind") == "beam":
-            for key in ("length", "density", "area"):
-                if node.get(key) is None:
-                    faults.append(f"bodies.{name}.{key}: is missing; kind 'beam' needs it")
-            if node.get("rigid") is False:
-                for key in ("young_modulus", "second_moment"):
-                    if node.get(key) is None:
-                        faults.append(f"bodies.{name}.{key}: is missing; a flexible beam needs it")
-        if node.get("joint", "revolute") != "weld" and "coordinate" not in node:
-            faults.append(f"bodies.{name}.coordinate: is missing; a joint that moves needs a name")
+    for table, check in (
+        ("contacts", missing_law_faults),
+        ("surfaces", _surface_faults),
+        ("bodies", _body_faults),
+    ):
+        for name, node in _table(raw, table).items():
+            if isinstance(node, Mapping):
+                faults += check(node, f"{table}.{name}")
     return faults
+
+
+def _surface_faults(node: Mapping[str, Any], where: str) -> Iterator[str]:
+    kind = node.get("kind")
+    needed = _GEOMETRY.get(str(kind), ())
+    yield from (
+        f"{where}.{key}: is missing; kind {kind!r} needs it" for key in needed if key not in node
+    )
+    allowed = (*(needed or _ALL_GEOMETRY), *_MAY_HAVE.get(str(kind), ()))
+    for key in _ALL_GEOMETRY:
+        if node.get(key) is not None and key not in allowed:
+            have = [k for k, own in _GEOMETRY.items() if key in (*own, *_MAY_HAVE.get(k, ()))]
+            others = ", ".join(map(repr, have))
+            yield f"{where}.{key}: kind {kind!r} has no {key}; these have: {others}"
+
+
+def _body_faults(node: Mapping[str, Any], where: str) -> Iterator[str]:
+    if node.get("kind") == "beam":
+        needed = dict.fromkeys(("length", "density", "area"), "kind 'beam'")
+        if node.get("rigid") is False:
+            needed |= dict.fromkeys(("young_modulus", "second_moment"), "a flexible beam")
+        for key, what in needed.items():
+            if node.get(key) is None:
+                yield f"{where}.{key}: is missing; {what} needs it"
+    if node.get("joint", "revolute") != "weld" and "coordinate" not in node:
+        yield f"{where}.coordinate: is missing; a joint that moves needs a name"
 
 
 def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:

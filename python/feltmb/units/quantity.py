@@ -118,13 +118,8 @@ def _check_kind(annotation: Any, value: object) -> None:
     """Raise ValueError if a flag, a number or a text is given instead of another of these types."""
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin in (Union, UnionType):
-        kinds = [a for a in inner if a is not NoneType]
-        if isinstance(value, list):
-            kinds = [a for a in kinds if get_origin(a) is list] or kinds
-        else:
-            kinds = [a for a in kinds if get_origin(a) is not list] or kinds
-        if len(kinds) == 1 and value is not None:
-            _check_kind(kinds[0], value)
+        for kind in _only_kind(inner, value):
+            _check_kind(kind, value)
     elif origin is Annotated:
         if not any(isinstance(a, BeforeValidator) for a in inner[1:]):
             _check_kind(inner[0], value)
@@ -142,6 +137,14 @@ def _check_kind(annotation: Any, value: object) -> None:
     elif annotation in (int, float) and isinstance(value, (bool, str)):
         what = "a whole number" if annotation is int else "a number"
         raise ValueError(f"got {shown(value)}, expected {what}")
+
+
+def _only_kind(kinds: Sequence[Any], value: object) -> list[Any]:
+    """The type of a union that a value must have; empty: there are several, or it may be None."""
+    lists = isinstance(value, list)
+    kinds = [a for a in kinds if a is not NoneType]
+    kinds = [a for a in kinds if (get_origin(a) is list) == lists] or kinds
+    return kinds if len(kinds) == 1 and value is not None else []
 
 
 def shortened(text: str, most: int = 80) -> str:
@@ -402,31 +405,42 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
         if len(lines) >= MOST_FAULTS:
             lines.append(f"{where}: {kind}")
             continue
-        got = _plain_input(item.get("input"))
         if number_or_text:
-            lines.append(f"{where}: got {got}, expected a finite number or a text")
-        elif kind == "missing":
-            table = table_at(model, loc)
-            lines.append(f"{where}: is missing" + (f"; {keys_of(table)}" if table else ""))
-        elif kind == "extra_forbidden":
-            known = _fields_at(model, loc)
-            near = difflib.get_close_matches(str(loc[-1]), known, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            if known and not near:
-                hint = f"; known are {', '.join(known)}"
-            lines.append(f"{where}: unknown key{hint}")
-        elif kind in _LIMITS:
-            key, sign = _LIMITS[kind]
-            lines.append(f"{where}: got {got}, must be {sign} {item['ctx'][key]:g}")
-        elif kind == "literal_error":
-            lines.append(f"{where}: got {got}, expected {item['ctx']['expected']}")
-        elif kind == "value_error":
-            lines.append(f"{where}: {item['ctx']['error']}")
-        elif kind in ("model_type", "dict_type"):
-            lines.append(f"{where}: got {got}, expected a table")
-        elif kind in ("list_type", "tuple_type"):
-            hint = f"; hint: [[{where}]] in place of [{where}]" if "{" in got else ""
-            lines.append(f"{where}: got {got}, expected a list{hint}")
-        else:
-            lines.append(f"{where}: got {got}: {item['msg'].lower()}")
+            kind = "number_or_text"
+        lines.append(f"{where}: {_told(kind, item, where, loc, model)}")
     return [shortened(line, 1000) for line in lines]
+
+
+#: Fault by its type in pydantic: ``got`` is the input, ``ctx`` the numbers of the limit.
+_FAULTS = {
+    "number_or_text": "got {got}, expected a finite number or a text",
+    "literal_error": "got {got}, expected {ctx[expected]}",
+    "value_error": "{ctx[error]}",
+    **dict.fromkeys(("model_type", "dict_type"), "got {got}, expected a table"),
+    **dict.fromkeys(("list_type", "tuple_type"), "got {got}, expected a list"),
+    **{
+        kind: f"got {{got}}, must be {sign} {{ctx[{key}]:g}}"
+        for kind, (key, sign) in _LIMITS.items()
+    },
+}
+
+
+def _told(
+    kind: str, item: Mapping[str, Any], where: str, loc: tuple[Any, ...], model: type[BaseModel]
+) -> str:
+    """What is wrong, what was expected, and a hint."""
+    if kind == "missing":
+        table = table_at(model, loc)
+        return "is missing" + (f"; {keys_of(table)}" if table else "")
+    if kind == "extra_forbidden":
+        known = _fields_at(model, loc)
+        near = difflib.get_close_matches(str(loc[-1]), known, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
+        return "unknown key" + (hint if known else "")
+    got = _plain_input(item.get("input"))
+    if kind not in _FAULTS:
+        return f"got {got}: {item['msg'].lower()}"
+    text = _FAULTS[kind].format(got=got, ctx=item.get("ctx", {}))
+    if kind in ("list_type", "tuple_type") and "{" in got:
+        text += f"; hint: [[{where}]] in place of [{where}]"
+    return text
