@@ -21,7 +21,7 @@ from feltmb.contact.tables import CORE_LAWS, LAWS
 from feltmb.display import html_table, picture
 from feltmb.errors import InvalidParameter, shown
 from feltmb.mechanism.checking import validate
-from feltmb.mechanism.numbers import Value, doubtful_values, number_at
+from feltmb.mechanism.numbers import BareChange, Value, bare_changes, number_at
 from feltmb.mechanism.reading import load_raw, resolve
 from feltmb.mechanism.to_core import describe
 from feltmb.mechanism.values import apply_numbers, apply_values, expand_path, plain_data
@@ -41,6 +41,9 @@ __all__ = ["Action", "load_action"]
 _LATER_LAWS = {law.table for name, law in CORE_LAWS.items() if name in LAWS} - {
     *("", "memory", "hunt_crossley", "stulov")
 }
+
+#: Notes that a mechanism shows of itself.
+_SHOWN = 3
 
 
 @checked
@@ -75,11 +78,14 @@ class Action:
             raise InvalidParameter(f"{origin}: {error}") from None
         self.origin = origin
         self._laws: dict[str, Law] = {}
-        self._doubts: dict[str, tuple[Value, str]] = {}
+        self._bare: dict[str, BareChange] = {}
         self.config, self.mechanism = validate(self._raw, origin)
 
     def __repr__(self) -> str:
-        return f"Action({self.name!r}, {len(self.coordinates)} coordinates, hash {self.hash[:12]})"
+        short = f"Action({self.name!r}, {len(self.coordinates)} coordinates, hash {self.hash[:12]})"
+        more = len(self.notes) - _SHOWN
+        rest = [f"and {more} more such numbers (notes)"] if more > 0 else []
+        return "\n  ".join([short, *self.notes[:_SHOWN], *rest])
 
     def _repr_html_(self) -> str:
         rows = [
@@ -174,8 +180,16 @@ class Action:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Sentences about changed numbers that may have been meant in the unit of the file."""
-        return tuple(text for _, text in self._doubts.values())
+        """The :attr:`notes` about numbers that may have been meant in the unit of the file.
+
+        They differ more than tenfold from what they were; each run has them as warnings.
+        """
+        return tuple(change.text for change in self._bare.values() if change.doubted)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about changed numbers without a unit where the file has another than SI."""
+        return tuple(change.text for change in self._bare.values())
 
     @property
     def raw(self) -> dict[str, Any]:
@@ -243,7 +257,8 @@ class Action:
         ----------
         values
             ``{"string.modes": 80}``. A number without a unit is in SI units, whatever the unit in
-            the file; a text may have a unit, ``"10.5 mm"``. ``*`` means any key
+            the file, and is told in :attr:`notes` if this is another one; a text may have a unit,
+            ``"10.5 mm"``. ``*`` means any key
             (``"contacts.*.law"``), the name of a body means ``bodies.NAME`` (``"shank.rigid"``),
             and ``.x .y`` or ``.0 .1`` is a component of a point.
             ``{"surfaces.Gp10.point.y +=": "0.5 mm"}`` changes a number by an amount, also with
@@ -259,9 +274,7 @@ class Action:
         changed = self._with_numbers(values) or Action(
             apply_values(self._raw, values, "with_values"), self.origin
         )
-        changed._doubts = doubtful_values(
-            self._raw, self.config, changed.config, values, self._doubts
-        )
+        changed._bare = bare_changes(self._raw, self.config, changed.config, values, self._bare)
         return changed.with_laws(self._laws) if self._laws else changed
 
     def with_laws(self, laws: Mapping[str, Law]) -> Action:
@@ -288,7 +301,7 @@ class Action:
                 raise InvalidParameter(f"with_laws: {key}: got {shown(own)}, expected a law")
         changed = Action.__new__(Action)
         changed._raw, changed.origin, changed.config = self._raw, self.origin, self.config
-        changed._laws, changed._doubts = given, self._doubts
+        changed._laws, changed._bare = given, self._bare
         changed.mechanism = changed._assembled()
         return changed
 
@@ -316,7 +329,7 @@ class Action:
         except (ValidationError, InvalidParameter, ValueError, TypeError, KeyError):
             return None  # the complete check reports the fault
         changed = Action.__new__(Action)
-        changed._raw, changed.origin, changed._laws, changed._doubts = raw, self.origin, {}, {}
+        changed._raw, changed.origin, changed._laws, changed._bare = raw, self.origin, {}, {}
         changed.config, changed.mechanism = config, mechanism
         return changed
 

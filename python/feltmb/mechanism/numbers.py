@@ -20,7 +20,15 @@ from feltmb.mechanism.values import (
 )
 from feltmb.units.quantity import shortened, unit_of
 
-__all__ = ["AXES", "Parameter", "Value", "doubtful_values", "number_at", "numbers_below"]
+__all__ = [
+    "AXES",
+    "BareChange",
+    "Parameter",
+    "Value",
+    "bare_changes",
+    "number_at",
+    "numbers_below",
+]
 
 #: Integers and choices, which have no derivative.
 _COUNTS = frozenset({"modes", "count", "axial_shapes", "lateral_shapes"})
@@ -176,37 +184,42 @@ def number_at(config: BaseModel, names: list[str]) -> Value:
 DOUBTED = 10.0
 
 
-def doubtful_values(
+class BareChange(NamedTuple):
+    """A number without a unit in the place of one to which the file gives another unit than SI."""
+
+    was: Value
+    text: str
+    doubted: bool  # more than ten times, or less than a tenth, of what it was
+
+
+def bare_changes(
     raw: Mapping[str, Any],
     before: BaseModel,
     after: BaseModel,
     values: Mapping[str, Any],
-    known: Mapping[str, tuple[Value, str]],
-) -> dict[str, tuple[Value, str]]:
-    """Numbers without a unit that may have been meant in that of the file.
+    known: Mapping[str, BareChange],
+) -> dict[str, BareChange]:
+    """Changes of the model ``before`` by numbers without a unit, by path, added to those known.
 
-    They became more than ten times, or less than a tenth, of what they were in the model
-    ``before``, and the file has another unit than SI there. By path: the number that was, before
-    the changes that ``known`` has too, and a sentence.
+    What the number was is that before the changes that ``known`` has too.
     """
     out = dict(known)
     for given, value in values.items():
         name, operator = split_operator(given)
         for parts in expand_path(raw, name):
             path = ".".join(part for part in parts if part != "value")
-            was = out.pop(path, (None,))[0]
+            earlier = out.pop(path, None)
             unit = unit_in_file(raw, parts[:-1] if parts[-1] == "value" else parts)
             bare = is_bare(value) and operator != "*"
             if not bare or not unit or si_factor(None, unit) == 1.0:
                 continue
-            was, now = was or number_at(before, parts), number_at(after, parts)
+            was, now = earlier.was if earlier else number_at(before, parts), number_at(after, parts)
             small, large = sorted(_size(v.value) for v in (was, now))
-            if large > DOUBTED * small:
-                text = (
-                    f"{path} = {_size(now.value):g} {now.unit} (was {_size(was.value):g} {was.unit}"
-                    f"). A number without a unit is in SI units; the file has {unit}"
-                )
-                out[path] = (was, text)
+            text = (
+                f"{path} = {_size(now.value):g} {now.unit} (was {_size(was.value):g} {was.unit}"
+                f"). A number without a unit is in SI units; the file has {unit}"
+            )
+            out[path] = BareChange(was, text, large > DOUBTED * small)
     return out
 
 

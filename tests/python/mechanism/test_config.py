@@ -494,7 +494,13 @@ def test_a_number_that_may_be_in_the_unit_of_the_file_is_told_with_every_run(dat
     light = pedal.with_values({"bodies.board.mass": 0.5, "beater.mass": "200 g"})
     right = heavy.with_values({"beater.mass": 0.2})
     assert light.doubts == right.doubts == ()
-    assert heavy.with_values({"board.mass": 0.5}).doubts[0].startswith(told)
+    rule = "A number without a unit is in SI units; the file has g"
+    told = "bodies.beater.mass = 0.2 kg (was 0.13 kg). "
+    assert right.notes == (told + rule,)
+    assert repr(right).endswith(told + rule)
+    assert light.notes == (f"bodies.board.mass = 0.5 kg (was 0.4 kg). {rule}",)
+    assert pedal.with_values({"beater.mass": "200 g", "beater.angle": 0.1}).notes == ()
+    assert heavy.with_values({"board.mass": 0.5}).doubts == (text,)
     assert len(pedal.with_values({"beater.position": [5.0, 2.0]}).doubts) == 1
     assert len(pedal.with_values({"beater.mass *=": 2000.0, "gravity": [0.0, 0.0]}).doubts) == 0
 
