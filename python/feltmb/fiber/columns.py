@@ -33,20 +33,19 @@ _FROM_CONTACT = "compression, Stauchung, Stauchweg, Eindrückung, écrasement, e
 #: Usual names of testing machines. A name of two quantities is one of them by its unit.
 NAMES = {
     "v_f": "v_f, volume fraction, Volumenanteil, fraction volumique",
-    "strain": "strain, compressive strain, Dehnung, Stauchung, Verformung, compression, "
-    "déformation, 应变",
+    "strain": "strain, Dehnung, Stauchung, Verformung, compression, déformation, 应变",
     "thickness": "thickness, gap, height, Dicke, Höhe, Probendicke, épaisseur, hauteur, 厚度",
-    "displacement": "displacement, compressive displacement, axial displacement, extension, "
-    "compressive extension, machine extension, travel, stroke, position, distance, crosshead, "
+    "displacement": "displacement, extension, travel, stroke, position, distance, crosshead, "
     f"crosshead displacement, deflection, deformation, indentation, {_FROM_CONTACT}, Weg, "
     "Standardweg, Traverse, Traversenweg, Verformung, Verschiebung, Kolbenweg, déplacement, "
     "déplacement traverse, course, déformation, flèche, 位移, 变形",
-    "pressure": "pressure, stress, compressive stress, Druck, Spannung, Druckspannung, "
-    "contrainte, contrainte de compression, pression, 压力, 应力",
-    "force": "force, load, compressive force, compressive load, axial force, load cell, Kraft, "
-    "Standardkraft, Prüfkraft, Druckkraft, Last, F, charge, effort, force de compression, "
-    "force standard, 力, 载荷, 试验力, 压力",
+    "pressure": "pressure, stress, Druck, Spannung, Druckspannung, contrainte, pression, 压力, "
+    "应力",
+    "force": "force, load, load cell, Kraft, Standardkraft, Prüfkraft, Druckkraft, Last, F, "
+    "charge, effort, force standard, 力, 载荷, 试验力, 压力",
 }
+#: Words beside a name, as in Compressive extension and Charge en compression.
+_BESIDE = "compressive, axial, machine, en compression, de compression"
 #: Usual names of a column that tells specimens apart.
 SPECIMENS = (
     "specimen, specimen no, specimen number, sample, run, test, trial, Probe, Probe Nr, "
@@ -141,7 +140,7 @@ def read_test(
         x, p = _positive(quantity, x, load, p, faults, notes)
     if faults:
         raise DataError(fault_text(str(path), faults, most=20))
-    named = plain_name(column) in _plain(_FROM_CONTACT) and quantity == "displacement"
+    named = _called(column, _FROM_CONTACT) and quantity == "displacement"
     from_contact = named and abs(float(x[0])) <= 5e-3 * float(np.ptp(x))
     return CompressionColumns(quantity, load, x, p, branches, tuple(notes), from_contact)
 
@@ -222,6 +221,13 @@ def _plain(names: str) -> list[str]:
     return [plain_name(name) for name in names.split(",")]
 
 
+def _called(column: str, names: str) -> bool:
+    """Whether a column has one of the names, alone or with the words beside a name."""
+    beside = "|".join(_plain(_BESIDE))
+    stem = re.fullmatch(f"(?:{beside})*(.*?)(?:{beside})*", plain_name(column))
+    return bool({plain_name(column), stem[1] if stem else ""} & {*_plain(names)})
+
+
 def _specimen(columns: Columns, stated: str, wanted: str, faults: list[str]) -> NDArray[np.intp]:
     """Rows of one specimen; a fault if the file has several and none of them is chosen."""
     size = max((v.size for v in columns.values.values()), default=0)
@@ -280,8 +286,8 @@ def _tells_specimens(name: str, cells: Sequence[float | str]) -> bool:
 
 def _named(columns: Columns, quantity: str) -> list[str]:
     """Columns with a usual name of a quantity, whose unit measures it, or is unknown."""
-    names = _plain(NAMES[quantity])
-    return [c for c in columns.values if plain_name(c) in names and _fits(columns, c, quantity)]
+    known = NAMES[quantity]
+    return [c for c in columns.values if _called(c, known) and _fits(columns, c, quantity)]
 
 
 def _fits(columns: Columns, column: str, quantity: str) -> bool:
@@ -311,7 +317,8 @@ def _choose(
     if not quantity:
         known = "; ".join(f"{q}: {NAMES[q]}" for q in wanted)
         faults.append(
-            f"expected a column {' or '.join(wanted)}; there are {columns}. Names: {known} "
+            f"expected a column {' or '.join(wanted)}; there are {columns}. Names: {known}; "
+            f"also with {_BESIDE} "
             f"(another one: --column {wanted[0]}=COLUMN --unit {wanted[0]}=UNIT, in Python options)"
         )
         return "", ""

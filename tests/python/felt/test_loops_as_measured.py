@@ -183,12 +183,15 @@ def test_words_of_loading_and_unloading_are_no_specimens(tmp_path, name):
         (('"Time";"Compressive extension";"Compressive load"', '"(s)";"(mm)";"(N)"'), "utf-8"),
         (("Prüfzeit;Stauchung;Standardkraft", "s;mm;N"), "cp1252"),
         (("Temps;Déplacement;Force", "s;mm;N"), "utf-16-le"),
+        (("Temps;Extension en compression;Charge en compression", "s;mm;N"), "cp1252"),
+        (("Time,axial_displacement,Axial Compressive Force", "s,mm,N"), "utf-16"),
         (("时间;位移;力", "s;mm;N"), "gb18030"),
     ],
 )
 def test_names_and_encodings_of_testing_machines(tmp_path, head, encoding):
     x, force = plain()
-    path = write(tmp_path / "t.csv", head, [np.arange(x.size), x, force], ";", encoding)
+    separator = ";" if ";" in head[0] else ","
+    path = write(tmp_path / "t.csv", head, [np.arange(x.size), x, force], separator, encoding)
     assert read_measured_loop(path, zero=0.0).loss == pytest.approx(0.3, abs=1e-3)
 
 
