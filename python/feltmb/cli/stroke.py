@@ -450,7 +450,7 @@ def _strike_cells(strikes: Sequence[Mapping[str, float]], key: str, unit: str) -
     values = [strike.get(key) for strike in strikes]
     why = ["" for _ in strikes]
     if key == "let_off_time":
-        # "no let-off: blocks (on the jack)" is the cell "blocks".
+        # "no let-off: pushed to the string" is the cell "pushed".
         why = [let_off_words(s).removeprefix("no let-off: ").partition(" ")[0] for s in strikes]
     if not any(why) and all(value is None for value in values):
         return []

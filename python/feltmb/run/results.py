@@ -43,7 +43,7 @@ def let_off_words(summary: Mapping[str, float]) -> str:
         return ""
     if "free_flight_time" in summary:
         return "no let-off: thrown off"
-    return "no let-off: blocks (on the jack)" if "jack_toe_time" in summary else ""
+    return "no let-off: pushed to the string" if "jack_toe_time" in summary else ""
 
 
 class Provenance(dict[str, Any]):

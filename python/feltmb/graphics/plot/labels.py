@@ -15,7 +15,7 @@ __all__ = ["Labels"]
 def _label_candidates() -> list[tuple[float, float]]:
     """Offsets of a label in multiples of its height, small ones first."""
     out = []
-    for radius in (1.3, 1.9, 2.6, 3.5, 4.6, 6.0):
+    for radius in (1.3, 1.9, 2.6, 3.5, 4.6, 6.0, 8.0):
         for k in range(16):
             angle = math.pi * (0.25 + k / 8.0)
             out.append((radius * math.cos(angle), radius * math.sin(angle)))
@@ -70,7 +70,7 @@ class Labels:
         inside = (np.abs(self.obstacles[:, 0] - center[0]) < w) & (
             np.abs(self.obstacles[:, 1] - center[1]) < h
         )
-        return cost + 1.5 * min(float(np.count_nonzero(inside)), 14.0)
+        return cost + 1.5 * min(float(np.count_nonzero(inside)), 24.0)
 
 
 def _cross(a: Array, b: Array, c: Array, d: Array) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import textwrap
 from collections.abc import Mapping
@@ -58,6 +57,9 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 __all__ = ["mechanism", "moment_of_run", "sketch"]
+
+#: Distance of the points of outlines that labels avoid [pixels].
+SPACING = 5.0
 
 #: Height of the strip below the mechanism with the scale bar, in units of the drawing.
 SCALE_STRIP = 14.0
@@ -304,13 +306,7 @@ def _label_mechanism(
     for shape in drawn.shapes:
         if shape.role in ("surface", "wood", "wire"):
             points = to_ground(poses[shape.body], shape.points)
-            steps = np.vstack([points[::4], points[-1:]])
-            dense = (
-                np.vstack([np.linspace(a, b, 8) for a, b in itertools.pairwise(steps)])
-                if len(steps) > 1
-                else steps
-            )
-            obstacles.append(to_pixels.transform(dense))
+            obstacles.append(_spaced(to_pixels.transform(points)))
     line = string_line(action)
     if line is not None:
         start, along, _, length = line
@@ -394,6 +390,13 @@ def _label_mechanism(
     for name, point in action.config.points.items():
         at = point_at(action, poses, bent, point.body, point.point)
         put(plain_text(name.replace("_", " ")), at, SMALL - 0.5, BLUE, False, 1.6 * SMALL * pixel)
+
+
+def _spaced(points: Array) -> Array:
+    """Points along a polyline at equal distances of :data:`SPACING` pixels."""
+    at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    even = np.linspace(0.0, at[-1], 2 + int(at[-1] / SPACING))
+    return np.column_stack([np.interp(even, at, points[:, i]) for i in (0, 1)])
 
 
 def _contact_name(number: int, contact: Any) -> str:

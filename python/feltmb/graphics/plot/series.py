@@ -252,7 +252,7 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
         value = float(np.interp(time, run.time, speed))
         ax.plot([1e3 * time], [value], "o", color=color, markersize=4, zorder=4)
         ax.annotate(
-            f"{word} at {1e3 * time:.1f} ms, tip {value:.2f} m/s",
+            f"{word} at {1e3 * time:.1f} ms, {label} {value:.2f} m/s",
             (1e3 * time, value),
             xytext=(14, height * top),
             textcoords=("offset points", "data"),
