@@ -35,6 +35,11 @@ function trace(g, points, close) {
   if (close) g.closePath();
 }
 
+// Height of a line of text, and shifts of a label from its place, short ones first (CSS pixels).
+const TEXT = 13;
+const SHIFTS = [[0, 0], ...[1, 1.6, 2.4, 3.4, 4.8].flatMap(r => [[0, -1], [0, 1], [1, 0], [-1, 0],
+  [0.9, -0.8], [-0.9, -0.8], [0.9, 0.8], [-0.9, 0.8]].map(([x, y]) => [1.6 * TEXT * r * x, TEXT * r * y]))];
+
 // Points of a shape of a flexible beam. A contact surface stays straight: it moves with the cross
 // section that it is fixed to.
 function bendShape(beam, shape, f) {
@@ -175,24 +180,34 @@ class Stage {
     if (options.names && shown.length) this.drawNames(shown[0].stage, shown[0].time(now), place);
   }
 
-  // Names of the parts, and the numbers of the contacts as in the table.
+  // Numbers of the contacts as in the table, and names of the parts: each at the nearest free place.
   drawNames(s, t, place) {
-    const g = this.canvas.getContext("2d"), f = locate(s.time, t), d = this.dpr;
+    const g = this.canvas.getContext("2d"), f = locate(s.time, t), d = this.dpr, taken = [];
     g.setTransform(d, 0, 0, d, 0, 0);
-    g.textAlign = "center"; g.textBaseline = "middle"; g.lineWidth = 3; g.strokeStyle = PAINT.paper;
+    g.textAlign = "center"; g.textBaseline = "middle"; g.strokeStyle = PAINT.paper;
     const write = (text, [x, y], font, color) => {
       const at = [(place[0] * x + place[4]) / d, (place[3] * y + place[5]) / d];
       g.font = font; g.fillStyle = color;
-      g.strokeText(text, ...at); g.fillText(text, ...at);
+      const w = 0.5 * g.measureText(text).width + 2;
+      const free = ([dx, dy]) => taken.every(o => Math.abs(at[0] + dx - o[0]) > w + o[2] ||
+        Math.abs(at[1] + dy - o[1]) > TEXT);
+      const [dx, dy] = SHIFTS.find(free) || SHIFTS[0], put = [at[0] + dx, at[1] + dy];
+      taken.push([...put, w]);
+      if (Math.hypot(dx, dy) > TEXT) {
+        trace(g, [at, put], false);
+        g.lineWidth = 0.7; g.strokeStyle = color; g.stroke(); g.strokeStyle = PAINT.paper;
+      }
+      g.lineWidth = 3;
+      g.strokeText(text, ...put); g.fillText(text, ...put);
     };
+    s.contacts.forEach((c, k) => write(String(c.number), [0, 1].map(i => mix(s.places[4 * k + i], f)),
+      "bold 11px system-ui, sans-serif", PAINT.surface));
     s.bodies.forEach((body, b) => {
       const own = b ? s.shapes.filter(x => x.body === b && x.role === "wood").flatMap(x => x.points) : [];
       if (!own.length) return;
       const middle = k => 0.5 * (Math.min(...own.map(p => p[k])) + Math.max(...own.map(p => p[k])));
       write(body.name, placeOf(s, b, middle(0), middle(1), f), "12px system-ui, sans-serif", PAINT.ink);
     });
-    s.contacts.forEach((c, k) => write(String(c.number), [0, 1].map(i => mix(s.places[4 * k + i], f)),
-      "bold 11px system-ui, sans-serif", PAINT.surface));
     g.textAlign = "start"; g.textBaseline = "alphabetic";
   }
 
