@@ -134,7 +134,7 @@ def _noise_distance(one: Model, other: Model, batches: Sequence[Batch]) -> float
             sensor = record.sensors.get(name)
             if name in record.outputs and sensor is not None and sensor.sigma:
                 y, z = a[0, :, c], b[0, :, c]
-                with np.errstate(over="ignore"):
+                with np.errstate(over="ignore", invalid="ignore"):
                     noise = Noise(sensor.sigma, relative=sensor.relative_sigma)
                     part = (y - z) / noise.sd(y)
                     part[~np.isfinite(y) & ~np.isfinite(z)] = 0.0  # both simulations fail

@@ -141,7 +141,7 @@ def _fitted_start(
 
     with np.errstate(all="ignore"):
         found = least_squares(residual, np.zeros(len(free)), diff_step=1e-5, max_nfev=20)
-    return at(found.x) if np.abs(residual(found.x)).max() < 1e6 else start
+        return at(found.x) if np.abs(residual(found.x)).max() < 1e6 else start
 
 
 def _pair(x: Array, y: Array) -> tuple[Array, Array]:
