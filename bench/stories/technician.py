@@ -185,7 +185,8 @@ def diagnosis(name: str) -> Iterator[Answer]:
     short = name.split()[-1]
     yield from measured(short, settings)
     files = [f"{short}_{stroke}.csv" for stroke in STROKES]
-    command("gap", "diagnose", ACTION, *files, "--out", short, "--force")
+    # The limit of time is not the subject: on a busy computer, the default ends a search early.
+    command("gap", "diagnose", ACTION, *files, "--seconds", "900", "--out", short, "--force")
     yield from told(Path(short), cause, magnitude)
 
 

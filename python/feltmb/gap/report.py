@@ -167,7 +167,9 @@ def _statement(result: Result) -> str:
     takes = "takes" if len(told) == 1 else "take"
     found = {
         Verdict.NO_GAP: ": there is no gap",
-        Verdict.CALIBRATED: ". No cause is missing",
+        Verdict.CALIBRATED: ". No cause is missing"
+        if result.complete
+        else ". No cause was found before the limit of time",
         Verdict.UNKNOWN: ". No cause that was tried explains it",
     }.get(result.verdict, f". {_listed(told)} {takes} it to {_part(c, c.explained)}")
     return f"{misses}{found}. {_remains(result)}"

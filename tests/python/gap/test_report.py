@@ -180,6 +180,13 @@ def test_without_causes_no_cause_is_told(report, verdict):
     assert "Held-out records" not in bare.text()
 
 
+def test_a_search_that_ended_early_does_not_say_that_no_cause_is_missing(report):
+    bare = replace(report, verdict=Verdict.CALIBRATED, named=(), classes=(), sets=())
+    assert not bare.complete
+    assert "No cause was found before the limit of time" in bare.summary()
+    assert "No cause is missing" in replace(bare, complete=True).summary()
+
+
 def test_a_cause_that_is_fitted_but_not_named_is_told(report):
     sets = (SetOfCauses(("dry friction", "delay", "wear"), 1.0, (0.011, 0.05)), *report.sets)
     refused = replace(report, sets=sets, reasons=(Reason.DIFFERS_BETWEEN_RECORDS,))
