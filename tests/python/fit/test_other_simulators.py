@@ -1,11 +1,13 @@
 """An FMU as a simulator, by FMPy; where installed."""
 
+import tomllib
+
 import numpy as np
 import pytest
 
 import feltmb
 from feltmb.errors import InvalidParameter
-from feltmb.gap import Candidate, Exposed, Jobs, Parameter, Record, Sensor, diagnose, library
+from feltmb.gap import Exposed, Jobs, Options, Parameter, Record, Sensor
 
 from . import units
 
@@ -114,34 +116,37 @@ def test_a_run_of_an_fmu_does_not_depend_on_those_before(fmu):
 
 
 @pytest.mark.slow
-def test_fmu_friction_is_named_with_its_size(fmu):
-    model = cart(fmu)
-    random = np.random.default_rng(1)
+def test_friction_is_named_and_its_start_value_closes_the_gap_in_fmpy(fmu, tmp_path):
+    """From the file and records to the cause, in the short form, with the default candidates."""
+    fmpy = pytest.importorskip("fmpy")
     time = np.arange(300) * 1e-2
 
-    def measured(name, amplitude, role="fit"):
-        rates, phases = random.uniform(2, 15, 5), random.uniform(0, 6, 5)
-        force = amplitude * np.sin(np.outer(time, rates) + phases).sum(axis=1)
-        sensors = {"x": Sensor(name="x", unit="m", sigma=1e-4)}
-        empty = Record(name=name, time=time, inputs={"force": force}, outputs={"x": 0.0 * time})
-        theta = np.array([[2.06, 40.8, 1.1]])
-        truth = Jobs(
-            theta=theta, starts=np.zeros((1, 0)),
-            included=(Candidate(model.effects[0]),), magnitudes=np.array([[0.43]]),
-        )  # fmt: skip
-        x = model.simulate(empty, truth)[0, :, 0] + 1e-4 * random.standard_normal(time.size)
-        return Record(
-            name=name,
-            time=time,
-            inputs={"force": force},
-            outputs={"x": x},
-            sensors=sensors,
-            role=role,
-        )
+    def played(force, values):
+        table = np.array(list(zip(time, force, strict=True)), [("time", float), ("force", float)])
+        seen = fmpy.simulate_fmu(str(fmu), start_values=values, input=table, output=["x"],
+                                 stop_time=time[-1], output_interval=time[1])  # fmt: skip
+        return np.interp(time, seen["time"], seen["x"])
 
-    records = [measured("a", 1.0), measured("b", 2.0), measured("c", 3.0, "held_out")]
-    effects = [*model.effects, *library.for_sensor(model.outputs, "x", records[0])]
-    report = diagnose(model, effects, records)
+    random = np.random.default_rng(1)
+    truth, records = {"mass": 2.06, "k": 40.8, "d": 1.1, "dry": 0.43}, []
+    for size, role in ((1.0, "fit"), (2.0, "fit"), (3.0, "held_out")):
+        rates, phases = random.uniform(2, 15, 5), random.uniform(0, 6, 5)
+        force = size * np.sin(np.outer(time, rates) + phases).sum(axis=1)
+        x = played(force, truth) + 1e-4 * random.standard_normal(time.size)
+        sensors = {"x": Sensor(name="x", unit="m", sigma=1e-4)}
+        records.append(Record(name=f"size {size}", time=time, inputs={"force": force},
+                              outputs={"x": x}, sensors=sensors, role=role))  # fmt: skip
+    prior = {"mass": (None, 0.1, "kg"), "k": (None, 2.0, "N/m"), "d": (None, 0.3, "N s/m")}
+    model = feltmb.fmu(fmu, parameters=prior, unknown={"dry": "N"}, hold="zero")
+    report = model.diagnose(records, options=Options(seconds=900.0))
     (named,) = report.named
     assert named.cause == "dry"
     assert named.magnitude == pytest.approx(0.43, rel=0.03)
+    values = tomllib.loads(report.model.write(tmp_path / "found.toml").read_text())["parameters"]
+    last = records[-1]
+    before, after = (
+        np.sqrt(np.mean((played(last.inputs["force"], v) - last.outputs["x"]) ** 2))
+        for v in ({}, values)
+    )
+    assert after == pytest.approx(report.channels[0].held_out_explained, rel=0.02)
+    assert after < 0.1 * before
