@@ -31,7 +31,6 @@ from feltmb.gap.result import (
     Result,
     Verdict,
 )
-from feltmb.tables import Screen, folded_text, new_table
 from feltmb.units import readable_unit
 
 if TYPE_CHECKING:
@@ -455,6 +454,8 @@ class Report(Result):
         width
             Largest number of characters of a line.
         """
+        from feltmb.tables import Screen, folded_text, new_table
+
         file = io.StringIO()
         screen = Screen(file=file, width=width, highlight=False, markup=False, emoji=False)
         screen.print(f"{VERDICTS[self.verdict]}. {self.summary()}")
