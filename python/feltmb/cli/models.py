@@ -252,7 +252,9 @@ def _unknown(name: str, text: str) -> Any:
     try:
         factor, si = to_si(unit)
     except InvalidParameter as error:
-        raise InvalidParameter(f"--unknown {name}={text}: {error}") from None
+        raise InvalidParameter(
+            f"--unknown {name}={text}: {error}; expected the unit of {name}, such as {name}=N"
+        ) from None
     si = unit if factor == 1.0 else si
     return si if size is None else (None, size[0] * factor, si)
 
@@ -532,7 +534,7 @@ def _model_of(path: Path, names: Mapping[str, Any], wanted: str, stated: Stated)
             n: (0.0, *u[1:]) if isinstance(u, tuple) else u for n, u in stated.causes.items()
         }
         return Simulator(model, parameters=stated.parameters, unknown=unknown)
-    if stated.parameter or stated.unknown:
+    if model is not None and (stated.parameter or stated.unknown):
         raise InvalidParameter(
             f"{path}: --parameter and --unknown describe a function; {wanted} is "
             f"{type(model).__name__}, which has its own"

@@ -14,7 +14,7 @@ import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.data import Array, evenly_spaced
-from feltmb.errors import InvalidParameter
+from feltmb.errors import InvalidParameter, near_names
 from feltmb.files import is_file
 from feltmb.fit.priors import Bounds, Priors, Unknowns, from_file
 from feltmb.fit.simulator import Simulator
@@ -307,8 +307,8 @@ def fmu(
     missing = [n for n in wanted if n not in variables]
     if missing:
         raise InvalidParameter(
-            f"{path}: has no variable {', '.join(missing)}; there are "
-            f"{', '.join(sorted(variables))}"
+            f"{path}: has no variable {', '.join(missing)}{near_names(missing[0], variables)}; "
+            f"there are {', '.join(sorted(variables))}"
         )
     kinds = [
         name

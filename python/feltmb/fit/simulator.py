@@ -16,7 +16,7 @@ import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
-from feltmb.errors import InvalidParameter, no_such
+from feltmb.errors import InvalidParameter, near_names, no_such
 from feltmb.fit.calling import calling
 from feltmb.fit.model import (
     Batch,
@@ -86,6 +86,17 @@ class _Asked(dict[str, Array]):
     def items(self) -> Any:
         self.whole = True
         return super().items()
+
+
+class _Stated(dict[str, float]):
+    """Parameters by name that tell which one is missing."""
+
+    def __missing__(self, name: str) -> float:
+        raise InvalidParameter(
+            f"its function reads the parameter {name}, which is not stated"
+            f"{near_names(name, self)}; stated are {', '.join(self) or 'none'}: add {name} to "
+            "parameters or unknown (on the command line --parameter, --unknown)"
+        )
 
 
 @checked
@@ -170,7 +181,7 @@ class Simulator(Model):
             return super().matched(records)
         first = records[0]
         asked = _Asked({**first.outputs, **first.inputs}, first.name)
-        point = self._point([p.value for p in self.parameters])
+        point = _Stated(self._point([p.value for p in self.parameters]))
         with calling(f"model {self.name}: its function"), np.errstate(all="ignore"):
             given = self._function(first.time.copy(), asked, point)
         if not isinstance(given, Mapping):
@@ -185,7 +196,8 @@ class Simulator(Model):
         if not out.outputs:
             raise InvalidParameter(
                 f"model {self.name}: its function returns {', '.join(map(str, given))}, and the "
-                f"records show {', '.join(shown)}: expected the same names"
+                f"records show {', '.join(shown)}: expected the same names (--column NAME=COLUMN, "
+                "in Python columns of ReadOptions, renames a column)"
             )
         if self._open[0]:
             read = asked.read if asked.whole is False else dict.fromkeys(first.inputs)

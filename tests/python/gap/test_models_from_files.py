@@ -98,6 +98,9 @@ def test_blind_and_plan_take_what_diagnose_takes(here, capsys):
         (("model.py:other",), "other is missing, expected a model or a function with this name; "
          "there is model.py:line"),
         (("model.py",), "model is missing"),
+        (("model.py:lin", "--parameter", "gain=2±1"), "lin is missing, expected a model"),
+        (("model.py:line", "--parameter", "gan=2±1"), "reads the parameter gain, which is "
+         "not stated; near are gan; stated are gan: add gain to parameters or unknown"),
         (("model.py:line", "--parameter", "gain"), "--parameter gain: expected NAME=VALUE±SD"),
         (("model.py:line", "--parameter", "gain=2kg±1m"), "--parameter gain=2kg±1m"),
         (("model.py:line", "--parameter", "gain=2±-1"), "expected a value and its standard"),
