@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.adapters.apply_effects import action_with_effects
-from feltmb.adapters.changes import Change
-from feltmb.adapters.library import Entry, Library, load_library
-from feltmb.adapters.refined import refined
+from blind.refined import refined
+from feltmb.adapters.changes import Change, Entry
+from feltmb.adapters.findings import action_with_effects
+from feltmb.adapters.library import Library, load_library
 from feltmb.mechanism import Action, load_action
 from feltmb.run.results import Run
 from feltmb.run.simulate import simulate
@@ -127,10 +127,14 @@ def forms(entry: Entry, library: Library) -> list[tuple[str, list[tuple[Entry, f
         other = "stribeck" if family == "coulomb_friction" else "quadratic"
         share, more = (0.8, 0.5) if family == "coulomb_friction" else (0.7, 0.2)
         path = f"bodies.{rest}.friction.{other}"
-        changes = (replace(first, add=share), replace(first, path=path, add=more))
+        changes = (
+            first.model_copy(update={"add": share}),
+            first.model_copy(update={"path": path, "add": more}),
+        )
         out.append(("B", [(replace(entry, changes=changes), 1.0)]))
     elif entry.insertion is not None and entry.insertion.kind == "clearance":
-        seated = replace(entry, insertion=replace(entry.insertion, seating=0.6))
+        pin = entry.insertion.model_copy(update={"seating": 0.6})
+        seated = replace(entry, insertion=pin)
         out.append(("B", [(seated, 1.0)]))
     elif entry.shape_path and len(entry.shapes) > 1:
         low, high = (float(s) for s in (entry.shapes[0], entry.shapes[-1]) if s is not None)

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feltmb.adapters.apply_effects import action_with_effects
-from feltmb.adapters.library import Entry, Library, load_library
-from feltmb.adapters.refined import refined as refine
+from blind.refined import refined as refine
+from feltmb.adapters.changes import Change, Entry
+from feltmb.adapters.findings import action_with_effects
+from feltmb.adapters.library import Library, load_library
 from feltmb.data import Array, Record, Role, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit.noise import Noise
@@ -92,11 +93,20 @@ def _stroke(name: str) -> tuple[Stroke, float]:
     return load_stroke(name), {"piano": 0.32, "staccato": 0.26, "forte": 0.18}.get(name, 0.3)
 
 
+def _shared(entry: Entry, share: float, path: str, other: float) -> tuple[Change, Change]:
+    """The change of an entry with a share, and a change of another number beside it."""
+    first = entry.changes[0]
+    return (
+        first.model_copy(update={"add": share}),
+        first.model_copy(update={"path": path, "add": other}),
+    )
+
+
 def _other_form(entry: Entry, rng: np.random.Generator) -> tuple[Entry, str]:
     """The same cause in another form than in the library, if there is one."""
     if entry.insertion is not None and entry.insertion.kind == "clearance":
         seating = 0.6
-        changed = replace(entry.insertion, seating=seating)
+        changed = entry.insertion.model_copy(update={"seating": seating})
         return replace(entry, insertion=changed), f"the pin seats at {seating} N"
     if entry.shape_path:
         low, high = (s for s in (entry.shapes[0], entry.shapes[-1]) if s is not None)
@@ -105,13 +115,12 @@ def _other_form(entry: Entry, rng: np.random.Generator) -> tuple[Entry, str]:
         return replace(entry, shapes=(value,)), f"{what} = {value:.3g} {entry.shape_unit}"
     if entry.name.startswith("coulomb_friction."):
         body = entry.name.partition(".")[2]
-        stribeck = replace(entry.changes[0], path=f"bodies.{body}.friction.stribeck", add=0.5)
-        dry = replace(entry.changes[0], add=0.8)
+        dry, stribeck = _shared(entry, 0.8, f"bodies.{body}.friction.stribeck", 0.5)
         return replace(entry, changes=(dry, stribeck)), "80 % dry friction, 50 % at slow turning"
     if entry.name.startswith("viscous_friction."):
         body = entry.name.partition(".")[2]
-        square = replace(entry.changes[0], path=f"bodies.{body}.friction.quadratic", add=0.2)
-        return replace(entry, changes=(replace(entry.changes[0], add=0.7), square)), "partly v^2"
+        linear, square = _shared(entry, 0.7, f"bodies.{body}.friction.quadratic", 0.2)
+        return replace(entry, changes=(linear, square)), "partly v^2"
     return entry, ""
 
 

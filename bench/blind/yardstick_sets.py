@@ -595,7 +595,7 @@ def _make_stories(numbers: Sequence[int], cache: Path) -> None:
 
 
 def _story(number: int, cache: Path) -> Task:
-    from feltmb.adapters.resolve import resolve
+    from feltmb.adapters.model import resolve
 
     module, name = _stories(), _story_names()[number]
     story = module.STORIES[name]

@@ -17,7 +17,7 @@ import numpy as np
 
 import feltmb
 from feltmb.adapters import load_library, mechanism_model
-from feltmb.adapters.forward import can_differentiate
+from feltmb.adapters.derivatives import can_differentiate
 from feltmb.data import Record
 from feltmb.fit import Candidate, SensitivityRequest
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from feltmb import FeltmbError, _core, load_action, simulate
 from feltmb.adapters import Entry, effect_of, load_library
+from feltmb.adapters.changes import changed_config
 from feltmb.adapters.effects import parameter_of
-from feltmb.adapters.variants import Workshop, changed_config
+from feltmb.adapters.simulator import Workshop
 from feltmb.gap import Model
 from feltmb.run.strikes import ONE_STRIKE
 from feltmb.run.stroke import load_stroke

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb.action.touch import StaticTouch, distances, static_touch
 from feltmb.adapters import Entry, Library, action_with_effects, load_library
-from feltmb.adapters.places import bodies_at, points_at
+from feltmb.adapters.findings import bodies_at, points_at
 from feltmb.arguments import checked
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import is_folder, read_input, read_json, write_file, write_text

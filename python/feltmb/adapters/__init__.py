@@ -4,17 +4,16 @@ This layer is between :mod:`feltmb.run.simulate`, which runs mechanisms, and :mo
 :mod:`feltmb.gap`, which only use time series and know nothing about pianos.
 """
 
-from feltmb.adapters.apply_effects import action_with_effects
+from feltmb.adapters.changes import Entry
 from feltmb.adapters.effects import effect_of
-from feltmb.adapters.library import Entry, Library, load_library
-from feltmb.adapters.mechanism import mechanism_model
-from feltmb.adapters.model import MechanismModel
-from feltmb.adapters.planned import (
+from feltmb.adapters.findings import action_with_effects, write_planned_stroke, write_planned_torque
+from feltmb.adapters.library import Library, load_library
+from feltmb.adapters.model import (
     STROKE_KINDS,
+    MechanismModel,
     finger_limits,
+    mechanism_model,
     planned_strokes,
-    write_planned_stroke,
-    write_planned_torque,
 )
 
 __all__ = [

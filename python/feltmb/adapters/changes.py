@@ -1,41 +1,176 @@
-"""Changes of a validated mechanism by dotted path, in SI units, without copies of the rest.
+"""Entries of a library: what an effect or a tolerance changes in a mechanism file.
 
-A *change* states how a magnitude changes one entry: the entry is multiplied by
-``1 + scale * magnitude`` or ``exp(exp * magnitude)``, or ``add * magnitude`` is added. Several
-changes of one entry are combined: factors are multiplied first, then the summands are added. If the
-result equals the old value, the entry is not replaced, so that magnitude zero gives exactly the old
-mechanism.
+An entry changes values by dotted path, in SI units, without copies of the rest: a value is
+multiplied by ``1 + scale * magnitude`` or ``exp(exp * magnitude)``, or ``add * magnitude`` is
+added. Several changes of one value are combined: factors are multiplied first, then the summands
+are added. Or an entry adds a part, such as a compliant pivot. At magnitude zero, the mechanism is
+exactly the old one. As the magnitude approaches zero, the stiffness of an added joint becomes
+infinite, and the motion approaches the old one linearly.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+import threading
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from feltmb.errors import InvalidParameter
-from feltmb.mechanism import MechanismFile
+from feltmb.mechanism import Body, FrictionParameters, MechanismFile, Spring
+from feltmb.units.quantity import SI, Schema, SIVector
 
-__all__ = ["Change", "apply_changes", "read_entry", "replace_entry"]
+__all__ = [
+    "Alias",
+    "Change",
+    "Chosen",
+    "Condition",
+    "Configurations",
+    "Entry",
+    "InputError",
+    "Insertion",
+    "Kind",
+    "SensorError",
+    "Values",
+    "alias_of",
+    "applied",
+    "changed_config",
+    "insert",
+    "read_entry",
+    "replace_entry",
+]
 
+Kind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
+
+#: Directions of the translations of a pivot.
+_DIRECTIONS = {"x": (1.0, 0.0), "y": (0.0, 1.0)}
+#: Place of a component of a point.
 _AXES = {"x": 0, "y": 1}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Change:
-    """Change of one entry of a mechanism file by a magnitude."""
+class Change(Schema):
+    """Change of one value of a mechanism file by a magnitude."""
 
     path: str
     """Dotted path, ``surfaces.Gp10.point.y``; the name of a body stands for ``bodies.NAME``."""
     scale: float = 0.0
-    """The entry is multiplied by 1 + scale * magnitude [1 / unit of the magnitude]."""
+    """The value is multiplied by 1 + scale * magnitude [1 / unit of the magnitude]."""
     exp: float = 0.0
-    """The entry is multiplied by exp(exp * magnitude) [1 / unit of the magnitude]."""
+    """The value is multiplied by exp(exp * magnitude) [1 / unit of the magnitude]."""
     add: float = 0.0
-    """add * magnitude is added to the entry [its SI unit / unit of the magnitude]."""
+    """add * magnitude is added to the value [its SI unit / unit of the magnitude]."""
+
+    def factor(self, magnitude: float) -> float:
+        """Factor of the value."""
+        return (1.0 + self.scale * magnitude) * math.exp(self.exp * magnitude)
+
+
+class Insertion(Schema):
+    """Type and place of an added part."""
+
+    kind: Literal["clearance", "compliance", "hinge", "mass", "bending"]
+    """Type of the part; ``size`` is its magnitude. ``clearance``: the pivot of a body moves in a
+    hole with the clearance ``size`` [m]. ``compliance``: the pivot has the compliance ``size``
+    [m/N] in both directions. ``hinge``: the body bends at a point with the compliance ``size``
+    [rad/(N m)]. ``mass``: a mass ``size`` [kg] at a point of the body. ``bending``: a rigid beam
+    becomes elastic, with ``size`` times the compliance of its tabulated section and modulus [1]."""
+    body: str
+    damping: float = 20.0
+    """Damping of the pivot [N s/m] or hinge [N m s/rad]."""
+    seating: Annotated[float, SI("N")] = 0.2
+    """Load with which the pin of a clearance is pressed against its wall [N]."""
+    point: Annotated[tuple[float, float], SIVector("m")] | Literal["finger"] = (0.0, 0.0)
+    """Position of the mass or the hinge in the frame of the body [m], or that of the finger."""
+    part: str = ""
+    """Hinge: name of the part beyond the hinge."""
+    carries: tuple[str, ...] = ()
+    """Hinge: surfaces and points on the part beyond the hinge; ``finger`` for the finger."""
+    share: float = 0.5
+    """Hinge: share of the mass beyond it, a uniform slender rod from the hinge to ``end``."""
+    end: Annotated[tuple[float, float], SIVector("m")] = (0.0, 0.0)
+    """Hinge: far end of that rod in the frame of the body [m]."""
+
+    def place(self, config: MechanismFile) -> tuple[float, float]:
+        """Position of the mass or the hinge in the frame of the body [m]."""
+        if self.point != "finger":
+            return self.point
+        assert config.finger is not None
+        return config.finger.point
+
+
+class SensorError(Schema):
+    """An error of measured channels."""
+
+    kind: Literal["delay", "gain", "offset", "tilt"]
+    channels: str = ""
+
+
+class InputError(Schema):
+    """An error of the recorded input."""
+
+    kind: Literal["delay", "gain", "offset"]
+
+
+class Condition(Schema):
+    """A drift: a condition of the record determines a factor of the magnitude."""
+
+    name: str
+    reference: float
+    per: Annotated[float, Field(gt=0)] = 1.0
+    logarithmic: bool = False
+
+    def factor(self, conditions: Mapping[str, float | str]) -> float:
+        """Factor of the magnitude in a record; 0 if the record does not state the condition."""
+        value = conditions.get(self.name)
+        if not isinstance(value, (int, float)) or not math.isfinite(value):
+            return 0.0
+        if not self.logarithmic:
+            return (value - self.reference) / self.per
+        if value <= 0.0 or self.reference <= 0.0:
+            return 0.0
+        return math.log10(value / self.reference) / self.per
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One effect or tolerance of a mechanism: changes per unit of magnitude, and texts."""
+
+    name: str
+    kind: Kind
+    component: str
+    mechanism: str
+    unit: str
+    magnitude: float
+    """Effect: expected magnitude; tolerance: standard deviation [unit]."""
+    sign: Literal[-1, 0, 1] = 0
+    lower: float = -math.inf
+    upper: float = math.inf
+    step: float = 0.05
+    changes: tuple[Change, ...] = ()
+    insertion: Insertion | None = None
+    sensor: SensorError | None = None
+    input: InputError | None = None
+    condition: Condition | None = None
+    shape_path: str = ""
+    shapes: tuple[float | None, ...] = (None,)
+    shape_unit: str = ""
+    remedy: str = ""
+    source: str = ""
+    part: str = ""
+    """Name in a report: the subject of "... is 10 % lighter than tabulated"."""
+
+    def in_record(self, magnitude: float, conditions: Mapping[str, float | str]) -> float:
+        """Magnitude under the conditions of a record."""
+        return magnitude * self.condition.factor(conditions) if self.condition else magnitude
+
+
+#: Entries with their magnitudes and shapes.
+Chosen = Sequence[tuple[Entry, float, float | None]]
+
+
+# ------------------------------------------------------------------------------- values by path
 
 
 def _steps(config: MechanismFile, path: str) -> list[str]:
@@ -75,8 +210,6 @@ def _replaced(node: Any, parts: list[str], value: Any, path: str) -> Any:
     if not parts:
         return value
     key, rest = parts[0], parts[1:]
-    if isinstance(node, Mapping) and key not in node and not rest:
-        return {**node, key: value}
     new = _replaced(_child(node, key, path), rest, value, path)
     if isinstance(node, BaseModel):
         return node.model_copy(update={key: new})
@@ -92,23 +225,328 @@ def replace_entry(config: MechanismFile, path: str, value: Any) -> MechanismFile
     return out
 
 
-def apply_changes(
-    config: MechanismFile, changes: Iterable[tuple[Change, float]]
-) -> tuple[MechanismFile, dict[str, float]]:
-    """Apply changes with their magnitudes; return the new mechanism and the changed entries."""
+def applied(changes: Iterable[tuple[Change, float]], old: Mapping[str, Any]) -> dict[str, float]:
+    """New values of the changed paths.
+
+    Parameters
+    ----------
+    changes
+        Changes with their magnitudes.
+    old
+        Old values by path.
+    """
     factors: dict[str, float] = {}
     sums: dict[str, float] = {}
     for change, magnitude in changes:
-        factor = (1.0 + change.scale * magnitude) * math.exp(change.exp * magnitude)
-        factors[change.path] = factors.get(change.path, 1.0) * factor
+        factors[change.path] = factors.get(change.path, 1.0) * change.factor(magnitude)
         sums[change.path] = sums.get(change.path, 0.0) + change.add * magnitude
-    moved = {}
+    out = {}
     for path, factor in factors.items():
-        if factor == 1.0 and sums[path] == 0.0:
+        if factor != 1.0 or sums[path] != 0.0:
+            if isinstance(old[path], bool) or not isinstance(old[path], (int, float)):
+                raise InvalidParameter(f"path {path!r} is {old[path]!r}, expected a number")
+            out[path] = old[path] * factor + sums[path]
+    return out
+
+
+class Values(dict[str, Any]):
+    """Values of a mechanism file by path, read when they are needed."""
+
+    def __init__(self, config: MechanismFile):
+        self._config = config
+
+    def __missing__(self, path: str) -> Any:
+        return self.setdefault(path, read_entry(self._config, path))
+
+
+class Configurations:
+    """Mechanisms with entries of given magnitudes, one after the other.
+
+    A derivative changes one entry of fifty: only values that differ from those of the last
+    mechanism are set. Several threads may use it.
+    """
+
+    def __init__(self, config: MechanismFile):
+        self._file = self._config = config
+        self._old = Values(config)
+        self._new: dict[str, Any] = {}
+        self._lock = threading.Lock()
+
+    def of(
+        self, entries: Chosen, conditions: Mapping[str, float | str] | None = None
+    ) -> MechanismFile:
+        """The mechanism with entries of given magnitudes and shapes; unchanged if all are zero.
+
+        Raises
+        ------
+        InvalidParameter
+            A path is not a number.
+        """
+        sizes = [(e, e.in_record(m, conditions or {}), shape) for e, m, shape in entries]
+        sizes = [one for one in sizes if one[1] != 0.0]
+        new: dict[str, Any] = {
+            e.shape_path: shape for e, _, shape in sizes if e.shape_path and shape is not None
+        }
+        with self._lock:
+            old = self._old
+            if new:
+                old = Values(self._file)
+                old.update(new)
+            new |= applied(((c, m) for e, m, _ in sizes for c in e.changes), old)
+            for path in {*new, *self._new}:
+                value = new[path] if path in new else self._old[path]
+                if value != self._new.get(path, self._old[path]):
+                    self._config = replace_entry(self._config, path, value)
+            self._new = new
+            config = self._config = self._config if new else self._file
+        for e, magnitude, _ in sizes:
+            if e.insertion is not None:
+                config = insert(config, e.insertion, magnitude)
+        return config
+
+
+def changed_config(
+    config: MechanismFile,
+    entries: Chosen,
+    conditions: Mapping[str, float | str] | None = None,
+) -> MechanismFile:
+    """Mechanism with entries of given magnitudes and shapes; unchanged if all are zero."""
+    return Configurations(config).of(entries, conditions)
+
+
+# ------------------------------------------------------------------------------- added parts
+
+
+def insert(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:
+    """Mechanism with the added part; the old mechanism at magnitude zero.
+
+    Raises
+    ------
+    InvalidParameter
+        The magnitude is negative, or the body is missing or unsuitable.
+    """
+    if magnitude == 0.0:
+        return config
+    if magnitude < 0.0 or not math.isfinite(magnitude):
+        raise InvalidParameter(
+            f"{insertion.kind} of {insertion.body}: magnitude = {magnitude!r}, "
+            "expected a finite number >= 0"
+        )
+    if insertion.body not in config.bodies:
+        raise InvalidParameter(f"{insertion.kind}: body {insertion.body!r} is missing")
+    if insertion.kind == "mass":
+        return _added_mass(config, insertion, magnitude)
+    if insertion.kind == "hinge":
+        return _hinged(config, insertion, magnitude)
+    if insertion.kind == "bending":
+        return _bending(config, insertion, magnitude)
+    return _loose_pivot(config, insertion, magnitude)
+
+
+def _bending(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:
+    name = insertion.body
+    body = config.bodies[name]
+    if not body.rigid or body.young_modulus is None or body.second_moment is None:
+        raise InvalidParameter(
+            f"bending of {name}: expected a rigid beam with young_modulus and second_moment"
+        )
+    bends = {"rigid": False, "young_modulus": body.young_modulus / magnitude}
+    bodies = dict(config.bodies) | {name: body.model_copy(update=bends)}
+    return config.model_copy(update={"bodies": bodies})
+
+
+def _loose_pivot(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:
+    name = insertion.body
+    body = config.bodies[name]
+    if body.joint != "revolute":
+        raise InvalidParameter(f"{insertion.kind} of {name}: its joint is {body.joint}, no pivot")
+    bodies: dict[str, Body] = {}
+    for key, value in config.bodies.items():
+        if key != name:
+            bodies[key] = value
             continue
-        base = read_entry(config, path)
-        if isinstance(base, bool) or not isinstance(base, (int, float)):
-            raise InvalidParameter(f"path {path!r} is {base!r}, expected a number")
-        moved[path] = base * factor + sums[path]
-        config = replace_entry(config, path, moved[path])
-    return config, moved
+        parent, position = body.parent, body.position
+        for axis, direction in _DIRECTIONS.items():
+            bodies[f"{name}_pin_{axis}"] = Body(
+                parent=parent,
+                joint="prismatic",
+                coordinate=f"{name}.pin.{axis}",
+                position=position,
+                axis=direction,
+                friction=FrictionParameters(threshold_speed=1e-3),
+            )
+            parent, position = f"{name}_pin_{axis}", (0.0, 0.0)
+        bodies[name] = body.model_copy(update={"parent": parent, "position": position})
+    springs = dict(config.springs)
+    for axis in _DIRECTIONS:
+        spring: dict[str, Any] = {
+            "coordinate": f"{name}.pin.{axis}",
+            "rest_angle": 0.0,
+            "damping": insertion.damping,
+        }
+        if insertion.kind == "clearance":
+            spring |= {"stiffness": 0.0, "clearance": magnitude, "seating": insertion.seating}
+        else:
+            spring |= {"stiffness": 1.0 / magnitude}
+        springs[f"{name}_pin_{axis}"] = Spring(**spring)
+    return config.model_copy(update={"bodies": bodies, "springs": springs})
+
+
+def _added_mass(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:
+    rider = Body(
+        parent=insertion.body, joint="weld", position=insertion.place(config), mass=magnitude
+    )
+    return config.model_copy(update={"bodies": {**config.bodies, f"{insertion.body}_rider": rider}})
+
+
+def _hinged(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:
+    """Split a body at a point: a stiff, damped hinge connects the two parts."""
+    body = config.bodies[insertion.body]
+    hinge, end = insertion.place(config), insertion.end
+    mass = insertion.share * body.mass
+    center = (0.5 * (hinge[0] + end[0]), 0.5 * (hinge[1] + end[1]))
+    length = math.dist(hinge, end)
+    inertia = mass * length**2 / 12.0
+    rest = body.mass - mass
+    if rest <= 0.0:
+        raise InvalidParameter(f"hinge of {insertion.body}: nothing is left before it")
+    old = body.center_of_mass
+    rest_center = (
+        (body.mass * old[0] - mass * center[0]) / rest,
+        (body.mass * old[1] - mass * center[1]) / rest,
+    )
+    rest_inertia = (
+        body.inertia
+        - inertia
+        - mass * math.dist(center, old) ** 2
+        - rest * math.dist(rest_center, old) ** 2
+    )
+    if rest_inertia <= 0.0:
+        raise InvalidParameter(
+            f"hinge of {insertion.body}: the part beyond it takes more than the moment of inertia"
+        )
+    bodies = dict(config.bodies)
+    bodies[insertion.body] = body.model_copy(
+        update={"mass": rest, "center_of_mass": rest_center, "inertia": rest_inertia}
+    )
+    bodies[insertion.part] = Body(
+        parent=insertion.body,
+        joint="revolute",
+        coordinate=f"{insertion.part}.bend",
+        position=hinge,
+        friction=FrictionParameters(threshold_speed=1e-3),
+        mass=mass,
+        center_of_mass=(center[0] - hinge[0], center[1] - hinge[1]),
+        inertia=inertia,
+    )
+
+    def moved(node: Any) -> Any:
+        point = (node.point[0] - hinge[0], node.point[1] - hinge[1])
+        return node.model_copy(update={"body": insertion.part, "point": point})
+
+    update: dict[str, Any] = {"bodies": bodies}
+    for table in ("surfaces", "points"):
+        entries = getattr(config, table)
+        update[table] = {
+            name: moved(node) if name in insertion.carries and node.body == insertion.body else node
+            for name, node in entries.items()
+        }
+    if "finger" in insertion.carries and config.finger is not None:
+        update["finger"] = moved(config.finger)
+    update["springs"] = {
+        **config.springs,
+        f"{insertion.part}_bend": Spring(
+            coordinate=f"{insertion.part}.bend",
+            rest_angle=0.0,
+            stiffness=1.0 / magnitude,
+            damping=insertion.damping,
+        ),
+    }
+    return config.model_copy(update=update)
+
+
+# ------------------------------------------------------------- effects that equal a tolerance
+
+#: Largest relative difference of the ratios of two equal directions.
+SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Alias:
+    """An effect and the tolerance that changes the same values, in the same direction.
+
+    Example: a let-off button that is 0.2 mm from its tabulated position is within the regulation;
+    at 1.5 mm it is a cause. To first order, only the magnitude separates them. The derivative of
+    such an effect is therefore computed from the derivative of the tolerance. Separate finite
+    differences would differ by nonlinear terms, which would look like a signature of the effect.
+    """
+
+    index: int
+    """Index of the tolerance."""
+    tolerance: Entry
+    effect: Entry
+    config: MechanismFile
+
+    def ratio(self, departure: float, magnitude: float) -> float:
+        """Derivative by the effect divided by the derivative by the tolerance, at given values."""
+        by_effect = _slopes(self.config, self.effect, magnitude, self.tolerance, departure)
+        by_tolerance = _slopes(self.config, self.tolerance, departure, self.effect, magnitude)
+        path = max(by_tolerance, key=lambda p: abs(by_tolerance[p]))
+        return by_effect[path] / by_tolerance[path]
+
+
+def alias_of(config: MechanismFile, effect: Entry, tolerances: Sequence[Entry]) -> Alias | None:
+    """Tolerance that changes the same values as an effect; None: there is none.
+
+    Parameters
+    ----------
+    config
+        The mechanism.
+    effect
+        An entry of its library.
+    tolerances
+        Tolerances that are estimated.
+    """
+    if not _plain(effect):
+        return None
+    for i, tolerance in enumerate(tolerances):
+        paths = {c.path for c in effect.changes}
+        if not _plain(tolerance) or paths != {c.path for c in tolerance.changes}:
+            continue
+        ours = _slopes(config, effect, 0.0, tolerance, 0.0)
+        theirs = _slopes(config, tolerance, 0.0, effect, 0.0)
+        moved = [p for p in ours if ours[p] != 0.0 or theirs[p] != 0.0]
+        if not moved or any(theirs[p] == 0.0 for p in moved):
+            continue
+        ratios = [ours[p] / theirs[p] for p in moved]
+        if max(ratios) - min(ratios) <= SAME * max(abs(r) for r in ratios) and ratios[0] != 0.0:
+            return Alias(i, tolerance, effect, config)
+    return None
+
+
+def _plain(entry: Entry) -> bool:
+    """Whether an entry only changes values, equally in every record."""
+    return (
+        bool(entry.changes)
+        and entry.insertion is None
+        and entry.sensor is None
+        and entry.input is None
+        and entry.condition is None
+        and not entry.shape_path
+    )
+
+
+def _slopes(
+    config: MechanismFile, entry: Entry, magnitude: float, other: Entry, other_size: float
+) -> dict[str, float]:
+    """Derivatives of the changed values by the magnitude of an entry, with the other applied."""
+    out: dict[str, float] = {}
+    for path in {c.path: None for c in entry.changes}:
+        own = [c for c in entry.changes if c.path == path]
+        beside = [c for c in other.changes if c.path == path]
+        factor = math.prod(c.factor(other_size) for c in beside)
+        factor *= math.prod(c.factor(magnitude) for c in own)
+        by_factor = sum(c.scale / (1.0 + c.scale * magnitude) + c.exp for c in own)
+        value = float(read_entry(config, path))
+        out[path] = value * factor * by_factor + sum(c.add for c in own)
+    return out

@@ -1,25 +1,38 @@
-"""Derivatives of simulated records; those at the last few points are cached.
+"""Derivatives of simulated records by forward sensitivities; those at the last points are cached.
 
-They are integrated together with the motion, all in one pass (see :mod:`feltmb.adapters.forward`).
-For an effect with states of its own at magnitude zero, a one-sided difference is used.
+The variational equation is integrated together with the stroke, by all variables in one pass
+(:mod:`feltmb.run.sensitivity`). The derivative of the equations by a parameter follows from
+mechanisms with a shifted parameter. The stroke starts at rest; where the rest pose depends on the
+parameters, the chain rule adds this dependence. For an effect with states of its own (a compliant
+pivot, creeping felt) at magnitude zero, a one-sided difference is used.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from feltmb.adapters.aliases import Alias
-from feltmb.adapters.forward import OperatingPoint, can_differentiate, forward_sensitivities
-from feltmb.adapters.library import Entry
-from feltmb.adapters.simulator import MechanismSimulator, key_of
+from feltmb import _core
+from feltmb.adapters.changes import Alias, Entry
+from feltmb.adapters.simulator import (
+    FORCE,
+    Drive,
+    MechanismSimulator,
+    Variant,
+    at_times,
+    key_of,
+    output_rate,
+    start_state,
+)
 from feltmb.data import Array, Record
-from feltmb.fit import Candidate
+from feltmb.errors import FeltmbError
+from feltmb.fit import Candidate, Sensitivity, SensitivityRequest
 from feltmb.fit.latest import Latest
 
-__all__ = ["Derivatives", "SimulatedPoint"]
+__all__ = ["Derivatives", "can_differentiate", "forward_sensitivities"]
 
 #: Number of points whose derivatives are cached: a score needs more derivatives at the end of a
 #: fit.
@@ -32,17 +45,23 @@ TOLERANCE = 3e-3
 #: The same for effects that a set lacks, in half the time: nine of ten are correct to 2 to 8 % rms,
 #: which their rank does not show.
 ROUGH = 3e-2
+#: Shift of a parameter or magnitude as a share of its scale. The errors by curvature and by
+#: rounding of the rest pose are then below 1e-5 of a derivative.
+SHIFT = 1e-5
+#: Share of a change of the inputs by which the input is shifted. A motion enters the equations
+#: through the place of the finger, which is not linear.
+INPUT_SHIFT = 1e-4
 
-
-@dataclass(frozen=True, eq=False)
-class SimulatedPoint(OperatingPoint):
-    """Operating point with the outputs (n, ny) there."""
-
-    outputs: Array
+#: Variable of differentiation: index of a parameter, an effect, or the hash of a change of inputs.
+Variable = int | Candidate
 
 
 class Derivatives:
     """Derivatives of the outputs of a simulator.
+
+    If an effect changes the same values as a tolerance, its derivative is computed from the
+    derivative by the tolerance. Two integrations would differ slightly, and the difference would
+    look like a signature of the effect.
 
     Parameters
     ----------
@@ -54,88 +73,96 @@ class Derivatives:
         self.simulator = simulator
         self.passes = 0
         """Number of integrations of derivatives so far."""
-        self._points: Latest[tuple[object, ...], dict[object, Array]] = Latest(POINTS)
+        self._points: Latest[tuple[object, ...], dict[Variable, Array]] = Latest(POINTS)
         self._smooth: dict[tuple[object, ...], bool] = {}
 
-    def at(
-        self,
-        point: SimulatedPoint,
-        wanted: Sequence[int],
-        effects: tuple[Candidate, ...] = (),
-        changes: tuple[Mapping[str, Array], ...] = (),
-    ) -> tuple[Array, Array, Array]:
-        """Derivatives (n, ny, .) by parameters, by effects, and by changes of the inputs.
-
-        Effects are at their magnitude, or at zero if they are not included. If an effect changes
-        the same values as a tolerance, its derivative is computed from the derivative by the
-        tolerance. Two integrations would differ slightly, and the difference would look like a
-        signature of the effect.
+    def of(self, request: SensitivityRequest, outputs: Array) -> Sensitivity:
+        """Outputs (n, ny) and their derivatives, by effects at their magnitude, or else at zero.
 
         Parameters
         ----------
-        point
-            Where the record is differentiated.
-        wanted
-            Indices of parameters.
-        effects
-            Included effects and candidates.
-        changes
-            Changes of the recorded inputs, {input: (n,)} [unit of the input].
+        request
+            The point and the variables of differentiation; a model has prepared it.
+        outputs
+            Outputs at the point.
         """
-        record, theta = point.record, point.theta
-        included, magnitudes = point.included, point.magnitudes
-        place = (record.excitation, key_of(record, theta, included, magnitudes))
+        record, theta, included = request.record, request.theta, request.included
+        place = (record.excitation, key_of(record, theta, included, request.sizes))
         known = self._points.get(place, dict)
-        names = [(c.name, c.shape) for c in effects]
-        aliases = [self._alias(c) for c in effects]
-        of_changes = {_digest(change): change for change in changes}
-        needed = dict.fromkeys([*wanted, *(a.index for a in aliases if a is not None)])
-        lacking = [i for i in needed if i not in known]
-        fresh = tuple(
-            c
-            for c, name, alias in zip(effects, names, aliases, strict=True)
-            if alias is None and name not in known
+        parameters = [int(i) for i in request.by_theta or ()]
+        effects = (*included, *request.candidates)
+        aliases = {c: alias for c in effects if (alias := self._alias(c)) is not None}
+        changes = {_digest(change): change for change in request.input_changes}
+        self._complete(
+            known,
+            replace(
+                request,
+                by_theta=[
+                    i
+                    for i in dict.fromkeys([*parameters, *(a.index for a in aliases.values())])
+                    if i not in known
+                ],
+                candidates=tuple(c for c in effects if c not in aliases and c not in known),
+                input_changes=tuple(v for key, v in changes.items() if key not in known),
+            ),
+            outputs,
         )
-        new_changes = {key: change for key, change in of_changes.items() if key not in known}
-        if lacking or fresh or new_changes:
-            live = [
-                k
-                for k, c in enumerate(included)
-                if magnitudes[k] != 0.0 or self._is_smooth(record, c)
-            ]
-            inside = replace(
-                point, included=tuple(included[k] for k in live), magnitudes=magnitudes[live]
-            )
-            beside = tuple(c for c in fresh if c not in included and self._is_smooth(record, c))
-            if lacking or new_changes or any(c in included for c in fresh):
-                known |= self._integrated(inside, lacking, (), new_changes, TOLERANCE)
-            if beside:
-                # The included effects are in this pass too, but rough: those that are known stay.
-                known |= self._integrated(inside, (), beside, {}, ROUGH) | known
-            rough = [c for c in fresh if (c.name, c.shape) not in known]
+        sizes = dict(zip(included, map(float, request.sizes), strict=True))
 
-            def one(c: Candidate) -> None:
-                known[c.name, c.shape] = self._difference(inside, c)
+        def by(variable: Variable) -> Array:
+            if not isinstance(variable, Candidate) or variable not in aliases:
+                return known[variable]
+            alias = aliases[variable]
+            ratio = alias.ratio(float(theta[alias.index]), sizes.get(variable, 0.0))
+            return ratio * known[alias.index]
 
-            self.simulator.in_parallel(one, rough)
-        of = []
-        for c, name, alias in zip(effects, names, aliases, strict=True):
-            if alias is None:
-                of.append(known[name])
-                continue
-            size = float(magnitudes[included.index(c)]) if c in included else 0.0
-            of.append(alias.ratio(float(theta[alias.index]), size) * known[alias.index])
-        none = np.zeros((*point.outputs.shape, 0))
+        def columns(variables: Sequence[Variable]) -> Array:
+            none = np.zeros((*outputs.shape, 0))
+            return np.stack([by(v) for v in variables], axis=-1) if variables else none
 
-        def columns(found: list[Array]) -> Array:
-            return np.stack(found, axis=-1) if found else none
+        return Sensitivity(
+            outputs=outputs,
+            d_theta=columns(parameters),
+            d_magnitudes=columns(included),
+            d_starts=columns(()),
+            d_candidates=columns(request.candidates),
+            d_inputs=columns([_digest(change) for change in request.input_changes]),
+        )
 
-        by_changes = [known[_digest(change)] for change in changes]
-        return columns([known[i] for i in wanted]), columns(of), columns(by_changes)
+    def _complete(
+        self, known: dict[Variable, Array], lacking: SensitivityRequest, outputs: Array
+    ) -> None:
+        """Add the derivatives by the variables of a request to those that are known."""
+        if not (lacking.by_theta or lacking.candidates or lacking.input_changes):
+            return
+        record, fresh, included = lacking.record, lacking.candidates, lacking.included
+        live = [
+            k
+            for k, c in enumerate(included)
+            if lacking.sizes[k] != 0.0 or self._is_smooth(record, c)
+        ]
+        inside = replace(
+            lacking,
+            included=tuple(included[k] for k in live),
+            magnitudes=lacking.sizes[live],
+            candidates=(),
+        )
+        beside = tuple(c for c in fresh if c not in included and self._is_smooth(record, c))
+        if lacking.by_theta or lacking.input_changes or any(c in included for c in fresh):
+            known |= self._integrated(inside, TOLERANCE, outputs)
+        if beside:
+            # The included effects are in this pass too, but rough: those that are known stay.
+            rough = replace(inside, by_theta=(), input_changes=(), candidates=beside)
+            known |= self._integrated(rough, ROUGH, outputs) | known
+
+        def one(candidate: Candidate) -> None:
+            known[candidate] = self._difference(inside, candidate, outputs)
+
+        self.simulator.in_parallel(one, [c for c in fresh if c not in known])
 
     def _is_smooth(self, record: Record, candidate: Candidate) -> bool:
         """Whether an effect at zero can be differentiated in the pass of the others."""
-        key = (candidate.name, candidate.shape, tuple(sorted(record.conditions.items())))
+        key = (candidate, tuple(sorted(record.conditions.items())))
         if key not in self._smooth:
             self._smooth[key] = can_differentiate(self.simulator, record, candidate)
         return self._smooth[key]
@@ -145,43 +172,228 @@ class Derivatives:
         return self.simulator.alias(entry) if isinstance(entry, Entry) else None
 
     def _integrated(
-        self,
-        point: SimulatedPoint,
-        wanted: Sequence[int],
-        candidates: tuple[Candidate, ...],
-        changes: Mapping[int, Mapping[str, Array]],
-        tolerance: float,
-    ) -> dict[object, Array]:
+        self, request: SensitivityRequest, tolerance: float, outputs: Array
+    ) -> dict[Variable, Array]:
         """Derivatives by parameters, effects and changes of the inputs, from one pass."""
-        effects = (*point.included, *candidates)
-        names = [*wanted, *((c.name, c.shape) for c in effects), *changes]
-        if not names:
+        variables: list[Variable] = [
+            *(request.by_theta or ()),
+            *request.included,
+            *request.candidates,
+            *map(_digest, request.input_changes),
+        ]
+        if not variables:
             return {}
         self.passes += 1
-        found = forward_sensitivities(
-            self.simulator,
-            point,
-            wanted,
-            candidates,
-            tuple(changes.values()),
-            tolerance=tolerance,
-        )
+        found = forward_sensitivities(self.simulator, request, tolerance=tolerance)
         if found is None:
-            return {name: np.full_like(point.outputs, np.nan) for name in names}
-        return {name: found[..., k] for k, name in enumerate(names)}
+            found = np.full((*outputs.shape, len(variables)), np.nan)
+        return {variable: found[..., k] for k, variable in enumerate(variables)}
 
-    def _difference(self, point: SimulatedPoint, candidate: Candidate) -> Array:
+    def _difference(
+        self, request: SensitivityRequest, candidate: Candidate, outputs: Array
+    ) -> Array:
         """Derivative at zero by an effect with states of its own."""
         step = max(candidate.effect.step, EFFECT_STEP) * candidate.effect.scale
         if step > candidate.effect.bounds[1]:
             step = -step
-        more = (*point.included, candidate)
-        sizes = np.append(point.magnitudes, step)
-        motion = self.simulator.motion(point.record, point.theta, more, sizes)
-        base = point.outputs
-        return np.full_like(base, np.nan) if motion is None else (motion - base) / step
+        included = (*request.included, candidate)
+        sizes = np.append(request.sizes, step)
+        motion = self.simulator.motion(request.record, request.theta, included, sizes)
+        return np.full_like(outputs, np.nan) if motion is None else (motion - outputs) / step
 
 
 def _digest(change: Mapping[str, Array]) -> int:
     """Key of a change of inputs."""
     return hash(tuple((name, value.tobytes()) for name, value in change.items()))
+
+
+# --------------------------------------------------------------------------------- one pass
+
+
+@dataclass(frozen=True)
+class _Version:
+    """A version of the mechanism with its input."""
+
+    variant: Variant
+    drive: Drive
+
+
+@dataclass(frozen=True)
+class _Column:
+    """One variable of differentiation: the base, and a version with a shifted variable."""
+
+    name: str
+    moved: _Version
+    base: _Version
+    shift: float
+    scale: float
+
+    def derivative(self, pick: Callable[[_Version], Any]) -> Array:
+        """Derivative of a quantity of a version by this variable."""
+        return np.asarray((np.asarray(pick(self.moved)) - pick(self.base)) / self.shift)
+
+    def parameter(self) -> _core.SensitivityParameter:
+        """The variable as the core takes it."""
+        parts = ((self.moved, self.shift, 1.0 / self.shift), (self.base, 0.0, -1.0 / self.shift))
+        versions = [
+            _core.Perturbed(v.variant.mechanism, v.drive.input, shift, weight)
+            for v, shift, weight in parts
+        ]
+        return _core.SensitivityParameter(self.name, versions, self.scale)
+
+
+def can_differentiate(simulator: MechanismSimulator, record: Record, candidate: Candidate) -> bool:
+    """Whether the candidate adds no states to the mechanism."""
+    effect = candidate.effect
+    if not isinstance(effect.data, Entry):
+        return False
+    theta = np.zeros(len(simulator.parameters))
+    shift = np.array([_shift(0.0, effect.scale, effect.bounds[1])])
+    try:
+        base = simulator.version(record, theta, (), np.zeros(0))
+        moved = simulator.version(record, theta, (candidate,), shift)
+    except FeltmbError:
+        return False
+    return base.states == moved.states
+
+
+def forward_sensitivities(
+    simulator: MechanismSimulator, request: SensitivityRequest, *, tolerance: float
+) -> Array | None:
+    """Derivatives of the outputs over a record.
+
+    Parameters
+    ----------
+    simulator
+        Simulator of the mechanism.
+    request
+        Point and variables of differentiation. Included effects with states of their own must have
+        a magnitude that is not zero; :func:`can_differentiate` holds for all candidates.
+    tolerance
+        Relative tolerance of a derivative [1].
+
+    Returns
+    -------
+    Array or None
+        (n, ny, d) by parameters, magnitudes of the included effects, magnitudes of the candidates,
+        and factors of the changes, in this order. None if the integration or a shift failed.
+    """
+    record = request.record
+    try:
+        base = simulator.version(record, request.theta, request.included, request.sizes)
+        drive = simulator.drives.of(record)
+        there = _Version(base, drive)
+        columns = _columns(simulator, request, there)
+        columns += _input_columns(simulator, record, request.input_changes, there)
+        segment = _segment(simulator, columns, there)
+        rest = _at_rest(simulator, columns) if drive.motion else None
+    except FeltmbError:
+        return None
+    options = _core.SensitivityOptions()
+    simulation = _core.SimulationOptions()
+    simulation.rtol = simulator.rtol
+    options.simulation = simulation
+    options.tolerance = tolerance
+    options.output_rate = output_rate(record.time - record.time[0])
+    index = {name: i for i, (name, _, _) in enumerate(_core.observables(base.mechanism))}
+    options.outputs = [index[o] for o in simulator.outputs]
+    options.threads = simulator.workers
+    parameters = [c.parameter() for c in columns]
+    try:
+        (result,) = _core.sensitivities(base.mechanism, drive.input, parameters, [segment], options)
+    except (FeltmbError, RuntimeError, ValueError):
+        return None
+    if result.run.status != "done":
+        return None
+    gradient = np.asarray(result.gradient)[..., : len(columns)]
+    if rest is None:
+        rest = gradient[0] * (np.array(simulator.outputs) != FORCE)[:, None]
+    return at_times(result.time, gradient, record.time - record.time[0]) - rest
+
+
+def _segment(
+    simulator: MechanismSimulator, columns: Sequence[_Column], base: _Version
+) -> _core.SensitivitySegment:
+    """The record from its start; with a motion, with the start state and its derivatives."""
+    end = float(base.drive.time[-1] - base.drive.time[0])
+    if not base.drive.motion:
+        return _core.SensitivitySegment(0.0, end)  # the core finds the rest pose
+
+    def start_of(v: _Version) -> Array:
+        return start_state(simulator.action, v.variant, v.drive)
+
+    state = start_of(base)
+    moves = np.zeros((state.size, len(columns)))
+    for c, column in enumerate(columns):
+        moves[:, c] = column.derivative(start_of)
+    none = np.zeros((state.size, 0))
+    return _core.SensitivitySegment(0.0, end, list(state), list(base.variant.memory), none, moves)
+
+
+def _at_rest(simulator: MechanismSimulator, columns: Sequence[_Column]) -> Array:
+    """Derivatives (ny, d) of the outputs at rest."""
+    rest = np.zeros((len(simulator.outputs), len(columns)))
+    for k, column in enumerate(columns):
+        rest[:, k] = column.derivative(
+            lambda v: [simulator.at_rest(v.variant, o) for o in simulator.outputs]
+        )
+    return rest
+
+
+def _shift(value: float, scale: float, upper: float) -> float:
+    """Shift of a variable that stays below its upper bound."""
+    return SHIFT * scale if value + SHIFT * scale <= upper else -SHIFT * scale
+
+
+def _columns(
+    simulator: MechanismSimulator, request: SensitivityRequest, base: _Version
+) -> list[_Column]:
+    """Variables with one-sided differences: their curvature error is below 1e-5 of a derivative."""
+    theta, included, magnitudes = request.theta, request.included, request.sizes
+    candidates = request.candidates
+
+    def column(
+        name: str,
+        moved: Array,
+        more: tuple[Candidate, ...],
+        sizes: Array,
+        shift: float,
+        scale: float,
+    ) -> _Column:
+        version = simulator.version(request.record, moved, more, sizes)
+        return _Column(name, _Version(version, base.drive), base, shift, scale)
+
+    out = []
+    for i in request.by_theta or ():
+        p = simulator.parameters[i]
+        shift = _shift(theta[i], p.size, p.upper)
+        moved = theta.copy()
+        moved[i] += shift
+        out.append(column(p.name, moved, included, magnitudes, shift, p.size))
+    for k, candidate in enumerate((*included, *candidates)):
+        known = k < len(included)
+        more = included if known else (*included, candidate)
+        sizes = magnitudes.copy() if known else np.append(magnitudes, 0.0)
+        place = k if known else -1
+        scale = candidate.effect.scale
+        shift = _shift(float(sizes[place]), scale, candidate.effect.bounds[1])
+        sizes[place] += shift
+        out.append(column(candidate.name, theta, more, sizes, shift, scale))
+    return out
+
+
+def _input_columns(
+    simulator: MechanismSimulator,
+    record: Record,
+    changes: Sequence[Mapping[str, Array]],
+    base: _Version,
+) -> list[_Column]:
+    """Changes of the inputs as variables; a noisy motion is smoothed before and after a change."""
+    out = []
+    for k, change in enumerate(changes):
+        added = {name: record.inputs[name] + value for name, value in change.items()}
+        whole = simulator.drives.of(record.with_inputs(added)).value - base.drive.value
+        near = replace(base.drive, value=base.drive.value + INPUT_SHIFT * whole)
+        moved = _Version(base.variant, near)
+        out.append(_Column(f"input change {k}", moved, base, INPUT_SHIFT, 1.0))
+    return out

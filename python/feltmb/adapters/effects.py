@@ -1,17 +1,29 @@
-"""Effects and parameters of :mod:`feltmb.fit` from entries of a library."""
+"""Effects and parameters of :mod:`feltmb.fit` from entries of a library.
+
+An error of a sensor or an input has its own function. Signs: a channel shows (1 + gain) times the
+true value plus the offset, late by the delay. This also holds for the channel of the input
+(:mod:`feltmb.data.readings`). At magnitude zero, the values are unchanged, bit by bit.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from feltmb.adapters.library import Entry
-from feltmb.adapters.signals import excite_by, observe_by
-from feltmb.arguments import checked
-from feltmb.fit import Effect, Parameter
+import numpy as np
 
-__all__ = ["effect_of", "parameter_of"]
+from feltmb.adapters.changes import Entry, InputError, SensorError
+from feltmb.arguments import checked
+from feltmb.data import Array, Record
+from feltmb.data.readings import acting
+from feltmb.fit import Effect, Parameter
+from feltmb.fit.shift import shifted
+
+__all__ = ["columns_of", "effect_of", "excite_by", "observe_by", "parameter_of", "partners"]
+
+#: Suffixes of the names of coordinates.
+AXES = (".x", ".y")
 
 
 @checked
@@ -47,7 +59,7 @@ def effect_of(
     return Effect(
         name=entry.name,
         component=entry.component,
-        unit=entry.unit.replace("{input_unit}", "N"),
+        unit=entry.unit,
         scale=entry.magnitude,
         sign=entry.sign,
         mechanism=entry.mechanism,
@@ -76,3 +88,77 @@ def parameter_of(entry: Entry) -> Parameter:
         upper=entry.upper,
         component=entry.component,
     )
+
+
+def columns_of(
+    signal: SensorError, outputs: Sequence[str], channels: Mapping[str, Sequence[str]]
+) -> list[int]:
+    """Columns on which a sensor effect acts; ``camera`` means every tracking point."""
+    if signal.channels == "camera":
+        return [i for i, name in enumerate(outputs) if not name.startswith("finger.")]
+    named = set(channels.get(signal.channels, (signal.channels,)))
+    return [i for i, name in enumerate(outputs) if name in named]
+
+
+def partners(
+    signals: Sequence[SensorError], outputs: Sequence[str], channels: Mapping[str, Sequence[str]]
+) -> tuple[str, ...]:
+    """Outputs that are not recorded but which a rotated camera mixes into recorded ones."""
+    out: list[str] = []
+    for signal in signals:
+        if signal.kind != "tilt":
+            continue
+        seen = [outputs[i] for i in columns_of(signal, outputs, channels)]
+        other = [f"{n[:-1]}{'y' if n.endswith('.x') else 'x'}" for n in seen if n[-2:] in AXES]
+        out += [n for n in other if n not in outputs]
+    return tuple(dict.fromkeys(out))
+
+
+def observe_by(
+    signal: SensorError, outputs: Sequence[str], channels: Mapping[str, Sequence[str]]
+) -> Callable[..., Array]:
+    """Make the ``observe`` callable of a sensor effect."""
+    columns = columns_of(signal, outputs, channels)
+    pairs = []
+    for i in columns:
+        point, _, axis = outputs[i].rpartition(".")
+        other = f"{point}.{'y' if axis == 'x' else 'x'}"
+        pairs.append((i, outputs.index(other) if other in outputs else -1, axis))
+
+    def observe(record: Record, y: Array, magnitudes: Array, shape: object = None) -> Array:
+        del shape
+        out = y.copy()
+        if signal.kind == "delay":
+            for i in columns:
+                out[:, :, i] = shifted(record, y[:, :, i], magnitudes)
+            return out
+        for b in np.flatnonzero(magnitudes):
+            if signal.kind == "gain":
+                out[b, :, columns] *= 1.0 + magnitudes[b]
+            elif signal.kind == "offset":
+                out[b, :, columns] += magnitudes[b]
+            else:
+                for i, other, axis in pairs:
+                    if other < 0:
+                        continue
+                    turn = magnitudes[b] if axis == "x" else -magnitudes[b]
+                    out[b, :, i] = np.cos(turn) * y[b, :, i] + np.sin(turn) * y[b, :, other]
+        return out
+
+    return observe
+
+
+def excite_by(signal: InputError) -> Callable[..., Mapping[str, Array]]:
+    """Make the ``excite`` callable of an input effect: the true input from the recorded one."""
+    error = signal.kind
+
+    def excite(record: Record, magnitude: float, shape: object = None) -> Mapping[str, Array]:
+        del shape
+        if magnitude == 0.0:
+            return {}
+        return {
+            name: acting(record.time, recorded, error, magnitude, smooth=True)
+            for name, recorded in record.inputs.items()
+        }
+
+    return excite

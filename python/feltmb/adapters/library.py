@@ -1,7 +1,7 @@
 """Library of effects and tolerances: TOML tables, expanded for one mechanism.
 
 A table defines one effect, or, with ``for``, one effect for each joint, contact, beam and so on.
-The results are :class:`Entry` objects: plain data that :class:`~feltmb.adapters.model` can apply.
+The results are :class:`~feltmb.adapters.changes.Entry` objects.
 """
 
 from __future__ import annotations
@@ -10,31 +10,32 @@ import difflib
 import fnmatch
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field
+from scipy.optimize import brentq
 
 from feltmb import params
-from feltmb.adapters import felt
-from feltmb.adapters.changes import Change, read_entry
-from feltmb.adapters.insertions import Insertion
+from feltmb.adapters.changes import (
+    Change,
+    Condition,
+    Entry,
+    InputError,
+    Insertion,
+    Kind,
+    SensorError,
+    read_entry,
+)
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import MOST_EXTENDS, beside, is_file, read_toml
-from feltmb.mechanism import Action, MechanismFile
-from feltmb.units.quantity import (
-    SI,
-    Schema,
-    SIVector,
-    fault_text,
-    parse_scalar,
-    validated,
-)
+from feltmb.mechanism import Action, Body, Contact, Curve, MechanismFile
+from feltmb.units.quantity import SI, Schema, fault_text, parse_scalar, validated
 
-__all__ = ["Condition", "Entry", "Library", "Signal", "Until", "load_library"]
+__all__ = ["Library", "LibraryFile", "Until", "load_library"]
 
 Each = Literal[
     "",
@@ -52,42 +53,6 @@ Each = Literal[
     "channel",
     "finger",
 ]
-Kind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
-
-
-class _ChangeTable(Schema):
-    path: str
-    scale: float = 0.0
-    exp: float = 0.0
-    add: float = 0.0
-
-
-class _InsertTable(Schema):
-    kind: Literal["clearance", "compliance", "hinge", "mass", "bending"]
-    body: str
-    damping: float | None = None
-    seating: Annotated[float, SI("N")] | None = None
-    point: Annotated[tuple[float, float], SIVector("m")] | str | None = None
-    part: str | None = None
-    carries: tuple[str, ...] | None = None
-    share: float | None = None
-    end: Annotated[tuple[float, float], SIVector("m")] | None = None
-
-
-class _SignalTable(Schema):
-    kind: Literal["delay", "gain", "offset", "tilt"]
-    channels: str = ""
-
-
-class _InputTable(Schema):
-    kind: Literal["delay", "gain", "offset"]
-
-
-class _ConditionTable(Schema):
-    name: str
-    reference: float
-    per: Annotated[float, Field(gt=0)] = 1.0
-    logarithmic: bool = False
 
 
 class _MagnitudeOf(Schema):
@@ -114,20 +79,19 @@ class _Table(Schema):
     unit: str = "1"
     magnitude: float | str | None = None
     magnitude_of: _MagnitudeOf | None = None
-    magnitude_by_input: dict[str, float] = {}
     sd: float | str | None = None
     sign: Literal[-1, 0, 1] = 0
-    lower: float | None = None
-    upper: float | None = None
-    step: Annotated[float, Field(gt=0, le=1)] | None = None
-    changes: list[_ChangeTable] = []
+    lower: float = -math.inf
+    upper: float = math.inf
+    step: Annotated[float, Field(gt=0, le=1)] = 0.05
+    changes: list[Change] = []
     felt: Literal["", "stiffness", "hardening", "thickness"] = ""
     felt_all: float = 0.0
     joints_all: float = 0.0
-    insert: _InsertTable | None = None
-    sensor: _SignalTable | None = None
-    input: _InputTable | None = None
-    condition: _ConditionTable | None = None
+    insert: Insertion | None = None
+    sensor: SensorError | None = None
+    input: InputError | None = None
+    condition: Condition | None = None
     shape: _ShapeTable | None = None
     remedy: str = ""
     source: str = ""
@@ -135,14 +99,18 @@ class _Table(Schema):
     part: str = ""
 
 
-class _UntilTable(Schema):
+class Until(Schema):
+    """Part of a record that is used if records are simulated as a whole."""
+
     output: str
+    """Output whose first reversal is the end of the stroke."""
     after_turn: Annotated[float, SI("s"), Field(ge=0)]
+    """Time after the reversal that is used [s]."""
 
 
 class _Defaults(Schema):
     channels: list[str] = []
-    until: _UntilTable | None = None
+    until: Until | None = None
     without_tolerances: list[str] = []
 
 
@@ -160,74 +128,6 @@ class LibraryFile(Schema):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Signal:
-    """A distortion of measured channels or of the input."""
-
-    kind: Literal["delay", "gain", "offset", "tilt"]
-    channels: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Condition:
-    """A drift: a condition of the record determines a factor of the magnitude."""
-
-    name: str
-    reference: float
-    per: float = 1.0
-    logarithmic: bool = False
-
-    def factor(self, conditions: Mapping[str, float | str]) -> float:
-        """Factor of the magnitude in a record; 0 if the record does not state the condition."""
-        value = conditions.get(self.name)
-        if not isinstance(value, (int, float)) or not math.isfinite(value):
-            return 0.0
-        if not self.logarithmic:
-            return (value - self.reference) / self.per
-        if value <= 0.0 or self.reference <= 0.0:
-            return 0.0
-        return math.log10(value / self.reference) / self.per
-
-
-@dataclass(frozen=True, kw_only=True)
-class Entry:
-    """One effect or tolerance of a mechanism: changes per unit of magnitude, and texts."""
-
-    name: str
-    kind: Kind
-    component: str
-    mechanism: str
-    unit: str
-    magnitude: float
-    """Effect: expected magnitude; tolerance: standard deviation [unit]."""
-    sign: Literal[-1, 0, 1] = 0
-    lower: float = -math.inf
-    upper: float = math.inf
-    step: float = 0.05
-    changes: tuple[Change, ...] = ()
-    insertion: Insertion | None = None
-    sensor: Signal | None = None
-    input: Signal | None = None
-    condition: Condition | None = None
-    shape_path: str = ""
-    shapes: tuple[float | None, ...] = (None,)
-    shape_unit: str = ""
-    remedy: str = ""
-    source: str = ""
-    part: str = ""
-    """Name in a report: the subject of "... is 10 % lighter than tabulated"."""
-
-
-@dataclass(frozen=True)
-class Until:
-    """Part of a record that is used if records are simulated as a whole."""
-
-    output: str
-    """Output whose first reversal is the end of the stroke."""
-    after_turn: float
-    """Time after the reversal that is used [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Library:
     """Effects, tolerances and channels of a mechanism."""
 
@@ -237,7 +137,6 @@ class Library:
     channels: Mapping[str, tuple[str, ...]]
     default_channels: tuple[str, ...]
     until: Until | None
-    origin: str
 
     def effect(self, name: str) -> Entry:
         """Effect by name; an unknown name raises InvalidParameter with the nearest names."""
@@ -275,8 +174,6 @@ class Library:
 def _chosen(
     entries: Sequence[Entry], names: Sequence[str], what: str, library: str
 ) -> tuple[Entry, ...]:
-    from fnmatch import fnmatchcase
-
     known = {e.name: e for e in entries}
     out: dict[str, Entry] = {}
     faults = []
@@ -284,7 +181,7 @@ def _chosen(
         if name == "all":
             found = list(entries)
         elif any(c in name for c in "*?["):
-            found = [e for e in entries if fnmatchcase(e.name, name)]
+            found = [e for e in entries if fnmatch.fnmatchcase(e.name, name)]
             if not found:
                 faults.append(f"{what} {name!r}: no name of library {library!r} matches")
         elif name in known:
@@ -393,8 +290,7 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
         effects=tuple(effects),
         channels={k: tuple(v) for k, v in outputs.items()},
         default_channels=tuple(file.defaults.channels) or tuple(_all_points(config)),
-        until=None if until is None else Until(until.output, until.after_turn),
-        origin=path.name,
+        until=until,
     )
 
 
@@ -403,68 +299,81 @@ def _all_points(config: MechanismFile) -> Iterator[str]:
         yield from (f"{name}.x", f"{name}.y")
 
 
-def _each(
-    config: MechanismFile, each: Each, channels: Mapping[str, list[str]]
+#: Bodies to which a table applies, by its ``for``.
+_BODIES: Mapping[str, Callable[[MechanismFile, Body], bool]] = {
+    "body": lambda _, body: body.mass > 0.0,
+    "joint": lambda _, body: body.joint != "weld",
+    "pivot": lambda config, body: body.joint == "revolute" and not _slides(config, body),
+    "beam": lambda _, body: body.kind == "beam" and not body.rigid,
+    "rigid beam": lambda _, body: (
+        body.kind == "beam" and body.rigid and bool(body.young_modulus) and bool(body.second_moment)
+    ),
+}
+
+
+def _slides(config: MechanismFile, body: Body) -> bool:
+    """Whether a body is on a slider without mass, so that its pivot has a translation already."""
+    above = config.bodies.get(body.parent)
+    return above is not None and above.joint == "prismatic" and above.mass == 0.0
+
+
+def _bodies(
+    config: MechanismFile, wanted: Callable[[MechanismFile, Body], bool]
 ) -> Iterator[dict[str, str]]:
-    """Substitutions for each item to which a template applies."""
-    words = {"input_unit": "{input_unit}"}
-    if each == "":
-        yield words
-    elif each in ("body", "joint", "pivot"):
-        for name, body in config.bodies.items():
-            moves = body.joint != "weld"
-            heavy = body.mass > 0.0
-            if (each == "body" and not heavy) or (each != "body" and not moves):
-                continue
-            above = config.bodies.get(body.parent)
-            slides = above is not None and above.joint == "prismatic" and above.mass == 0.0
-            if each == "pivot" and (body.joint != "revolute" or slides):
-                continue  # the pivot of a slider has a translation already
+    for name, body in config.bodies.items():
+        if wanted(config, body):
             angular = body.joint == "revolute"
-            yield words | {
+            yield {
                 "name": name,
                 "label": body.label or name,
                 "joint_force": "N m" if angular else "N",
                 "joint_motion": "rad" if angular else "m",
             }
+
+
+def _contacts(config: MechanismFile, *, rubbing: bool) -> Iterator[dict[str, str]]:
+    for name, contact in config.contacts.items():
+        if contact.enabled and (contact.friction.amplitude != 0.0 or not rubbing):
+            yield {"name": name, "label": contact.label or f"contact {name}"}
+
+
+def _each(
+    config: MechanismFile, each: Each, channels: Mapping[str, list[str]]
+) -> Iterator[dict[str, str]]:
+    """Substitutions for each item to which a template applies."""
+    if each in _BODIES:
+        yield from _bodies(config, _BODIES[each])
     elif each in ("contact", "rubbing contact"):
-        for name, contact in config.contacts.items():
-            if not contact.enabled or (each != "contact" and contact.friction.amplitude == 0.0):
-                continue
-            yield words | {"name": name, "label": contact.label or f"contact {name}"}
-    elif each == "beam":
-        for name, body in config.bodies.items():
-            if body.kind == "beam" and not body.rigid:
-                yield words | {"name": name, "label": body.label or name}
-    elif each == "rigid beam":
-        for name, body in config.bodies.items():
-            if body.kind == "beam" and body.rigid and body.young_modulus and body.second_moment:
-                yield words | {"name": name, "label": body.label or name}
+        yield from _contacts(config, rubbing=each != "contact")
     elif each in ("spring", "strap"):
-        table: Mapping[str, Any] = getattr(config, f"{each}s")
-        for name, part in table.items():
+        parts: Mapping[str, Any] = getattr(config, f"{each}s")
+        for name, part in parts.items():
             if part.enabled:
-                yield words | {"name": name, "label": name.replace("_", " ")}
-    elif each == "string":
-        if config.string is not None and config.string.kind == "modal":
-            yield words
-    elif each == "point":
-        for name in config.points:
-            yield words | {"name": name}
-    elif each == "channel":
-        for name in channels:
-            yield words | {"name": name}
-    elif each == "finger" and config.finger is not None:
-        yield words | {
-            "finger_body": config.finger.body,
-            "finger_point": "finger",
-        }
+                yield {"name": name, "label": name.replace("_", " ")}
+    elif each in ("point", "channel"):
+        for name in config.points if each == "point" else channels:
+            yield {"name": name}
+    elif each == "finger":
+        if config.finger is not None:
+            yield {"finger_body": config.finger.body}
+    elif not each or (config.string is not None and config.string.kind == "modal"):
+        yield {}
 
 
-def _put(text: str, words: Mapping[str, str]) -> str:
-    for key, word in words.items():
-        text = text.replace("{" + key + "}", word)
-    return text
+T = TypeVar("T")
+
+
+def _filled(node: T, words: Mapping[str, str]) -> T:
+    """A table with words in the place of ``{name}`` and so on."""
+    out: Any = node
+    if isinstance(node, str):
+        for key, word in words.items():
+            out = out.replace("{" + key + "}", word)
+    elif isinstance(node, Schema):
+        out = node.model_copy(update={k: _filled(v, words) for k, v in node})
+    elif isinstance(node, list | tuple):
+        out = type(node)(_filled(v, words) for v in node)
+    return out  # type: ignore[no-any-return]
 
 
 def _entries(
@@ -478,9 +387,13 @@ def _entries(
     section = "tolerances" if tolerance else "effects"
     for template, table in tables.items():
         for words in _each(config, table.each, channels):
-            name = _put(template, words)
+            name = _filled(template, words)
             try:
-                entry = _entry(config, name, table, words, tolerance=tolerance)
+                entry = _entry(config, name, _filled(table, words), words.get("name", ""))
+                if entry is not None and tolerance and not entry.changes:
+                    raise InvalidParameter(
+                        "a tolerance moves entries of the mechanism: give changes or felt"
+                    )
             except InvalidParameter as error:
                 faults.append(f"{section}.{name}: {error}")
                 continue
@@ -488,32 +401,20 @@ def _entries(
                 yield entry
 
 
-def _number(text: float | str, unit: str) -> float:
-    if isinstance(text, (int, float)):
-        return float(text)
+def _magnitude(config: MechanismFile, table: _Table, item: str) -> float:
+    given = [v for v in (table.magnitude, table.magnitude_of, table.sd) if v is not None]
+    if len(given) != 1:
+        raise InvalidParameter("give exactly one of magnitude, magnitude_of (effects), sd")
+    of = given[0]
+    if isinstance(of, _MagnitudeOf):
+        entry = abs(float(read_entry(config, of.path)))
+        if entry == 0.0 and of.or_weight is not None:
+            entry = of.or_weight * _weight_on(config, item)
+        return of.times * entry
     try:
-        return parse_scalar(text, unit)
+        return abs(of if isinstance(of, float) else parse_scalar(of, table.unit))
     except ValueError as error:
         raise InvalidParameter(str(error)) from None
-
-
-def _magnitude(config: MechanismFile, table: _Table, words: Mapping[str, str], unit: str) -> float:
-    given = [table.magnitude, table.magnitude_of, table.sd, table.magnitude_by_input or None]
-    if sum(g is not None for g in given) != 1:
-        raise InvalidParameter(
-            "give exactly one of magnitude, magnitude_of, magnitude_by_input (effects), sd"
-        )
-    if table.magnitude_of is not None:
-        of = table.magnitude_of
-        entry = abs(float(read_entry(config, _put(of.path, words))))
-        if entry == 0.0 and of.or_weight is not None:
-            entry = of.or_weight * _weight_on(config, words["name"])
-        return of.times * entry
-    if table.magnitude_by_input:
-        return table.magnitude_by_input["force"]
-    value = table.magnitude if table.magnitude is not None else table.sd
-    assert value is not None
-    return _number(value, unit)
 
 
 def _weight_on(config: MechanismFile, name: str) -> float:
@@ -526,23 +427,50 @@ def _weight_on(config: MechanismFile, name: str) -> float:
     return weight if body.joint == "prismatic" else weight * math.hypot(*body.center_of_mass)
 
 
-def _entry(
-    config: MechanismFile,
-    name: str,
-    table: _Table,
-    words: Mapping[str, str],
-    *,
-    tolerance: bool,
-) -> Entry | None:
-    unit = _put(table.unit, words)
-    magnitude = _magnitude(config, table, words, unit if "{" not in unit else "1")
-    if magnitude == 0.0:
-        return None  # nothing to scale: for example, this joint has no friction
-    changes = [
-        Change(path=_put(c.path, words), scale=c.scale, exp=c.exp, add=c.add) for c in table.changes
-    ]
+def _entry(config: MechanismFile, name: str, table: _Table, item: str) -> Entry | None:
+    """The entry of a filled table for an item; None: the item has nothing that it changes."""
+    magnitude = _magnitude(config, table, item)
+    changes = _changes(config, table, item)
+    if magnitude == 0.0 or changes is None:  # for example, this joint has no friction
+        return None
+    for path in (*(c.path for c in changes), *([table.shape.path] if table.shape else [])):
+        read_entry(config, path)
+    if table.insert is not None and table.insert.body not in config.bodies:
+        raise InvalidParameter(f"insert: body {table.insert.body!r} is missing")
+    ways = [changes, table.insert, table.sensor, table.input]
+    if sum(bool(w) for w in ways) != 1:
+        raise InvalidParameter("give exactly one of changes or felt, insert, sensor, input")
+    shape = table.shape
+    return Entry(
+        name=name,
+        kind=table.kind,
+        component=table.component or table.label,
+        mechanism=table.mechanism or table.label,
+        unit=table.unit,
+        magnitude=magnitude,
+        sign=table.sign,
+        lower=table.lower,
+        upper=table.upper,
+        step=table.step,
+        changes=tuple(changes),
+        insertion=table.insert,
+        sensor=table.sensor,
+        input=table.input,
+        condition=table.condition,
+        shape_path=shape.path if shape else "",
+        shapes=tuple(shape.values) if shape else (None,),
+        shape_unit=shape.unit if shape else "",
+        remedy=table.remedy,
+        source=table.source,
+        part=table.part,
+    )
+
+
+def _changes(config: MechanismFile, table: _Table, item: str) -> list[Change] | None:
+    """Changes of a table; None: its felt is none, or has no such law."""
+    changes = list(table.changes)
     if table.felt:
-        found = felt.changes(config, words["name"], table.felt)
+        found = felt_changes(config, item, table.felt)
         if found is None:
             return None
         changes += found
@@ -551,68 +479,81 @@ def _entry(
         if not touching:
             return None
         for number in touching:
-            changes += felt.changes(config, number, "stiffness", table.felt_all) or []
+            changes += felt_changes(config, number, "stiffness", table.felt_all) or []
     if table.joints_all:
         changes += [
             Change(path=f"bodies.{b}.friction.amplitude", scale=table.joints_all)
             for b, body in config.bodies.items()
             if body.joint != "weld"
         ]
-    for change in changes:
-        read_entry(config, change.path)
-    shapes: tuple[float | None, ...] = (None,)
-    if table.shape is not None:
-        shapes = tuple(table.shape.values)
-        read_entry(config, _put(table.shape.path, words))
-    insertion = _insertion(config, table.insert, words)
-    ways = [changes, insertion, table.sensor, table.input]
-    if sum(bool(w) for w in ways) != 1:
-        raise InvalidParameter("give exactly one of changes or felt, insert, sensor, input")
-    if tolerance and not changes:
-        raise InvalidParameter("a tolerance moves entries of the mechanism: give changes or felt")
-    label = _put(table.label, words)
-    return Entry(
-        name=name,
-        kind=table.kind,
-        component=_put(table.component, words) or label,
-        mechanism=_put(table.mechanism, words) or label,
-        unit=unit,
-        magnitude=abs(magnitude),
-        sign=table.sign,
-        lower=-math.inf if table.lower is None else table.lower,
-        upper=math.inf if table.upper is None else table.upper,
-        step=0.05 if table.step is None else table.step,
-        changes=tuple(changes),
-        insertion=insertion,
-        sensor=Signal(kind=table.sensor.kind, channels=_put(table.sensor.channels, words))
-        if table.sensor
-        else None,
-        input=Signal(kind=table.input.kind) if table.input else None,
-        condition=Condition(**table.condition.model_dump()) if table.condition else None,
-        shape_path=_put(table.shape.path, words) if table.shape else "",
-        shapes=shapes,
-        shape_unit=_put(table.shape.unit, words) if table.shape else "",
-        remedy=_put(table.remedy, words),
-        source=table.source,
-        part=_put(table.part, words),
-    )
+    return changes
 
 
-def _insertion(
-    config: MechanismFile, table: _InsertTable | None, words: Mapping[str, str]
-) -> Insertion | None:
-    if table is None:
+#: Force that is unchanged when the hardening of a felt changes [N].
+REFERENCE_FORCE = 5.0
+
+
+def felt_changes(
+    config: MechanismFile, contact: str, what: str, times: float = 1.0
+) -> list[Change] | None:
+    """Changes of the entries of a contact; None if its law does not have them.
+
+    Parameters
+    ----------
+    what
+        ``stiffness``: both curves are multiplied by 1 + times * magnitude. ``hardening``: the
+        exponents b of both curves are multiplied by 1 + magnitude; their a is changed so that a
+        exp(b e) is constant at the depth at which the loading curve gives 5 N. ``thickness``: the
+        thickness of the felt is reduced by magnitude [m].
+    """
+    node = config.contacts[contact]
+    if what == "thickness":
+        return _thickness(config, node)
+    if node.law == "hunt_crossley":
+        path = f"contacts.{contact}.hunt_crossley.stiffness"
+        return [Change(path=path, scale=times)] if what == "stiffness" else None
+    if node.loading is None or node.unloading is None:
         return None
-    given: dict[str, Any] = {
-        k: v for k, v in table.model_dump().items() if v is not None and k != "point"
-    }
-    given["body"] = _put(table.body, words)
-    if given["body"] not in config.bodies:
-        raise InvalidParameter(f"insert: body {given['body']!r} is missing")
-    point = table.point
-    if isinstance(point, str):
-        assert config.finger is not None
-        point = config.finger.point
-    if point is not None:
-        given["point"] = point
-    return Insertion(**given)
+    out = []
+    depth = _depth(node.loading)
+    for branch in ("loading", "unloading"):
+        path = f"contacts.{contact}.{branch}"
+        if what == "stiffness":
+            out += [Change(path=f"{path}.{k}", scale=times) for k in "ac"]
+        else:
+            b = getattr(node, branch).b
+            out += [
+                Change(path=f"{path}.a", exp=-b * depth),
+                Change(path=f"{path}.b", scale=1.0),
+            ]
+    return out
+
+
+def _depth(curve: Curve) -> float:
+    """Compression at which the loading curve gives the reference force [m]."""
+
+    def excess(e: float) -> float:
+        power = min(curve.b * e, 40.0)
+        return curve.a * e * math.exp(power) + curve.c * e - REFERENCE_FORCE
+
+    deep = 1e-5
+    while excess(deep) < 0.0 and deep < 1.0:
+        deep *= 1.5
+    return float(brentq(excess, 1e-7, deep)) if excess(deep) > 0.0 else 1e-3
+
+
+def _thickness(config: MechanismFile, node: Contact) -> list[Change] | None:
+    """Reduce the radius of the circle of the pair; with radius zero, move its line instead."""
+    for name in node.surfaces:
+        surface = config.surfaces[name]
+        if surface.kind == "circle" and surface.radius:
+            return [Change(path=f"surfaces.{name}.radius", add=-1.0)]
+    for name in node.surfaces:
+        surface = config.surfaces[name]
+        if surface.kind == "line" and surface.normal is not None:
+            return [
+                Change(path=f"surfaces.{name}.point.{axis}", add=-n)
+                for axis, n in zip("xy", surface.normal, strict=True)
+                if n != 0.0
+            ]
+    return None

@@ -10,23 +10,31 @@ from __future__ import annotations
 import copy
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from feltmb.adapters.accuracy import with_force_error
-from feltmb.adapters.derivatives import Derivatives, SimulatedPoint
-from feltmb.adapters.drives import DISPLACEMENT, FORCE, driven, with_noise
-from feltmb.adapters.landmarks import first_turn, landmarks
-from feltmb.adapters.library import Entry, Library
-from feltmb.adapters.references import from_rest
-from feltmb.adapters.simulator import MechanismSimulator, key_of
-from feltmb.adapters.unreached import unreached
-from feltmb.adapters.writing import write_mechanism
-from feltmb.data import Array, Record
+from feltmb.adapters.changes import Entry
+from feltmb.adapters.derivatives import Derivatives
+from feltmb.adapters.effects import columns_of, effect_of, partners
+from feltmb.adapters.findings import write_mechanism
+from feltmb.adapters.library import Library, load_library
+from feltmb.adapters.records import (
+    driven,
+    first_turn,
+    from_rest,
+    landmarks,
+    unreached,
+    with_force_error,
+    with_noise,
+)
+from feltmb.adapters.simulator import DISPLACEMENT, FORCE, MechanismSimulator, key_of
+from feltmb.arguments import checked
+from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import (
     Candidate,
@@ -39,14 +47,41 @@ from feltmb.fit import (
     SensitivityRequest,
     State,
 )
-from feltmb.mechanism import Action
+from feltmb.fit.limits import InputLimits, Limits
+from feltmb.mechanism import Action, load_action, packaged_actions
+from feltmb.mechanism.parameters import with_values_told
+from feltmb.run.stroke import load_stroke
+from feltmb.run.stroke.strokes import Kind
 
-__all__ = ["MechanismModel"]
+__all__ = [
+    "SETTINGS",
+    "STROKES",
+    "STROKE_KINDS",
+    "MechanismModel",
+    "finger_limits",
+    "mechanism_model",
+    "model_of",
+    "planned_strokes",
+    "resolve",
+]
 
 #: Longest record [s]; the simulation of a wrong clock would take minutes.
 LONGEST = 20.0
 #: Beginnings of the names of parameters of felt and friction, which vary from stroke to stroke.
 VARYING = ("felt.", "joint_friction.", "contact_friction.")
+
+#: Settings of a command: name -> meaning.
+SETTINGS = {
+    "channels": "channels or outputs, with commas: key,hammer_tip (default: those of the library)",
+    "effects": "names or patterns, with commas: felt_*,let_off_button (default: all)",
+    "tolerances": "parameters to estimate, names or patterns (default: all of the library)",
+    "library": "packaged library of effects or TOML file (default: that of the mechanism)",
+    "rtol": "relative tolerance of the integrator (default 1e-6)",
+    "until": "time after the impact up to which samples are used in s, or end: all "
+    "samples (default: that of the library, 0.01)",
+    "variation": "relative change of felt and friction from stroke to stroke "
+    "(default 0.01), none: no variation",
+}
 
 
 class MechanismModel(Model):
@@ -133,7 +168,11 @@ class MechanismModel(Model):
                 "(defaults.until); the whole record is used"
             )
         if until is not None and library.until is not None:
-            self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
+            self.until = (
+                None
+                if math.isinf(until)
+                else library.until.model_copy(update={"after_turn": until})
+            )
         self.carried: frozenset[int] = frozenset()
         """Motions whose noise was carried into the force of their records by :meth:`ready`."""
 
@@ -283,27 +322,283 @@ class MechanismModel(Model):
 
     def _sensitivity(self, request: SensitivityRequest) -> Sensitivity:
         request.check(self)
-        record, theta, included = request.record, request.theta, request.included
-        wanted, effects = request.parameters_of(self), (*included, *request.candidates)
-        base = self.simulator.motion(record, theta, included, request.sizes)
-        none = np.zeros((record.samples, len(self.outputs), 0))
-        if base is None:
-            base = np.full(none.shape[:2], np.nan)
-            counts = (len(wanted), len(effects), len(request.input_changes))
-            by, of, by_inputs = (np.zeros((*base.shape, k)) for k in counts)
-        else:
-            point = SimulatedPoint(record, theta, included, request.sizes, base)
-            by, of, by_inputs = self.derivatives.at(point, wanted, effects, request.input_changes)
+        wanted = replace(request, by_theta=request.parameters_of(self))
+        base = self.simulator.motion(request.record, request.theta, request.included, request.sizes)
+        if base is not None:
+            return self.derivatives.of(wanted, base)
+        shape = (request.record.samples, len(self.outputs))
+
+        def none(variables: Sequence[object]) -> Array:
+            return np.zeros((*shape, len(variables)))
+
         return Sensitivity(
-            outputs=base,
-            d_theta=by,
-            d_magnitudes=of[..., : len(included)],
-            d_starts=none,
-            d_candidates=of[..., len(included) :],
-            d_inputs=by_inputs,
+            outputs=np.full(shape, np.nan),
+            d_theta=none(request.parameters_of(self)),
+            d_magnitudes=none(request.included),
+            d_starts=none(()),
+            d_candidates=none(request.candidates),
+            d_inputs=none(request.input_changes),
         )
 
 
 def varies(parameter: Parameter) -> bool:
     """Whether a parameter scales a law of felt or friction, which vary from stroke to stroke."""
     return parameter.unit == "1" and parameter.name.startswith(VARYING)
+
+
+# ------------------------------------------------------------------ with its library, by name
+
+
+@checked
+def mechanism_model(
+    action: Action,
+    *,
+    channels: Sequence[str] = (),
+    library: Library | str | None = None,
+    effects: Sequence[str] = (),
+    tolerances: Sequence[str | Entry] | None = None,
+    **options: Any,
+) -> tuple[MechanismModel, tuple[Effect, ...]]:
+    """A mechanism with its tolerances and effects as a model of a fit or a diagnosis.
+
+    Parameters
+    ----------
+    channels
+        Channel names of the library (``key``, ``hammer_tip``) or outputs (``hammer_tip.x``);
+        default: the default channels of the library.
+    library
+        A library, its name or path; default: the library of the mechanism.
+    effects
+        Names or patterns (``felt_*``); default: all effects of the library.
+    tolerances
+        Parameters that a fit estimates: names, patterns or entries of the library; default: all of
+        the library. An empty list: none.
+    options
+        Options of :class:`MechanismModel`.
+
+    Raises
+    ------
+    InvalidParameter
+        A name is unknown; the message has the nearest known ones. A text is given instead of a list
+        of names.
+    """
+    if not isinstance(library, Library):
+        library = load_library(action, library)
+    estimated = _chosen(library, tolerances)
+    model = MechanismModel(
+        action, library, library.outputs(channels), tolerances=estimated, **options
+    )
+    chosen = [e for e in library.select(effects) if _can_show(model, e)]
+    ready = []
+    for e in chosen:
+        alias = model.simulator.alias(e)
+        ready.append(
+            effect_of(
+                e,
+                model.outputs,
+                library.channels,
+                tolerance_parameter="" if alias is None else alias.tolerance.name,
+                tolerance_ratio=1.0 if alias is None else alias.ratio(0.0, 0.0),
+            )
+        )
+    model.effects, model.offers_all = tuple(ready), True
+    return model, model.effects
+
+
+def _chosen(library: Library, tolerances: Sequence[str | Entry] | None) -> tuple[Entry, ...]:
+    """Tolerances by name, pattern or entry; None: all of the library."""
+    if tolerances is None:
+        return library.tolerances
+    out: list[Entry] = []
+    for t in tolerances:
+        out += [t] if isinstance(t, Entry) else library.choose_tolerances([t])
+    return tuple({t.name: t for t in out}.values())
+
+
+def _can_show(model: MechanismModel, entry: Entry) -> bool:
+    """Whether the channel of a sensor effect exists."""
+    if entry.sensor is None:
+        moved = {c.path.split(".")[1] for c in entry.changes if c.path.startswith("points.")}
+        return not moved or any(o.rpartition(".")[0] in moved for o in model.outputs)
+    return bool(columns_of(entry.sensor, model.outputs, model.library.channels))
+
+
+def model_of(action: Action, records: Sequence[Record] | Record) -> MechanismModel:
+    """A mechanism as a model, with the default channels and the outputs that records show.
+
+    Parameters
+    ----------
+    action
+        The mechanism.
+    records
+        Measured runs.
+    """
+    records = (records,) if isinstance(records, Record) else tuple(records)
+    library = load_library(action)
+    known = {f"{point}.{axis}" for point in action.config.points for axis in "xy"}
+    known |= {FORCE} if action.config.finger is not None else set()
+    shown = list(dict.fromkeys(n for r in records for n in r.outputs if n in known))
+    channels = ",".join(shown or library.default_channels)
+    found = resolve(action, {"channels": channels} if channels else {})
+    assert found is not None
+    return found[0]
+
+
+def resolve(
+    name: str | Action,
+    settings: Mapping[str, str],
+    also: Sequence[str] = (),
+    *,
+    tell: Callable[[str], None] | None = None,
+) -> tuple[MechanismModel, tuple[Effect, ...]] | None:
+    """Model and effects of a packaged mechanism or a mechanism file; None for other names.
+
+    Parameters
+    ----------
+    name
+        Name, path of a file, or a mechanism.
+    settings
+        Settings of :data:`SETTINGS`; a name with a dot is a path of the mechanism,
+        ``string.modes``.
+    also
+        Channels in addition to those of the settings.
+    tell
+        Function that receives sentences about assumptions.
+
+    Raises
+    ------
+    InvalidParameter
+        A setting, channel or effect is unknown; the message has the known ones.
+    """
+    if not isinstance(name, Action):
+        if name not in packaged_actions() and not name.endswith(".toml"):
+            return None
+        name = load_action(name)
+    paths = {k: v for k, v in settings.items() if "." in k}
+    unknown = sorted(set(settings) - set(SETTINGS) - set(paths))
+    if unknown:
+        raise InvalidParameter(
+            f"--set {', '.join(unknown)}: expected {', '.join(SETTINGS)}, or a path of the "
+            "mechanism such as string.modes"
+        )
+    action = with_values_told(name, [f"{k}={v}" for k, v in paths.items()], tell)
+    options: dict[str, Any] = {}
+    if "rtol" in settings:
+        try:
+            options["rtol"] = float(settings["rtol"])
+        except ValueError:
+            raise InvalidParameter(f"rtol: got {settings['rtol']!r}, expected a number") from None
+    if "until" in settings:
+        options["until"] = _until(settings)
+    if "variation" in settings:
+        options["variation"] = _variation(settings)
+    library = load_library(action, settings.get("library"))
+    if "tolerances" in settings:
+        options["tolerances"] = _list(settings["tolerances"])
+    channels = _list(settings.get("channels", "")) or list(library.default_channels)
+    effects = _list(settings.get("effects", ""))
+    outputs = library.outputs([*channels, *also])
+    turned = [e.sensor for e in library.select(effects) if e.sensor and e.sensor.kind == "tilt"]
+    beside = partners(turned, outputs, library.channels)
+    model, made = mechanism_model(
+        action, channels=[*outputs, *beside], effects=effects, library=library, **options
+    )
+    model.beside = frozenset(beside)
+    return model, made
+
+
+def _until(settings: Mapping[str, str]) -> float:
+    """Time after the impact that is used [s]; infinite: to the end."""
+    text = settings["until"]
+    if text == "end":
+        return math.inf
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        raise InvalidParameter(f"until: got {text!r}, expected seconds >= 0, or end")
+    return value
+
+
+def _variation(settings: Mapping[str, str]) -> float | None:
+    """Run-to-run variation [1]; None: none."""
+    text = settings["variation"]
+    if text == "none":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= 0.5:
+        raise InvalidParameter(f"variation: got {text!r}, expected a share from 0 to 0.5, or none")
+    return value
+
+
+def _list(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+# ------------------------------------------------------------------------------- planned strokes
+
+#: Kind of a stroke by input of the model.
+STROKE_KINDS: Mapping[str, Kind] = {"force": "force", "displacement": "key_motion"}
+
+#: Packaged strokes, the most informative first.
+STROKES = ("forte", "piano", "staccato")
+#: Sample rate [Hz].
+RATE = 2000.0
+#: Noise of a camera that resolves a fifth of a pixel of 0.1 mm [m], and of a good load cell [N].
+CAMERA, LOAD_CELL = 2e-5, 0.01
+
+
+@checked
+def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tuple[Record, ...]:
+    """Packaged strokes as records without measured values, with typical commercial sensors.
+
+    The noise is 0.01 N for the force and 0.02 mm for displacements, at 2 kHz. None for a mechanism
+    without a finger.
+
+    Parameters
+    ----------
+    names
+        Packaged strokes or files of strokes.
+    """
+    if model.action.config.finger is None:
+        return ()
+    seen = [o for o in model.outputs if o not in model.beside and o != DISPLACEMENT]
+    sensors = {
+        o: Sensor(
+            name=o,
+            unit=model.units[o],
+            sigma=LOAD_CELL if o == "finger.force" else CAMERA,
+        )
+        for o in seen
+    }
+    records = []
+    for name in names:
+        stroke = load_stroke(name)
+        time = np.arange(0.0, stroke.duration, 1.0 / RATE)
+        records.append(
+            Record(
+                name=name,
+                time=time,
+                inputs={"force": stroke.at(time)},
+                outputs={o: np.zeros(time.size) for o in seen},
+                sensors=sensors,
+                input_sigma={"force": LOAD_CELL},
+            )
+        )
+    return tuple(records)
+
+
+@checked
+def finger_limits(model: MechanismModel) -> Limits | None:
+    """Limits of a finger on a key; None for a mechanism without a finger.
+
+    0 to 25 N (the loudest packaged stroke), 2 kN/s (it rises in 12 ms), 0.6 s; sampled at 2 kHz.
+    """
+    if model.action.config.finger is None:
+        return None
+    force = InputLimits(least=0.0, most=25.0, rate=2000.0, unit="N", sigma=LOAD_CELL)
+    return Limits(inputs={"force": force}, duration=0.6, sample_rate=RATE)

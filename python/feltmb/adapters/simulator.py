@@ -5,29 +5,47 @@ Every record starts at rest, for all parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from feltmb import _core
-from feltmb.adapters.aliases import Alias, alias_of
-from feltmb.adapters.drives import DISPLACEMENT, FORCE, Drives, start_state
+from feltmb.adapters.changes import Alias, Configurations, Entry, alias_of
 from feltmb.adapters.effects import parameter_of
-from feltmb.adapters.library import Entry
-from feltmb.adapters.sampling import at_times, output_rate
-from feltmb.adapters.shifter import Shifter
-from feltmb.adapters.variants import Variant, Workshop
-from feltmb.data import Array, Record
-from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.data import Array, Record, evenly_spaced
+from feltmb.data.smoothing import LEAST_SAMPLES, smooth_record
+from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.fit import Candidate
 from feltmb.fit.latest import Latest
-from feltmb.mechanism import Action, MechanismFile
+from feltmb.mechanism import Action, MechanismFile, describe
 
-__all__ = ["MechanismSimulator", "key_of"]
+__all__ = [
+    "DISPLACEMENT",
+    "FORCE",
+    "Drive",
+    "Drives",
+    "MechanismSimulator",
+    "Variant",
+    "Workshop",
+    "at_times",
+    "input_of",
+    "key_of",
+    "output_rate",
+    "start_state",
+]
 
+#: Outputs of the finger: its force [N], and its displacement [m].
+FORCE, DISPLACEMENT = "finger.force", "finger.displacement"
+
+#: Number of cached smoothed motions; a diagnosis uses each of them thousands of times.
+SMOOTHED = 256
+#: Number of cached part definitions: versions of a mechanism share most of theirs.
+PARTS = 5000
 #: Largest number of steps per second of a record [1/s], ten times those of a staccato: a mechanism
 #: with absurd parameters takes minutes.
 MOST_STEPS = 1e6
@@ -35,6 +53,202 @@ MOST_STEPS = 1e6
 MOTIONS = 64
 #: Number of cached versions of the mechanism: all of one linearization.
 VERSIONS = 400
+#: Output samples per short interval of a record with an uneven clock. A tenth of its intervals are
+#: shorter.
+FINER, SHORT = 8.0, 0.1
+
+
+# ------------------------------------------------------------------------------------- inputs
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Input of a record: force of the finger [N], or displacement of the key front [m]."""
+
+    time: Array
+    value: Array
+    motion: bool
+
+    @cached_property
+    def profile(self) -> _core.Profile:
+        """Input over the time from the first sample.
+
+        A force is interpolated without overshoot. A motion is a spline, because its acceleration
+        matters.
+        """
+        kind = _core.Interpolation.spline if self.motion else _core.Interpolation.monotone
+        return _core.Profile(list(self.time - self.time[0]), list(self.value), kind)
+
+    @cached_property
+    def input(self) -> _core.Input:
+        """Input of the core."""
+        return _core.Input(self.profile, "key_motion" if self.motion else "force")
+
+
+class Drives:
+    """Inputs of records; a noisy motion is smoothed once and cached."""
+
+    def __init__(self) -> None:
+        self._smoothed: Latest[tuple[object, ...], Array] = Latest(SMOOTHED)
+
+    def of(self, record: Record) -> Drive:
+        """Input of a record.
+
+        Raises
+        ------
+        DataError
+            The input of the input mode is missing.
+        """
+        motion, wanted = record.input_mode == "motion", input_of(record)
+        if wanted not in record.inputs:
+            raise DataError(
+                f"record {record.name}: input {wanted!r} is missing "
+                f"(inputs are {', '.join(record.inputs) or 'none'}); "
+                f"input_mode {record.input_mode!r} needs it"
+            )
+        value, sigma = record.inputs[wanted], record.input_sigma.get(wanted, 0.0)
+        if motion and sigma > 0.0 and value.size >= LEAST_SAMPLES:
+            key = (record.time.tobytes(), value.tobytes(), sigma)
+            noisy = value
+            value = self._smoothed.get(key, lambda: smooth_record(record.time, noisy, sigma))
+        return Drive(record.time, value, motion)
+
+
+def start_state(action: Action, v: Variant, drive: Drive) -> Array:
+    """Full state at the first sample: at rest, but the joint of the finger follows a motion."""
+    full = v.rest.copy()
+    if not drive.motion:
+        return full
+    finger = action.config.finger
+    assert finger is not None
+    coordinates = list(v.mechanism.coordinates)
+    k = coordinates.index(action.config.bodies[finger.body].coordinate)
+    n, profile = len(coordinates), drive.profile
+    wanted = v.finger_reference + float(profile.value(0.0))
+
+    def place(q: Array) -> float:
+        return float(_core.finger_place(v.mechanism, q))
+
+    step = 1e-6
+    for _ in range(4):
+        here = place(full[:n])
+        ahead = full[:n].copy()
+        ahead[k] += step
+        full[k] -= (here - wanted) * step / (place(ahead) - here)
+    full[n + k] = 0.0
+    here = place(full[:n])
+    ahead = full[:n].copy()
+    ahead[k] += step
+    lever = (place(ahead) - here) / step
+    drift = (place(full[:n] + step * full[n : 2 * n]) - here) / step
+    full[n + k] = (float(profile.rate(0.0)) - drift) / lever
+    return full
+
+
+def input_of(record: Record) -> str:
+    """Name of the input for the input mode of a record."""
+    return "displacement" if record.input_mode == "motion" else "force"
+
+
+# -------------------------------------------------------------------------- versions at rest
+
+
+class Variant:
+    """One mechanism and its rest pose.
+
+    The rest pose is computed when it is needed.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism, assembled for the core.
+    finger
+        Whether it has a finger.
+
+    Raises
+    ------
+    ModelError
+        The mechanism has no rest pose; raised by every attribute that needs it.
+    """
+
+    def __init__(self, mechanism: _core.Mechanism, *, finger: bool):
+        self.mechanism = mechanism
+        self._finger = finger
+
+    @property
+    def states(self) -> tuple[int, int, int]:
+        """Numbers of coordinates, of states of laws, and of modes of strings."""
+        m = self.mechanism
+        return len(m.coordinates), len(m.law_state_names), m.total_modes
+
+    @cached_property
+    def _found(self) -> Mapping[str, Any]:
+        return _core.find_equilibrium(self.mechanism)
+
+    @cached_property
+    def rest(self) -> Array:
+        """Full state [q, v, law states, eta, d eta/dt] at rest."""
+        q = np.asarray(self._found["q"])
+        modes = np.zeros(self.mechanism.total_modes)
+        found = (self._found["law"], self._found["eta"])
+        return np.concatenate([q, np.zeros(q.size), *found, modes])
+
+    @cached_property
+    def memory(self) -> Array:
+        """Compressions that the contacts remember at rest [m]."""
+        return np.asarray(self._found["largest_compression"])
+
+    @cached_property
+    def points(self) -> Mapping[str, tuple[float, float]]:
+        """Positions of the tracking points at rest [m]."""
+        points = {}
+        for index, name in enumerate(self.mechanism.point_names):
+            x, y = _core.point_position(self.mechanism, index, self._found["q"])
+            points[name] = (float(x), float(y))
+        return points
+
+    @cached_property
+    def finger_reference(self) -> float:
+        """Position of the finger along its direction at rest [m]; 0 without a finger."""
+        if not self._finger:
+            return 0.0
+        return float(_core.finger_place(self.mechanism, self._found["q"]))
+
+
+class Workshop:
+    """Builds variants, with the parts that they share; usable from several threads."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[Any, Any]] = {}
+
+    def build(self, config: MechanismFile) -> Variant:
+        """Assemble a configuration and compute its rest pose.
+
+        Raises
+        ------
+        InvalidParameter, ModelError
+            These values define no valid mechanism, or it has no rest pose.
+        """
+        variant = self.assemble(config)
+        _ = variant.rest
+        return variant
+
+    def assemble(self, config: MechanismFile) -> Variant:
+        """Assemble a configuration; its rest pose is computed when it is needed.
+
+        Raises
+        ------
+        InvalidParameter
+            These values define no valid mechanism.
+        """
+        if len(self._known) > PARTS:
+            self._known = {}
+        return Variant(
+            _core.assemble(describe(config, self._known)), finger=config.finger is not None
+        )
+
+
+# ----------------------------------------------------------------------------------- motions
 
 
 class MechanismSimulator:
@@ -91,7 +305,7 @@ class MechanismSimulator:
         """Inputs of the mechanism in a record."""
         self._aliases: dict[str, Alias | None] = {}
         self._workshop = Workshop()
-        self._shifter = Shifter(action.config)
+        self._configurations = Configurations(action.config)
         self._motions: Latest[tuple[object, ...], Array | None] = Latest(MOTIONS)
         self._versions: Latest[tuple[object, ...], Variant] = Latest(VERSIONS)
         try:
@@ -136,7 +350,7 @@ class MechanismSimulator:
         self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
     ) -> MechanismFile:
         chosen = self.chosen(theta, included, magnitudes)
-        return self._shifter.config(chosen, record.conditions)
+        return self._configurations.of(chosen, record.conditions)
 
     def chosen(
         self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
@@ -268,3 +482,30 @@ def key_of(
         if magnitude * drift != 0.0
     ]
     return b";".join(parts)
+
+
+def output_rate(time: Array) -> float:
+    """Rate of the outputs of a simulation from which :func:`at_times` takes the samples [Hz].
+
+    With an even clock, every output is a sample.
+    """
+    if evenly_spaced(time):
+        return (time.size - 1) / float(time[-1] - time[0])
+    duration = float(time[-1] - time[0])
+    step = float(np.quantile(np.diff(time), SHORT))
+    return math.ceil(FINER * duration / step) / duration
+
+
+def at_times(simulated: Array, values: Array, time: Array) -> Array:
+    """Values (n, ...) at the times of the samples, from values at the times of the simulation.
+
+    They are returned unchanged if the clock of the samples is even, else interpolated by cubic
+    polynomials.
+    """
+    if simulated.size == time.size and evenly_spaced(time):
+        return values
+    from scipy.interpolate import CubicHermiteSpline
+
+    slope = np.gradient(values, simulated, axis=0)
+    found: Array = CubicHermiteSpline(simulated, values, slope, axis=0)(time)
+    return found

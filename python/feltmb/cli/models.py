@@ -414,7 +414,7 @@ class Adapter:
 def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) -> Adapter | None:
     """Packaged mechanism or mechanism file, see :mod:`feltmb.adapters.resolve`."""
     from feltmb.adapters import STROKE_KINDS, finger_limits, planned_strokes
-    from feltmb.adapters.resolve import resolve
+    from feltmb.adapters.model import resolve
 
     found = resolve(name, settings, channels, tell=complain)
     if found is None:

@@ -15,8 +15,7 @@ from typing import Any
 
 from feltmb.action.regulate.targets import Step, Targets, default_targets
 from feltmb.adapters import Library, load_library
-from feltmb.adapters.changes import Change, apply_changes
-from feltmb.adapters.library import Entry
+from feltmb.adapters.changes import Change, Entry, Values, applied
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.mechanism import Action
 from feltmb.mechanism.values import si_factor
@@ -262,7 +261,7 @@ class Bench:
                 faults.append(f"{shortened(path)} is no number of {self.action.name!r}")
         if faults:
             raise InvalidParameter("\n".join(faults))
-        _, moved = apply_changes(self.action.config, asked)
+        moved = applied(asked, Values(self.action.config))
         out = {path: self._in_file(path, value) for path, value in moved.items()}
         out |= {path: float(value) for path, value in numbers.items()}
         return {path: self._with_unit(path, value) for path, value in out.items()}

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from feltmb.action.customer import finding
 from feltmb.adapters import mechanism_model
-from feltmb.adapters.places import bodies_at
+from feltmb.adapters.findings import bodies_at
 from feltmb.data import ReadOptions, Record
 from feltmb.data.columns import MEASURED_FILES, Columns, read_columns
 from feltmb.data.files import read_each

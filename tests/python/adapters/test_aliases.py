@@ -7,9 +7,7 @@ import pytest
 
 import feltmb
 from feltmb.adapters import load_library, mechanism_model, planned_strokes
-from feltmb.adapters.aliases import alias_of
-from feltmb.adapters.changes import Change, read_entry
-from feltmb.adapters.variants import changed_config
+from feltmb.adapters.changes import Change, alias_of, changed_config, read_entry
 from feltmb.data import Record, Sensor
 from feltmb.fit import Effect, LinearModel, Parameter
 from feltmb.gap import Verdict, diagnose

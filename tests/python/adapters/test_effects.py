@@ -5,7 +5,7 @@ import pytest
 
 import feltmb
 from feltmb.adapters import load_library, mechanism_model
-from feltmb.adapters.variants import changed_config
+from feltmb.adapters.changes import changed_config
 from feltmb.data import Record
 from feltmb.fit import Candidate
 from feltmb.fit.observe import observe

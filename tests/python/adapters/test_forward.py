@@ -6,7 +6,7 @@ import pytest
 import feltmb
 from feltmb import _core
 from feltmb.adapters import load_library, mechanism_model
-from feltmb.adapters.forward import OperatingPoint, can_differentiate, forward_sensitivities
+from feltmb.adapters.derivatives import can_differentiate, forward_sensitivities
 from feltmb.data import Record
 from feltmb.fit import Candidate, Jobs, SensitivityRequest
 
@@ -42,12 +42,12 @@ def columns_of(monkeypatch, mechanism, stroke, effects, whole):
     candidates = [Candidate(e, s) for e in known for s in e.shapes]
     candidates = tuple(c for c in candidates if can_differentiate(model.simulator, record, c))
     count = len(model.parameters)
-    at = OperatingPoint(record, np.zeros(count), (), np.zeros(0))
+    request = SensitivityRequest(
+        record, np.zeros(count), np.zeros(0), by_theta=range(count), candidates=candidates
+    )
     with monkeypatch.context() as patch:
         patch.setattr(_core, "sensitivities", call)
-        columns = forward_sensitivities(
-            model.simulator, at, range(count), candidates, tolerance=2e-6
-        )
+        columns = forward_sensitivities(model.simulator, request, tolerance=2e-6)
     scales = np.array([p.size for p in model.parameters] + [c.effect.scale for c in candidates])
     names = [p.name for p in model.parameters] + [c.name for c in candidates]
     return names, columns * scales, work[0]

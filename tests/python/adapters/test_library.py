@@ -8,8 +8,8 @@ import pytest
 import feltmb
 from feltmb.action.touch import static_touch
 from feltmb.adapters import action_with_effects, load_library, mechanism_model, planned_strokes
-from feltmb.adapters.changes import Change, apply_changes, read_entry
-from feltmb.adapters.resolve import resolve
+from feltmb.adapters.changes import Change, Values, applied, read_entry, replace_entry
+from feltmb.adapters.model import resolve
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action
 
@@ -90,16 +90,14 @@ def test_changes_combine_and_a_zero_leaves_the_very_object():
     config = ACTION.config
     path = "surfaces.Gp10.point.y"
     old = read_entry(config, path)
-    new, moved = apply_changes(config, [(Change(path=path, add=1.0), 1e-4)] * 2)
-    assert read_entry(new, path) == pytest.approx(old + 2e-4)
+    moved = applied([(Change(path=path, add=1.0), 1e-4)] * 2, Values(config))
     assert moved == {path: pytest.approx(old + 2e-4)}
+    assert read_entry(replace_entry(config, path, moved[path]), path) == moved[path]
     assert read_entry(config, path) == old
     factors = [(Change(path="head.mass", scale=1.0), 0.1), (Change(path="head.mass", exp=1.0), 0.2)]
-    heavier, _ = apply_changes(config, factors)
-    assert read_entry(heavier, "head.mass") == pytest.approx(0.0078 * 1.1 * np.exp(0.2))
-    same, moved = apply_changes(config, [(Change(path=path, add=1.0, scale=2.0), 0.0)])
-    assert same is config
-    assert moved == {}
+    heavier = applied(factors, Values(config))
+    assert heavier == {"head.mass": pytest.approx(0.0078 * 1.1 * np.exp(0.2))}
+    assert applied([(Change(path=path, add=1.0, scale=2.0), 0.0)], Values(config)) == {}
     with pytest.raises(InvalidParameter, match="'kee' does not exist"):
         read_entry(config, "bodies.kee.mass")
 

@@ -8,9 +8,9 @@ import pytest
 
 import feltmb
 from feltmb.adapters import mechanism_model
-from feltmb.adapters.drives import driven as driven_by_force
-from feltmb.adapters.landmarks import first_turn
-from feltmb.adapters.resolve import resolve
+from feltmb.adapters.model import resolve
+from feltmb.adapters.records import driven as driven_by_force
+from feltmb.adapters.records import first_turn
 from feltmb.cli.models import load_adapter
 from feltmb.data import Record, Sensor
 from feltmb.data.smoothing import smooth_record

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from feltmb import load_action
-from feltmb.adapters.library import Signal, load_library
-from feltmb.adapters.signals import excite_by, observe_by
+from feltmb.adapters.changes import InputError, SensorError
+from feltmb.adapters.effects import excite_by, observe_by
+from feltmb.adapters.library import load_library
 from feltmb.data import Record
 from feltmb.errors import InvalidParameter
 from feltmb.gap import library
@@ -38,7 +39,7 @@ def test_an_input_is_taken_back_to_what_acted_by_both_libraries(error):
         "offset": library.offset_input("f", unit="N", scale=1.0),
         "delay": library.delay_input("f", scale=1.0),
     }[error]
-    mechanical = excite_by(Signal(kind=error))
+    mechanical = excite_by(InputError(kind=error))
     inside = slice(10, -10)
     for excite in (generic.excite, mechanical):
         found = excite(record, size, None)["f"]
@@ -56,7 +57,7 @@ def test_a_sensor_and_an_input_have_the_same_signs(error):
         "delay": library.sensor_delay(["f"], "f", scale=1.0),
     }[error]
     truth = _truth(TIME)[None, :, None]
-    mechanical = observe_by(Signal(kind=error, channels="f"), ["f"], {})
+    mechanical = observe_by(SensorError(kind=error, channels="f"), ["f"], {})
     for observe in (sensor.observe, mechanical):
         shown = observe(record, truth, np.array([size]), None)[0, :, 0]
         assert shown[10:-10] == pytest.approx(reading[10:-10], abs=1e-5)

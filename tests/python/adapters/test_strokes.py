@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 import feltmb
+from blind.refined import KINDS, refined
 from feltmb.adapters import load_library, mechanism_model
-from feltmb.adapters.refined import KINDS, refined
-from feltmb.adapters.resolve import resolve
-from feltmb.adapters.shifter import Shifter
-from feltmb.adapters.variants import changed_config
+from feltmb.adapters.changes import Configurations, changed_config
+from feltmb.adapters.model import resolve
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Candidate, Jobs, SensitivityRequest
@@ -66,7 +65,7 @@ def test_a_row_of_configurations_is_that_of_single_ones():
     action = feltmb.load_action("steinway45")
     library = load_library(action)
     rng = np.random.default_rng(1)
-    shifter = Shifter(action.config)
+    configurations = Configurations(action.config)
     theta = np.zeros(len(library.tolerances))
     for turn in range(12):
         theta[rng.integers(theta.size, size=3)] = rng.standard_normal(3)
@@ -77,10 +76,10 @@ def test_a_row_of_configurations_is_that_of_single_ones():
         ]
         extra = library.effects[int(rng.integers(len(library.effects)))]
         entries.append((extra, 0.3 * extra.magnitude, extra.shapes[0]))
-        ours = shifter.config(entries, {}).model_dump(mode="json")
-        assert_close(ours, changed_config(action.config, entries, {}).model_dump(mode="json"))
+        ours = configurations.of(entries).model_dump(mode="json")
+        assert_close(ours, changed_config(action.config, entries).model_dump(mode="json"))
     zero = [(e, 0.0, None) for e in library.tolerances]
-    assert shifter.config(zero, {}) is action.config
+    assert configurations.of(zero) is action.config
 
 
 def assert_close(a, b):

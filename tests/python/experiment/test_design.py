@@ -319,7 +319,7 @@ def test_files_of_a_plan(tmp_path):
 
 def test_a_stroke_of_a_mechanism():
     """The action is linearized as in its diagnosis, with its variation from stroke to stroke."""
-    from feltmb.adapters.resolve import resolve
+    from feltmb.adapters.model import resolve
 
     settings = {"effects": "coulomb_friction.butt,felt_hardening.06", "tolerances": "felt.0*"}
     model, effects = resolve("steinway45", settings)

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from feltmb.adapters.resolve import resolve
+from feltmb.adapters.model import resolve
 from feltmb.cli import main
 from stories.stories import STORIES, make
 

@@ -1,30 +1,63 @@
-"""Writes a mechanism with the results of a diagnosis; each changed value has its source."""
+"""What a diagnosis found or a plan proposes: changed mechanisms, files, and places."""
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from feltmb.adapters.changes import read_entry
-from feltmb.adapters.library import Entry
-from feltmb.adapters.variants import changed_config
+from feltmb.adapters.changes import Chosen, changed_config, read_entry
+from feltmb.arguments import checked
+from feltmb.data import Array
 from feltmb.errors import InvalidParameter
 from feltmb.files import write_text
 from feltmb.mechanism import Action, MechanismFile, expand_path
 from feltmb.mechanism.values import tidy
+from feltmb.run.stroke.strokes import Kind, usual_interpolation
 from feltmb.units import conversion_factor, split_quantity
 from feltmb.units.quantity import is_quantity
 
-__all__ = ["action_of_findings", "write_mechanism"]
+__all__ = [
+    "action_of_findings",
+    "action_with_effects",
+    "bodies_at",
+    "points_at",
+    "write_mechanism",
+    "write_planned_stroke",
+    "write_planned_torque",
+]
+
+
+@checked
+def action_with_effects(action: Action, entries: Chosen) -> Action:
+    """Mechanism with tolerances and effects of given magnitudes.
+
+    Parameters
+    ----------
+    entries
+        (entry, magnitude [its unit], shape or None); sensor and input effects do not change a
+        mechanism.
+
+    Returns
+    -------
+    Action
+        The mechanism in SI units. Notes and sources of the file are removed, because they describe
+        the old values. If nothing changed, the original object is returned.
+    """
+    config = changed_config(action.config, entries)
+    if config is action.config:
+        return action
+    raw = config.model_dump(mode="json", by_alias=True, exclude_none=True)
+    return Action(raw, action.origin)
 
 
 def write_mechanism(
     path: Path,
     action: Action,
-    entries: Sequence[tuple[Entry, float, float | None]],
+    entries: Chosen,
     *,
     provenance: str,
     besides: Sequence[str] = (),
@@ -37,7 +70,7 @@ def write_mechanism(
 
 def action_of_findings(
     action: Action,
-    entries: Sequence[tuple[Entry, float, float | None]],
+    entries: Chosen,
     *,
     provenance: str,
     besides: Sequence[str] = (),
@@ -67,26 +100,31 @@ def action_of_findings(
         )
     numbers = [(e, m, s) for e, m, s in used if e.insertion is None]
     raw, old = action.raw, action.config
-    new = changed_config(old, numbers, {})
+    new = changed_config(old, numbers)
     paths = dict.fromkeys(c.path for e, _, _ in numbers for c in e.changes)
     paths |= dict.fromkeys(e.shape_path for e, _, s in numbers if e.shape_path and s is not None)
     for path in paths:
         before, after = read_entry(old, path), read_entry(new, path)
         if before != after:
             _put(raw, path, float(before), float(after), provenance)
-    inserted = changed_config(new, [(e, m, s) for e, m, s in used if e.insertion], {})
+    inserted = changed_config(new, [(e, m, s) for e, m, s in used if e.insertion])
     if inserted is not new:
         _put_parts(raw, new, inserted)
     raw["name"] = f"{action.name.removesuffix('_calibrated')}_calibrated"
-    about = str(raw.get("about", "")) or action.name
+    raw["about"] = _about(action, used, provenance, besides)
+    return Action(raw, action.origin)
+
+
+def _about(action: Action, used: Chosen, provenance: str, besides: Sequence[str]) -> str:
+    """Text about a calibrated mechanism."""
+    about = str(action.raw.get("about", "")) or action.name
     about = f"{about.partition('; calibrated by ')[0]}; calibrated by {provenance}"
     found = [f"{e.name} = {m:.6g} {e.unit}".removesuffix(" 1") for e, m, _ in used if e.insertion]
     if found:
         about += f"; inserted: {', '.join(found)}"
     if besides:
         about += f"; not in this file, because they are of the records: {', '.join(besides)}"
-    raw["about"] = about
-    return Action(raw, action.origin)
+    return about
 
 
 def _put(raw: dict[str, Any], path: str, before: float, after: float, provenance: str) -> None:
@@ -188,3 +226,121 @@ def _put_parts(raw: dict[str, Any], old: MechanismFile, new: MechanismFile) -> N
                 mine[key] = copy.deepcopy(value)
         for key in set(before.get(table, {})) - set(parts):
             mine.pop(key, None)
+
+
+# -------------------------------------------------------------------------------- planned inputs
+
+
+@checked
+def write_planned_stroke(
+    path: Path, kind: Kind, time: Array, value: Array, *, unit: str, about: str, force: bool = False
+) -> Path:
+    """Write a stroke file for ``feltmb stroke`` through points.
+
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        Kind of the stroke.
+    time
+        Times [s], the last one is the duration.
+    value
+        Values [unit].
+    unit
+        Unit of the values.
+    about
+        What it is for.
+    force
+        Whether an existing file is overwritten.
+    """
+    import tomlkit
+
+    table = {
+        "schema": 1,
+        "name": path.stem,
+        "about": about,
+        "source": "planned by feltmb gap plan",
+        "kind": kind,
+        "duration": float(time[-1]),
+        "knots": {
+            "unit": ["s", unit],
+            "time": [float(f"{t:.9g}") for t in time],
+            "value": [float(f"{v:.9g}") for v in value],
+            "interpolation": usual_interpolation(kind),
+        },
+    }
+    return write_text(path, tomlkit.dumps(table), force=force)
+
+
+@checked
+def write_planned_torque(path: Path, time: Array, torque: Array, *, force: bool = False) -> Path:
+    """Write a torque as CSV, for ``feltmb actuator`` and the controller of a key actuator.
+
+    Parameters
+    ----------
+    path
+        The file.
+    time
+        Times [s], evenly spaced.
+    torque
+        Torque of the motor [N m].
+    force
+        Whether an existing file is overwritten.
+    """
+    lines = ["time [s],torque [N m]"]
+    lines += [f"{t:.9g},{v:.9g}" for t, v in zip(time, torque, strict=True)]
+    return write_text(path, "\n".join(lines) + "\n", force=force)
+
+
+# ------------------------------------------------------------------------------------- places
+
+
+def _contact(config: MechanismFile, component: str) -> str | None:
+    number = re.match(r"contact (\d+)", component)
+    return number.group(1) if number and number.group(1) in config.contacts else None
+
+
+def bodies_at(config: MechanismFile, component: str, paths: Iterable[str] = ()) -> list[str]:
+    """Bodies of a component of a report, or those of the changed entries.
+
+    Parameters
+    ----------
+    component
+        Text of an effect, such as ``contact 03, key capstan - whippen`` or ``hammer head``.
+    paths
+        Dotted paths of the entries that the effect changes.
+    """
+    number = _contact(config, component)
+    if number is not None:
+        return [config.surfaces[name].body for name in config.contacts[number].surfaces]
+    found = list(_of_paths(config, paths))
+    return found or [n for n, b in config.bodies.items() if component.startswith(b.label or n)]
+
+
+def _of_paths(config: MechanismFile, paths: Iterable[str]) -> Iterator[str]:
+    for path in paths:
+        table, name, *_ = path.split(".")
+        if table == "bodies":
+            yield name
+        elif table == "surfaces":
+            yield config.surfaces[name].body
+        elif table == "contacts":
+            yield from (config.surfaces[s].body for s in config.contacts[name].surfaces)
+        elif table == "springs":
+            coordinate = config.springs[name].coordinate
+            yield from (n for n, b in config.bodies.items() if b.coordinate == coordinate)
+        elif table == "straps":
+            yield from (config.straps[name].body_a, config.straps[name].body_b)
+
+
+def points_at(action: Action, component: str) -> list[tuple[float, float]]:
+    """Point where the surfaces of a contact meet at rest [m]; none for other components."""
+    from feltmb.run.simulate import evaluate
+
+    number = _contact(action.config, component)
+    if number is None:
+        return []
+    pose = action.rest_pose
+    row = evaluate(action, pose, 0.0 * pose).contacts.loc[int(number)]
+    return [(float(row["x"]), float(row["y"]))]
