@@ -88,7 +88,8 @@ class Sensor:
     offset_sd: float = 0.0
     """Prior standard deviation of an unknown offset [unit]."""
     delay_sd: float = 0.0
-    """Prior standard deviation of an unknown delay [s]."""
+    """Prior standard deviation of an unknown delay [s]. The channels of a record with the same
+    value have one clock: they are late together."""
     reference: Reference = ""
     """Zero of a coordinate: "absolute" is the zero of the frame of the model, "rest" the rest pose
     of the machine; "": determined from the start of the channel. For models that know their rest

@@ -8,7 +8,7 @@ import numpy as np
 
 from feltmb.data import Array, Record
 
-__all__ = ["shifted"]
+__all__ = ["delayed", "shifted"]
 
 #: Largest number of samples for which a spline on a uniform clock is applied as a cached matrix;
 #: the same delay is needed for many columns.
@@ -37,8 +37,7 @@ def shifted(record: Record, y: Array, delays: Array) -> Array:
     """
     out: Array = np.array(y, dtype=np.float64)
     good = np.all(np.isfinite(out), axis=1)
-    n, interval = y.shape[1], record.interval
-    time: Array = np.asarray(np.arange(n) * interval if record.even else record.time[:n])
+    n, interval, time = y.shape[1], record.interval, _times(record, y.shape[1])
     for delay in np.unique(delays[good & (delays != 0.0)]):
         rows = np.flatnonzero(good & (delays == delay))
         if record.even and n <= MATRIX:
@@ -46,6 +45,30 @@ def shifted(record: Record, y: Array, delays: Array) -> Array:
         else:
             out[rows] = _continued(time, out[rows, :, None], time - delay)[:, :, 0]
     return out
+
+
+def delayed(record: Record, y: Array, delay: float) -> Array:
+    """As :func:`shifted` for outputs (n, ...) with one delay, which is needed only once.
+
+    Parameters
+    ----------
+    record
+        Record with the times of the samples.
+    y
+        Outputs, (n, ...).
+    delay
+        Delay [s].
+    """
+    if delay == 0.0 or not np.isfinite(y).all():
+        return y
+    time = _times(record, len(y))
+    found = _continued(time, y.reshape(1, len(y), -1), time - delay)
+    return np.asarray(found.reshape(y.shape))
+
+
+def _times(record: Record, count: int) -> Array:
+    """The times of the first samples."""
+    return np.asarray(np.arange(count) * record.interval if record.even else record.time[:count])
 
 
 @lru_cache(maxsize=128)

@@ -268,7 +268,8 @@ class _Machine:
                 start[q.index] = q.mean + q.scale * rng.standard_normal()
             own = theta + [p.process_sd * rng.standard_normal() for p in model.parameters]
             clean, y = (_outputs(model, record, own, start, some) for some in ((), given))
-            outputs = {}
+            outputs: dict[str, Array] = {}
+            late: dict[float, float] = {}
             for c, name in zip(self.problem.channels, self.problem.names, strict=True):
                 if name not in record.outputs:
                     continue
@@ -280,7 +281,7 @@ class _Machine:
                     )
                 change = (y[:, c] - clean[:, c]) / noise_of_channel(record, name).sd(clean[:, c])
                 square += float(np.sum(change[measured] ** 2))
-                outputs[name] = np.where(measured, _seen(record, name, y[:, c], rng), np.nan)
+                outputs[name] = np.where(measured, _seen(record, name, y[:, c], late, rng), np.nan)
             inputs = {k: u + record.input_sigma.get(k, 0.0) * rng.standard_normal(u.size)
                       for k, u in record.inputs.items()}  # fmt: skip
             sensors = {k: v for k, v in record.sensors.items() if k in outputs}
@@ -336,12 +337,18 @@ def _outputs(model: Model, record: Record, theta: Array, start: Array, given: _G
     return observe(model, record, theta, np.array(states), included, sizes)
 
 
-def _seen(record: Record, name: str, y: Array, rng: np.random.Generator) -> Array:
-    """Readings of a sensor with its unknown errors and its noise."""
+def _seen(
+    record: Record, name: str, y: Array, late: dict[float, float], rng: np.random.Generator
+) -> Array:
+    """Readings of a sensor with its unknown errors and its noise.
+
+    ``late``: delays of the clocks that were drawn, by ``delay_sd`` [s].
+    """
     sensor = record.sensors[name]
     if sensor.delay_sd > 0.0:
-        delay = np.array([sensor.delay_sd * rng.standard_normal()])
-        y = shifted(record, y[None, :], delay)[0]
+        if sensor.delay_sd not in late:
+            late[sensor.delay_sd] = float(sensor.delay_sd * rng.standard_normal())
+        y = shifted(record, y[None, :], np.array([late[sensor.delay_sd]]))[0]
     y = (1.0 + sensor.gain_sd * rng.standard_normal()) * y
     y = y + sensor.offset_sd * rng.standard_normal()
     noise = noise_of_channel(record, name).without_rounding(sensor.quantum)

@@ -18,6 +18,7 @@ from feltmb.fit.model import (
     State,
 )
 from feltmb.fit.observe import machine_candidates, observe_all, observed_sensitivities
+from feltmb.fit.shift import delayed
 from feltmb.gap.problem import Local, Members, Observed, Problem
 from feltmb.gap.shapes import movable, moved, spread_of
 
@@ -295,8 +296,11 @@ def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
                     assert o.modes is not None
                     by_local[:, :, j] = o.modes[:, :, q.index]
                 else:
-                    by_local[:, q.index, j] = by_sensor[j]
+                    by_local[:, :, j] = by_sensor[j]
             by_further = s.d_candidates[:, columns] * further
+            for late, delay in _delays(problem, ask, r):
+                by_global[:, late] = delayed(o.record, by_global[:, late], delay)
+                by_further[:, late] = delayed(o.record, by_further[:, late], delay)
             own.append(
                 Linear(
                     _residual(o, readings),
@@ -364,11 +368,22 @@ def _by_shapes(
         yield columns
 
 
+def _delays(problem: Problem, ask: Ask, r: int) -> list[tuple[list[int], float]]:
+    """Channels of a record that are late together, with their delay [s]."""
+    local = local_of(problem, ask.members, ask.records[r])
+    found = zip(local, ask.point.local[r], strict=True)
+    return [([*q.channels], float(v) * q.scale) for q, v in found if q.kind == "delay"]
+
+
 def _sensed(problem: Problem, ask: Ask, r: int, outputs: Array) -> tuple[Array, dict[int, Array]]:
     """Readings with the errors of the sensors of a record, and their derivatives by unknown."""
     observed, values = ask.records[r], ask.point.local[r]
-    readings, columns = outputs.copy(), {}
+    columns: dict[int, Array] = {}
     local = local_of(problem, ask.members, observed)
+    outputs = outputs.copy()
+    for late, delay in _delays(problem, ask, r):
+        outputs[:, late] = delayed(observed.record, outputs[:, late], delay)
+    readings = outputs.copy()
     for j, (q, value) in enumerate(zip(local, values, strict=True)):
         if q.kind == "mode":
             assert observed.modes is not None
@@ -377,14 +392,15 @@ def _sensed(problem: Problem, ask: Ask, r: int, outputs: Array) -> tuple[Array, 
         if q.kind == "start":
             continue
         y = outputs[:, q.index]
-        if q.kind == "gain":
-            column = y
-        elif q.kind == "offset":
-            column = np.ones_like(y)
-        else:  # a delay, to first order
-            column = -np.gradient(y, observed.record.time)
+        column = np.zeros_like(outputs)
+        if q.kind == "delay":
+            late = [*q.channels]
+            column[:, late] = -np.gradient(outputs[:, late], observed.record.time, axis=0)
+            columns[j] = column * q.scale
+            continue
+        column[:, q.index] = y if q.kind == "gain" else 1.0
         columns[j] = column * q.scale
-        readings[:, q.index] += value * columns[j]
+        readings += value * columns[j]
     return readings, columns
 
 

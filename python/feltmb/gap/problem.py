@@ -34,13 +34,15 @@ class Local:
     kind: str
     """"start", "gain", "offset", "delay" or "mode"."""
     index: int
-    """Index of the state, of the channel, or of the mode."""
+    """Index of the state, of the channel (of the first one for a delay), or of the mode."""
     mean: float
     """Prior mean [unit of the unknown]."""
     scale: float
     """Unit in which it is counted [unit of the unknown]."""
     weight: float = 1.0
     """Square of the scale over the standard deviation of the prior [1]."""
+    channels: tuple[int, ...] = ()
+    """Channels that are late together."""
 
 
 @dataclass(frozen=True)

@@ -294,19 +294,20 @@ def _observed(
     valid = np.isfinite(values)
     sd = np.ones_like(values)
     local: list[Local] = list(_starts(model, record))
+    late: dict[float, list[int]] = {}
     for c, name in enumerate(names):
         if not valid[:, c].any():
             continue
         sensor = record.sensors[name]
         own = noise_of_channel(record, name, noise[name])
         sd[:, c] = own.sd_of_measured(record.time, values[:, c])
-        for kind, scale in (
-            ("gain", sensor.gain_sd),
-            ("offset", sensor.offset_sd),
-            ("delay", sensor.delay_sd),
-        ):
+        late.setdefault(sensor.delay_sd, []).append(c)
+        for kind, scale in (("gain", sensor.gain_sd), ("offset", sensor.offset_sd)):
             if scale > 0.0:
                 local.append(Local(kind, c, 0.0, scale))
+    for scale, clock in late.items():
+        if scale > 0.0:
+            local.append(Local("delay", clock[0], 0.0, scale, channels=tuple(clock)))
     more = record.samples - measured.samples
     return Observed(record, np.where(valid, values, 0.0), valid, sd, tuple(local), after=more)
 

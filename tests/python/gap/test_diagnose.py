@@ -25,6 +25,7 @@ from feltmb.gap.progress import Stop
 from feltmb.gap.result import Reason, Verdict
 
 from .conftest import spring_record
+from .models import DRY, MASS, NOMINAL, TRUTH, record
 
 
 def three(**effects):
@@ -158,6 +159,42 @@ def test_an_offset_of_each_record_is_named_with_its_values(spring, causes):
     assert named.by_record == pytest.approx(offsets, abs=0.03)
     stiffness = result.parameters[0]
     assert stiffness.low < 100.0 < stiffness.high
+
+
+@pytest.mark.parametrize("stated", [0.0, 6e-3])
+def test_a_late_clock_whose_uncertainty_is_stated_is_no_cause(stated):
+    """All sensors are 8 ms late, two samples: one clock, not an input that is early."""
+    model = Equations(
+        name="oscillator",
+        states=NOMINAL.states(),
+        parameters=NOMINAL.parameters,
+        inputs=["f"],
+        rates=lambda t, x, u, p: (x.v, (u.f - p.k * x.q - p.d * x.v) / p.m),
+        outputs={"q": "q", "v": "v"},
+        coordinates=[MASS],
+    )
+    records = []
+    for k in range(3):
+        true = record(f"run {k}", 1.0 + 0.3 * k, k, samples=400)
+        true = replace(true, inputs={"f": true.inputs["f"] * np.clip(true.time / 0.2, 0.0, 1.0)})
+        jobs = Jobs(theta=TRUTH[None], starts=np.zeros((1, 2)))
+        clean = model.simulate(true, jobs)[0]
+        late = [clean[np.maximum(np.arange(400) - 2, 0), c] for c in range(2)]
+        noise = np.random.default_rng(k)
+        sensors, outputs = {}, {}
+        for name, unit, sigma, y in zip("qv", ("m", "m/s"), (1e-4, 1e-3), late, strict=True):
+            sensors[name] = Sensor(name=name, unit=unit, sigma=sigma, delay_sd=stated)
+            outputs[name] = y + sigma * noise.standard_normal(400)
+        records.append(replace(true, outputs=outputs, sensors=sensors))
+    result = diagnose(model, [DRY, *library.for_input("f", records[0])], records)
+    if stated:
+        assert result.verdict is Verdict.CALIBRATED
+        for c in result.channels:
+            assert c.explained < 1.1 * c.noise
+    else:
+        (named,) = result.named
+        assert named.cause == "delay of input f"
+        assert named.magnitude == pytest.approx(-8e-3, rel=0.05)
 
 
 def swing_rates(t, x, u, p):
