@@ -263,9 +263,10 @@ class _Cause:
 
 def _causes(data: Mapping[str, Any], library: Mapping[str, Entry]) -> tuple[list[_Cause], bool]:
     """Told causes, and whether they are only candidates."""
-    named = list(data["named"])
     classes = [row for group in data["classes"] for row in group]
     tabulated = {p["name"]: p["tabulated"] for p in data["parameters"]}
+    off = (p for p in data["parameters"] if p["name"] in data.get("off", ()))
+    named = [*data["named"], *map(_off, off)] if data["named"] or not classes else []
     out = []
     for row in named or classes:
         entry = library.get(row["cause"])
@@ -273,7 +274,7 @@ def _causes(data: Mapping[str, Any], library: Mapping[str, Entry]) -> tuple[list
         out.append(
             _Cause(
                 entry,
-                str(row["component"]),
+                str(row["component"] or (entry.component if entry else row["cause"])),
                 str(row["mechanism"] or (entry.mechanism if entry else "")),
                 str(row["remedy"] or (entry.remedy if entry else "")),
                 str(row["unit"]),
@@ -283,6 +284,12 @@ def _causes(data: Mapping[str, Any], library: Mapping[str, Entry]) -> tuple[list
             )
         )
     return out, not named
+
+
+def _off(parameter: Mapping[str, Any]) -> dict[str, Any]:
+    """A parameter far outside its tolerance as a told cause."""
+    told = {"cause": parameter["name"], "magnitude": parameter["value"], "parameter": True}
+    return {**parameter, **told, "component": "", "mechanism": "", "remedy": ""}
 
 
 def _read(path: Path) -> Mapping[str, Any]:

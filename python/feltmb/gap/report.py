@@ -164,14 +164,29 @@ def _statement(result: Result) -> str:
     told += [f"one of {_listed([_name(n) for n in g], 'or')}" for g in result.classes]
     told += ["what is not named"] if _unnamed(result) else []
     takes = "takes" if len(told) == 1 else "take"
+    other = "other " if result.off else ""
     found = {
         Verdict.NO_GAP: ": there is no gap",
-        Verdict.CALIBRATED: ". No cause is missing"
+        Verdict.CALIBRATED: f". No {other}cause is missing"
         if result.complete
-        else ". No cause was found before the limit of time",
+        else f". No {other}cause was found before the limit of time",
         Verdict.UNKNOWN: ". No cause that was tried explains it",
     }.get(result.verdict, f". {_listed(told)} {takes} it to {_part(c, c.explained)}")
-    return f"{misses}{found}. {_remains(result)}"
+    return f"{_off(result)}{misses}{found}. {_remains(result)}"
+
+
+def _off(result: Result) -> str:
+    """The parameters that are an answer."""
+    told = []
+    for p in result.off[:PARAMETERS]:
+        change = p.value - p.tabulated
+        if p.relative:
+            size = f"{100.0 * change:+.3g} %"
+        else:
+            factor, unit = readable_unit(abs(change), p.unit)
+            size = f"{factor * change:+.3g}{'' if unit == '1' else f' {unit}'}"
+        told.append(f"The parameter {p.title} is off by {size}, {p.tolerances:.2g} tolerances. ")
+    return "".join(told)
 
 
 def _remains(result: Result) -> str:
@@ -230,14 +245,14 @@ def _probabilities(result: Result, least: float = 0.01) -> list[tuple[str, float
 
 def _moved(result: Result) -> list[ParameterValue]:
     """Parameters whose interval excludes the tabulated value, the surest first."""
-    moved = [p for p in result.parameters if not p.low <= p.tabulated <= p.high]
+    moved = (p for p in result.parameters if p.moved)
     return sorted(moved, key=lambda p: -abs(p.value - p.tabulated) / (p.high - p.low or 1e-300))
 
 
 def _calibration(result: Result) -> _Section:
     moved, items = _moved(result), []
     for p in moved[:PARAMETERS]:
-        far = abs(p.value - p.tabulated) / p.sd if p.sd > 0.0 else 0.0
+        far = p.tolerances
         ratio = f", a change of {far:.2g} tolerances" if far >= 0.01 else ""
         items.append(f"{p.title}: {_interval(p)}; tabulated {_tabulated(p)}{ratio}")
     if len(moved) > PARAMETERS:
@@ -320,6 +335,9 @@ def _next(result: Result) -> list[str]:
     steps += [
         f"{_name(n)}: {n.remedy or 'measure it by itself, and correct the model.'}"
         for n in result.named
+    ]
+    steps += [
+        f"{p.title}: check it, and correct the machine or its tabulated value." for p in result.off
     ]
     for group, record in zip(result.classes, result.apart, strict=False):
         names = f"{_name(group[0])} from {_name(group[1])}"

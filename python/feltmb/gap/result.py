@@ -33,6 +33,8 @@ __all__ = [
 
 #: Version of the JSON form of a result.
 VERSION = 1
+#: Deviation of a parameter, in standard deviations of its prior, above which it is an answer.
+OFF = 3.0
 
 
 class Verdict(Enum):
@@ -133,6 +135,16 @@ class ParameterValue:
     high: float
     relative: bool = False
     """Whether the value is a relative deviation."""
+
+    @property
+    def moved(self) -> bool:
+        """Whether the interval excludes the tabulated value."""
+        return not self.low <= self.tabulated <= self.high
+
+    @property
+    def tolerances(self) -> float:
+        """Deviation from the tabulated value in standard deviations of the prior [1]."""
+        return abs(self.value - self.tabulated) / self.sd if self.sd > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -269,6 +281,18 @@ class Result:
     """Correlation of the unknowns."""
     traces: tuple[Trace, ...] = field(default=(), repr=False)
 
+    @property
+    def off(self) -> tuple[ParameterValue, ...]:
+        """Parameters that are surely far outside their tolerances, farthest first.
+
+        They are a part of the answer, unless it is unknown what they imitate. Those that are named
+        are omitted.
+        """
+        told = {n.cause for n in self.named}
+        found = [p for p in self.parameters if p.moved and p.tolerances > OFF]
+        found = [] if self.verdict is Verdict.UNKNOWN else found
+        return tuple(sorted((p for p in found if p.name not in told), key=lambda p: -p.tolerances))
+
     @cached_property
     def worst(self) -> Channel:
         """The channel that the calibrated model misses most."""
@@ -276,7 +300,7 @@ class Result:
 
     def as_dict(self) -> dict[str, Any]:
         """Codes and numbers as JSON types: NaN is None, an infinite number is a text."""
-        own: dict[str, Any] = plain(self)
+        own: dict[str, Any] = plain(self) | {"off": [p.name for p in self.off]}
         return {"format": "feltmb diagnosis", "version": VERSION} | own
 
     def to_json(self) -> str:

@@ -376,8 +376,7 @@ def told(report: Report, effects: Sequence[Effect], bench: Bench) -> dict[str, A
     causes = [(n, f"{n.probability:.0%} probable") for n in report.named]
     causes += [(n, f"one of {len(group)}") for group in report.classes for n in group]
     known = {n.cause for n, _ in causes}
-    moved = [p for p in report.parameters if not p.low <= p.tabulated <= p.high]
-    moved.sort(key=_tolerances, reverse=True)
+    moved = sorted((p for p in report.parameters if p.moved), key=lambda p: -p.tolerances)
     chances: dict[str, float] = {}
     for s in report.sets:
         for name in set(s.causes) - known:
@@ -394,12 +393,12 @@ def told(report: Report, effects: Sequence[Effect], bench: Bench) -> dict[str, A
             _row(bench, n.cause, n.unit, how, ". ".join(filter(None, (n.mechanism, n.remedy))))
             | _numbers(n, n.magnitude, tabulated[n.cause] if n.parameter else 0.0)
             for n, how in causes
-        ],
+        ]
+        + [_parameter(bench, p) for p in report.off],
         "parameters": [
-            _row(bench, p.name, p.unit, f"{_tolerances(p):.2g} tolerances", p.title)
-            | _numbers(p, p.value, p.tabulated)
+            _parameter(bench, p)
             for p in moved[:MOST_ROWS]
-            if p.name not in known
+            if p.name not in known and p not in report.off
         ],
         "candidates": [
             _row(bench, name, "", f"{value:.0%} probable", mechanism.get(name, ""))
@@ -409,9 +408,10 @@ def told(report: Report, effects: Sequence[Effect], bench: Bench) -> dict[str, A
     }
 
 
-def _tolerances(p: ParameterValue) -> float:
-    """Change of a parameter in standard deviations of its prior [1]."""
-    return abs(p.value - p.tabulated) / p.sd if p.sd > 0.0 else 0.0
+def _parameter(bench: Bench, p: ParameterValue) -> dict[str, Any]:
+    """Row of a parameter that moved."""
+    row = _row(bench, p.name, p.unit, f"{p.tolerances:.2g} tolerances", p.title)
+    return row | _numbers(p, p.value, p.tabulated)
 
 
 def _row(bench: Bench, name: str, unit: str, how: str, text: str) -> dict[str, Any]:
@@ -430,9 +430,9 @@ def _shares(
     """Places with the share that they take away from the residual of the worst channel."""
     c = report.worst
     total = c.tabulated if 0.0 < c.tabulated < math.inf else max(c.calibrated, 1e-300)
-    most = max(map(_tolerances, moved), default=0.0) or 1.0
+    most = max((p.tolerances for p in moved), default=0.0) or 1.0
     fitted = 1.0 - c.calibrated / total
-    found = [(knob_of(bench, p.name), fitted * _tolerances(p) / most) for p in moved]
+    found = [(knob_of(bench, p.name), fitted * p.tolerances / most) for p in moved]
     told = (*report.named, *(n for group in report.classes for n in group))
     taken = (c.calibrated - c.explained) / total
     found += [(knob_of(bench, n.cause) or n.component, taken) for n in told]

@@ -41,6 +41,28 @@ def test_a_joint_is_a_part_and_a_felt_is_a_place(tmp_path):
     assert "contact" not in page.found
 
 
+def test_a_parameter_far_outside_its_tolerance_is_the_answer(tmp_path):
+    rows = [
+        {"name": n, "title": n, "unit": u, "tabulated": 0.0, "sd": sd, "value": v, "low": v - sd,
+         "high": v + sd, "relative": u == "1"}
+        for n, u, sd, v in (("capstan_height", "m", 1e-5, -6.6e-4), ("mass.head", "1", 0.02, 0.03))
+    ]  # fmt: skip
+    folder = result(tmp_path, verdict="CALIBRATED")
+    data = json.loads((folder / "report.json").read_text())
+    data |= {"parameters": rows, "off": ["capstan_height"]}
+    (folder / "report.json").write_text(json.dumps(data))
+    page = customer_page(folder, "steinway45")
+    assert page.bodies == ("key",)
+    assert "-0.66 mm" in page.found
+    assert "mass" not in page.found
+    path = "surfaces.Kp2.point.y"
+    height = [a.value(path).value for a in (page.after, page.before)]
+    assert height[1] - height[0] == pytest.approx(-6.6e-4)
+    data |= {"classes": [[KEY, FELT]]}  # a class is told as a class
+    (folder / "report.json").write_text(json.dumps(data))
+    assert "One of these" in customer_page(folder, "steinway45").found
+
+
 def test_work_that_was_done_replaces_the_advice(tmp_path):
     folder = result(tmp_path, KEY)
     assert not customer_page(folder, "steinway45").done

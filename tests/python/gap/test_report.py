@@ -269,3 +269,23 @@ def test_files_are_not_overwritten(report, tmp_path):
     with pytest.raises(FileExists):
         report.write(tmp_path / "out")
     report.write(tmp_path / "out", force=True)
+
+
+def test_a_parameter_far_outside_its_tolerance_is_an_answer(report):
+    assert "off by" not in report.summary()
+    far = ParameterValue("m", "mass", "kg", 1.0, 0.01, 1.033, 1.031, 1.035)
+    unsure = ParameterValue("n", "number", "1", 1.0, 0.01, 1.033, 0.9, 1.2)
+    share = ParameterValue("f", "felt", "1", 0.0, 0.1, -0.4, -0.5, -0.3, True)
+    told = replace(report, verdict=Verdict.CALIBRATED, named=(), classes=(),
+                   parameters=(far, unsure, share))  # fmt: skip
+    assert told.summary().startswith(
+        "The parameter felt is off by -40 %, 4 tolerances. "
+        "The parameter mass is off by +0.033 kg, 3.3 tolerances. The model misses"
+    )
+    assert "No other cause is missing" in told.summary()
+    assert told.as_dict()["off"] == ["f", "m"]
+    assert "felt: check it, and correct the machine" in " ".join(told.text().split())
+    unknown = replace(told, verdict=Verdict.UNKNOWN)  # it imitates what is not known
+    assert unknown.off == ()
+    named = Named("m", "arm", "kg", 1.033, 1.031, 1.035, 0.99, parameter=True)
+    assert [p.name for p in replace(told, named=(named,)).off] == ["f"]

@@ -95,7 +95,8 @@ def test_what_a_diagnosis_tells_has_knobs_changes_and_colors(bench):
                   parameter=True, remedy="Needle it.")  # fmt: skip
     one, other = (Named(n, "input", "s", 1e-3, 0.0, 2e-3, 0.5) for n in ("input_delay", "lag"))
     values = (
-        ParameterValue("capstan_height", "the capstan", "m", 0.0, 2e-4, -6e-4, -7e-4, -5e-4),
+        ParameterValue("capstan_height", "the capstan", "m", 0.0, 2e-4, -4e-4, -7e-4, -1e-4),
+        ParameterValue("let_off_button", "the button", "m", 0.0, 2e-4, 8e-4, 7e-4, 9e-4),
         ParameterValue("felt.06", "felt 06", "1", 0.1, 0.1, 0.4, 0.3, 0.5),
         ParameterValue("mass.key", "the key", "1", 0.0, 0.02, 0.001, -0.01, 0.012),
     )
@@ -104,7 +105,12 @@ def test_what_a_diagnosis_tells_has_knobs_changes_and_colors(bench):
     effects = (Effect(name="creep", component="felt", mechanism="It creeps."),)
     page = told(Report.of(result), effects, bench)
     assert page["verdict"] == "Named"
-    assert [c["effect"] for c in page["causes"]] == ["felt.06", "input_delay", "lag"]
+    told_causes = [c["effect"] for c in page["causes"]]
+    assert told_causes == ["felt.06", "input_delay", "lag", "let_off_button"]
+    last = page["causes"][-1]
+    assert (last["how"], last["magnitude"]) == ("4 tolerances", 8e-4)
+    assert "let-off" in page["answer"]
+    assert "off by +0.8 mm, 4 tolerances" in page["statement"]
     first = page["causes"][0]
     # Its knob changes the tabulated value, so that the change is told.
     assert (first["knob"], first["text"]) == ("felt.06", "Needle it.")
@@ -112,10 +118,11 @@ def test_what_a_diagnosis_tells_has_knobs_changes_and_colors(bench):
     assert changes == pytest.approx([0.2, 0.3, 0.4])
     assert page["causes"][1]["how"] == "one of 2"
     assert [p["effect"] for p in page["parameters"]] == ["capstan_height"]
-    assert page["parameters"][0]["how"] == "3 tolerances"
+    assert page["parameters"][0]["how"] == "2 tolerances"
     assert [(c["effect"], c["text"]) for c in page["candidates"]] == [("creep", "It creeps.")]
     tint = dict(zip(["ground", *bench.action.config.bodies], page["tint"], strict=True))
-    assert tint["key"] == 0.5  # the capstan: calibration takes away half of the gap
+    # Calibration takes away half of the gap; the capstan moved half as far as the button.
+    assert tint["key"] == 0.25
     assert tint["jack"] == 0.0
 
 
