@@ -276,7 +276,7 @@ def test_a_parameter_far_outside_its_tolerance_is_an_answer(report):
     far = ParameterValue("m", "mass", "kg", 1.0, 0.01, 1.033, 1.031, 1.035)
     unsure = ParameterValue("n", "number", "1", 1.0, 0.01, 1.033, 0.9, 1.2)
     share = ParameterValue("f", "felt", "1", 0.0, 0.1, -0.4, -0.5, -0.3, True)
-    told = replace(report, verdict=Verdict.CALIBRATED, named=(), classes=(),
+    told = replace(report, verdict=Verdict.CALIBRATED, named=(), classes=(), complete=True,
                    parameters=(far, unsure, share))  # fmt: skip
     assert told.summary().startswith(
         "The parameter felt is off by -40 %, 4 tolerances. "
