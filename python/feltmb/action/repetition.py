@@ -45,7 +45,7 @@ WEAK, DRIVEN = 0.5, 0.25
 #: Reasons of a failed press, as a sentence.
 REASONS = {
     "key too slow": "the key is not back at the finger when the next press begins",
-    "jack not back": "the jack is not back under the butt when the next press begins",
+    "jack not back": "the jack is not back under the hammer when the next press begins",
     "not caught": "the hammer was not caught in check and is still on its way",
     "weak": "the hammer does not reach half the impact speed of the first press",
     "finger": "a press at this finger speed lasts longer than the period",
@@ -143,9 +143,10 @@ class Repetition:
                   for r in shown]  # fmt: skip
         top.set_yticks(range(len(shown)), labels)
         most = max(row.rate for row in shown)
-        top.set_xlim(0.0, 2.9 * max(most, 2.0))
+        top.set_xlim(0.0, 3.2 * max(most, 2.0))
         top.set_xticks(range(0, int(most) + 2, 2))
         style_axes(top, "presses per second", "", "highest rate at which every press strikes")
+        top.grid(visible=False, axis="y")  # a line through the texts
         failed = [row for row in self.rows if row.press]
         if failed:
             row = min(failed, key=lambda r: r.failed_rate)

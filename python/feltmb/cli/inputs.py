@@ -64,6 +64,7 @@ def listing(*, as_json: bool) -> None:
         print_json(
             {
                 "actions": actions,
+                "sources": params.sources(),
                 "actuators": actuators,
                 "strokes": {n: s.as_dict() for n, s in strokes.items()},
                 "laws": LAWS,
@@ -75,6 +76,7 @@ def listing(*, as_json: bool) -> None:
         return
     show("mechanisms", "name | about", actions.items())
     console().print(ONE_NOTE)
+    show("sources of their numbers", "name | source", params.sources().items())
     show("actuators", "name | about", actuators.items())
     rows = []
     for name, stroke in strokes.items():

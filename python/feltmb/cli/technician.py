@@ -324,7 +324,7 @@ def repeat(
     """Find the highest rate at which every press of the key of ACTION strikes.
 
     The table tells why the first press fails beyond this rate: the key is too slow, the hammer was
-    not caught, or the jack is not back under the butt.
+    not caught, or the jack is not back under the hammer.
     """
     from feltmb.action.repetition import RETURNS, SPEEDS, repeat
 

@@ -257,7 +257,7 @@ def test_a_touch_without_a_key_bottom_has_pictures(action, tmp_path):
     ("setting", "note", "missing"),
     [
         ({"surfaces.Gp3.point.y": -0.06}, "does not reach its front punching", "bottom_travel"),
-        ({"surfaces.Gp10.point.y": 0.0775}, "the jack does not slip out", "let_off_travel"),
+        ({"surfaces.Gp10.point.y": 0.0775}, "the jack does not slip off", "let_off_travel"),
     ],
 )
 def test_an_action_that_is_not_regulated_has_weights_and_notes(action, setting, note, missing):

@@ -2,6 +2,7 @@
 
 import ast
 import io
+import json
 import random
 import re
 from pathlib import Path
@@ -131,3 +132,11 @@ def test_numbers_are_aligned_to_the_right(capsys):
     (one,) = [r for r in rows if r.endswith("1.5")]
     (hundred,) = [r for r in rows if r.endswith("100.25")]
     assert len(one) == len(hundred)
+
+
+def test_the_list_tells_where_numbers_come_from():
+    listed = json.loads(CliRunner().invoke(cli, ["list", "--json"]).output)
+    assert listed["sources"].keys() == listed["actions"].keys()
+    assert "Piano Technicians Guild" in listed["sources"]["grand_action"]
+    assert "Stanwood" in listed["sources"]["steinway45_note64"]
+    assert listed["sources"]["steinway45_printed"] == "steinway45"

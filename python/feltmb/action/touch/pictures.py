@@ -201,13 +201,14 @@ def dynamic_figure(
         axes.set_yscale("log")
         axes.set_ylabel("impact speed [m/s]")
         axes.legend(frameon=False, fontsize=9)
-    axes = panels[1, 0]
+    axes, latest = panels[1, 0], 25.0
     for f in families:
         v, y = f.columns("hammer_speed", "bottom_after_string", 1e3)
+        latest = max([latest, *y])
         axes.plot(v, y, lw=0.8, ls="--" if f.before else "-", **f.look, label=f.name)
     axes.axhspan(-4.0, 35.0, color=MUTED, alpha=0.12, lw=0, label="grands, published range")
     axes.axhline(0.0, color="k", lw=0.6)
-    axes.set_ylim(-8.0, 50.0)
+    axes.set_ylim(-8.0, latest + 25.0)  # the legend is above the points
     axes.set_xscale("log")
     if not any(f.columns("hammer_speed", "bottom_after_string")[0] for f in families):
         axes.set_xlim(*EMPTY_SPEEDS)  # no key reached its punching

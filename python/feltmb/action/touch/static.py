@@ -42,7 +42,7 @@ class StaticTouch:
         float  #: force of the press just before the toe meets the button, damper included
     )
     window: tuple[float, float]  #: first and last travel of the window for the weights
-    take_up: float  #: travel at which the jack meets the butt
+    take_up: float  #: travel at which the jack meets the hammer
     damper_start: float | None  #: hammer travel (share) when the spoon meets the damper lever
     let_off_force: float  #: largest force up to the let-off
     let_off_travel: float  #: travel at which the jack slips out
@@ -65,7 +65,7 @@ class StaticTouch:
 
     @property
     def has_let_off(self) -> bool:
-        """Whether the jack slips out of the butt."""
+        """Whether the jack slips off the hammer."""
         return math.isfinite(self.let_off_travel)
 
     @property
@@ -128,7 +128,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     ModelError
         There is no equilibrium beyond some travel.
     FeltmbError
-        The jack does not meet the butt or the button, so that nothing can be measured.
+        The jack does not meet the hammer or the button, so that nothing can be measured.
     """
     import numpy as np
 
@@ -144,7 +144,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     toe = down.when(roles["toe"])
     dip = down.when(bottom)
     if take_up is None or toe is None:
-        what = "the butt" if take_up is None else "the let-off button"
+        what = "the hammer" if take_up is None else "the let-off button"
         raise FeltmbError(
             f"touch of {action.name!r}: the jack does not meet {what} in a press; {REGULATE}"
         )
@@ -175,7 +175,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     back = lifted_up.force[_within(lifted_up, window)]
     row, tripped = _let_off(down, toe, end_of_press)
     if not tripped:
-        notes.append("the jack does not slip out of the butt: there is no let-off")
+        notes.append("the jack does not slip off the hammer: there is no let-off")
     let_off_travel = float(down.travel[row]) if tripped else math.nan
     damper_start, down_damper = None, math.nan
     if "damper" in roles:
