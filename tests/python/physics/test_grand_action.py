@@ -345,3 +345,20 @@ def test_a_weak_spring_and_a_worn_knuckle_are_named(tmp_path, monkeypatch, capsy
         main(command)
     cases = json.loads(capsys.readouterr().out)["cases"]
     assert [case["outcome"] for case in cases] == ["quiet", "right", "right"]
+
+
+def assumed(table, path=(), notes=()):
+    """Paths of the numbers that are assumed, each with its notes and those of the tables above."""
+    notes = (*notes, note) if isinstance(note := table.get("note"), str) else notes
+    if table.get("status") == "assumed":
+        yield ".".join(path), " ".join(notes)
+    for name, entry in table.items():
+        if isinstance(entry, dict):
+            yield from assumed(entry, (*path, name), notes)
+
+
+def test_what_is_assumed_has_a_tolerance(data):
+    file = {name: table for name, table in data[0].items() if name != "source"}
+    found = list(assumed(file))
+    assert len(found) > 150
+    assert not [p for p, note in found if "tolerance" not in note and "by definition" not in note]
