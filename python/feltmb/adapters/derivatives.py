@@ -30,7 +30,7 @@ from feltmb.adapters.simulator import (
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
 from feltmb.fit import Candidate, Sensitivity, SensitivityRequest
-from feltmb.fit.latest import Latest
+from feltmb.fit.calling import Latest
 
 __all__ = ["Derivatives", "can_differentiate", "forward_sensitivities"]
 

@@ -18,7 +18,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.data.readings import acting
 from feltmb.fit import Effect, Parameter
-from feltmb.fit.shift import shifted
+from feltmb.fit.observe import shifted
 
 __all__ = ["columns_of", "effect_of", "excite_by", "observe_by", "parameter_of", "partners"]
 

@@ -21,7 +21,7 @@ from feltmb.data import Array, Record, evenly_spaced
 from feltmb.data.smoothing import LEAST_SAMPLES, smooth_record
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.fit import Candidate
-from feltmb.fit.latest import Latest
+from feltmb.fit.calling import Latest
 from feltmb.mechanism import Action, MechanismFile, describe
 
 __all__ = [

@@ -6,7 +6,6 @@ from feltmb.fit.equations import Equations
 from feltmb.fit.fmi import fmu
 from feltmb.fit.inclusion import Including as Including
 from feltmb.fit.inclusion import including
-from feltmb.fit.linear import FunctionModel, LinearModel
 from feltmb.fit.mjcf import mujoco
 from feltmb.fit.model import Candidate as Candidate
 from feltmb.fit.model import Effect, Model, Parameter, State
@@ -17,7 +16,7 @@ from feltmb.fit.model import Ready as Ready
 from feltmb.fit.model import Sensitivity as Sensitivity
 from feltmb.fit.model import SensitivityRequest as SensitivityRequest
 from feltmb.fit.priors import Exposed
-from feltmb.fit.simulator import Simulator
+from feltmb.fit.simulator import FunctionModel, LinearModel, Simulator
 
 # The other names are for authors of models: feltmb.fit.authoring.
 __all__ = [

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -15,35 +16,47 @@ from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.integrate import integrate
 from feltmb.fit.model import (
+    BETWEEN,
+    INTERPOLATION,
     Batch,
     Candidate,
     Effect,
     Jobs,
+    Model,
+    Parameter,
     Port,
     Ready,
     Sensitivity,
     SensitivityRequest,
     State,
+    prior_jobs,
 )
+from feltmb.fit.noise import Noise
 from feltmb.fit.priors import (
     Bounds,
     Priors,
     Unknowns,
     check_bounds,
     parameters_of,
+    sized,
     unknown_effects,
 )
-from feltmb.fit.resolution import Stepped, resolved
-from feltmb.fit.short import by_rates, states_of, trial, with_unknown
-from feltmb.fit.sizes import sized
 from feltmb.fit.variational import variational_sensitivities
-from feltmb.units import to_si
+from feltmb.units import same_unit, to_si
 
-__all__ = ["Equations"]
+__all__ = [
+    "Equations",
+    "Trial",
+    "by_rates",
+    "resolved",
+    "states_of",
+    "trial",
+    "with_unknown",
+]
 
 
 @checked
-class Equations(Stepped):
+class Equations(Model):
     """States with rates dx/dt = f(t, x, u, p), as a function of arrays.
 
     Parameters
@@ -134,15 +147,8 @@ class Equations(Stepped):
         self._motions: dict[object, Array] | None = None
         self._outputs = dict(outputs)
         self._unknown = tuple(neutral)
-        units = {s.name: s.unit for s in self._states}
-        self.units = {k: units[v] for k, v in outputs.items() if isinstance(v, str) and v in units}
-        self.units |= {
-            k: _per_second(units[v.state])
-            for k, v in outputs.items()
-            if isinstance(v, Rate) and units.get(v.state, "1") != "1"
-        }
-        if isinstance(inputs, Mapping):
-            self.units |= inputs
+        self.units = _units_of(self._outputs, self._states)
+        self.units |= dict(inputs) if isinstance(inputs, Mapping) else {}
         self._port_states = dict(ports or {})
         self._make_ports()
         self._check()
@@ -166,56 +172,7 @@ class Equations(Stepped):
         )
 
     def _check(self) -> None:
-        names = [s.name for s in self._states]
-        own = [p.name for p in self.parameters]
-        everything = [*names, *own, *self._unknown, *self.inputs]
-        faults = [
-            f"{n!r} is used twice" for n in dict.fromkeys(everything) if everything.count(n) > 1
-        ]
-        for output, of in self._outputs.items():
-            state = of.state if isinstance(of, Rate) else of
-            if isinstance(state, str) and state not in names:
-                faults.append(
-                    f"output {output}: {state!r} is no state; known are {', '.join(names)}"
-                )
-        for c in self.coordinates:
-            faults.extend(
-                f"coordinate {c.name}: {n!r} is no state; known are {', '.join(names)}"
-                for part in c.parts
-                for n in (part.position, part.speed)
-                if n not in names
-            )
-        faults += [
-            f"coordinate {part.name}: inertia {part.inertia!r} is no parameter; known are "
-            f"{', '.join(own) or 'none'}"
-            for c in self.coordinates
-            for part in c.parts
-            if isinstance(part.inertia, str) and part.inertia not in own
-        ]
-        units = {s.name: s.unit for s in self._states}
-        faults += [
-            f"coordinate {part.name}: its position {part.position} has the unit {unit}, but a "
-            f"force in {part.unit} moves it in {part.travel_unit}: expected the unit of the force "
-            f"(unit='N m' for a torque), or position_unit={unit!r}"
-            for c in self.coordinates
-            for part in c.parts
-            if (unit := units.get(part.position, "1")) != "1"
-            and not _same_kind(unit, part.travel_unit)
-        ]
-        for port, state in self._port_states.items():
-            if state not in names:
-                faults.append(f"port {port}: {state!r} is no state; known are {', '.join(names)}")
-        ports = [p.name for p in self.ports]
-        faults += [
-            f"{n!r} names two coordinates or ports"
-            for n in dict.fromkeys(ports)
-            if ports.count(n) > 1
-        ]
-        faults += [
-            f"coupling {c.name}: lies between {c.first.name} and itself"
-            for c in self.coordinates
-            if isinstance(c, Coupling) and c.first.speed == c.second.speed
-        ]
+        faults = [*self._faults_of_names(), *self._faults_of_coordinates()]
         if self.substeps is not None and not (
             isinstance(self.substeps, int | np.integer) and self.substeps >= 1
         ):
@@ -228,6 +185,53 @@ class Equations(Stepped):
                 faults.append(f"{what} = {given!r}, expected one of {', '.join(known)}")
         if faults:
             raise InvalidParameter(f"model {self.name}: " + "; ".join(faults))
+
+    def _faults_of_names(self) -> Iterator[str]:
+        """Names that are used twice, or that are no states."""
+        names = [s.name for s in self._states]
+        everything = [*names, *(p.name for p in self.parameters), *self._unknown, *self.inputs]
+        for n in dict.fromkeys(everything):
+            if everything.count(n) > 1:
+                yield f"{n!r} is used twice"
+        ports = [p.name for p in self.ports]
+        for n in dict.fromkeys(ports):
+            if ports.count(n) > 1:
+                yield f"{n!r} names two coordinates or ports"
+        wanted = [
+            (f"output {n}", of.state if isinstance(of, Rate) else of)
+            for n, of in self._outputs.items()
+        ]
+        wanted += [
+            (f"coordinate {c.name}", n)
+            for c in self.coordinates
+            for part in c.parts
+            for n in (part.position, part.speed)
+        ]
+        wanted += [(f"port {port}", state) for port, state in self._port_states.items()]
+        for what, state in wanted:
+            if isinstance(state, str) and state not in names:
+                yield f"{what}: {state!r} is no state; known are {', '.join(names)}"
+
+    def _faults_of_coordinates(self) -> Iterator[str]:
+        """Inertias, units and ends of coordinates and couplings that do not fit the model."""
+        own = [p.name for p in self.parameters]
+        units = {s.name: s.unit for s in self._states}
+        for part in (part for c in self.coordinates for part in c.parts):
+            unit = units.get(part.position, "1")
+            if isinstance(part.inertia, str) and part.inertia not in own:
+                yield (
+                    f"coordinate {part.name}: inertia {part.inertia!r} is no parameter; known are "
+                    f"{', '.join(own) or 'none'}"
+                )
+            if unit != "1" and not _same_kind(unit, part.travel_unit):
+                yield (
+                    f"coordinate {part.name}: its position {part.position} has the unit {unit}, "
+                    f"but a force in {part.unit} moves it in {part.travel_unit}: expected the unit "
+                    f"of the force (unit='N m' for a torque), or position_unit={unit!r}"
+                )
+        for c in self.coordinates:
+            if isinstance(c, Coupling) and c.first.speed == c.second.speed:
+                yield f"coupling {c.name}: lies between {c.first.name} and itself"
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
         """States, followed by the hidden states of the included effects."""
@@ -262,36 +266,39 @@ class Equations(Stepped):
         if not self._unscaled:
             return self
         out = copy.copy(self)
-        paths = []
-        for r in records:
-            start = [(r.start.mean if r.start else {}).get(s.name, s.start) for s in self._states]
-            theta = np.array([[p.value for p in self.parameters]])
-            paths.append(self.motion(r, Jobs(theta=theta, starts=np.array([start])))[0])
+        paths = [self.motion(*batch)[0] for batch in ((r, prior_jobs(self, r)) for r in records)]
         shown = {v: k for k, v in self._outputs.items() if isinstance(v, str)}
-        sizes = {}
-        for i, s in enumerate(self._states):
-            seen = [r.outputs[shown[s.name]] for r in records if shown.get(s.name) in r.outputs]
-            values = seen or [path[:, i] for path in paths]
-            spread = [float(np.nanstd(v)) for v in values if np.isfinite(v).any()]
-            sizes[s.name] = max(spread, default=0.0) or 1.0
-        out._states = tuple(replace(s, scale=sizes[s.name]) for s in self._states)
+
+        def scale(state: State, paths: Sequence[Array]) -> float:
+            """Largest spread of a state in the records: measured, or else simulated."""
+            name = shown.get(state.name)
+            seen = [r.outputs[name] for r in records if name and name in r.outputs] or paths
+            spread = [float(np.nanstd(v)) for v in seen if np.isfinite(v).any()]
+            return max(spread, default=0.0) or 1.0
+
+        out._states = tuple(
+            replace(s, scale=scale(s, [path[:, i] for path in paths]))
+            for i, s in enumerate(self._states)
+        )
         if self._inferred:
-            names = [s.name for s in self._states]
-            tabulated = {p.name: abs(p.value) for p in self.parameters}
-            pushes = {}
-            for c in (c for c in self.coordinates if isinstance(c, Coordinate)):
-                i = names.index(c.speed)
-                rate = max(
-                    float(np.std(np.gradient(path[:, i], r.time)))
-                    for r, path in zip(records, paths, strict=True)
-                )
-                push = tabulated.get(str(c.inertia), 1.0) * rate
-                pushes[c.name] = push if 0.0 < push < np.inf else 1.0
             out.coordinates = tuple(
-                replace(c, scale=pushes.get(c.name, c.scale)) for c in self.coordinates
+                replace(c, scale=self._push(c, records, paths)) if isinstance(c, Coordinate) else c
+                for c in self.coordinates
             )
         out._make_ports()
         return out
+
+    def _push(
+        self, coordinate: Coordinate, records: Sequence[Record], paths: Sequence[Array]
+    ) -> float:
+        """Typical force on a coordinate: its inertia times its acceleration in the records."""
+        i = [s.name for s in self._states].index(coordinate.speed)
+        rate = max(
+            float(np.std(np.gradient(path[:, i], r.time)))
+            for r, path in zip(records, paths, strict=True)
+        )
+        inertia = {p.name: abs(p.value) for p in self.parameters}.get(str(coordinate.inertia), 1.0)
+        return inertia * rate if 0.0 < inertia * rate < np.inf else 1.0
 
     def accepts(self, effect: Effect) -> bool:
         """Whether an effect has a ``rate``, or is a sensor or input effect."""
@@ -357,6 +364,18 @@ class Equations(Stepped):
                 )
 
 
+def _units_of(outputs: Mapping[str, Any], states: Sequence[State]) -> dict[str, str]:
+    """Units of the outputs that are states, or rates of states."""
+    units = {s.name: s.unit for s in states}
+    found = {}
+    for name, of in outputs.items():
+        if isinstance(of, str) and of in units:
+            found[name] = units[of]
+        elif isinstance(of, Rate) and units.get(of.state, "1") != "1":
+            found[name] = _per_second(units[of.state])
+    return found
+
+
 def _effects_of(jobs: Jobs) -> tuple[tuple[int, str], ...]:
     """Key of the included effects with their shapes."""
     return tuple((id(t.effect), repr(t.shape)) for t in jobs.included)
@@ -372,3 +391,254 @@ def _same_kind(one: str, other: str) -> bool:
 
 def _per_second(unit: str) -> str:
     return f"{unit}^2" if unit.endswith("/s") else f"{unit}/s"
+
+
+# --------------------------------------------------------------------------- steps between samples
+
+
+#: Noncentralities: steps are small enough below the first; specified steps cause a warning above
+#: the second; the interpolation of an input is estimated above the third.
+FINE, NOISY, DETECTABLE = 1.0, 3.0, 1.0
+#: Largest number of substeps.
+MOST = 16
+#: Number of samples of a record, and of records, that are tested.
+LONGEST, RECORDS = 1500, 4
+
+
+def resolved(model: Equations, records: Sequence[Record]) -> tuple[Equations, list[str]]:
+    """A copy with sufficient substeps; the interpolation of inputs is estimated if detectable.
+
+    Also returns notes for the report.
+    """
+    out = copy.copy(model)
+    notes: list[str] = []
+    seen = [_part(r) for r in records[:RECORDS] if all(n in r.inputs for n in model.inputs)]
+    more = sum(r.samples for r in records) / max(1, sum(r.samples for r in seen))
+
+    def difference_in_noise(one: Equations, other: Equations) -> float:
+        return float(
+            np.sqrt(more * _noise_distance(one, other, [(r, prior_jobs(other, r)) for r in seen]))
+        )
+
+    if model.substeps is None:
+        out.substeps, noisy = _substeps(out, 1, difference_in_noise)
+        advice = "method='rosenbrock' suits stiff systems"
+    else:
+        noisy = difference_in_noise(out, _with_substeps(out, 2 * model.substeps))
+        advice = "increase them, or use None to choose them automatically"
+    if noisy > NOISY:
+        notes.append(
+            f"model {model.name}: substeps = {out.substeps}: half the step changes the outputs by "
+            f"{noisy:.3g} times their noise, which can look like an effect; {advice}"
+        )
+    if model.hold == "auto":
+        straight, smooth = copy.copy(out), copy.copy(out)
+        straight.hold, smooth.hold = "linear", "spline"
+        out.hold = "linear"
+        if model.inputs and difference_in_noise(straight, smooth) > DETECTABLE:
+            out.hold = "between"
+            out.parameters = model.parameters + tuple(
+                Parameter(
+                    name=f"{BETWEEN}{n}",
+                    value=0.5,
+                    sd=0.5,
+                    lower=-1.0,
+                    upper=2.0,
+                    component=INTERPOLATION,
+                    label=f"interpolation of {n} between samples",
+                )
+                for n in model.inputs
+            )
+    return out, notes
+
+
+def _part(record: Record) -> Record:
+    return record if record.samples <= LONGEST else record.cut(0, LONGEST)
+
+
+def _with_substeps(model: Equations, substeps: int) -> Equations:
+    out = copy.copy(model)
+    out.substeps = substeps
+    return out
+
+
+def _substeps(
+    model: Equations,
+    substeps: int,
+    difference_in_noise: Callable[[Equations, Equations], float],
+) -> tuple[int, float]:
+    """Smallest doubled number of substeps whose error is not detectable, and the error."""
+    while True:
+        noisy = difference_in_noise(
+            _with_substeps(model, substeps), _with_substeps(model, 2 * substeps)
+        )
+        if noisy <= FINE or substeps >= MOST:
+            return substeps, noisy
+        substeps *= 2
+
+
+def _noise_distance(one: Model, other: Model, batches: Sequence[Batch]) -> float:
+    """Sum of squares of the difference of two models in noise; infinite if one of them fails."""
+    total = 0.0
+    runs = zip(batches, one.simulate_all(batches), other.simulate_all(batches), strict=True)
+    for (record, _), a, b in runs:
+        for c, name in enumerate(one.outputs):
+            sensor = record.sensors.get(name)
+            if name in record.outputs and sensor is not None and sensor.sigma:
+                y, z = a[0, :, c], b[0, :, c]
+                with np.errstate(over="ignore", invalid="ignore"):
+                    noise = Noise(sensor.sigma, relative=sensor.relative_sigma)
+                    part = (y - z) / noise.sd(y)
+                    part[~np.isfinite(y) & ~np.isfinite(z)] = 0.0  # both simulations fail
+                    total += float(np.sum(np.where(np.isfinite(part), part, np.inf) ** 2))
+    return total
+
+
+# ------------------------------------------------------------------------------------- short forms
+
+
+Rates = Callable[[Any, Named, Named, Named], Any]
+#: Number of random points of a trial, and relative difference that is none [1].
+POINTS, EQUAL = 4, 1e-9
+
+
+def states_of(given: Sequence[State] | Mapping[str, Any]) -> tuple[State, ...]:
+    """States from units by name, or from ``(start, sd of the start, unit)``.
+
+    Raises
+    ------
+    InvalidParameter
+        A state has another form.
+    """
+    if not isinstance(given, Mapping):
+        return tuple(given)
+    found = []
+    for name, item in given.items():
+        parts = (0.0, math.inf, item) if isinstance(item, str) else item
+        try:
+            start, sd, unit = parts
+            found.append(State(name=name, unit=unit, start=float(start), start_sd=float(sd)))
+        except (TypeError, ValueError, InvalidParameter):
+            raise InvalidParameter(
+                f"state {name}: got {item!r}, expected its unit, such as 'm', or (start, standard "
+                "deviation of the start, unit)"
+            ) from None
+    return tuple(found)
+
+
+def with_unknown(rates: Rates, neutral: Mapping[str, float]) -> Rates:
+    """The rates with the unknown effects at the values without them."""
+    if not neutral:
+        return rates
+    return lambda t, x, u, p: rates(t, x, u, Named._of({**p._values, **neutral}))
+
+
+def by_rates(rates: Rates, effect: Effect, neutral: Mapping[str, float]) -> Effect:
+    """An effect that is a parameter of the rates: it adds their difference."""
+    name = effect.data
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Any]:
+        del shape
+        values = {**p._values, **neutral}
+        without = rates(t, x, u, Named._of(values))
+        values[name] = neutral[name] + size
+        own = rates(t, x, u, Named._of(values))
+        return {s: b - a for s, a, b in zip(x._values, without, own, strict=False)}
+
+    return replace(effect, rate=rate)
+
+
+class _Read(Named):
+    """Inputs of a trial: any name has random values, and is noted."""
+
+    __slots__ = ("_draw", "read")
+
+    def __init__(self, draw: Callable[[], Array]):
+        self._values: dict[str, Any] = {}
+        self._draw = draw
+
+    def __getitem__(self, name: str) -> Any:
+        return self._values.setdefault(name, self._draw())
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return self._values.setdefault(name, self._draw())
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What the rates are found to be at random points."""
+
+    inputs: tuple[str, ...] = ()
+    coordinates: tuple[Coordinate, ...] = ()
+
+
+def trial(
+    rates: Rates,
+    states: Sequence[State],
+    parameters: Sequence[Parameter],
+    inputs: Iterable[str] | None,
+) -> Trial:
+    """Evaluate the rates at random points; rates that fail there tell nothing.
+
+    Parameters
+    ----------
+    rates
+        The rates.
+    states, parameters
+        States and parameters of the model.
+    inputs
+        Names of the inputs; None: all that the rates read.
+    """
+    random = np.random.default_rng(0)
+
+    def draw() -> Array:
+        return random.uniform(0.5, 1.5, POINTS)
+
+    x = {s.name: s.start + s.scale * draw() for s in states}
+    p = {q.name: q.value * (1.0 + 0.02 * (draw() - 1.0)) for q in parameters}
+    u = _Read(draw) if inputs is None else Named({n: draw() for n in inputs})
+
+    def at(values: Mapping[str, Any]) -> list[Array]:
+        with np.errstate(all="ignore"):
+            found = rates(np.zeros(POINTS), Named(x), u, Named(values))
+        return [np.zeros(POINTS) + np.asarray(v, dtype=np.float64) for v in found]
+
+    try:
+        base = at(p)
+        heavy = {q.name: at({**p, q.name: 2.0 * p[q.name]}) for q in parameters if _massive(q)}
+    except Exception:  # a rate that needs other values; the first simulation reports its faults
+        return Trial(tuple(u._values) if isinstance(u, _Read) else ())
+    found = []
+    for q, rate in zip(states, base, strict=False):
+        speeds = [i for i, v in enumerate(states) if v is not q and np.array_equal(rate, x[v.name])]
+        if len(speeds) == 1:
+            i = speeds[0]
+            inertias = [
+                name
+                for name, other in heavy.items()
+                if np.allclose(2.0 * other[i], base[i], rtol=EQUAL, atol=0.0) and base[i].any()
+            ]
+            found.append(_coordinate(q, states[i], inertias))
+    return Trial(tuple(u._values) if isinstance(u, _Read) else (), tuple(found))
+
+
+def _massive(parameter: Parameter) -> bool:
+    return any(same_unit(parameter.unit, unit) for unit in ("kg", "kg m^2"))
+
+
+def _coordinate(position: State, speed: State, inertias: Sequence[str]) -> Coordinate:
+    """Coordinate of two states; with one inertia, forces on it are forces."""
+    unit = "1" if position.unit == "1" else position.unit
+    turns = same_unit(unit, "rad")
+    inertia = inertias[0] if len(inertias) == 1 else None
+    force = ("N m" if turns else "N") if inertia else f"{unit}/s^2"
+    return Coordinate(
+        name=position.name,
+        position=position.name,
+        speed=speed.name,
+        inertia=inertia,
+        unit=force,
+        position_unit=unit,
+    )

@@ -229,13 +229,59 @@ def _unit(variable: Any) -> str:
     return spelled_unit(unit.replace(".", " ")) or "" if unit else ""
 
 
-def _started(name: str, prior: Any, variables: Mapping[str, Any]) -> Any:
-    """A prior in the unit of the variable, whose value None is its start value."""
-    variable = variables.get(name)
-    if variable is None:
-        return prior
-    start = None if variable.start is None else float(variable.start)
-    return from_file(name, prior, start, _unit(variable))
+def _kind(path: Path, description: Any, kind: str | None) -> str:
+    """Kind of the simulation: the stated one, else model exchange if the FMU has it."""
+    kinds = [
+        name
+        for name, there in (
+            ("ModelExchange", description.modelExchange),
+            ("CoSimulation", description.coSimulation),
+        )
+        if there is not None
+    ]
+    if not kinds or (kind is not None and kind not in kinds):
+        raise InvalidParameter(
+            f"{path}: is an FMU for {' and '.join(kinds) or 'scheduled execution'}, expected "
+            f"{kind or 'model exchange or co-simulation'}"
+        )
+    return kind or kinds[0]
+
+
+def _limits(variables: Mapping[str, Any], names: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Limits that an FMU states."""
+    return {
+        n: (
+            -np.inf if v.min is None else float(v.min),
+            np.inf if v.max is None else float(v.max),
+        )
+        for n, v in variables.items()
+        if n in names and (v.min is not None or v.max is not None)
+    }
+
+
+def _notices(kind: str, variables: Mapping[str, Any], inputs: Sequence[str]) -> tuple[str, ...]:
+    """Notes about how an FMU gets its inputs."""
+    notices = []
+    if kind == "CoSimulation" and inputs:
+        notices.append(
+            "co-simulation: outputs are read with the inputs of their sample; an FMU that "
+            "computes them only in a step shows a direct influence late, by up to half a sample"
+        )
+    left = [n for n, v in variables.items() if v.causality == "input" and n not in inputs]
+    if left:
+        notices.append(f"its inputs {', '.join(left)} keep their start values")
+    return tuple(notices)
+
+
+def _described(path: Path) -> Any:
+    """Description of the model in an FMU."""
+    fmpy = _fmpy()
+    if not is_file(path):
+        raise InvalidParameter(f"{path}: there is no such file")
+    try:
+        return fmpy.read_model_description(str(path))
+    except Exception as error:
+        raise InvalidParameter(f"{path}: cannot be read as an FMU: {error}") from error
 
 
 @checked
@@ -277,62 +323,26 @@ def fmu(
     InvalidParameter
         FMPy is not installed, the file is not an FMU, or the FMU does not have these variables.
     """
-    fmpy = _fmpy()
     path = Path(path).absolute()
-    if not is_file(path):
-        raise InvalidParameter(f"{path}: there is no such file")
-    try:
-        description = fmpy.read_model_description(str(path))
-    except Exception as error:
-        raise InvalidParameter(f"{path}: cannot be read as an FMU: {error}") from error
+    description = _described(path)
     variables = {v.name: v for v in description.modelVariables}
     if inputs is None:
         inputs = _channels(description, "input")
     every = outputs is None
     outputs = _channels(description, "output") if outputs is None else outputs
-    if isinstance(parameters, Mapping):
-        parameters = {n: _started(n, p, variables) for n, p in parameters.items()}
-    if unknown is not None:
-        unknown = {
-            n: _started(n, (None, 0.0, item) if isinstance(item, str) else item, variables)
-            for n, item in unknown.items()
-        }
-    listed = parameters if isinstance(parameters, Mapping) else [p.name for p in parameters]
-    wanted = [*listed, *(unknown or {}), *inputs, *outputs]
-    lowest = {n: float(v.min) for n, v in variables.items() if v.min is not None}
-    highest = {n: float(v.max) for n, v in variables.items() if v.max is not None}
-    limited = [n for n in (*listed, *(unknown or {})) if n in lowest or n in highest]
-    stated = {n: (lowest.get(n, -np.inf), highest.get(n, np.inf)) for n in limited}
-    bounds = {**stated, **(bounds or {})}
+    stated = {
+        n: (None if v.start is None else float(v.start), _unit(v)) for n, v in variables.items()
+    }
+    parameters, unknown = from_file(parameters, unknown, stated)
+    listed = [*(p if isinstance(p, str) else p.name for p in parameters), *(unknown or {})]
+    wanted = [*listed, *inputs, *outputs]
     missing = [n for n in wanted if n not in variables]
     if missing:
         raise InvalidParameter(
             f"{path}: has no variable {', '.join(missing)}{near_names(missing[0], variables)}; "
             f"there are {', '.join(sorted(variables))}"
         )
-    kinds = [
-        name
-        for name, there in (
-            ("ModelExchange", description.modelExchange),
-            ("CoSimulation", description.coSimulation),
-        )
-        if there is not None
-    ]
-    if not kinds or (kind is not None and kind not in kinds):
-        raise InvalidParameter(
-            f"{path}: is an FMU for {' and '.join(kinds) or 'scheduled execution'}, expected "
-            f"{kind or 'model exchange or co-simulation'}"
-        )
-    kind = kind or kinds[0]  # type: ignore[assignment]
-    notices = []
-    if kind == "CoSimulation" and inputs:
-        notices.append(
-            "co-simulation: outputs are read with the inputs of their sample; an FMU that "
-            "computes them only in a step shows a direct influence late, by up to half a sample"
-        )
-    left = [n for n, v in variables.items() if v.causality == "input" and n not in inputs]
-    if left:
-        notices.append(f"its inputs {', '.join(left)} keep their start values")
+    run_as = _kind(path, description, kind)
     at_end = frozenset(
         n
         for n in inputs
@@ -340,12 +350,12 @@ def fmu(
         and not (variables[n].description or "").endswith("hold: zero")
     )
     out = Simulator(
-        _Fmu(path, tuple(outputs), str(kind), hold, at_end, tuple(notices)),
+        _Fmu(path, tuple(outputs), run_as, hold, at_end, _notices(run_as, variables, list(inputs))),
         parameters=parameters,
         inputs=inputs,
         outputs=outputs,
         unknown=unknown,
-        bounds=bounds,
+        bounds={**_limits(variables, listed), **(bounds or {})},
         workers=workers,
         name=name or description.modelName,
     )

@@ -59,6 +59,15 @@ def including(
         np.zeros(len(chosen)) if magnitudes is None else np.asarray(magnitudes, dtype=np.float64)
     )
     widths = np.full(len(chosen), np.inf) if sds is None else np.asarray(sds, dtype=np.float64)
+    if faults := _faults(model, chosen, values, widths):
+        raise InvalidParameter("including: " + "; ".join(faults))
+    out = Including(model, chosen, values)
+    own = {t.name: w for t, w in zip(chosen, widths, strict=True)}
+    return out.with_parameters({p.name: replace(p, sd=float(own[p.name])) for p in out.own})
+
+
+def _faults(model: Model, chosen: Sequence[Candidate], values: Array, widths: Array) -> list[str]:
+    """What prevents effects from being a part of a model."""
     faults = [
         f"{given.size} {what} for {len(chosen)} effects"
         for given, what in ((values, "magnitudes"), (widths, "standard deviations"))
@@ -81,11 +90,7 @@ def including(
         if t.name in names:
             faults.append(f"{t.name} is the name of a parameter already")
         names.append(t.name)
-    if faults:
-        raise InvalidParameter("including: " + "; ".join(faults))
-    out = Including(model, chosen, values)
-    own = {t.name: w for t, w in zip(chosen, widths, strict=True)}
-    return out.with_parameters({p.name: replace(p, sd=float(own[p.name])) for p in out.own})
+    return faults
 
 
 @checked

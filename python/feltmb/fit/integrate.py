@@ -13,8 +13,7 @@ from feltmb.data import Array, Integers, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
 from feltmb.fit.coordinates import Named, Rate
-from feltmb.fit.model import Batch, Candidate, Jobs
-from feltmb.fit.resolution import BETWEEN
+from feltmb.fit.model import BETWEEN, Batch, Candidate, Jobs
 
 __all__ = [
     "GAMMA",
@@ -325,32 +324,32 @@ def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory
         Number of the first batches whose states are kept.
     """
     longest = max(record.samples for record, _ in batches)
-    guesses = [_last_motion(model, record, jobs, longest) for record, jobs in batches]
-    found: list[Trajectory | None] = [None] * len(batches)
-    for known in (True, False):
-        some = [
-            i
-            for i, guess in enumerate(guesses)
-            if found[i] is None and (guess is not None or not known)
-        ]
+    guesses = {
+        i: guess
+        for i, (record, jobs) in enumerate(batches)
+        if (guess := _last_motion(model, record, jobs, longest)) is not None
+    }
+    found: dict[int, Trajectory] = {}
+    for begun in (guesses, {}):
+        some = [i for i in (begun or range(len(batches))) if i not in found]
         if some:
-            kept = sum(i < keep for i in some)
             steps = _Steps(model, [batches[i] for i in some], longest)
-            begin = [guess for i in some if known and (guess := guesses[i]) is not None]
-            own = steps.integrated(begin, kept)
-            for i, run in zip(some, own, strict=True):
-                found[i] = run
-    done = [run for run in found if run is not None]
-    size = max(run.samples.shape[1] for run in done)
-    samples, stages = (
-        [_with_states(getattr(run, what), size) for run in done[:keep]]
-        for what in ("samples", "stages")
-    )
+            own = steps.integrated([begun[i] for i in some if begun], sum(i < keep for i in some))
+            found |= {i: run for i, run in zip(some, own, strict=True) if run is not None}
+    done = [found[i] for i in range(len(batches))]
     return Trajectory(
         [run.runs[0] for run in done],
-        np.concatenate(samples, axis=-1) if keep else done[0].samples,
-        np.concatenate(stages, axis=-1) if keep else done[0].stages,
+        _together([run.samples for run in done], keep),
+        _together([run.stages for run in done], keep),
     )
+
+
+def _together(states: Sequence[Array], keep: int) -> Array:
+    """States of the first batches along one axis of jobs, with zeros for further states."""
+    if not keep:
+        return states[0]
+    size = max(values.shape[-2] for values in states[:keep])
+    return np.concatenate([_with_states(values, size) for values in states[:keep]], axis=-1)
 
 
 def _with_states(values: Array, size: int) -> Array:

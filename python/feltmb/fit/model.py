@@ -24,9 +24,9 @@ from feltmb.data import Array, InputMode, Record
 from feltmb.errors import InvalidParameter
 from feltmb.files import check_suffix, write_text
 from feltmb.fit.coordinates import Coordinate, Coupling
-from feltmb.fit.noise_of_function import difference_offsets
 
 __all__ = [
+    "BETWEEN",
     "INTERPOLATION",
     "Batch",
     "Candidate",
@@ -41,10 +41,14 @@ __all__ = [
     "SensitivityRequest",
     "ShapeChange",
     "State",
+    "difference_offsets",
+    "prior_jobs",
 ]
 
 #: Component name of parameters of the interpolation of inputs between samples.
 INTERPOLATION = "interpolation of inputs"
+#: Prefix of the parameter of an input that is the share of a spline in its interpolation.
+BETWEEN = "between."
 
 EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
 
@@ -277,6 +281,22 @@ class Jobs:
     def count(self) -> int:
         """Number of jobs B."""
         return int(self.theta.shape[0])
+
+
+def prior_jobs(
+    model: Model,
+    record: Record,
+    included: tuple[Candidate, ...] = (),
+    magnitudes: Sequence[float] = (),
+) -> Jobs:
+    """One simulation of a record with the tabulated parameters, from its expected start."""
+    mean = {} if record.start is None else record.start.mean
+    return Jobs(
+        theta=np.array([[p.value for p in model.parameters]], dtype=np.float64),
+        starts=np.array([[mean.get(s.name, s.start) for s in model.states(included)]]),
+        included=included,
+        magnitudes=np.array([magnitudes], dtype=np.float64),
+    )
 
 
 #: A record and its jobs.
@@ -696,6 +716,20 @@ def _with_inputs(record: Record, model: Model, notes: list[str]) -> Record:
 TOGETHER = 8
 #: Rows of changed jobs, each with its weight in a derivative.
 Weighted = list[tuple[int, float]]
+
+
+def difference_offsets(
+    at: float, step: float, low: float, high: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Two changes of a number, and their weights in a derivative of second order.
+
+    The weights apply to differences from the value without a change. If a limit excludes one side,
+    both changes are on the other one.
+    """
+    if at + step <= high and at - step >= low:
+        return (step, 0.5 / step), (-step, -0.5 / step)
+    side = step if at + 2.0 * step <= high else -step
+    return (side, 2.0 / side), (2.0 * side, -0.5 / side)
 
 
 def difference_sensitivities(

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data import Array, Record
+from feltmb.data.records import evenly_spaced
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
-from feltmb.fit.low_pass import low_passed
 from feltmb.fit.model import (
     Batch,
     Candidate,
@@ -19,16 +20,18 @@ from feltmb.fit.model import (
     Model,
     Sensitivity,
     SensitivityRequest,
+    difference_offsets,
 )
-from feltmb.fit.noise_of_function import difference_offsets
-from feltmb.fit.shift import shifted
 
 __all__ = [
+    "delayed",
+    "low_passed",
     "machine_candidates",
     "motion",
     "observe",
     "observe_all",
     "observed_sensitivities",
+    "shifted",
 ]
 
 
@@ -381,3 +384,163 @@ def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sens
         d_inputs=by_input[..., :own],
         d_shapes=None if s.d_shapes is None else push(s.d_shapes),
     )
+
+
+# ------------------------------------------------------------------------------------------ delays
+
+
+#: Largest number of samples for which a spline on a uniform clock is applied as a cached matrix;
+#: the same delay is needed for many columns.
+MATRIX = 400
+
+
+def shifted(record: Record, y: Array, delays: Array) -> Array:
+    """Outputs as a sensor with a delay shows them: y(t - delay), by cubic splines.
+
+    Before the first and after the last sample, the signal is extrapolated by a parabola for one
+    sample and linearly beyond.
+
+    Parameters
+    ----------
+    record
+        Record with the times of the samples.
+    y
+        Outputs, (B, n).
+    delays
+        Delays [s], (B,).
+
+    Returns
+    -------
+    Array
+        Delayed outputs, (B, n); rows with values that are not finite are unchanged.
+    """
+    out: Array = np.array(y, dtype=np.float64)
+    good = np.all(np.isfinite(out), axis=1)
+    n, interval, time = y.shape[1], record.interval, _times(record, y.shape[1])
+    for delay in np.unique(delays[good & (delays != 0.0)]):
+        rows = np.flatnonzero(good & (delays == delay))
+        if record.even and n <= MATRIX:
+            out[rows] = out[rows] @ _matrix(n, interval, float(delay)).T
+        else:
+            out[rows] = _continued(time, out[rows, :, None], time - delay)[:, :, 0]
+    return out
+
+
+def delayed(record: Record, y: Array, delay: float) -> Array:
+    """As :func:`shifted` for outputs (n, ...) with one delay, which is needed only once.
+
+    Parameters
+    ----------
+    record
+        Record with the times of the samples.
+    y
+        Outputs, (n, ...).
+    delay
+        Delay [s].
+    """
+    if delay == 0.0 or not np.isfinite(y).all():
+        return y
+    time = _times(record, len(y))
+    found = _continued(time, y.reshape(1, len(y), -1), time - delay)
+    return np.asarray(found.reshape(y.shape))
+
+
+def _times(record: Record, count: int) -> Array:
+    """The times of the first samples."""
+    return np.asarray(np.arange(count) * record.interval if record.even else record.time[:count])
+
+
+@lru_cache(maxsize=128)
+def _matrix(count: int, interval: float, delay: float) -> Array:
+    """Matrix from the samples to the delayed samples."""
+    time: Array = np.asarray(np.arange(count) * interval)
+    out: Array = _continued(time, np.eye(count)[None], time - delay)[0]
+    out.setflags(write=False)
+    return out
+
+
+def _continued(time: Array, values: Array, want: Array) -> Array:
+    """Interpolated or extrapolated values (B, n, k) at other times."""
+    if time.size < 2:
+        return np.repeat(values, want.size, axis=1)
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(time, values, axis=1)
+    out = np.asarray(spline(np.clip(want, time[0], time[-1])))
+    for end, beyond in ((time[0], want - time[0]), (time[-1], want - time[-1])):
+        over = np.minimum(beyond, 0.0) if end == time[0] else np.maximum(beyond, 0.0)
+        if not np.any(over):
+            continue
+        step = abs(time[1] - time[0]) if end == time[0] else abs(time[-1] - time[-2])
+        bent = np.clip(over, -step, step)
+        rate, bend = (np.asarray(spline(end, n))[:, None, :] for n in (1, 2))
+        straight = over[None, :, None]
+        curved = (bent * over - 0.5 * bent**2)[None, :, None]
+        out = out + rate * straight + bend * curved
+    return np.asarray(out)
+
+
+# -------------------------------------------------------------------------------------------- lags
+
+
+def low_passed(clock: Array, y: Array, constants: Array, starts: Array | None = None) -> Array:
+    """Outputs as a sensor with a first-order lag shows them: constant * d(out)/dt = y - out.
+
+    The filter starts with a given value, else as if the signal always had its first slope.
+
+    Parameters
+    ----------
+    clock
+        Times of the samples [s], (n,).
+    y
+        Outputs, (B, n).
+    constants
+        Time constants [s], (B,), >= 0; 0: the output is unchanged.
+    starts
+        First values of the filters [unit of y], (B,); NaN: not given.
+
+    Returns
+    -------
+    Array
+        Filtered outputs, (B, n).
+    """
+    out = np.array(y, dtype=np.float64)
+    if y.shape[1] < 2:
+        return out
+    filtered = _even if evenly_spaced(clock) else _uneven
+    for constant in np.unique(constants[constants > 0.0]):
+        rows = np.flatnonzero(constants == constant)
+        step = clock[1] - clock[0]
+        first = y[rows, 0] - constant * (y[rows, 1] - y[rows, 0]) / max(step, 1e-300)
+        if starts is not None:
+            first = np.where(np.isfinite(starts[rows]), starts[rows], first)
+        out[rows] = filtered(clock, y[rows], constant, first)
+    return out
+
+
+def _even(time: Array, y: Array, constant: float, first: Array) -> Array:
+    """Filter on an even clock, from its first value."""
+    from scipy.linalg import solve_banded  # starts ten times as fast as scipy.signal
+
+    step = float(time[1] - time[0])
+    decay, share = np.exp(-step / constant), constant / step
+    new = 1.0 + share * np.expm1(-step / constant)
+    old = -np.expm1(-step / constant) - new
+    # out[j] - decay * out[j - 1] = new * y[j] + old * y[j - 1]
+    right = new * y
+    right[:, 1:] += old * y[:, :-1]
+    right[:, 0] = first
+    bands = np.array([np.ones(time.size), np.full(time.size, -decay)])
+    return np.asarray(solve_banded((1, 0), bands, right.T, check_finite=False).T)
+
+
+def _uneven(time: Array, y: Array, constant: float, first: Array) -> Array:
+    """Filter on any clock, from its first value."""
+    out = np.empty_like(y)
+    out[:, 0] = first
+    for j in range(1, y.shape[1]):
+        h = max(float(time[j] - time[j - 1]), 0.0)
+        ramp = (y[:, j] - y[:, j - 1]) / h if h > 0.0 else np.zeros(len(y))
+        before = out[:, j - 1] - (y[:, j - 1] - constant * ramp)
+        out[:, j] = y[:, j] - constant * ramp + before * np.exp(-h / constant)
+    return out

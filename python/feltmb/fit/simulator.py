@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,8 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter, near_names, no_such
-from feltmb.fit.calling import calling
+from feltmb.fit.calling import Run, Runner, calling
+from feltmb.fit.coordinates import Named
 from feltmb.fit.model import (
     Batch,
     Candidate,
@@ -27,21 +28,27 @@ from feltmb.fit.model import (
     Parameter,
     Ready,
     State,
+    difference_offsets,
 )
 from feltmb.fit.noise import Noise
-from feltmb.fit.noise_of_function import Step, choose_step, noise_of_function
 from feltmb.fit.priors import (
     Bounds,
     Priors,
     Unknowns,
     check_bounds,
     parameters_of,
+    sized,
     unknown_effects,
 )
-from feltmb.fit.runner import Run, Runner
-from feltmb.fit.sizes import sized
 
-__all__ = ["Simulator"]
+__all__ = [
+    "FunctionModel",
+    "LinearModel",
+    "Simulator",
+    "Step",
+    "choose_step",
+    "noise_of_function",
+]
 
 #: Steps that are tried for a parameter; spacing of the values from which the noise of the function
 #: is estimated, as shares of the scales; number of spacings.
@@ -97,6 +104,31 @@ class _Stated(dict[str, float]):
             f"{near_names(name, self)}; stated are {', '.join(self) or 'none'}: add {name} to "
             "parameters or unknown (on the command line --parameter, --unknown)"
         )
+
+
+@dataclass(frozen=True)
+class _Variable:
+    """A number of the function, by which it is differentiated."""
+
+    name: str
+    size: float
+    """Scale [unit]."""
+    low: float
+    high: float
+    value: float
+
+    def side(self, change: float) -> float:
+        """A change of this size to the permitted side."""
+        return change if self.value + change <= self.high else -change
+
+    @property
+    def trials(self) -> tuple[float, float]:
+        """Two changes: to both sides, or both to the permitted one."""
+        h = TRIAL * self.size
+        if self.value - h >= self.low and self.value + h <= self.high:
+            return h, -h
+        side = h if self.value + 2.0 * h <= self.high else -h
+        return side, 2.0 * side
 
 
 @checked
@@ -270,12 +302,21 @@ class Simulator(Model):
         values = dict(zip((p.name for p in self.parameters), map(float, theta), strict=True))
         return {**values, **self._neutral}
 
-    def _chosen_steps(self, record: Record, repeated: Array) -> tuple[dict[str, Step], list[str]]:
-        """Steps by parameter from trials at the priors, with notes for the report."""
-        rows = [(p.name, p.size, p.lower, p.upper, p.value) for p in self.parameters if p.sd > 0.0]
+    def _variables(self) -> list[_Variable]:
+        """Parameters and unknown effects, by which the function is differentiated."""
+        rows = [
+            _Variable(p.name, p.size, p.lower, p.upper, p.value)
+            for p in self.parameters
+            if p.sd > 0.0
+        ]
         for e, (name, neutral) in zip(self.effects, self._neutral.items(), strict=True):
             low, high = e.bounds
-            rows.append((name, e.scale, low + neutral, high + neutral, neutral))
+            rows.append(_Variable(name, e.scale, low + neutral, high + neutral, neutral))
+        return rows
+
+    def _chosen_steps(self, record: Record, repeated: Array) -> tuple[dict[str, Step], list[str]]:
+        """Steps by parameter from trials at the priors, with notes for the report."""
+        rows = self._variables()
         if not rows:
             return {}, []
         prior = self._point([p.value for p in self.parameters])
@@ -285,60 +326,28 @@ class Simulator(Model):
             return Run.of(record, self.inputs, values)
 
         # Along one direction that changes all parameters, to the permitted side.
-        smooth = [row for row in rows if row[0] not in self._jumps]
-        way = {name: size if at + size <= high else -size for name, size, _, high, at in smooth}
+        way = {v.name: v.side(v.size) for v in rows if v.name not in self._jumps}
         runs = [moved({k: i * SPACING * v for k, v in way.items()}) for i in range(SPACINGS + 1)]
-        offsets = []
-        for name, size, low, high, at in rows:
-            h = TRIAL * size
-            both = at - h >= low and at + h <= high
-            side = h if at + 2.0 * h <= high else -h
-            offsets.append((h, -h) if both else (side, 2.0 * side))
-            runs += [moved({name: o}) for o in offsets[-1]]
+        runs += [moved({v.name: o}) for v in rows for o in v.trials]
         seen = self._runner.values(runs)
         base = seen[0]
         unit = np.std(base, axis=0)
         unit[unit == 0.0] = 1.0
-        along = np.array([s / unit for s in seen[: SPACINGS + 1]])
-        noise = noise_of_function(along)
         jitter = float(np.sqrt(np.mean(((repeated - base) / unit) ** 2))) / math.sqrt(2.0)
-        noise = max(noise, jitter)
+        along = np.array([s / unit for s in seen[: SPACINGS + 1]])
+        noise = max(noise_of_function(along), jitter)
         steps: dict[str, Step] = {}
         dead = []
         pairs = iter(seen[SPACINGS + 1 :])
-        for (name, size, *_), (one, _) in zip(rows, offsets, strict=True):
+        for v in rows:
             near, far = next(pairs), next(pairs)
-            both = offsets[len(steps)][1] == -one
-            steps[name] = choose_step(base / unit, near / unit, far / unit, one, noise, size, both)
+            one, other = v.trials
+            both = other == -one
+            ends = base / unit, near / unit, far / unit
+            steps[v.name] = choose_step(*ends, one, noise, v.size, both)
             if np.array_equal(near, base) and np.array_equal(far, base):
-                dead.append(name)
-        forward = sum(1 for s in steps.values() if not s.central)
-        shares = [s.size / size for s, (_, size, *_) in zip(steps.values(), rows, strict=True)]
-        sigma = [
-            float(np.sqrt(np.mean(Noise(s.sigma, relative=s.relative_sigma).sd(y) ** 2)))
-            if s is not None and s.sigma
-            else None
-            for s, y in zip(map(record.sensors.get, self.outputs), base.T, strict=True)
-        ]
-        notes = []
-        if any(not s or noise * u > NO_MATTER * s for s, u in zip(sigma, unit, strict=True)):
-            kinds = ((forward, "forward"), (len(steps) - forward, "central"))
-            how = ", ".join(f"{kind} for {count}" for count, kind in kinds if count)
-            notes.append(
-                f"its numerical noise is {noise:.1g} of the spread of its outputs; derivatives by "
-                f"differences over {min(shares):.1g} to {max(shares):.1g} of the scales, {how} of "
-                f"{len(steps)} parameters"
-            )
-        noisy = [
-            n
-            for n, s, u in zip(self.outputs, sigma, unit, strict=True)
-            if s and noise * u > 0.3 * s
-        ]
-        if noisy:
-            notes.append(
-                "its numerical noise is not small compared with that of the sensor of "
-                f"{', '.join(noisy)}: reduce its tolerances"
-            )
+                dead.append(v.name)
+        notes = self._notes_of_noise(record, base, noise * unit, noise, rows, steps)
         if jitter > 1e-12:
             notes.append("two runs with the same arguments differ: seed its random numbers")
         if dead:
@@ -347,6 +356,43 @@ class Simulator(Model):
                 "the function?"
             )
         return steps, notes
+
+    def _notes_of_noise(
+        self,
+        record: Record,
+        outputs: Array,
+        noise: Array,
+        share: float,
+        rows: Sequence[_Variable],
+        steps: Mapping[str, Step],
+    ) -> list[str]:
+        """Notes about the numerical noise, [units of the outputs], beside that of the sensors."""
+        matters, large = False, []
+        for name, y, own in zip(self.outputs, outputs.T, noise, strict=True):
+            sensor = record.sensors.get(name)
+            sigma = 0.0
+            if sensor is not None and sensor.sigma:
+                sd = Noise(sensor.sigma, relative=sensor.relative_sigma).sd(y)
+                sigma = float(np.sqrt(np.mean(sd**2)))
+            matters |= sigma == 0.0 or own > NO_MATTER * sigma
+            large += [name] if 0.0 < sigma < own / 0.3 else []
+        notes = []
+        if matters:
+            forward = sum(1 for s in steps.values() if not s.central)
+            shares = [steps[v.name].size / v.size for v in rows]
+            kinds = ((forward, "forward"), (len(steps) - forward, "central"))
+            how = ", ".join(f"{kind} for {count}" for count, kind in kinds if count)
+            notes.append(
+                f"its numerical noise is {share:.1g} of the spread of its outputs; derivatives by "
+                f"differences over {min(shares):.1g} to {max(shares):.1g} of the scales, {how} of "
+                f"{len(steps)} parameters"
+            )
+        if large:
+            notes.append(
+                "its numerical noise is not small compared with that of the sensor of "
+                f"{', '.join(large)}: reduce its tolerances"
+            )
+        return notes
 
     def simulate(self, record: Record, jobs: Jobs) -> Array:
         """See :class:`~feltmb.fit.Model`."""
@@ -400,3 +446,203 @@ class Simulator(Model):
             return ((scale, 1.0 / scale),)
         step = self._steps.get(name) or Step(TRIAL * scale, central=True)
         return step.offsets(at, low, high)
+
+
+# ----------------------------------------------------------------------- numerical noise and steps
+
+
+#: Smallest noise relative to the spread of the outputs: rounding.
+ROUNDING = 1e-15
+#: Permitted relative error of a derivative by forward differences.
+GOOD = 0.02
+#: Smallest and largest step relative to the scale of the parameter.
+SMALLEST, LARGEST = 1e-5, 0.3
+
+
+@dataclass(frozen=True)
+class Step:
+    """Step of a finite difference by one parameter."""
+
+    size: float
+    """[unit of the parameter]"""
+    central: bool
+
+    def offsets(self, at: float, low: float, high: float) -> tuple[tuple[float, float], ...]:
+        """Changes of the parameter within its limits, and their weights in the derivative."""
+        h = self.size
+        if not self.central:
+            side = h if at + h <= high else -h
+            return ((side, 1.0 / side),)
+        return difference_offsets(at, h, low, high)
+
+
+def noise_of_function(values: Array) -> float:
+    """Standard deviation of the noise of equally spaced values, (m + 1, ...), by ECnoise.
+
+    Differences of a smooth function decrease with their order, but those of noise do not: order k
+    has the variance sigma^2 (2k)! / (k!)^2. The result is taken from the first order at which three
+    estimates agree within a factor of four (J. J. More and S. M. Wild, "Estimating computational
+    noise", SIAM J. Sci. Comput. 33, 2011); all outputs and samples are averaged. If no estimates
+    agree, the function is still smooth at the last order, and the result is an upper limit.
+    """
+    table, gamma, sigmas = values, 1.0, []
+    for k in range(1, len(values)):
+        table = np.diff(table, axis=0)
+        gamma *= 0.5 * k / (2 * k - 1)
+        sigmas.append(math.sqrt(gamma * float(np.mean(table**2))))
+    for i in range(len(sigmas) - 2):
+        three = sigmas[i : i + 3]
+        if max(three) <= 4.0 * min(three):
+            return max(sigmas[i], ROUNDING)
+    return max(sigmas[-1], ROUNDING)
+
+
+def choose_step(
+    base: Array, near: Array, far: Array, step: float, noise: float, scale: float, both: bool
+) -> Step:
+    """Step with the smallest error, from values at 0, ``step``, -``step`` (or 2 ``step``).
+
+    A forward difference has the error 2 noise / h + h |f''| / 2, which is smallest at h = 2
+    sqrt(noise / |f''|). A central difference has the error noise / h + h^2 |f'''| / 6, where |f'''|
+    is estimated as |f''|^2 / |f'|.
+    """
+    if not (np.all(np.isfinite(near)) and np.all(np.isfinite(far))):
+        return Step(0.1 * abs(step), central=True)
+
+    def norm(x: Array) -> float:
+        return float(np.sqrt(np.mean(x**2)))
+
+    h = abs(step)
+    slope = norm(near - far) / (2.0 * h) if both else norm(near - base) / h
+    bend = norm(near - 2.0 * base + far) if both else norm(far - 2.0 * near + base)
+    if slope == 0.0:
+        return Step(h, central=True)
+    bend = max(bend, 4.0 * noise) / h**2  # a change below the noise may still exist
+    forward = float(np.clip(2.0 * math.sqrt(noise / bend), SMALLEST * scale, LARGEST * scale))
+    if 2.0 * noise / forward + 0.5 * forward * bend <= GOOD * slope:
+        return Step(forward, central=False)
+    central = (3.0 * noise * slope / bend**2) ** (1.0 / 3.0)
+    return Step(float(np.clip(central, SMALLEST * scale, LARGEST * scale)), central=True)
+
+
+# --------------------------------------------------------------------- functions of single samples
+
+
+@checked
+class FunctionModel(Model):
+    """Outputs that depend on the inputs at the same sample only, without memory.
+
+    Parameters
+    ----------
+    outputs
+        Name -> function ``(record, p) -> (n,)``; ``p.name`` is a parameter as a number.
+    """
+
+    cheap_derivatives = True
+    any_inputs = True
+
+    def __init__(
+        self,
+        *,
+        outputs: Mapping[str, Callable[[Record, Named], Array]],
+        parameters: Sequence[Parameter],
+        name: str = "model",
+    ):
+        self.name = name
+        self.parameters = tuple(parameters)
+        self.outputs = tuple(outputs)
+        self._outputs = dict(outputs)
+
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
+        """The model has no states."""
+        del included
+        return ()
+
+    def accepts(self, effect: Effect) -> bool:
+        """Whether an effect has a ``regressor``, or is a sensor or input effect."""
+        return effect.regressor is not None or super().accepts(effect)
+
+    def whole(self, record: Record, theta: Array) -> Array:
+        """Outputs of a whole record, (n, ny)."""
+        if theta.shape != (len(self.parameters),):
+            raise InvalidParameter(
+                f"model {self.name}: theta has shape {theta.shape}, expected "
+                f"{(len(self.parameters),)}"
+            )
+        p = Named({q.name: theta[i] for i, q in enumerate(self.parameters)})
+        try:
+            outputs: Array = np.column_stack([f(record, p) for f in self._outputs.values()])
+        except KeyError as error:
+            known = ", ".join(record.inputs) or "none"
+            text = (
+                f"model {self.name}: its functions raise KeyError: {error}; "
+                f"the inputs of record {record.name} are {known}"
+            )
+            raise InvalidParameter("; ".join((text, *record.notes))) from error
+        return outputs
+
+    def simulate(self, record: Record, jobs: Jobs) -> Array:
+        """See :class:`~feltmb.fit.Model`."""
+        columns: list[Array] = []
+        for candidate in jobs.included:
+            assert candidate.effect.regressor is not None
+            with calling(f"effect {candidate.name}: its regressor"):
+                column = candidate.effect.regressor(record, candidate.shape)
+            columns.append(self._place(candidate, column))
+        distinct, which = np.unique(jobs.theta, axis=0, return_inverse=True)
+        outputs = np.array([self.whole(record, theta) for theta in distinct])[which.reshape(-1)]
+        for k, column in enumerate(columns):
+            outputs = outputs + jobs.magnitudes[:, k, None, None] * column
+        return outputs
+
+    def _place(self, candidate: Candidate, column: Any) -> Array:
+        """Regressor of an effect as (n, ny), on the output ``effect.data`` or the only output."""
+        values: Array = np.asarray(column, dtype=np.float64)
+        if values.ndim == 2:
+            return values
+        output = (
+            candidate.effect.data if isinstance(candidate.effect.data, str) else self.outputs[0]
+        )
+        if output not in self.outputs:
+            raise InvalidParameter(
+                f"effect {candidate.name}: {output!r} is no output of {self.name} "
+                f"({', '.join(self.outputs)})"
+            )
+        out = np.zeros((values.size, len(self.outputs)))
+        out[:, self.outputs.index(output)] = values
+        return out
+
+
+@checked
+class LinearModel(FunctionModel):
+    """One output that is linear in its parameters: y = sum over j of p_j column_j(record).
+
+    Parameters
+    ----------
+    columns
+        Name of a parameter -> function of the record that returns its column, (n,).
+    """
+
+    def __init__(
+        self,
+        *,
+        output: str,
+        columns: Mapping[str, Callable[[Record], Array]],
+        parameters: Sequence[Parameter] = (),
+        name: str = "model",
+    ):
+        given = {p.name: p for p in parameters}
+        unknown = sorted(set(given) - set(columns))
+        if unknown:
+            raise InvalidParameter(f"model {name}: parameter {', '.join(unknown)} has no column")
+        ordered = [given.get(n, Parameter(name=n, value=0.0)) for n in columns]
+        self.columns = dict(columns)
+
+        def value(record: Record, p: Named) -> Array:
+            total: Array = sum(
+                (p[n] * np.asarray(f(record)) for n, f in self.columns.items()),
+                np.zeros(record.samples),
+            )
+            return total
+
+        super().__init__(outputs={output: value}, parameters=ordered, name=name)

@@ -33,13 +33,13 @@ from feltmb.fit.integrate import (
     solved,
 )
 from feltmb.fit.model import (
+    BETWEEN,
     Batch,
     Candidate,
     Sensitivity,
     SensitivityRequest,
+    difference_offsets,
 )
-from feltmb.fit.noise_of_function import difference_offsets
-from feltmb.fit.resolution import BETWEEN
 
 __all__ = ["variational_sensitivities"]
 
@@ -385,6 +385,18 @@ class _Variation:
         values = f(at.t, at.x, at.u, at.p, at.magnitudes)
         times = len(at.t) // self.count
         out = np.zeros((len(at.t), len(values), self.size + self.columns))
+        own = out[:, :, self.size :]
+        self._by_states(f, at, times, out)
+        self._by_theta(f, at, times, j, shares, values, own)
+        self._by_magnitudes(f, at, times, values, own[:, :, len(self.theta) :])
+        # A start state changes nothing but the state.
+        self._by_candidates(at, memories, rows, own[:, :, self.at_candidates :])
+        self._by_inputs(f, at, j, shares, own[:, :, self.at_changes :])
+        self._by_shapes(at, times, rows, own[:, :, self.at_shapes :])
+        return out.reshape(self.count, len(j), *shares.shape, *out.shape[1:])
+
+    def _by_states(self, f: Function, at: _Points, times: int, out: Array) -> None:
+        """Add the derivatives by the states."""
         scales = np.repeat(self.equations.scales, times, axis=1)
         for i in range(self.size):
             small = STATE_STEP * (np.abs(at.x[i]) + scales[i])
@@ -394,8 +406,19 @@ class _Variation:
             change = f(at.t, up, at.u, at.p, at.magnitudes)
             change -= f(at.t, down, at.u, at.p, at.magnitudes)
             out[:, :, i] = (change / (up[i] - down[i])).T
-        column = self.size
-        for i in self.theta:
+
+    def _by_theta(
+        self,
+        f: Function,
+        at: _Points,
+        times: int,
+        j: Integers,
+        shares: Array,
+        values: Array,
+        out: Array,
+    ) -> None:
+        """Add the derivatives by the parameters."""
+        for column, i in enumerate(self.theta):
             q = self.model.parameters[i]
             step = self.model.difference_step * q.size
             for offset, weight in self._offsets(
@@ -409,7 +432,11 @@ class _Variation:
                     u = _each(self._inputs(self.clock, j, shares, few), _flat)
                 change = f(at.t, at.x, u, Named._of(moved), at.magnitudes) - values
                 out[:, :, column] += (np.repeat(weight, times) * change).T
-            column += 1
+
+    def _by_magnitudes(
+        self, f: Function, at: _Points, times: int, values: Array, out: Array
+    ) -> None:
+        """Add the derivatives by the magnitudes of the included effects."""
         for k in range(self.equations.most):
             limits = []
             for r in self.requests:
@@ -423,9 +450,12 @@ class _Variation:
                 sizes = at.magnitudes.copy()
                 sizes[k] += np.repeat(offset, times)
                 change = f(at.t, at.x, at.u, at.p, sizes) - values
-                out[:, :, column] += (np.repeat(weight, times) * change).T
-            column += 1
-        column += self.size  # a start state changes nothing but the state
+                out[:, :, k] += (np.repeat(weight, times) * change).T
+
+    def _by_candidates(
+        self, at: _Points, memories: dict[int, Array], rows: Sequence[int], out: Array
+    ) -> None:
+        """Add the derivatives by the magnitudes of the candidates, at zero."""
         base = len(self.equations.names)
         named = self.equations.view(at.x)
         for c, (candidate, law) in enumerate(zip(self.candidates, self.laws, strict=True)):
@@ -436,9 +466,11 @@ class _Variation:
                 for row, value in law.changes(at.t, x, named, at.u, at.p, sizes, candidate.shape):
                     for o, wanted in enumerate(rows):
                         if row == wanted and row < base:
-                            out[:, o, column] += factor * value
-            column += 1
-        for clock in self.changes:
+                            out[:, o, c] += factor * value
+
+    def _by_inputs(self, f: Function, at: _Points, j: Integers, shares: Array, out: Array) -> None:
+        """Add the derivatives by the changes of the inputs."""
+        for c, clock in enumerate(self.changes):
             added = _each(self._inputs(clock, j, shares, self.equations.p), _flat)
             up, down = (
                 f(
@@ -450,10 +482,7 @@ class _Variation:
                 )
                 for s in (INPUT_STEP, -INPUT_STEP)
             )
-            out[:, :, column] = ((up - down) / (2.0 * INPUT_STEP)).T
-            column += 1
-        self._by_shapes(at, times, rows, out[:, :, column:])
-        return out.reshape(self.count, len(j), *shares.shape, *out.shape[1:])
+            out[:, :, c] = ((up - down) / (2.0 * INPUT_STEP)).T
 
     def _by_shapes(self, at: _Points, times: int, rows: Sequence[int], out: Array) -> None:
         """Add the derivatives of rates by the shapes of included effects, (n, values, changes)."""

@@ -21,8 +21,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import Store, digest_of, make_folder, package_digest
 from feltmb.fit.model import Candidate, Effect, Model, Ready
-from feltmb.fit.observe import observe
-from feltmb.fit.shift import shifted
+from feltmb.fit.observe import observe, shifted
 from feltmb.gap.diagnosis import diagnose
 from feltmb.gap.fit import empty_point
 from feltmb.gap.linear import Ask, start_states, theta_at

@@ -17,8 +17,7 @@ from feltmb.fit.model import (
     ShapeChange,
     State,
 )
-from feltmb.fit.observe import machine_candidates, observe_all, observed_sensitivities
-from feltmb.fit.shift import delayed
+from feltmb.fit.observe import delayed, machine_candidates, observe_all, observed_sensitivities
 from feltmb.gap.problem import Local, Members, Observed, Problem
 from feltmb.gap.shapes import movable, moved, spread_of
 

@@ -7,9 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from feltmb.data import Record, Sensor
-from feltmb.fit.low_pass import low_passed
 from feltmb.fit.model import Candidate, SensitivityRequest
-from feltmb.fit.observe import observe, observed_sensitivities
+from feltmb.fit.observe import low_passed, observe, observed_sensitivities
 from feltmb.gap import diagnose, library
 
 from ..gap import models

@@ -1,6 +1,6 @@
 """What was asked for last is kept, by number or by size."""
 
-from feltmb.fit.latest import Latest
+from feltmb.fit.calling import Latest
 
 
 def test_the_oldest_goes_first():

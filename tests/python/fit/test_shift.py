@@ -16,8 +16,7 @@ from feltmb.fit import (
     SensitivityRequest,
     State,
 )
-from feltmb.fit.observe import observe, observed_sensitivities
-from feltmb.fit.shift import shifted
+from feltmb.fit.observe import observe, observed_sensitivities, shifted
 
 SAMPLES = 101
 

@@ -11,7 +11,7 @@ import pytest
 
 from feltmb.errors import InvalidParameter
 from feltmb.fit import SensitivityRequest
-from feltmb.fit.noise_of_function import choose_step, noise_of_function
+from feltmb.fit.simulator import choose_step, noise_of_function
 from feltmb.gap import (
     Candidate,
     Effect,
@@ -175,7 +175,7 @@ def test_processes_give_what_one_process_gives(platform, monkeypatch):
     monkeypatch.syspath_prepend(ROOT)
     if platform == "linux" and sys.platform != "linux":
         pytest.skip("forks")
-    monkeypatch.setattr("feltmb.fit.runner.sys.platform", platform)
+    monkeypatch.setattr("feltmb.fit.calling.sys.platform", platform)
     jobs = jobs_at([2.0, 0.4], [2.1, 0.4], [2.0, 0.5])
     one = model(workers=1).ready([record()]).model
     two = model(math_function, workers=2).ready([record()]).model
@@ -188,7 +188,7 @@ def math_function(time, inputs, parameters):
 
 
 def test_what_cannot_be_pickled_runs_in_one_process_and_says_so(monkeypatch):
-    monkeypatch.setattr("feltmb.fit.runner.sys.platform", "darwin")
+    monkeypatch.setattr("feltmb.fit.calling.sys.platform", "darwin")
     ready = model(lambda t, u, p: decay(t, u, p), workers=2).ready([record()])
     assert any("cannot be pickled" in n for n in ready.notes)
     assert np.all(np.isfinite(ready.model.simulate(record(), jobs_at([2.0, 0.4], [2.1, 0.4]))))

@@ -14,7 +14,7 @@ import numpy as np
 from feltmb.data import Array, Record
 from feltmb.data.readings import ReadingError, acting, true_input
 from feltmb.fit import Effect, EffectKind
-from feltmb.fit.low_pass import low_passed
+from feltmb.fit.observe import low_passed
 from feltmb.gap.library.curve import curve
 
 #: Shapes of a late input: what acted before the record.

@@ -9,8 +9,7 @@ import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.fit import Effect
-from feltmb.fit.low_pass import low_passed
-from feltmb.fit.shift import shifted
+from feltmb.fit.observe import low_passed, shifted
 from feltmb.gap.library.curve import curve
 
 
