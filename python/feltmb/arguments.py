@@ -150,17 +150,19 @@ class _Checks:
             inner = list(node.slice.elts) if isinstance(node.slice, ast.Tuple) else [node.slice]
             node = node.value
         name = node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
-        if name in _PLAIN:
-            return _PLAIN[name]
         if name == "float":
             return _FINITE if finite else _NUMBER
         if name == "Literal":
             return _literal([ast.literal_eval(item) for item in inner])
+        if name == "Annotated":
+            return self._kind(inner[0], finite and ast.unparse(inner[1]) != "'any'")
+        return _PLAIN[name] if name in _PLAIN else self._composed(name, inner, finite)
+
+    def _composed(self, name: str, inner: list[ast.expr], finite: bool) -> _Kind | None:
+        """Check for a type that is made of others, or for a class."""
         if name in ("Union", "Optional"):
             kinds = [self._kind(item, finite) for item in inner]
             return _union([*kinds, _Kind("None", _none)] if name == "Optional" else kinds)
-        if name == "Annotated":
-            return self._kind(inner[0], finite and ast.unparse(inner[1]) != "'any'")
         if name in ("Mapping", "dict"):
             return _mapping([self._kind(item) for item in inner])
         if name in ("Sequence", "Iterable", "list", "tuple"):

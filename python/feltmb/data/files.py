@@ -551,7 +551,8 @@ def _steps_of(clock: Array) -> Array:
     """Number of each frame of a video that plays at another frame rate."""
     steps = np.diff(clock)
     forward = steps[steps > 0.0]
-    return np.round((clock - clock[0]) / (np.median(forward) if forward.size else 1.0))
+    number: Array = np.round((clock - clock[0]) / (np.median(forward) if forward.size else 1.0))
+    return number
 
 
 def _seconds(name: str, unit: str, columns: Columns, faults: list[str]) -> Array:

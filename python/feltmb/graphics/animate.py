@@ -185,12 +185,8 @@ def _palette(image: Any) -> Any:
     return palette
 
 
-def _pictures(film: Film, slowness: float) -> Any:
-    """Yield RGB frames (height, width, 3); fixed parts are drawn only once."""
-    from matplotlib.collections import LineCollection
-    from matplotlib.transforms import Affine2D
-
-    action, drawn = film.action, film.scene
+def _empty_stage(film: Film) -> tuple[Any, Any]:
+    """Figure and axes with what does not move."""
     low, high = film.limits
     width = 7.6
     height = float(np.clip(width * (high[1] - low[1]) / (high[0] - low[0]), 3.0, 8.0)) + 0.3
@@ -200,18 +196,26 @@ def _pictures(film: Film, slowness: float) -> Any:
     figure = new_figure(width, height)
     figure.set_layout_engine("none")
     figure.set_dpi(100)
-    canvas: Any = figure.canvas
     ax = figure.add_axes((0.0, 0.0, 1.0, (height - 0.3) / height))
     ax.set_xlim(middle[0] - half[0], middle[0] + half[0])
     ax.set_ylim(middle[1] - half[1], middle[1] + half[1])
     ax.set_axis_off()
     # Text and lines of the frames are those of a small figure.
-    name = run_name(film.run)
-    name = shortened(name, MOST_LETTERS)
+    name = shortened(run_name(film.run), MOST_LETTERS)
     figure.text(0.01, 1.0 - 0.07 / height, name, fontsize=NORMAL, va="top", fontweight="bold")
-    draw_fixed(ax, action, drawn, film.limits, with_string=False)
-    marker = _speed_inset(film, figure, ax)
+    draw_fixed(ax, film.action, film.scene, film.limits, with_string=False)
+    return figure, ax
 
+
+def _pictures(film: Film, slowness: float) -> Any:
+    """Yield RGB frames (height, width, 3); fixed parts are drawn only once."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.transforms import Affine2D
+
+    action, drawn = film.action, film.scene
+    figure, ax = _empty_stage(film)
+    canvas: Any = figure.canvas
+    marker = _speed_inset(film, figure, ax)
     poses = film.poses(0)
     bent = bent_beams(action, film.q[0])
     bodies = draw_bodies(ax, action, drawn, poses, bent)
@@ -223,16 +227,13 @@ def _pictures(film: Film, slowness: float) -> Any:
         ax.plot(*curve.T, color=PURPLE, linewidth=1.2, zorder=5.3)[0]
         for curve in film.straps(0, poses)
     ]
-    strings = (
-        [ax.plot(*film.string[0].T, color=INK, linewidth=1.4, zorder=1.5)[0]]
-        if film.string is not None
-        else []
-    )
+    string = [] if film.string is None else [film.string]
+    strings = [ax.plot(*way[0].T, color=INK, linewidth=1.4, zorder=1.5)[0] for way in string]
     arrows = LineCollection([], colors=RED, linewidths=1.8, zorder=7)
     ax.add_collection(arrows, autolim=False)
     clock = figure.text(
         0.99,
-        1.0 - 0.07 / height,
+        1.0 - 0.07 / figure.get_figheight(),
         "",
         fontsize=NORMAL,
         va="top",
@@ -247,10 +248,8 @@ def _pictures(film: Film, slowness: float) -> Any:
     canvas.draw()
     background = canvas.copy_from_bbox(figure.bbox)
 
-    frames: dict[str, Any] = {}
+    frames: dict[str, Any] = {body: Affine2D() for body, _ in moving}
     for body, artist in moving:
-        if body not in frames:
-            frames[body] = Affine2D()
         artist.set_transform(frames[body] + ax.transData)
     for i in range(len(film.time)):
         poses = film.poses(i)
@@ -263,8 +262,8 @@ def _pictures(film: Film, slowness: float) -> Any:
                 artist.set_verts([shape_points(action, s, bent) for s in shapes])
         for line, curve in zip(straps, film.straps(i, poses), strict=True):
             line.set_data(curve[:, 0], curve[:, 1])
-        if film.string is not None:
-            strings[0].set_data(film.string[i, :, 0], film.string[i, :, 1])
+        for line, way in zip(strings, string, strict=True):
+            line.set_data(way[i, :, 0], way[i, :, 1])
         arrows.set_segments(_arrow_lines(film.arrows(i, poses), drawn.unit))
         clock.set_text(f"{1e3 * film.time[i]:7.2f} ms, {slowness:g} times slower")
         if marker is not None and film.speed is not None:

@@ -190,33 +190,16 @@ class Bench:
             frozenset(c.path for c in knob.changes) for knob in self._screws()
         }
         named = {e.name for e in self.library.tolerances}
-        both = [(e, True) for e in self.library.tolerances]
-        both += [(e, False) for e in self.library.effects]
-        for entry, tolerance in both:
+        # Of effects, only those of the known groups that no tolerance has.
+        others = [e for e in self.library.effects if _group(e.name) and e.name not in named]
+        tolerances = len(self.library.tolerances)
+        for i, entry in enumerate((*self.library.tolerances, *others)):
             moved = frozenset(c.path for c in entry.changes)
-            group = _group(entry.name)
             if not moved or moved in taken or entry.condition is not None or "*" in moved:
                 continue
-            if not tolerance and (group is None or entry.name in named):
-                continue
-            if not self._turns(entry):
-                continue
-            taken.add(moved)
-            reach = REACH_OF_TOLERANCE if tolerance else REACH_OF_EFFECT
-            low = max(entry.lower, 0.0 if entry.sign > 0 else -reach * entry.magnitude)
-            high = min(entry.upper, 0.0 if entry.sign < 0 else reach * entry.magnitude)
-            low = max(low, -0.95) if any(c.scale for c in entry.changes) else low
-            yield Knob(
-                entry.name,
-                group or (OTHER if entry.unit == "1" else "screws"),
-                entry.mechanism if tolerance else _label(entry),
-                entry.unit,
-                low,
-                high,
-                entry.magnitude if tolerance else 0.0,
-                entry.changes,
-                entry.source if tolerance else entry.mechanism,
-            )
+            if self._turns(entry):
+                taken.add(moved)
+                yield _knob_of(entry, tolerance=i < tolerances)
 
     def _turns(self, entry: Entry) -> bool:
         """Whether the file has, or accepts, the numbers that an entry changes."""
@@ -287,3 +270,23 @@ def _group(name: str) -> str | None:
 def _label(entry: Entry) -> str:
     what = entry.name.partition(".")[0].replace("_", " ")
     return what if entry.component in what else f"{what}, {entry.component}"
+
+
+def _knob_of(entry: Entry, *, tolerance: bool) -> Knob:
+    """Knob of a tolerance or of an effect."""
+    reach = REACH_OF_TOLERANCE if tolerance else REACH_OF_EFFECT
+    low = max(entry.lower, 0.0 if entry.sign > 0 else -reach * entry.magnitude)
+    high = min(entry.upper, 0.0 if entry.sign < 0 else reach * entry.magnitude)
+    if any(c.scale for c in entry.changes):
+        low = max(low, -0.95)
+    return Knob(
+        entry.name,
+        _group(entry.name) or (OTHER if entry.unit == "1" else "screws"),
+        entry.mechanism if tolerance else _label(entry),
+        entry.unit,
+        low,
+        high,
+        entry.magnitude if tolerance else 0.0,
+        entry.changes,
+        entry.source if tolerance else entry.mechanism,
+    )

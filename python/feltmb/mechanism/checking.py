@@ -360,7 +360,7 @@ _ALL_GEOMETRY, _MAY_HAVE = ("normal", "radius", "arc", "end"), {"segment": ("rad
 
 def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     """Entries that the law of a contact, the kind of a surface or the kind of a body needs."""
-    faults = []
+    faults: list[str] = []
     for table, check in (
         ("contacts", missing_law_faults),
         ("surfaces", _surface_faults),

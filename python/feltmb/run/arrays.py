@@ -84,41 +84,17 @@ def table_to_dataset(
     Dataset
         Each variable and coordinate with a unit has the attribute ``units``.
     """
-    import numpy as np
-    import xarray as xr
-
-    def attributes(name: str) -> dict[str, str]:
-        return {"units": units[name]} if units.get(name) else {}
-
     plain = all(isinstance(v, (int, float, str)) for a in axes for v in table[a])
-    levels = {a: list(dict.fromkeys(table[a])) for a in axes} if plain else {}
-    shape = tuple(len(v) for v in levels.values())
-    places = [
-        tuple(level.index(row[a]) for a, level in levels.items())
-        for row in (table.to_dict("records") if plain else [])
-    ]
-    grid = bool(places) and len(set(places)) == len(table) == math.prod(shape)
-    numbers = {
-        name: column.to_numpy(dtype=object if column.dtype == object else None)
-        for name, column in table.items()
-    }
-    if not grid:
-        return xr.Dataset(
-            {
-                str(n): ("member", v, attributes(str(n)))
-                for n, v in numbers.items()
-                if n not in axes
-            },
-            coords={
-                str(a): ("member", numbers[a], attributes(a)) for a in numbers if a in set(axes)
-            },
-        )
-    order = np.argsort([np.ravel_multi_index(place, shape) for place in places])
-    return xr.Dataset(
-        {
-            str(n): (tuple(axes), values[order].reshape(shape), attributes(str(n)))
-            for n, values in numbers.items()
-            if n not in axes
-        },
-        coords={a: (a, level, attributes(a)) for a, level in levels.items()},
-    )
+    order = {a: list(dict.fromkeys(table[a])) for a in axes} if plain else {}
+    data: xr.Dataset
+    if order and len(table.drop_duplicates(axes)) == len(table) == math.prod(
+        map(len, order.values())
+    ):
+        data = table.set_index(list(axes)).to_xarray().sel(order)
+    else:
+        rows = table.reset_index(drop=True).rename_axis("member")
+        data = rows.to_xarray().set_coords(list(axes)).drop_vars("member")
+    for name, variable in data.variables.items():
+        if units.get(str(name)):
+            variable.attrs["units"] = units[str(name)]
+    return data

@@ -14,13 +14,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
 from feltmb.arguments import checked
 from feltmb.display import html_table, picture
 from feltmb.errors import DataError, InvalidParameter, no_such
 from feltmb.files import check_suffix, plain_text, write_file
 from feltmb.files.hdf5 import HDF5_FAULTS, open_hdf5
 from feltmb.run.arrays import Numbers, renamed, summary_unit
-from feltmb.units.quantity import shortened
+from feltmb.units.quantity import fault_lines, shortened
 
 if TYPE_CHECKING:
     import numpy as np
@@ -463,8 +465,48 @@ class Run:
         return write_file(Path(path), write, force=force)
 
 
-def _run_faults(arrays: dict[str, Any], meta: dict[str, Any]) -> list[str]:
-    """Faults of a file that make it unusable as a run; its content is not trusted."""
+class _Stats(BaseModel):
+    model_config = ConfigDict(strict=True, extra="allow")
+    reached: float
+
+
+class _Provenance(BaseModel):
+    model_config = ConfigDict(strict=True)
+    stroke: dict[str, Any] | None = None
+    options: dict[str, Any] | None = None
+    string: dict[str, Any] | None = None
+    toml: str | None = None
+
+
+class _Events(BaseModel):
+    model_config = ConfigDict(strict=True, extra="allow")
+    __pydantic_extra__: dict[str, list[Any]]
+    event: list[str] = Field(default_factory=list)
+    time: list[float] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _even(self) -> _Events:
+        columns = {name: getattr(self, name) for name in self.model_fields_set}
+        if len({len(column) for column in columns.values()}) > 1:
+            raise ValueError("the columns of the events differ in length")
+        return self
+
+
+class _Tables(BaseModel):
+    """Tables of a saved run; its content is not trusted."""
+
+    model_config = ConfigDict(strict=True)
+    coordinate_names: list[Any]
+    summary: dict[str, float]
+    energy: dict[str, Any]
+    stats: _Stats
+    provenance: _Provenance
+    events: _Events
+    strikes: list[dict[str, float]]
+
+
+def _array_faults(arrays: Mapping[str, Any]) -> list[str]:
+    """Faults of the arrays of a file that make it unusable as a run."""
     import numpy as np
 
     faults = []
@@ -477,38 +519,7 @@ def _run_faults(arrays: dict[str, Any], meta: dict[str, Any]) -> list[str]:
             faults.append(f"{name} has {array.shape[0]} samples, time has {len(time)}")
     if not faults and not (np.all(np.isfinite(time)) and np.all(np.diff(time) > 0)):
         faults.append("time does not grow")
-    for key in ("summary", "energy", "stats", "provenance", "events"):
-        if not isinstance(meta[key], dict):
-            faults.append(f"{key} is no table")
-    if faults:
-        return faults
-    if not _is_number(meta["stats"].get("reached")):
-        faults.append("stats.reached is no number")
-    faults += [f"summary.{k} is no number" for k, v in meta["summary"].items() if not _is_number(v)]
-    strikes = meta["strikes"]
-    if not isinstance(strikes, list) or not all(
-        isinstance(s, dict) and all(map(_is_number, s.values())) for s in strikes
-    ):
-        faults.append("strikes is no list of tables of numbers")
-    columns = meta["events"]
-    if not all(isinstance(c, list) for c in columns.values()):
-        return [*faults, "a column of the events is no list"]
-    if len({len(column) for column in columns.values()}) > 1:
-        faults.append("the columns of the events differ in length")
-    if not all(_is_number(t) for t in columns.get("time", [])):
-        faults.append("a time of the events is no number")
-    if not all(isinstance(name, str) for name in columns.get("event", [])):
-        faults.append("a name of the events is no text")
-    if not isinstance(meta["coordinate_names"], list):
-        faults.append("coordinate_names is no list")
-    for key, kind in (("stroke", dict), ("options", dict), ("string", dict), ("toml", str)):
-        if not isinstance(meta["provenance"].get(key), kind | None):
-            faults.append(f"provenance.{key} is {type(meta['provenance'][key]).__name__}")
     return faults
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 #: Arrays of a saved run that are not outputs.
@@ -609,9 +620,9 @@ def load_run(path: str | Path) -> Run:
         meta |= {key: renamed(meta[key]) for key in ("summary", "strikes")}
         special = {n: arrays[n] for n in (*_SPECIAL, "values")}
         names = tuple(texts)
-        faults = _run_faults(special, meta)
-        if faults:
-            raise ValueError("; ".join(faults[:20]))
+        if faults := _array_faults(special):
+            raise ValueError("; ".join(faults))
+        _Tables.model_validate(meta)
         return Run(
             time=special["time"],
             names=names,
@@ -633,6 +644,9 @@ def load_run(path: str | Path) -> Run:
         )
     except KeyError as error:
         raise DataError(f"{path}: is no complete run: {error} is missing") from None
+    except ValidationError as error:
+        faults = fault_lines(error, _Tables)
+        raise DataError(f"{path}: is no complete run: {'; '.join(faults[:20])}") from None
     except (*HDF5_FAULTS, RecursionError) as error:
         reason = shortened(str(error), 300)
         raise DataError(f"{path}: is no complete run: {reason}") from None

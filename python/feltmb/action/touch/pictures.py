@@ -165,6 +165,69 @@ def _families(
     ]
 
 
+def _draw_speeds(panels: Any, families: Sequence[Any]) -> None:
+    """Impact speed against the force of a press, and against the speed of the key."""
+    for f in families:
+        if f.name.startswith("pressed"):
+            line = {"lw": 0.8, "ls": "--"} if f.before else {}
+            panels[0].plot(*f.columns("level", "hammer_speed"), **f.look, **line, label=f.name)
+        panels[1].plot(*f.columns("key_speed", "hammer_speed"), ls="", **f.look, label=f.name)
+    panels[0].set_xlabel("force level of a pressed strike [N]")
+    panels[1].set_xlabel("largest key front speed [m/s]")
+    for axes in panels:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_ylabel("impact speed [m/s]")
+        axes.legend(frameon=False, fontsize=9)
+
+
+def _draw_bottom(axes: Any, families: Sequence[Any]) -> None:
+    """Time from the contact with the string to the punching, against the impact speed."""
+    landed, latest = False, 25.0
+    for f in families:
+        v, y = f.columns("hammer_speed", "bottom_after_string", 1e3)
+        landed, latest = landed or bool(v), max([latest, *y])
+        axes.plot(v, y, lw=0.8, ls="--" if f.before else "-", **f.look, label=f.name)
+    axes.axhspan(-4.0, 35.0, color=MUTED, alpha=0.12, lw=0, label="grands, published range")
+    axes.axhline(0.0, color="k", lw=0.6)
+    axes.set_ylim(-8.0, latest + 25.0)  # the legend is above the points
+    axes.set_xscale("log")
+    if not landed:  # no key reached its punching
+        axes.set_xlim(*EMPTY_SPEEDS)
+    axes.set_xlabel("impact speed [m/s]")
+    axes.set_ylabel("key bottom after string contact [ms]")
+    axes.legend(frameon=False, fontsize=9, loc="upper right")
+
+
+def _draw_travel(axes: Any, families: Sequence[Any]) -> None:
+    """Travel time against the impact speed, with the fitted and the published law."""
+    import numpy as np
+
+    def curve(speeds: Sequence[float], a: float, b: float, **look: Any) -> None:
+        x = np.geomspace(min(speeds), max(speeds), 60)
+        axes.plot(x, a * x**b, **look)
+
+    everything: list[float] = []
+    for f in families:
+        v, y = f.columns("hammer_speed", "travel_time", 1e3)
+        everything += v
+        fitted = f.fit is not None and bool(v)
+        law = f": {_law(1e3 * f.fit[0], f.fit[1])}" if fitted else ""
+        axes.plot(v, y, ls="", **f.look, label=f.name + law)
+        if fitted:
+            a, b, _ = f.fit
+            curve(v, 1e3 * a, b, color=f.color, lw=0.9, ls="--" if f.before else "-")
+    if everything:
+        published = published_numbers()
+        a, b = (published[f"travel_time_{k}_pressed"]["value"] for k in ("factor", "exponent"))
+        curve(everything, a, b, color=MUTED, ls=":", lw=1.2, label="grands, " + _law(a, b))
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("impact speed [m/s]")
+    axes.set_ylabel("travel time [ms]")
+    axes.legend(frameon=False, fontsize=9)
+
+
 def dynamic_figure(
     title: str,
     strikes: Sequence[Strike],
@@ -175,7 +238,6 @@ def dynamic_figure(
 
     ``before``: strikes and fits of another mechanism, drawn with open markers.
     """
-    import numpy as np
     from matplotlib.ticker import FuncFormatter
 
     from feltmb.figure import Figure
@@ -185,63 +247,9 @@ def dynamic_figure(
     families = _families(strikes, fits, "" if before is None else ", after")
     if before is not None:
         families = [*_families(*before, ", before"), *families]
-
-    axes = panels[0, 0]
-    for f in families:
-        if f.name.startswith("pressed"):
-            line = {"lw": 0.8, "ls": "--"} if f.before else {}
-            axes.plot(*f.columns("level", "hammer_speed"), **f.look, **line, label=f.name)
-    axes.set_xlabel("force level of a pressed strike [N]")
-    axes = panels[0, 1]
-    for f in families:
-        axes.plot(*f.columns("key_speed", "hammer_speed"), ls="", **f.look, label=f.name)
-    axes.set_xlabel("largest key front speed [m/s]")
-    for axes in (panels[0, 0], panels[0, 1]):
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_ylabel("impact speed [m/s]")
-        axes.legend(frameon=False, fontsize=9)
-    axes, latest = panels[1, 0], 25.0
-    for f in families:
-        v, y = f.columns("hammer_speed", "bottom_after_string", 1e3)
-        latest = max([latest, *y])
-        axes.plot(v, y, lw=0.8, ls="--" if f.before else "-", **f.look, label=f.name)
-    axes.axhspan(-4.0, 35.0, color=MUTED, alpha=0.12, lw=0, label="grands, published range")
-    axes.axhline(0.0, color="k", lw=0.6)
-    axes.set_ylim(-8.0, latest + 25.0)  # the legend is above the points
-    axes.set_xscale("log")
-    if not any(f.columns("hammer_speed", "bottom_after_string")[0] for f in families):
-        axes.set_xlim(*EMPTY_SPEEDS)  # no key reached its punching
-    axes.set_xlabel("impact speed [m/s]")
-    axes.set_ylabel("key bottom after string contact [ms]")
-    axes.legend(frameon=False, fontsize=9, loc="upper right")
-    axes = panels[1, 1]
-    everything: list[float] = []
-    for f in families:
-        v, y = f.columns("hammer_speed", "travel_time", 1e3)
-        everything += v
-        law = f": {_law(1e3 * f.fit[0], f.fit[1])}" if f.fit is not None and v else ""
-        axes.plot(v, y, ls="", **f.look, label=f.name + law)
-        if f.fit is not None and v:
-            a, b, _ = f.fit
-            x = np.geomspace(min(v), max(v), 60)
-            axes.plot(
-                x,
-                1e3 * a * x**b,
-                color=f.color,
-                lw=0.9,
-                ls="--" if f.before else "-",
-            )
-    published = published_numbers()
-    if everything:
-        x = np.geomspace(min(everything), max(everything), 60)
-        a, b = (published[f"travel_time_{k}_pressed"]["value"] for k in ("factor", "exponent"))
-        axes.plot(x, a * x**b, color=MUTED, ls=":", lw=1.2, label="grands, " + _law(a, b))
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlabel("impact speed [m/s]")
-    axes.set_ylabel("travel time [ms]")
-    axes.legend(frameon=False, fontsize=9)
+    _draw_speeds(panels[0], families)
+    _draw_bottom(panels[1, 0], families)
+    _draw_travel(panels[1, 1], families)
     plain = FuncFormatter(lambda value, _pos: f"{value:g}")
     for axes in panels.ravel():
         for axis in (axes.xaxis, axes.yaxis):

@@ -65,19 +65,14 @@ def weights(action: Action, static: StaticTouch) -> Weights | None:
     work = -np.sum(0.5 * (pull[1:] + pull[:-1]) * np.diff(poses, axis=0), axis=0) / travel
     hammer, whippen = (welded_to(config, name) for name in (roles.hammer, roles.whippen))
     whippen |= {name for name, body in config.bodies.items() if body.parent in whippen}
-    parts = {"key": 0.0, "whippen": 0.0, "hammer": 0.0}
-    beside = 0.0
+    key = {finger.body, config.bodies[finger.body].parent}
+    owners = {body.coordinate: name for name, body in config.bodies.items() if body.coordinate}
+    groups = {"key": key - hammer - whippen, "whippen": whippen - hammer, "hammer": hammer}
+    parts = dict.fromkeys(groups, 0.0)
     for name, amount in zip(action.coordinates, work, strict=True):
-        owner = next((b for b, body in config.bodies.items() if body.coordinate == name), None)
-        owner = owner or name.partition(".")[0]
-        group = "hammer" if owner in hammer else "whippen" if owner in whippen else ""
-        group = group or (
-            "key" if owner in (finger.body, config.bodies[finger.body].parent) else ""
-        )
-        if group:
-            parts[group] += float(amount)
-        else:
-            beside += float(amount)
+        owner = owners.get(name, name.partition(".")[0])
+        for group, bodies in groups.items():
+            parts[group] += float(amount) * (owner in bodies)
     for name, spring in config.springs.items():
         if not spring.enabled:
             continue
@@ -89,12 +84,12 @@ def weights(action: Action, static: StaticTouch) -> Weights | None:
     ratio = float(gap[0] - gap[-1]) / travel
     weight, _ = strike_weight(config)
     g = float(np.hypot(*config.gravity))
-    key = welded_to(config, finger.body)
     heel = config.surfaces[_heel(action, roles.capstan)].point[0]
     return Weights(
         strike_weight=weight,
         whippen_weight=moment_about(config, roles.whippen, whippen) / heel,
-        front_weight=moment_about(config, finger.body, key) / finger.point[0],
+        front_weight=moment_about(config, finger.body, welded_to(config, finger.body))
+        / finger.point[0],
         key_ratio=key_ratio(config),
         action_ratio=ratio,
         hammer_share=parts["hammer"] / (weight * g * ratio),

@@ -298,6 +298,59 @@ def _weight_rows(w: Weights | None) -> list[_Row]:
 LEAST = 1e-4
 
 
+def _force_rows(static: StaticTouch) -> list[_Row]:
+    """Rows of the forces at the key front."""
+    return [
+        (key, name, getattr(static, key), "N", "gf")
+        for key, name in (
+            ("down_weight", "down-weight"),
+            ("up_weight", "up-weight"),
+            ("friction", "friction (DW-UW)/2"),
+            ("balance_weight", "balance (DW+UW)/2"),
+            ("down_weight_most", "largest press force"),
+            ("up_weight_least", "least release force"),
+            ("down_weight_damper", "press, damper off"),
+            ("let_off_force", "let-off force peak"),
+        )
+    ]
+
+
+def _bottom_rows(strikes: tuple[Strike, ...]) -> list[_Row]:
+    """Rows of the times at which the key meets its punching."""
+    pressed = [b for b in strikes if b.kind == "pressed" and b.hammer_speed]
+    struck = [b for b in strikes if b.kind == "struck" and b.hammer_speed]
+    landed = [b for b in (*pressed, *struck) if b.bottom_after_string is not None]
+    landed.sort(key=lambda b: b.hammer_speed or 0.0)
+    start = [b.bottom_after_start for b in landed if b.bottom_after_start is not None]
+    after = [b.bottom_after_string for b in landed] or [None]
+    piano, forte = (at_speed(pressed, "bottom_after_string", v) for v in (PIANO, FORTE))
+    return [
+        (f"bottom_after_{key}", name, value, "s", "ms")
+        for key, name, value in (
+            ("start_fastest", "bottom-start, least", min(start, default=None)),
+            ("start_slowest", "bottom-start, most", max(start, default=None)),
+            ("string_softest", "bottom-string, soft", after[0]),
+            ("string_loudest", "bottom-string, loud", after[-1]),
+            ("string_piano", f"same, pressed {PIANO:g} m/s", piano),
+            ("string_forte", f"same, pressed {FORTE:g} m/s", forte),
+        )
+    ]
+
+
+def _travel_rows(fits: dict[str, tuple[float, float, float]]) -> list[_Row]:
+    """Rows of the travel times, by the speed of the hammer."""
+    rows: list[_Row] = []
+    for kind in ("pressed", "struck"):
+        a, b, _ = fits.get(kind, (None, None, None))
+        rows.append((f"travel_time_factor_{kind}", f"travel 1 m/s, {kind}", a, "s", "ms"))
+        rows.append((f"travel_time_exponent_{kind}", f"exponent, {kind}", b, "1", "1"))
+    times = {kind: a * 2.0**b for kind, (a, b, _) in fits.items()}
+    both = "pressed" in times and "struck" in times
+    shorter = times["pressed"] - times["struck"] if both else None
+    rows.append(("struck_shorter", "struck shorter, 2 m/s", shorter, "s", "ms"))
+    return rows
+
+
 def _rows(
     action: Action,
     static: StaticTouch,
@@ -307,32 +360,8 @@ def _rows(
     weighed: Weights | None,
 ) -> tuple[TouchRow, ...]:
     ruled = distances(action, static, slow)
-    pressed = [b for b in strikes if b.kind == "pressed" and b.hammer_speed]
-    struck = [b for b in strikes if b.kind == "struck" and b.hammer_speed]
-    landed = [b for b in (*pressed, *struck) if b.bottom_after_string is not None]
-    after_start = [b.bottom_after_start for b in landed if b.bottom_after_start is not None]
-    by_speed = sorted(landed, key=lambda b: b.hammer_speed or 0.0)
     rows: list[_Row] = [
-        ("down_weight", "down-weight", static.down_weight, "N", "gf"),
-        ("up_weight", "up-weight", static.up_weight, "N", "gf"),
-        ("friction", "friction (DW-UW)/2", static.friction, "N", "gf"),
-        ("balance_weight", "balance (DW+UW)/2", static.balance_weight, "N", "gf"),
-        (
-            "down_weight_most",
-            "largest press force",
-            static.down_weight_most,
-            "N",
-            "gf",
-        ),
-        ("up_weight_least", "least release force", static.up_weight_least, "N", "gf"),
-        (
-            "down_weight_damper",
-            "press, damper off",
-            static.down_weight_damper,
-            "N",
-            "gf",
-        ),
-        ("let_off_force", "let-off force peak", static.let_off_force, "N", "gf"),
+        *_force_rows(static),
         *_weight_rows(weighed),
         ("blow", "hammer blow", ruled.blow, "m", "mm"),
         ("let_off_distance", "let-off distance", ruled.let_off, "m", "mm"),
@@ -340,60 +369,9 @@ def _rows(
         ("let_off_travel", "dip at let-off", ruled.let_off_dip, "m", "mm"),
         ("key_dip", "key dip", ruled.dip, "m", "mm"),
         ("aftertouch", "aftertouch", ruled.aftertouch, "m", "mm"),
-        (
-            "bottom_after_start_fastest",
-            "bottom-start, least",
-            min(after_start, default=None),
-            "s",
-            "ms",
-        ),
-        (
-            "bottom_after_start_slowest",
-            "bottom-start, most",
-            max(after_start, default=None),
-            "s",
-            "ms",
-        ),
-        (
-            "bottom_after_string_softest",
-            "bottom-string, soft",
-            by_speed[0].bottom_after_string if by_speed else None,
-            "s",
-            "ms",
-        ),
-        (
-            "bottom_after_string_loudest",
-            "bottom-string, loud",
-            by_speed[-1].bottom_after_string if by_speed else None,
-            "s",
-            "ms",
-        ),
-        (
-            "bottom_after_string_piano",
-            f"same, pressed {PIANO:g} m/s",
-            at_speed(pressed, "bottom_after_string", PIANO),
-            "s",
-            "ms",
-        ),
-        (
-            "bottom_after_string_forte",
-            f"same, pressed {FORTE:g} m/s",
-            at_speed(pressed, "bottom_after_string", FORTE),
-            "s",
-            "ms",
-        ),
+        *_bottom_rows(strikes),
+        *_travel_rows(fits),
     ]
-    for kind in ("pressed", "struck"):
-        a, b, _ = fits.get(kind, (None, None, None))
-        rows.append((f"travel_time_factor_{kind}", f"travel 1 m/s, {kind}", a, "s", "ms"))
-        rows.append((f"travel_time_exponent_{kind}", f"exponent, {kind}", b, "1", "1"))
-    shorter = None
-    if "pressed" in fits and "struck" in fits:
-        shorter = sum(
-            sign * fits[kind][0] * 2.0 ** fits[kind][1]
-            for kind, sign in (("pressed", 1.0), ("struck", -1.0))
-        )
-    rows.append(("struck_shorter", "struck shorter, 2 m/s", shorter, "s", "ms"))
     published = published_numbers()
     out = []
     for key, name, value, si, unit in rows:

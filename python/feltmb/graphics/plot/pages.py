@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,11 +44,58 @@ from feltmb.style import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from feltmb.run.results import Run
 
 __all__ = ["compare", "overview"]
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """A row of the overview."""
+
+    height: float
+    draw: Callable[[Axes], None]
+    whole: bool = False
+    """Whether it shows the whole run."""
+    legend: bool = True
+
+
+def _panels(run: Run, near: tuple[float, float]) -> Iterator[_Panel]:
+    """Finger, motion, striker, views of the mechanism, and forces of the contacts."""
+    if "finger.force" in run:
+        yield _Panel(0.9, lambda ax: draw_finger(ax, run), whole=True, legend=False)
+
+    def of(motion: Motion, height: float) -> _Panel:
+        return _Panel(height, lambda ax: draw_motion(ax, motion, run.time))
+
+    with contextlib.suppress(InvalidParameter):
+        yield from (of(m, 1.5) for m in motions_of(run))
+    if striker_speed(run) is not None:
+        yield _Panel(1.1, lambda ax: draw_speed(ax, run), legend=False)
+    for name, view in reading_of(run).views.items():
+        if name != "motion":
+            yield from (of(p, 1.2) for p in view_panels(run, view))
+    seen = (run.time >= near[0]) & (run.time <= near[1])
+    peaks = {n: float(np.max(run[f"contact{n:02d}.force"][seen])) for n in loaded_contacts(run)}
+    numbers = sorted((n for n, peak in peaks.items() if peak > 0), key=lambda n: -peaks[n])
+    if numbers:
+        yield _Panel(1.5, lambda ax: _draw_forces(ax, run, numbers[:6]))
+
+
+def _draw_forces(ax: Axes, run: Run, numbers: Sequence[int]) -> None:
+    """Draw the forces of some contacts."""
+    for number, color in zip(numbers, CYCLE, strict=False):
+        ax.plot(
+            1e3 * run.time,
+            run[f"contact{number:02d}.force"],
+            color=color,
+            linewidth=1.1,
+            label=contact_label(run, number),
+        )
+    style_axes(ax, "time [ms]", "contact force [N]")
 
 
 @checked
@@ -62,66 +110,27 @@ def overview(run: Run) -> Figure:
     need_samples(run)
     whole = (float(run.time[0]), float(run.time[-1]))
     near = action_window(run)
-    seen = (run.time >= near[0]) & (run.time <= near[1])
-    peaks = {n: float(np.max(run[f"contact{n:02d}.force"][seen])) for n in loaded_contacts(run)}
-    numbers = sorted((n for n, peak in peaks.items() if peak > 0), key=lambda n: -peaks[n])
-    panels: list[str] = []
-    if "finger.force" in run:
-        panels.append("finger")
-    motions: dict[str, Motion] = {}
-    with contextlib.suppress(InvalidParameter):
-        motions = {f"motion {m.what} {m.unit}": m for m in motions_of(run)}
-    panels += motions
-    if striker_speed(run) is not None:
-        panels.append("speed")
-    views = {
-        f"view {n} {p.unit}": p
-        for n, view in reading_of(run).views.items()
-        if n != "motion"
-        for p in view_panels(run, view)
-    }
-    panels += views
-    if numbers:
-        panels.append("forces")
+    panels = list(_panels(run, near))
     if not panels:
         raise InvalidParameter("plot overview: the run has no finger, motion or contacts")
-    heights = {"finger": 0.9, "speed": 1.1, "forces": 1.5}
-    heights |= dict.fromkeys(motions, 1.5) | dict.fromkeys(views, 1.2)
-    total = sum(heights[p] for p in panels)
-    figure = new_figure(8.6, 1.9 * total + 0.9)
+    heights = [p.height for p in panels]
+    figure = new_figure(8.6, 1.9 * sum(heights) + 0.9)
     head_title(figure, run, "Stroke")
-    axes = figure.subplots(
-        len(panels), 1, squeeze=False, height_ratios=[heights[p] for p in panels]
-    )[:, 0]
+    axes = figure.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
     labeled = False
     for ax, panel in zip(axes, panels, strict=True):
-        window = whole if panel == "finger" else near
-        if panel == "finger":
-            draw_finger(ax, run)
-            if near != whole:
-                ax.axvspan(1e3 * near[0], 1e3 * near[1], color="#F2F2F2", zorder=0)
-                ax.set_title("whole run; gray: shown below", fontsize=SMALL, loc="right")
-        elif panel in motions or panel in views:
-            draw_motion(ax, (motions | views)[panel], run.time)
-        elif panel == "speed":
-            draw_speed(ax, run)
-        else:
-            for number, color in zip(numbers[:6], CYCLE, strict=False):
-                ax.plot(
-                    1e3 * run.time,
-                    run[f"contact{number:02d}.force"],
-                    color=color,
-                    linewidth=1.1,
-                    label=contact_label(run, number),
-                )
-            style_axes(ax, "time [ms]", "contact force [N]")
+        panel.draw(ax)
+        window = whole if panel.whole else near
+        if panel.whole and near != whole:
+            ax.axvspan(1e3 * near[0], 1e3 * near[1], color="#F2F2F2", zorder=0)
+            ax.set_title("whole run; gray: shown below", fontsize=SMALL, loc="right")
         set_window(ax, window)
         if window == near:
             mark_events(ax, run, near, width=5.2, labels=not labeled)
             labeled = True
-        if panel == "forces" or panel in motions or panel in views:
+        if panel.legend:
             side_legend(ax)
-        if ax is not axes[-1] and panel != "finger":
+        if ax is not axes[-1] and not panel.whole:
             ax.set_xlabel("")
     summary = _summary_line(run)
     if summary:

@@ -6,7 +6,7 @@ import itertools
 import math
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -113,6 +113,36 @@ def view_panels(run: Run, view: View) -> list[Motion]:
     ]
 
 
+def _motion_of_points(run: Run) -> Iterator[Motion]:
+    """Displacement of the tracking points, at most six."""
+    names = [n for n in run.names if re.fullmatch(r".+\.[xy]", n) and run.unit(n) == "m"]
+    names = [n for n in names if f"{n}.rate" not in run][:12]  # a coordinate may have such a name
+    curves = [
+        (
+            plain_text(f"{name[:-2]}, d{name[-1]}"),
+            run[name] - run[name][0],
+            CYCLE[(i // 2) % len(CYCLE)],
+            "-" if name[-1] == "y" else "--",
+        )
+        for i, name in enumerate(names)
+    ]
+    if curves:
+        yield Motion("displacement", "m", curves)
+
+
+def _motions_of_coordinates(run: Run) -> Iterator[Motion]:
+    """Displacements and angles of the coordinates, but not those of the bending of beams."""
+    moves = [n for n in run.names if f"{n}.rate" in run and not re.fullmatch(r".+\.[uv]\d+", n)]
+    for what, unit in (("displacement", "m"), ("angle", "rad")):
+        own = [n for n in moves if run.unit(n) == unit][:12]
+        curves = [
+            (plain_text(n), run[n] - run[n][0], color, "-")
+            for n, color in zip(own, itertools.cycle(CYCLE), strict=False)
+        ]
+        if curves:
+            yield Motion(what, unit, curves)
+
+
 def motions_of(run: Run) -> list[Motion]:
     """The view ``motion`` of ``[reading]``, else tracking points, else coordinates by their unit.
 
@@ -127,26 +157,7 @@ def motions_of(run: Run) -> list[Motion]:
     if view is not None and (panels := view_panels(run, view)):
         names = {"m": "displacement", "rad": "angle"} if view.change else {}
         return [replace(p, what=names.get(p.unit, p.what)) for p in panels]
-    curves: list[tuple[str, Array, str, str]] = []
-    points = [n for n in run.names if re.fullmatch(r".+\.[xy]", n) and run.unit(n) == "m"]
-    points = [n for n in points if f"{n}.rate" not in run]  # a coordinate may have such a name
-    for i, name in enumerate(points[:12]):
-        point, axis = name[:-2], name[-1]
-        color = CYCLE[(i // 2) % len(CYCLE)]
-        style = "-" if axis == "y" else "--"
-        curves.append((plain_text(f"{point}, d{axis}"), run[name] - run[name][0], color, style))
-    if curves:
-        return [Motion("displacement", "m", curves)]
-    found = []
-    moves = [n for n in run.names if f"{n}.rate" in run and not re.fullmatch(r".+\.[uv]\d+", n)]
-    for what, unit in (("displacement", "m"), ("angle", "rad")):
-        own = [n for n in moves if run.unit(n) == unit]
-        curves = [
-            (plain_text(n), run[n] - run[n][0], color, "-")
-            for n, color in zip(own, itertools.cycle(CYCLE), strict=False)
-        ]
-        if curves:
-            found.append(Motion(what, unit, curves[:12]))
+    found = list(_motion_of_points(run)) or list(_motions_of_coordinates(run))
     if not found:
         raise InvalidParameter("plot motion: the run has no tracking points and no coordinates")
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -237,11 +237,6 @@ def describe_stage(
     drawn = film.scene
     bodies = ["ground", *action.config.bodies]
     names = {body: i for i, body in enumerate(bodies)}
-    flexible = bent_beams(action, film.q[0])
-
-    def bends(shape: Shape) -> bool:
-        return shape.body in flexible and station_of(action, shape) is None
-
     count = len(film.time)
     through = poses_along(action, film.q)
     moved = np.zeros((count, len(bodies), 3))
@@ -253,25 +248,13 @@ def describe_stage(
     lines = {body: 1e3 * line[:, ::3] for body, line in through.beams.items()}
     if progress is not None:
         progress(1.0)
-    finger = action.config.finger
-    out: dict[str, Any] = {
+    unit = 1e3 * drawn.unit
+    return {
         "time": pack_times(1e3 * film.time),
-        "unit": round(1e3 * drawn.unit, 4),
+        "unit": round(unit, 4),
         "view": _rounded(1e3 * np.array(film.limits), 2),
         "bodies": [{"fill": body_fill(drawn.group[b]), "name": _part(action, b)} for b in bodies],
-        "shapes": [
-            {
-                "body": names[s.body],
-                "role": s.role,
-                "station": None
-                if (at_x := station_of(action, s)) is None
-                else round(1e3 * at_x, 3),
-            }
-            for s in drawn.shapes
-        ],
-        "outlines": pack_points(
-            [1e3 * (s.points if bends(s) else thin_outline(s.points, 2e-5)) for s in drawn.shapes]
-        ),
+        **_shapes(action, drawn.shapes, names, bent_beams(action, film.q[0])),
         "poses": pack_columns(moved.reshape(count, -1)),
         "beams": [
             {
@@ -290,19 +273,49 @@ def describe_stage(
             for n in film.contacts
         ],
         "places": pack_columns(places.reshape(count, -1)),
-        "forces": pack_columns(
-            np.column_stack([film.forces[n] for n in film.contacts])
-            if film.contacts
-            else np.zeros((count, 0))
-        ),
+        "forces": pack_columns(np.reshape([film.forces[n] for n in film.contacts], (-1, count)).T),
         "largest": film.largest,
+        **_links(action, names, unit),
+        "finger": _finger(action, film, names),
+        "string": _string(run, action, film, keep, string_samples),
+    }
+
+
+def _shapes(
+    action: Action, shapes: Sequence[Shape], names: Mapping[str, int], flexible: Container[str]
+) -> dict[str, Any]:
+    """Shapes and their outlines; only those that do not bend can be thinned."""
+
+    def station(shape: Shape) -> float | None:
+        x = station_of(action, shape)
+        return None if x is None else round(1e3 * x, 3)
+
+    return {
+        "shapes": [{"body": names[s.body], "role": s.role, "station": station(s)} for s in shapes],
+        "outlines": pack_points(
+            [
+                1e3
+                * (
+                    s.points
+                    if s.body in flexible and station(s) is None
+                    else thin_outline(s.points, 2e-5)
+                )
+                for s in shapes
+            ]
+        ),
+    }
+
+
+def _links(action: Action, names: Mapping[str, int], unit: float) -> dict[str, Any]:
+    """Joints, springs and straps. ``unit``: that of the drawing [mm]."""
+    return {
         "joints": [
             {"body": names[parent], "at": _rounded(1e3 * place, 3), "ground": parent == "ground"}
             for _, kind, parent, place in moving_joints(action)
             if kind == "revolute"
         ],
         "springs": [
-            {"body": names[body], "points": _rounded(1e3 * spiral(4.6 * drawn.unit), 3)}
+            {"body": names[body], "points": _rounded(spiral(4.6 * unit), 3)}
             for body in spring_bodies(action)
         ],
         "straps": [
@@ -314,18 +327,21 @@ def describe_stage(
             for s in action.config.straps.values()
             if s.enabled
         ],
-        "finger": None,
-        "string": _string(run, action, film, keep, string_samples),
     }
-    if finger is not None and film.finger is not None:
-        direction = np.array(finger.direction) / np.hypot(*finger.direction)
-        out["finger"] = {
-            "body": names[finger.body],
-            "at": _rounded(1e3 * np.array(finger.point), 3),
-            "along": _rounded(direction, 5),
-            "force": pack_columns(film.finger[:, None]),
-        }
-    return out
+
+
+def _finger(action: Action, film: Film, names: Mapping[str, int]) -> dict[str, Any] | None:
+    """Place, direction and force of the finger; None without one."""
+    finger = action.config.finger
+    if finger is None or film.finger is None:
+        return None
+    direction = np.array(finger.direction) / np.hypot(*finger.direction)
+    return {
+        "body": names[finger.body],
+        "at": _rounded(1e3 * np.array(finger.point), 3),
+        "along": _rounded(direction, 5),
+        "force": pack_columns(film.finger[:, None]),
+    }
 
 
 def _part(action: Action, body: str) -> str:
@@ -401,32 +417,27 @@ def default_panels(runs: Sequence[Run | Curves]) -> list[dict[str, Any]]:
 
 def default_panels_of(run: Run, reading: Reading) -> list[dict[str, Any]]:
     """Initial panels of a simulated run."""
-    panels: list[dict[str, Any]] = []
+    panels = []
     for view in reading.views.values():
         names = [r.output for r in view.rows if r.factor == 1.0 and r.output in run]
-        # A panel has one axis, of one unit.
-        panels += [
-            {
-                "title": view.title,
-                "outputs": [n for n in names if run.unit(n) == unit],
-                "change": view.change,
-            }
-            for unit in dict.fromkeys(map(run.unit, names))
-        ]
-    if not any(p["outputs"] for p in panels):
+        for unit in dict.fromkeys(map(run.unit, names)):  # a panel has one axis, of one unit
+            own = [n for n in names if run.unit(n) == unit]
+            panels.append(_panel(view.title, own, change=view.change))
+    if not panels:
         points = [n for n in run.names if re.fullmatch(r".+\.[xy]", n)]
-        panels.append({"title": "motion from the start", "outputs": points[:4], "change": True})
+        panels.append(_panel("motion from the start", points[:4], change=True))
     if reading.striker is not None:
         title = reading.striker.label or reading.striker.point
-        own = list(striker_outputs(run, reading))
-        panels.append({"title": title, "outputs": own, "change": False})
+        panels.append(_panel(title, striker_outputs(run, reading)))
     peaks = {n: float(np.max(run[f"contact{n:02d}.force"])) for n in contact_numbers(run)}
     strongest = sorted((n for n, p in peaks.items() if p > 1e-6), key=lambda n: -peaks[n])
-    forces = [f"contact{n:02d}.force" for n in strongest[:5]]
-    panels.append({"title": "contact forces", "outputs": forces, "change": False})
-    for title, name in (("finger", "finger.force"), ("string", "string.strike")):
-        panels.append({"title": title, "outputs": [name] * (name in run), "change": False})
-    if not any(p["outputs"] for p in panels):
-        moving = [n for n in run.coordinates if n in run] or list(run.names)
-        panels += [{"title": "", "outputs": [n], "change": False} for n in moving[:4]]
-    return [p for p in panels if p["outputs"]]
+    panels.append(_panel("contact forces", [f"contact{n:02d}.force" for n in strongest[:5]]))
+    panels.append(_panel("finger", {"finger.force"}.intersection(run.names)))
+    panels.append(_panel("string", {"string.strike"}.intersection(run.names)))
+    panels = [p for p in panels if p["outputs"]]
+    moving = [n for n in run.coordinates if n in run] or list(run.names)
+    return panels or [_panel("", [n]) for n in moving[:4]]
+
+
+def _panel(title: str, outputs: Iterable[str], *, change: bool = False) -> dict[str, Any]:
+    return {"title": title, "outputs": list(outputs), "change": change}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -181,33 +181,18 @@ def summarize(
         for i, (time, contact, monitor, direction) in enumerate(run.events)
     }
     out = Summary()
-    put = out.put
     for name, i in named.items():
         event = by_index[i]
         if event is not None:
-            put(f"{name}_time", changes[i].time + begin, event.time)
+            out.put(f"{name}_time", changes[i].time + begin, event.time)
     strike = action.config.reading.strike_contact
     if strike is not None:
-        column = numbers.index(strike)
-        on, off = next(iter(find_strikes(changes, strike)), (None, None))
-        first = by_index.get(on) if on is not None else None
-        last = by_index.get(off) if off is not None else None
-        if on is not None and first is not None:
-            put("impact_time", changes[on].time + begin, first.time)
-            put("impact_speed", run.event_approach[on, column], first.approach[column])
-        if on is not None and off is not None and first is not None and last is not None:
-            put("rebound_speed", -run.event_approach[off, column], -last.approach[column])
-            duration = changes[off].time - changes[on].time
-            put("impact_duration", duration, last.time - first.time)
-        for (contact, force, time), peak in zip(run.peaks, result.peaks, strict=True):
-            if contact == column and force > 0:
-                put("max_impact_force", force, peak.derivative, why=peak.reason)
-                name = "max_impact_force_time"
-                put(name, time + begin, peak.time_derivative, why=peak.reason)
+        _add_strike(out, result, changes, strike, numbers.index(strike), by_index)
         let_off = by_index.get(named["let_off"]) if "let_off" in named else None
         if let_off is not None:
+            column = numbers.index(strike)
             gap = -run.event_compression[named["let_off"], column]
-            put("let_off_gap", gap, -let_off.compression[column])
+            out.put("let_off_gap", gap, -let_off.compression[column])
     unknown = np.full(result.end_state.shape[1], np.nan)
     moved = {n: getattr(by_index[i], "time", unknown) for n, i in named.items()}
     _add_times(action, out, _times(action, run, rules), moved, begin)
@@ -217,20 +202,48 @@ def summarize(
         elif begin == 0.0:
             start, lowest = looks
             value = start.value - lowest.value
-            put(name, value, start.derivative - lowest.derivative, why=lowest.reason)
+            out.put(name, value, start.derivative - lowest.derivative, why=lowest.reason)
     names = {i: name for name, i in reversed(list(named.items()))}
     for i, change in enumerate(changes):
         event = by_index[i]
-        if event is None:
-            continue
-        name = (
-            names.get(i)
-            or change.monitor
-            or (f"contact{change.contact:02d}" if change.contact else "finger")
-            + ("_on" if change.closes else "_off")
-        )
-        out.events.append({"event": name, "time": event.when, "gradient": event.time})
+        if event is not None:
+            name = names.get(i) or _name_of(change)
+            out.events.append({"event": name, "time": event.when, "gradient": event.time})
     return out
+
+
+def _name_of(change: Any) -> str:
+    """Name of an event that the mechanism does not name."""
+    if change.monitor:
+        return str(change.monitor)
+    what = f"contact{change.contact:02d}" if change.contact else "finger"
+    return what + ("_on" if change.closes else "_off")
+
+
+def _add_strike(
+    out: Summary,
+    result: Any,
+    changes: Sequence[Any],
+    strike: int,
+    column: int,
+    by_index: Mapping[int, Any],
+) -> None:
+    """Add the numbers of the first strike; ``column``: that of its contact in the arrays."""
+    run, begin = result.run, float(result.time[0])
+    on, off = next(iter(find_strikes(changes, strike)), (None, None))
+    first, last = (None if i is None else by_index.get(i) for i in (on, off))
+    if on is not None and first is not None:
+        out.put("impact_time", changes[on].time + begin, first.time)
+        out.put("impact_speed", run.event_approach[on, column], first.approach[column])
+        if off is not None and last is not None:
+            out.put("rebound_speed", -run.event_approach[off, column], -last.approach[column])
+            duration = changes[off].time - changes[on].time
+            out.put("impact_duration", duration, last.time - first.time)
+    for (contact, force, time), peak in zip(run.peaks, result.peaks, strict=True):
+        if contact == column and force > 0:
+            out.put("max_impact_force", force, peak.derivative, why=peak.reason)
+            name = "max_impact_force_time"
+            out.put(name, time + begin, peak.time_derivative, why=peak.reason)
 
 
 def _by_name(chosen: list[tuple[str, Any]], looks: list[Any]) -> dict[str, list[Any]]:
