@@ -209,28 +209,10 @@ def _empty_stage(film: Film) -> tuple[Any, Any]:
 
 def _pictures(film: Film, slowness: float) -> Any:
     """Yield RGB frames (height, width, 3); fixed parts are drawn only once."""
-    from matplotlib.collections import LineCollection
-    from matplotlib.transforms import Affine2D
-
-    action, drawn = film.action, film.scene
     figure, ax = _empty_stage(film)
     canvas: Any = figure.canvas
     marker = _speed_inset(film, figure, ax)
-    poses = film.poses(0)
-    bent = bent_beams(action, film.q[0])
-    bodies = draw_bodies(ax, action, drawn, poses, bent)
-    moving: list[tuple[str, Any]] = [
-        (body, artist) for body, own in bodies.items() for artist, _ in own if body != "ground"
-    ]
-    moving += [(body, artist) for body, artist in draw_joints(ax, action, drawn, poses)]
-    straps = [
-        ax.plot(*curve.T, color=PURPLE, linewidth=1.2, zorder=5.3)[0]
-        for curve in film.straps(0, poses)
-    ]
-    string = [] if film.string is None else [film.string]
-    strings = [ax.plot(*way[0].T, color=INK, linewidth=1.4, zorder=1.5)[0] for way in string]
-    arrows = LineCollection([], colors=RED, linewidths=1.8, zorder=7)
-    ax.add_collection(arrows, autolim=False)
+    parts = _MovingParts(film, ax)
     clock = figure.text(
         0.99,
         1.0 - 0.07 / figure.get_figheight(),
@@ -240,40 +222,79 @@ def _pictures(film: Film, slowness: float) -> Any:
         ha="right",
         family="monospace",
     )
-    changing = [artist for _, artist in moving] + straps + strings + [arrows]
-    changing.sort(key=lambda artist: float(artist.get_zorder()))
-    changing += [clock] + ([marker] if marker is not None else [])
+    changing = [*parts.artists, clock] + ([marker] if marker is not None else [])
     for artist in changing:
         artist.set_animated(True)
     canvas.draw()
     background = canvas.copy_from_bbox(figure.bbox)
-
-    frames: dict[str, Any] = {body: Affine2D() for body, _ in moving}
-    for body, artist in moving:
-        artist.set_transform(frames[body] + ax.transData)
-    for i in range(len(film.time)):
-        poses = film.poses(i)
-        for body, frame in frames.items():
-            x, y, angle = poses[body]
-            frame.clear().rotate(angle).translate(x, y)
-        bent = bent_beams(action, film.q[i])
-        for body in bent:
-            for artist, shapes in bodies[body]:
-                artist.set_verts([shape_points(action, s, bent) for s in shapes])
-        for line, curve in zip(straps, film.straps(i, poses), strict=True):
-            line.set_data(curve[:, 0], curve[:, 1])
-        for line, way in zip(strings, string, strict=True):
-            line.set_data(way[i, :, 0], way[i, :, 1])
-        arrows.set_segments(_arrow_lines(film.arrows(i, poses), drawn.unit))
-        clock.set_text(f"{1e3 * film.time[i]:7.2f} ms, {slowness:g} times slower")
+    parts.attach()
+    for i, time in enumerate(film.time):
+        parts.move(i)
+        clock.set_text(f"{1e3 * time:7.2f} ms, {slowness:g} times slower")
         if marker is not None and film.speed is not None:
-            marker.set_data(
-                [1e3 * film.time[i]], [np.interp(film.time[i], film.run.time, film.speed)]
-            )
+            marker.set_data([1e3 * time], [np.interp(time, film.run.time, film.speed)])
         canvas.restore_region(background)
         for artist in changing:
             (artist.axes or figure).draw_artist(artist)
         yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+
+
+class _MovingParts:
+    """Bodies, joints, straps, string and arrows of the forces."""
+
+    def __init__(self, film: Film, ax: Any) -> None:
+        from matplotlib.collections import LineCollection
+        from matplotlib.transforms import Affine2D
+
+        self.film, self.ax = film, ax
+        action, drawn, poses = film.action, film.scene, film.poses(0)
+        self.bodies = draw_bodies(ax, action, drawn, poses, bent_beams(action, film.q[0]))
+        self.rigid: list[tuple[str, Any]] = [
+            (body, artist)
+            for body, own in self.bodies.items()
+            for artist, _ in own
+            if body != "ground"
+        ]
+        self.rigid += draw_joints(ax, action, drawn, poses)
+        self.frames: dict[str, Any] = {body: Affine2D() for body, _ in self.rigid}
+        self.straps = [
+            ax.plot(*curve.T, color=PURPLE, linewidth=1.2, zorder=5.3)[0]
+            for curve in film.straps(0, poses)
+        ]
+        strings = [] if film.string is None else [film.string]
+        self.strings = [
+            (ax.plot(*way[0].T, color=INK, linewidth=1.4, zorder=1.5)[0], way) for way in strings
+        ]
+        self.arrows = LineCollection([], colors=RED, linewidths=1.8, zorder=7)
+        ax.add_collection(self.arrows, autolim=False)
+
+    @property
+    def artists(self) -> list[Any]:
+        """All of them, in the order of drawing."""
+        lines = [*self.straps, *(line for line, _ in self.strings), self.arrows]
+        every = [artist for _, artist in self.rigid] + lines
+        return sorted(every, key=lambda artist: float(artist.get_zorder()))
+
+    def attach(self) -> None:
+        """Let the frames of the bodies move their artists."""
+        for body, artist in self.rigid:
+            artist.set_transform(self.frames[body] + self.ax.transData)
+
+    def move(self, i: int) -> None:
+        """Show the instant of a number."""
+        film, poses = self.film, self.film.poses(i)
+        for body, frame in self.frames.items():
+            x, y, angle = poses[body]
+            frame.clear().rotate(angle).translate(x, y)
+        bent = bent_beams(film.action, film.q[i])
+        for body in bent:
+            for artist, shapes in self.bodies[body]:
+                artist.set_verts([shape_points(film.action, s, bent) for s in shapes])
+        for line, curve in zip(self.straps, film.straps(i, poses), strict=True):
+            line.set_data(*curve.T)
+        for line, way in self.strings:
+            line.set_data(*way[i].T)
+        self.arrows.set_segments(_arrow_lines(film.arrows(i, poses), film.scene.unit))
 
 
 def _arrow_lines(arrows: list[tuple[Array, Array]], unit: float) -> list[Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,55 +43,52 @@ def draw_bodies(
 
     ``bent``: center lines of flexible beams; ``fills``: other colors of bodies.
     """
-    from matplotlib.collections import LineCollection, PolyCollection
-
     artists: dict[str, list[Any]] = {}
     for order, body in enumerate(("ground", *action.config.bodies)):
-        own = [s for s in drawn.shapes if s.body == body]
-        transform = body_transform(ax, poses[body])
-        z = 2.0 + 0.1 * order
-        own_fill = None if fills is None else fills.get(body)
-        made: list[tuple[Any, list[Shape]]] = []
-        for role, fill, ink in (
-            ("wire", own_fill or "#8A8A8A", "#555555"),
-            ("wood", own_fill or body_fill(drawn.group[body]), INK),
-            ("lead", "#8A8A8A", "#555555"),
-        ):
-            chosen = [s for s in own if s.role == role]
-            outlines = [shape_points(action, s, bent) for s in chosen]
-            if outlines:
-                # All outlines are drawn before all fills, so that overlapping parts look like one
-                # part.
-                under = PolyCollection(
-                    outlines, facecolors=ink, edgecolors=ink, linewidths=1.3, zorder=z
-                )
-                over = PolyCollection(outlines, facecolors=fill, edgecolors="none", zorder=z + 0.01)
-                made += [(under, chosen), (over, chosen)]
-        chosen = [s for s in own if s.role == "pad"]
-        if chosen:
-            pads = PolyCollection(
-                [shape_points(action, s, bent) for s in chosen],
-                facecolors=FELT if body != "ground" else RAIL,
-                edgecolors="none",
-                alpha=0.45 if body != "ground" else 1.0,
-                zorder=z + 0.02,
-            )
-            made.append((pads, chosen))
-        for s in own:
-            if s.role == "surface":
-                line = LineCollection(
-                    [shape_points(action, s, bent)],
-                    colors=SURFACE,
-                    linewidths=1.1,
-                    zorder=z + 0.03,
-                )
-                line.set_gid(f"surface:{s.name}")
-                made.append((line, [s]))
-        for artist, _ in made:
-            artist.set_transform(transform)
+        own = [(s, shape_points(action, s, bent)) for s in drawn.shapes if s.body == body]
+        fill = (fills or {}).get(body)
+        colors = {
+            "wire": (fill or "#8A8A8A", "#555555"),
+            "wood": (fill or body_fill(drawn.group[body]), INK),
+            "lead": ("#8A8A8A", "#555555"),
+        }
+        pads = {"facecolors": FELT, "alpha": 0.45} if body != "ground" else {"facecolors": RAIL}
+        artists[body] = list(_artists(own, colors, pads, 2.0 + 0.1 * order))
+        for artist, _ in artists[body]:
+            artist.set_transform(body_transform(ax, poses[body]))
             ax.add_collection(artist, autolim=False)
-        artists[body] = made
     return artists
+
+
+def _artists(
+    own: Sequence[tuple[Shape, Array]],
+    colors: Mapping[str, tuple[str, str]],
+    pads: Mapping[str, Any],
+    z: float,
+) -> Iterator[tuple[Any, list[Shape]]]:
+    """Artists of the shapes of a body, with their shapes. ``colors``: fill and ink by role."""
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    for role, (fill, ink) in colors.items():
+        chosen = [s for s, _ in own if s.role == role]
+        if outlines := [points for s, points in own if s.role == role]:
+            # All outlines are drawn before all fills, so that overlapping parts look like one part.
+            yield (
+                PolyCollection(outlines, facecolors=ink, edgecolors=ink, linewidths=1.3, zorder=z),
+                chosen,
+            )
+            yield (
+                PolyCollection(outlines, facecolors=fill, edgecolors="none", zorder=z + 0.01),
+                chosen,
+            )
+    if outlines := [points for s, points in own if s.role == "pad"]:
+        made = PolyCollection(outlines, edgecolors="none", zorder=z + 0.02, **pads)
+        yield made, [s for s, _ in own if s.role == "pad"]
+    for s, points in own:
+        if s.role == "surface":
+            line = LineCollection([points], colors=SURFACE, linewidths=1.1, zorder=z + 0.03)
+            line.set_gid(f"surface:{s.name}")
+            yield line, [s]
 
 
 def draw_fixed(

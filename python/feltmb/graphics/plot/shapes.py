@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,7 +32,7 @@ from feltmb.graphics.plot.poses import (
 from feltmb.mechanism.to_core import with_leads
 
 if TYPE_CHECKING:
-    from feltmb.mechanism import Action, Surface
+    from feltmb.mechanism import Action, Body, MechanismFile, Surface
 
 Array = npt.NDArray[np.float64]
 
@@ -153,45 +153,56 @@ def scene(action: Action, poses: Sequence[npt.ArrayLike] = ()) -> Scene:
     rest_poses = body_poses(action, rest)
     u = _unit(action, rest_poses)
     surfaces = _used_surfaces(action)
-    touched: dict[str, list[Array]] = {name: [] for name in surfaces}
-    way = poses_along(action, np.array([rest, *poses], dtype=float))
-    for key, contact in config.contacts.items():
-        if contact.enabled and int(key) in way.contacts:
-            points = way.contacts[int(key)][:, :2]
-            for name in contact.surfaces:
-                touched[name].extend(way.to_body(surfaces[name].body, points))
-    string_surface = config.string.surface if config.string is not None else ""
+    touched = _touched(action, surfaces, np.array([rest, *poses], dtype=float))
     pieces = {
         name: _surface_piece(name, s, touched[name], body_center(action, s.body), u)
         for name, s in surfaces.items()
     }
     shapes: list[Shape] = []
-    group = body_groups(action)
-    strings = {name for name, s in surfaces.items() if _is_string(action, name, string_surface)}
     for name, piece in pieces.items():
-        if surfaces[name].body == "ground" and name not in strings:
+        if surfaces[name].body == "ground" and not _is_string(action, name):
             shapes += piece.shapes
     for body in config.bodies:
         own = {n: p for n, p in pieces.items() if surfaces[n].body == body}
         shapes += _body_shapes(action, body, own, u)
         for piece in own.values():
             shapes += piece.shapes
+    shapes += _leads(action)
+    return Scene(tuple(shapes), body_groups(action), u)
+
+
+def _touched(
+    action: Action, surfaces: Mapping[str, Surface], poses: Array
+) -> dict[str, list[Array]]:
+    """Contact points of each surface in the poses, in the frame of its body [m]."""
+    touched: dict[str, list[Array]] = {name: [] for name in surfaces}
+    way = poses_along(action, poses)
+    for key, contact in action.config.contacts.items():
+        if contact.enabled and int(key) in way.contacts:
+            points = way.contacts[int(key)][:, :2]
+            for name in contact.surfaces:
+                touched[name].extend(way.to_body(surfaces[name].body, points))
+    return touched
+
+
+def _leads(action: Action) -> Iterator[Shape]:
+    """Discs of the leads."""
+    config = action.config
     for name, lead in config.leads.items():
         body = lead.body or (config.finger.body if config.finger is not None else "")
         height = config.bodies[body].center_of_mass[1] if lead.height is None else lead.height
         center = np.array([lead.position, height])
-        disc = capsule(center, LEAD, center, LEAD)
-        shapes.append(Shape(body, "lead", name, disc, True))
-    return Scene(tuple(shapes), group, u)
+        yield Shape(body, "lead", name, capsule(center, LEAD, center, LEAD), True)
 
 
-def _is_string(action: Action, name: str, string_surface: str) -> bool:
+def _is_string(action: Action, name: str) -> bool:
     """Whether a surface is the string, or another one on the same line (the damper's)."""
-    if not string_surface or name not in action.config.surfaces:
+    string, surfaces = action.config.string, action.config.surfaces
+    if string is None or string.surface not in surfaces:
         return False
-    if name == string_surface:
+    if name == string.surface:
         return True
-    a, b = action.config.surfaces[name], action.config.surfaces[string_surface]
+    a, b = surfaces[name], surfaces[string.surface]
     if a.kind != "line" or b.kind != "line" or a.body != b.body or not a.normal or not b.normal:
         return False
     off = np.dot(np.subtract(a.point, b.point), b.normal)
@@ -241,52 +252,73 @@ class _Piece:
 
 
 def _surface_piece(name: str, s: Surface, touched: list[Array], center: Array, u: float) -> _Piece:
-    p = np.array(s.point)
-    ground = s.body == "ground"
-    depth = (4.5 if ground else 2.4) * u
+    """Piece of a surface near its tabulated point and where it was touched.
+
+    ``center``: center of mass of the body.
+    """
+    depth = (4.5 if s.body == "ground" else 2.4) * u
     if s.kind == "line":
-        assert s.normal is not None
-        normal = np.array(s.normal) / np.hypot(*s.normal)
-        along = np.array([normal[1], -normal[0]])
-        places = [0.0] + [float(along @ (t - p)) for t in touched]
-        # Far from the tabulated point, the body certainly has material only at the contact.
-        if len(touched) and min(abs(x) for x in places[1:]) > 60.0 * u:
-            places = places[1:]
-        pad = 6.5 * u
-        near, far = _whole(min(places), max(places), u)
-        a, b = p + along * (near - pad), p + along * (far + pad)
-        line = np.array([a, b])
-        block = np.array([a, b, b - normal * depth, a - normal * depth])
-        node = 0.5 * (a + b) - 0.5 * depth * normal
-        shapes = [
-            Shape(s.body, "pad", name, block, True),
-            Shape(s.body, "surface", name, line, False),
-        ]
-        return _Piece(shapes, node, 0.5 * depth, False)
-    radius = float(s.radius or 0.0)
+        return _line_piece(name, s, touched, depth, u)
     if s.kind == "segment":
         return _segment_piece(name, s, depth)
     if s.kind == "concave_arc":
         return _concave_arc_piece(name, s, depth)
-    angles = [math.atan2(t[1] - p[1], t[0] - p[0]) for t in touched]
     if s.kind == "hybrid":
-        assert s.arc is not None
         return _hybrid_piece(name, s, touched, u)
-    if s.kind == "circle" and radius <= ROUND * u:
-        if radius <= 0.05 * u:
-            dot = arc_points(p, 0.4 * u, 0.0, 2.0 * math.pi)[:-1]
-            return _Piece([Shape(s.body, "mark", name, dot, True)], p, 0.5 * u, True)
-        ring = arc_points(p, radius, 0.0, 2.0 * math.pi)[:-1]
-        shapes = [
-            Shape(s.body, "pad", name, ring, True),
-            Shape(s.body, "surface", name, np.vstack([ring, ring[:1]]), False),
-        ]
-        return _Piece(shapes, p, radius, True)
-    if s.kind == "concave":
-        toward = center - p
-        angles.append(math.atan2(toward[1], toward[0]))
-    about = angles[0] if angles else math.atan2(center[1] - p[1], center[0] - p[0])
-    angles = [wrap_angle(a, about) for a in angles] or [about]
+    if s.kind == "circle" and float(s.radius or 0.0) <= ROUND * u:
+        return _disc_piece(name, s, u)
+    return _arc_piece(name, s, touched, center, depth, u)
+
+
+def _piece(
+    name: str, s: Surface, block: Array, surface: Array, node: Array, radius: float
+) -> _Piece:
+    """Piece of a surface and the block of material behind it."""
+    shapes = [
+        Shape(s.body, "pad", name, block, True),
+        Shape(s.body, "surface", name, surface, False),
+    ]
+    return _Piece(shapes, node, radius, False)
+
+
+def _line_piece(name: str, s: Surface, touched: list[Array], depth: float, u: float) -> _Piece:
+    """A part of an infinite line."""
+    assert s.normal is not None
+    p, normal = np.array(s.point), np.array(s.normal) / np.hypot(*s.normal)
+    along = np.array([normal[1], -normal[0]])
+    places = [0.0] + [float(along @ (t - p)) for t in touched]
+    # Far from the tabulated point, the body certainly has material only at the contact.
+    if len(touched) and min(abs(x) for x in places[1:]) > 60.0 * u:
+        places = places[1:]
+    pad = 6.5 * u
+    near, far = _whole(min(places), max(places), u)
+    a, b = p + along * (near - pad), p + along * (far + pad)
+    block = np.array([a, b, b - normal * depth, a - normal * depth])
+    node = 0.5 * (a + b) - 0.5 * depth * normal
+    return _piece(name, s, block, np.array([a, b]), node, 0.5 * depth)
+
+
+def _disc_piece(name: str, s: Surface, u: float) -> _Piece:
+    """A small circle, drawn completely, or a point."""
+    p, radius = np.array(s.point), float(s.radius or 0.0)
+    if radius <= 0.05 * u:
+        dot = arc_points(p, 0.4 * u, 0.0, 2.0 * math.pi)[:-1]
+        return _Piece([Shape(s.body, "mark", name, dot, True)], p, 0.5 * u, True)
+    ring = arc_points(p, radius, 0.0, 2.0 * math.pi)[:-1]
+    made = _piece(name, s, ring, np.vstack([ring, ring[:1]]), p, radius)
+    return replace(made, small=True)
+
+
+def _arc_piece(
+    name: str, s: Surface, touched: list[Array], center: Array, depth: float, u: float
+) -> _Piece:
+    """A part of a large circle, which may be concave."""
+    p, radius = np.array(s.point), float(s.radius or 0.0)
+    inward = math.atan2(center[1] - p[1], center[0] - p[0])
+    angles = [math.atan2(t[1] - p[1], t[0] - p[0]) for t in touched]
+    if s.kind == "concave" or not angles:
+        angles.append(inward)
+    angles = [wrap_angle(a, angles[0]) for a in angles]
     pad = 9.0 * u / radius
     low, high = _whole(min(angles), max(angles), u / radius)
     low, high = low - pad, high + pad
@@ -297,11 +329,7 @@ def _surface_piece(name: str, s: Surface, touched: list[Array], center: Array, u
     band = np.vstack([arc, arc_points(p, other, high, low) if other > 0 else p[None, :]])
     middle = 0.5 * (low + high)
     node = p + 0.5 * (radius + other) * np.array([math.cos(middle), math.sin(middle)])
-    shapes = [
-        Shape(s.body, "pad", name, band, True),
-        Shape(s.body, "surface", name, arc, False),
-    ]
-    return _Piece(shapes, node, 2.6 * u, False)
+    return _piece(name, s, band, arc, node, 2.6 * u)
 
 
 def _segment_piece(name: str, s: Surface, depth: float) -> _Piece:
@@ -320,11 +348,8 @@ def _segment_piece(name: str, s: Surface, depth: float) -> _Piece:
         last = arc_points(ends[1], radius, angle - math.pi, angle)
         block = np.vstack([first, last])
         surface = np.vstack([block, block[:1]])
-    shapes = [
-        Shape(s.body, "pad", name, block, True),
-        Shape(s.body, "surface", name, surface, False),
-    ]
-    return _Piece(shapes, ends.mean(axis=0) - 0.5 * depth * normal, 0.5 * depth, False)
+    node = ends.mean(axis=0) - 0.5 * depth * normal
+    return _piece(name, s, block, surface, node, 0.5 * depth)
 
 
 def _concave_arc_piece(name: str, s: Surface, depth: float) -> _Piece:
@@ -336,11 +361,7 @@ def _concave_arc_piece(name: str, s: Surface, depth: float) -> _Piece:
     band = np.vstack([arc, arc_points(p, radius + depth, high, low)])
     middle = 0.5 * (low + high)
     node = p + (radius + 0.5 * depth) * np.array([math.cos(middle), math.sin(middle)])
-    shapes = [
-        Shape(s.body, "pad", name, band, True),
-        Shape(s.body, "surface", name, arc, False),
-    ]
-    return _Piece(shapes, node, 0.5 * depth, False)
+    return _piece(name, s, band, arc, node, 0.5 * depth)
 
 
 def _hybrid_piece(name: str, s: Surface, touched: list[Array], u: float) -> _Piece:
@@ -354,100 +375,109 @@ def _hybrid_piece(name: str, s: Surface, touched: list[Array], u: float) -> _Pie
     last = p + radius * np.array([math.cos(high), math.sin(high)])
     most_before = max([4.0 * u] + [float(before @ (t - first)) for t in touched])
     most_after = max([6.0 * u] + [float(after @ (t - last)) for t in touched])
-    reach_before = _whole(0.0, most_before, u)[1] + 2.0 * u
-    reach_after = _whole(0.0, most_after, u)[1] + 2.0 * u
-    curve = np.vstack(
-        [
-            first + before * reach_before,
-            arc_points(p, radius, low, high),
-            last + after * reach_after,
-        ]
-    )
+    start = first + before * (_whole(0.0, most_before, u)[1] + 2.0 * u)
+    end = last + after * (_whole(0.0, most_after, u)[1] + 2.0 * u)
+    curve = np.vstack([start, arc_points(p, radius, low, high), end])
     depth = 5.0 * u
-    inner = np.vstack(
-        [last + after * reach_after + before * depth, first + before * reach_before + after * depth]
-    )
-    shapes = [
-        Shape(s.body, "pad", name, np.vstack([curve, inner]), True),
-        Shape(s.body, "surface", name, curve, False),
-    ]
-    return _Piece(shapes, p + (before + after) * 0.5 * depth, 2.2 * u, False)
+    block = np.vstack([curve, end + before * depth, start + after * depth])
+    return _piece(name, s, block, curve, p + (before + after) * 0.5 * depth, 2.2 * u)
 
 
 def _body_shapes(action: Action, name: str, pieces: Mapping[str, _Piece], u: float) -> list[Shape]:
-    """Plausible outline: a rod, a bar, or limbs between joints, surfaces and center of mass."""
+    """Plausible outline: a rod, a block, a bar, or limbs between the known points."""
     config = action.config
     body = config.bodies[name]
-    thin: list[Array] = []
-    for strap in config.straps.values():
-        for end, place in ((strap.body_a, strap.point_a), (strap.body_b, strap.point_b)):
-            if end == name and strap.enabled:
-                thin.append(np.array(place))
     if body.kind == "beam":
-        assert body.length is not None
-        assert body.area is not None
-        radius = math.sqrt(body.area / math.pi)
-        rod = dense_outline(
-            capsule(np.zeros(2), radius, np.array([body.length, 0.0]), radius), 4.0 * u
-        )
-        role = "wire" if radius < 2.0 * u else "wood"
-        return [Shape(name, role, name, rod, True)]
-    children = [
-        np.array(b.position)
-        for b in config.bodies.values()
-        if b.parent == name and b.joint != "prismatic"
-    ]
-    masses = sorted(b.mass for b in config.bodies.values() if b.mass > 0)
-    if body.mass <= 0 and not pieces and not thin:
+        return [_rod(name, body, u)]
+    straps, children = _strap_ends(config, name), _children(config, name)
+    if body.mass <= 0 and not pieces and not straps:
         return []
-    median = masses[len(masses) // 2] if masses else 1.0
-    heavy = min(8.0, max(2.4, 5.5 * math.sqrt(body.mass / median))) * u
-    nodes: list[tuple[Array, float]] = [(np.zeros(2), 4.2 * u)]
-    nodes += [(c, 3.8 * u) for c in children]
-    finger = []
-    if config.finger is not None and config.finger.body == name:
-        finger = [np.array(config.finger.point)]
     block = _block(action, name, children, pieces, u)
     if block is not None:
         return [Shape(name, "wood", name, block, True)]
-    massive = [n for n, _ in nodes] + [p.node for p in pieces.values() if not p.small] + finger
-    massive.append(np.array(body.center_of_mass))
-    bar = _bar(np.array(massive), pieces, u)
-    shapes: list[Shape] = []
+    center = np.array(body.center_of_mass)
+    massive = [np.zeros(2), *children, *(p.node for p in pieces.values() if not p.small)]
+    if config.finger is not None and config.finger.body == name:
+        massive.append(np.array(config.finger.point))
+    bar = _bar(np.array([*massive, center]), pieces, u)
     if bar is not None:
-        shapes.append(Shape(name, "wood", name, bar, True))
-        low, high = bar.min(axis=0), bar.max(axis=0)
-        for piece in pieces.values():
-            foot = np.clip(piece.node, low + 2.0 * u, high - 2.0 * u)
-            if piece.small and np.hypot(*(piece.node - foot)) > 2.0 * u:
-                radius = min(piece.radius, 3.0 * u)
-                shapes.append(
-                    Shape(name, "wood", name, capsule(foot, radius, piece.node, radius), True)
-                )
-        for point in thin:
-            foot = np.clip(point, low, high)
-            shapes.append(Shape(name, "wire", name, capsule(foot, 0.7 * u, point, 0.7 * u), True))
-        return shapes
-    nodes.insert(len(children) + 1, (np.array(body.center_of_mass), heavy))
+        return [Shape(name, "wood", name, bar, True), *_on_bar(name, bar, pieces, straps, u)]
+    heavy = _radius_of_mass(config, body) * u
+    nodes = [(np.zeros(2), 4.2 * u), *((c, 3.8 * u) for c in children), (center, heavy)]
     nodes += [(p.node, p.radius) for p in pieces.values()]
-    for a, b in shortest_tree([n for n, _ in nodes], len(children) + 1):
+    return _limbs(name, nodes, len(children) + 1, straps, u)
+
+
+def _rod(name: str, body: Body, u: float) -> Shape:
+    """Straight beam with round ends."""
+    assert body.length is not None
+    assert body.area is not None
+    radius = math.sqrt(body.area / math.pi)
+    rod = capsule(np.zeros(2), radius, np.array([body.length, 0.0]), radius)
+    role = "wire" if radius < 2.0 * u else "wood"
+    return Shape(name, role, name, dense_outline(rod, 4.0 * u), True)
+
+
+def _strap_ends(config: MechanismFile, name: str) -> list[Array]:
+    """Ends of the straps at a body."""
+    ends = [
+        (strap.enabled and end == name, place)
+        for strap in config.straps.values()
+        for end, place in ((strap.body_a, strap.point_a), (strap.body_b, strap.point_b))
+    ]
+    return [np.array(place) for own, place in ends if own]
+
+
+def _children(config: MechanismFile, name: str) -> list[Array]:
+    """Joints of the bodies on a body, but not their slides."""
+    bodies = config.bodies.values()
+    own = [b for b in bodies if b.parent == name and b.joint != "prismatic"]
+    return [np.array(b.position) for b in own]
+
+
+def _radius_of_mass(config: MechanismFile, body: Body) -> float:
+    """Radius of the disc at a center of mass, in units of the drawing."""
+    masses = sorted(b.mass for b in config.bodies.values() if b.mass > 0)
+    median = masses[len(masses) // 2] if masses else 1.0
+    return min(8.0, max(2.4, 5.5 * math.sqrt(body.mass / median)))
+
+
+def _on_bar(
+    name: str, bar: Array, pieces: Mapping[str, _Piece], straps: Sequence[Array], u: float
+) -> Iterator[Shape]:
+    """Legs from a bar to small surfaces, and wires to straps."""
+    low, high = bar.min(axis=0), bar.max(axis=0)
+    for piece in pieces.values():
+        foot = np.clip(piece.node, low + 2.0 * u, high - 2.0 * u)
+        if piece.small and np.hypot(*(piece.node - foot)) > 2.0 * u:
+            radius = min(piece.radius, 3.0 * u)
+            yield Shape(name, "wood", name, capsule(foot, radius, piece.node, radius), True)
+    for point in straps:
+        foot = np.clip(point, low, high)
+        yield Shape(name, "wire", name, capsule(foot, 0.7 * u, point, 0.7 * u), True)
+
+
+def _limbs(
+    name: str, nodes: Sequence[tuple[Array, float]], first: int, straps: Sequence[Array], u: float
+) -> list[Shape]:
+    """Limbs of the shortest tree between points with radii; ``first``: the center of mass."""
+    shapes: list[Shape] = []
+    for a, b in shortest_tree([n for n, _ in nodes], first):
         (pa, ra), (pb, rb) = nodes[a], nodes[b]
         gap = float(np.hypot(*(pb - pa)))
         if gap > 1.5 * (ra + rb):
             # For large distances: a thin limb, with visible discs at its ends.
             ra, rb = min(ra, 3.6 * u), min(rb, 3.6 * u)
-        shapes.append(
-            Shape(name, "wood", name, capsule(pa, max(ra, 1.2 * u), pb, max(rb, 1.2 * u)), True)
-        )
+        limb = capsule(pa, max(ra, 1.2 * u), pb, max(rb, 1.2 * u))
+        shapes.append(Shape(name, "wood", name, limb, True))
     for node, radius in nodes:
         if radius > 2.8 * u and len(nodes) > 1:
             shapes.append(Shape(name, "wood", name, capsule(node, radius, node, radius), True))
-    for point in thin:
+    for point in straps:
         near = min(nodes, key=lambda n: float(np.hypot(*(n[0] - point))))[0]
         if np.hypot(*(near - point)) > 1e-9:
-            shapes.insert(
-                0, Shape(name, "wire", name, capsule(near, 0.7 * u, point, 0.7 * u), True)
-            )
+            wire = capsule(near, 0.7 * u, point, 0.7 * u)
+            shapes.insert(0, Shape(name, "wire", name, wire, True))
     return shapes
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -417,12 +417,7 @@ def default_panels(runs: Sequence[Run | Curves]) -> list[dict[str, Any]]:
 
 def default_panels_of(run: Run, reading: Reading) -> list[dict[str, Any]]:
     """Initial panels of a simulated run."""
-    panels = []
-    for view in reading.views.values():
-        names = [r.output for r in view.rows if r.factor == 1.0 and r.output in run]
-        for unit in dict.fromkeys(map(run.unit, names)):  # a panel has one axis, of one unit
-            own = [n for n in names if run.unit(n) == unit]
-            panels.append(_panel(view.title, own, change=view.change))
+    panels = list(_view_panels(run, reading))
     if not panels:
         points = [n for n in run.names if re.fullmatch(r".+\.[xy]", n)]
         panels.append(_panel("motion from the start", points[:4], change=True))
@@ -437,6 +432,15 @@ def default_panels_of(run: Run, reading: Reading) -> list[dict[str, Any]]:
     panels = [p for p in panels if p["outputs"]]
     moving = [n for n in run.coordinates if n in run] or list(run.names)
     return panels or [_panel("", [n]) for n in moving[:4]]
+
+
+def _view_panels(run: Run, reading: Reading) -> Iterator[dict[str, Any]]:
+    """Panels of the views of a mechanism: a panel has one axis, of one unit."""
+    for view in reading.views.values():
+        names = [r.output for r in view.rows if r.factor == 1.0 and r.output in run]
+        for unit in dict.fromkeys(map(run.unit, names)):
+            own = [n for n in names if run.unit(n) == unit]
+            yield _panel(view.title, own, change=view.change)
 
 
 def _panel(title: str, outputs: Iterable[str], *, change: bool = False) -> dict[str, Any]:
