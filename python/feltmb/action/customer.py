@@ -308,6 +308,17 @@ def _read(path: Path) -> Mapping[str, Any]:
     return data
 
 
+def _guilty(action: Action, causes: Sequence[_Cause]) -> tuple[tuple[str, ...], tuple[Any, ...]]:
+    """Bodies and points to which the causes belong."""
+    bodies: dict[str, None] = {}
+    points: dict[Any, None] = {}
+    for cause in causes:
+        paths = [x.path for x in cause.entry.changes] if cause.entry else []
+        bodies |= dict.fromkeys(bodies_at(action.config, cause.component, paths))
+        points |= dict.fromkeys(points_at(action, cause.component))
+    return tuple(bodies), tuple(points)
+
+
 @checked
 def customer_page(
     result: str | Path,
@@ -357,10 +368,11 @@ def customer_page(
             f"mechanism {base.name!r} has no {', '.join(strange)}: the result is that of another "
             "mechanism; give the one that was diagnosed"
         )
+    named = {c.entry.name for c in causes if c.entry}
     fitted = [
         (entries[p["name"]], float(p["value"]) - float(p["tabulated"]), None)
         for p in data["parameters"]
-        if p["name"] in entries and p["name"] not in {c.entry.name for c in causes if c.entry}
+        if p["name"] in entries and p["name"] not in named
     ]
     healthy = action_with_effects(base, fitted)
     told = causes[:1] if candidates else causes  # one of a class
@@ -368,17 +380,15 @@ def customer_page(
     faulty = action_with_effects(healthy, changes)
     if after is not None:
         healthy = load_action(after) if isinstance(after, str) else after
-    paths = [(c.component, [x.path for x in c.entry.changes] if c.entry else []) for c in causes]
-    bodies = dict.fromkeys(b for place, own in paths for b in bodies_at(base.config, place, own))
-    points = dict.fromkeys(p for place, _ in paths for p in points_at(base, place))
+    bodies, points = _guilty(base, causes)
     remedies = tuple(dict.fromkeys(c.remedy for c in causes if c.remedy))
     return CustomerPage(
         title=title,
         workshop=workshop,
         before=faulty,
         after=healthy,
-        bodies=tuple(bodies),
-        points=tuple(points),
+        bodies=bodies,
+        points=points,
         found=_found(causes, candidates, data["verdict"]),
         work=tuple(done) or remedies,
         done=bool(done),

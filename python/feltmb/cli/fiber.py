@@ -160,7 +160,7 @@ def fit_command(
     bounds = _quantities("--bound", bound, units, "NAME=LOW:HIGH")
     branches = [branch]
     if branch == "each":
-        branches = ["loading"] + (["unloading"] if (~test.loading).sum() >= 5 else [])
+        branches = ["loading", "unloading"][: 1 + (sum(~test.loading) >= 5)]
     common: dict[str, Any] = {
         "fixed": {k: v[0] for k, v in _quantities("--fix", fix, units).items()},
         "method": method,
@@ -194,14 +194,15 @@ def fit_command(
     document = {"data": str(data.name), "fits": [_fit_dictionary(f) for f in fits]}
     save_text(out, json.dumps(document, indent=1) + "\n", force=force)
     if poor:
-        raise FeltmbError(
-            "\n".join(
-                f"fit: {f.model}, {f.branch}: the data do not determine "
-                f"{', '.join(dict.fromkeys((*f.undetermined, *f.at_bound)))}; fix what is known "
-                "(--fix, --thickness0, --v-f0), widen a bound (--bound), or choose another law"
-                for f in poor
-            )
-        )
+        raise FeltmbError("\n".join(map(_undetermined, poor)))
+
+
+def _undetermined(f: Any) -> str:
+    names = ", ".join(dict.fromkeys((*f.undetermined, *f.at_bound)))
+    return (
+        f"fit: {f.model}, {f.branch}: the data do not determine {names}; fix what is known (--fix, "
+        "--thickness0, --v-f0), widen a bound (--bound), or choose another law"
+    )
 
 
 def _print_ranking(title: str, fits: Sequence[Any]) -> None:

@@ -115,6 +115,41 @@ class Audit:
         }
 
 
+def _audited(
+    law: Contact | FeltEnvelope | FeltMaterial | Law | _core.ContactLaw, reach: float
+) -> tuple[_core.ContactLaw, Any, str, list[Finding]]:
+    """Law of the core, its curves, what it is, and what its data show."""
+    if isinstance(law, FeltMaterial):
+        made = envelope(law, 10e-3, ConstantArea(1e-4))
+        core, curves, about, findings = _audited(made, reach)
+        specimen = "a flat specimen, 10 mm thick, 100 mm^2"
+        about = f"{law.about}; {specimen}" if law.about else specimen
+        return core, curves, about, material_findings(law) + findings
+    if isinstance(law, FeltEnvelope):
+        return law.law(), envelope_curves(law.core), law.about, shape_findings(law.core)
+    if isinstance(law, Contact):
+        return _audited_contact(law, reach)
+    core = law.core if isinstance(law, Law) else law
+    return core, law_curves(core, reach), "", []
+
+
+def _audited_contact(
+    law: Contact, reach: float
+) -> tuple[_core.ContactLaw, Any, str, list[Finding]]:
+    """As :func:`_audited`; the curves are those of the data that the law uses."""
+    core = core_law(law)
+    loop = core.fields.get("envelope")
+    findings = [] if loop is None else shape_findings(loop)
+    given = law.law == "micromechanical" or law.memory.envelope is not None
+    if loop is not None and given:
+        curves = envelope_curves(loop)
+    elif law.loading is not None and law.law in ("printed", "guarded", "mean", "felt_memory"):
+        curves = pair_curves(law, reach)
+    else:
+        curves = law_curves(core, reach)
+    return core, curves, law.label, findings
+
+
 @checked
 def audit(
     law: Contact | FeltEnvelope | FeltMaterial | Law | _core.ContactLaw,
@@ -162,36 +197,7 @@ def audit(
     ]
     if faults:
         raise InvalidParameter("\n".join(faults))
-    reach = largest if largest is not None else 1e-3
-    findings: list[Finding] = []
-    about = ""
-    if isinstance(law, Law):
-        law = law.core
-    if isinstance(law, FeltMaterial):
-        findings += material_findings(law)
-        specimen = "a flat specimen, 10 mm thick, 100 mm^2"
-        about = f"{law.about}; {specimen}" if law.about else specimen
-        law = envelope(law, 10e-3, ConstantArea(1e-4))
-    if isinstance(law, FeltEnvelope):
-        about = about or law.about
-        core, curves = law.law(), envelope_curves(law.core)
-        findings += shape_findings(law.core)
-    elif isinstance(law, Contact):
-        about = law.label
-        core = core_law(law)
-        envelope_of = core.fields.get("envelope")
-        if envelope_of is not None:
-            findings += shape_findings(envelope_of)
-        if envelope_of is not None and (
-            law.law == "micromechanical" or law.memory.envelope is not None
-        ):
-            curves = envelope_curves(envelope_of)
-        elif law.loading is not None and law.law in ("printed", "guarded", "mean", "felt_memory"):
-            curves = pair_curves(law, reach)
-        else:
-            curves = law_curves(core, reach)
-    else:
-        core, curves = law, law_curves(law, reach)
+    core, curves, about, findings = _audited(law, largest if largest is not None else 1e-3)
     findings += audit_curves(curves)
     end = curves.closing if curves.closing is not None else curves.reach
     if core.n_states == 0 and not core.has_memory:
@@ -254,21 +260,12 @@ def audit_targets(
     action_name, colon, contact = text.rpartition(":")
     if not colon:
         action_name, contact = text, ""
-    path = Path(action_name)
-    is_toml = path.suffix == ".toml"
-    raw = read_toml(path) if is_toml else {}
     if not colon and not everything:
-        felt = action_name in packaged_materials() or (is_toml and "fiber" in raw)
-        if settings and (felt or "memory" in raw):
-            raise InvalidParameter(
-                f"{', '.join(settings)}: {text} is {'a felt' if felt else 'an envelope'}, and "
-                "settings change a mechanism; expected ACTION:CONTACT, or a changed file of it"
-            )
-        if felt:
-            return [(action_name, load_material(action_name))]
-        if is_toml and "memory" in raw:
-            return [(path.stem, load_envelope(path))]
-    if not is_toml and action_name not in packaged_actions():
+        found = _felt_or_envelope(text, settings)
+        if found is not None:
+            return [found]
+    path = Path(action_name)
+    if path.suffix != ".toml" and action_name not in packaged_actions():
         hint = "; hint: feltmb felt contact and identify read a measured loop"
         raise InvalidParameter(
             f"{text!r} is no mechanism ({', '.join(packaged_actions())}), no felt "
@@ -287,3 +284,22 @@ def audit_targets(
             f"{all_hint}"
         )
     return [(f"{action.name}:{contact}", contacts[contact])]
+
+
+def _felt_or_envelope(
+    text: str, settings: Sequence[str]
+) -> tuple[str, FeltEnvelope | FeltMaterial] | None:
+    """A felt by its name or file, or a file of an envelope; None: it is neither."""
+    from feltmb.fiber.material import packaged_materials
+
+    path = Path(text)
+    raw = read_toml(path) if path.suffix == ".toml" else {}
+    felt = text in packaged_materials() or "fiber" in raw
+    if not felt and "memory" not in raw:
+        return None
+    if settings:
+        raise InvalidParameter(
+            f"{', '.join(settings)}: {text} is {'a felt' if felt else 'an envelope'}, and "
+            "settings change a mechanism; expected ACTION:CONTACT, or a changed file of it"
+        )
+    return (text, load_material(text)) if felt else (path.stem, load_envelope(path))

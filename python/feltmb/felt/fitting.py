@@ -9,6 +9,7 @@ thickness, and the friction from an assumed share.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,6 +132,47 @@ def _with(
     )
 
 
+def _loop_faults(e: Array, load: Array, back: Array) -> Iterator[str]:
+    """Why compressions and forces are no loop."""
+    if not (len(e) == len(load) == len(back) and len(e) >= 8):
+        yield f"got {len(e)} compressions, {len(load)} and {len(back)} forces, expected equal, >= 8"
+    elif not (np.isfinite([e, load, back]).all() and e[0] > 0 and np.all(np.diff(e) > 0)):
+        yield "compression must be finite, > 0 and grow"
+    elif not load.max() > 0:
+        yield "loading force must be > 0 somewhere"
+
+
+def _with_unloading(
+    felt: FeltMaterial, v: Array, surface: Array, back: Array, top: float
+) -> tuple[FeltMaterial, bool]:
+    """Felt with the elastic law of unloading that fits its forces; whether it is at a limit."""
+    from scipy.optimize import least_squares
+
+    assert felt.loading is not None
+    base = felt.loading
+
+    def unloading_of(x: Array) -> FeltMaterial:
+        branch = Branch(K_p=math.exp(x[0]), gamma=math.exp(x[1]))
+        return felt.with_branches(base, branch, float(v[-1]))
+
+    def rest(x: Array) -> Array:
+        # The end of the loop has the weight of ten samples: there the branches meet.
+        out = (surface * unloading_of(x).pressure("unloading", v) - back) / top
+        return np.append(out, 3.0 * out[-1])
+
+    steepest = _MOST_STEEP / float(v[-1])
+    fits = [
+        least_squares(
+            rest,
+            [math.log(base.K_p * factor), math.log(min(base.gamma * stretch, 0.99 * steepest))],
+            bounds=([-20.0, math.log(0.05)], [60.0, math.log(steepest)]),
+        )
+        for factor, stretch in ((0.3, 1.3), (0.05, 2.5), (0.005, 4.0))
+    ]
+    chosen = min(fits, key=lambda f: float(f.cost))
+    return unloading_of(chosen.x), bool(any(chosen.active_mask))
+
+
 @checked
 def fit_contact(
     compression: ArrayLike,
@@ -177,25 +219,19 @@ def fit_contact(
     InvalidParameter
         Arguments are invalid; all of them are in the message.
     """
-    from scipy.optimize import least_squares, minimize_scalar
+    from scipy.optimize import minimize_scalar
 
     e, load, back = (np.asarray(x, dtype=float).ravel() for x in (compression, loading, unloading))
-    faults = []
-    if not (len(e) == len(load) == len(back) and len(e) >= 8):
-        faults.append(
-            f"got {len(e)} compressions, {len(load)} and {len(back)} forces, expected equal, >= 8"
-        )
-    elif not (np.isfinite([e, load, back]).all() and e[0] > 0 and np.all(np.diff(e) > 0)):
-        faults.append("compression must be finite, > 0 and grow")
-    elif not load.max() > 0:
-        faults.append("loading force must be > 0 somewhere")
-    for what, value in (("thickness", thickness), ("gamma", gamma)):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            faults.append(f"{what} = {value:g}, must be finite and > 0")
+    v0 = fibers.v_f0
+    given = {"thickness": thickness, "gamma": gamma}
+    faults = [*_loop_faults(e, load, back)]
+    faults += [
+        f"{what} = {value:g}, must be finite and > 0"
+        for what, value in given.items()
+        if value is not None and not (math.isfinite(value) and value > 0)
+    ]
     if not 0 < friction_share < 1:
         faults.append(f"friction_share = {friction_share:g}, must be > 0 and < 1")
-    v0 = fibers.v_f0
-    most = 1.0 - v0 / min(0.9, 5.0 * v0)  # strain
     if not faults and thickness is not None and not e[-1] / thickness < 1.0 - v0 / 0.98:
         faults.append(
             f"thickness = {thickness:g} m, must be > {e[-1] / (1.0 - v0 / 0.98):.6g} m: the loop "
@@ -227,7 +263,7 @@ def fit_contact(
         return float(np.mean((fit_loading(h, g)[2] - load) ** 2)) / top**2
 
     if thickness is None:
-        low, high = 0.03, most
+        low, high = 0.03, 1.0 - v0 / min(0.9, 5.0 * v0)  # strain
     else:
         low, high = math.log(0.2), math.log(_MOST_STEEP * (1.0 - e[-1] / thickness) / v0)
     grid = np.linspace(low, high, 24)
@@ -243,31 +279,10 @@ def fit_contact(
     if share < 0.99 * friction_share:
         warnings.append(f"friction reaches {100 * share:.3g} % of the pressure only")
     v = v0 / (1.0 - e / h)
-    assert felt.loading is not None
-    base = felt.loading
-
-    def unloading_of(x: Array) -> FeltMaterial:
-        branch = Branch(K_p=math.exp(x[0]), gamma=math.exp(x[1]))
-        return felt.with_branches(base, branch, float(v[-1]))
-
-    def rest(x: Array) -> Array:
-        # The end of the loop has the weight of ten samples: there the branches meet.
-        out = (surface * unloading_of(x).pressure("unloading", v) - back) / top
-        return np.append(out, 3.0 * out[-1])
-
-    steepest = _MOST_STEEP / float(v[-1])
-    fits = [
-        least_squares(
-            rest,
-            [math.log(base.K_p * factor), math.log(min(base.gamma * stretch, 0.99 * steepest))],
-            bounds=([-20.0, math.log(0.05)], [60.0, math.log(steepest)]),
-        )
-        for factor, stretch in ((0.3, 1.3), (0.05, 2.5), (0.005, 4.0))
-    ]
-    chosen = min(fits, key=lambda f: float(f.cost))
-    if any(chosen.active_mask):
+    made, bounded = _with_unloading(felt, v, surface, back, top)
+    if bounded:
         warnings.append("the elastic law of unloading is at the end of its range")
-    made = unloading_of(chosen.x).model_copy(update={"name": name, "about": about, "source": {}})
+    made = made.model_copy(update={"name": name, "about": about, "source": {}})
     back_fit = surface * made.pressure("unloading", v)
     return ContactFit(
         material=made,

@@ -615,6 +615,52 @@ def _as_data(
     return CompressionData(v, p, up, v_f0, "data")
 
 
+def _estimated(
+    test: CompressionData, base: FeltMaterial, relative: float, level: float, warnings: list[str]
+) -> _Thickness:
+    """Unloaded thickness from the loading branch, with a warning that it was not given."""
+    if np.sum(test.loading) < 8:
+        raise DataError(
+            f"{test.name}: {int(np.sum(test.loading))} samples of loading, expected at least 8 "
+            "to estimate the unloaded thickness"
+        )
+    thickness = _estimate_thickness(test, base, relative, level)
+    low, high = (1e3 * x for x in thickness.interval)
+    warnings.append(
+        f"The unloaded thickness was not given: estimated as {thickness.value * 1e3:.5g} mm, "
+        f"{low:.5g} to {high:.5g} mm; the file is under load at "
+        f"{test.thickest_loaded * 1e3:.5g} mm. All intervals include this uncertainty."
+    )
+    return thickness
+
+
+def _compressed(
+    test: CompressionData, reference: float, warnings: list[str]
+) -> dict[str, tuple[Array, Array]]:
+    """Volume fractions and pressures of both branches above the unloaded state."""
+    faults: list[str] = []
+    branches: dict[str, tuple[Array, Array]] = {}
+    for which, keep in (("loading", test.loading), ("unloading", ~test.loading)):
+        v, p = test.v_f[keep], test.pressure[keep]
+        inside = v > reference * (1.0 + 1e-12)
+        if np.sum(inside) < 5:
+            faults.append(
+                f"{test.name}: {int(np.sum(inside))} samples of {which} above v_f0 = "
+                f"{reference:.6g}, expected at least 5"
+            )
+            continue
+        if np.max(v) >= 1:
+            faults.append(f"{test.name}: v_f up to {np.max(v):.6g}, must be < 1")
+        if not np.max(p[inside]) > 0:
+            faults.append(f"{test.name}: no positive pressure of {which}, expected compression > 0")
+        if below := int(np.sum(v < reference)):
+            warnings.append(f"{which}: {below} samples below v_f0 = {reference:.4g} were left out.")
+        branches[which] = (v[inside], p[inside])
+    if faults:
+        raise DataError("\n".join(faults))
+    return branches
+
+
 @checked
 def identify(
     data: CompressionData | ArrayLike,
@@ -699,47 +745,14 @@ def identify(
     warnings: list[str] = [*test.notes, *material.fiber.unusual()]
     thickness: _Thickness | None = None
     if test.thickness is not None and not test.reference_known:
-        if np.sum(test.loading) < 8:
-            raise DataError(
-                f"{test.name}: {int(np.sum(test.loading))} samples of loading, expected at least 8 "
-                "to estimate the unloaded thickness"
-            )
-        thickness = _estimate_thickness(test, base, relative, level)
-        low, high = (1e3 * x for x in thickness.interval)
-        warnings.append(
-            f"The unloaded thickness was not given: estimated as {thickness.value * 1e3:.5g} mm, "
-            f"{low:.5g} to {high:.5g} mm; the file is under load at "
-            f"{test.thickest_loaded * 1e3:.5g} mm. All intervals include this uncertainty."
-        )
-        v = reference * thickness.value / test.thickness
-        test = replace(test, v_f=v, v_f0=reference)
+        thickness = _estimated(test, base, relative, level, warnings)
+        test = replace(test, v_f=reference * thickness.value / test.thickness, v_f0=reference)
     else:
         slack = slack_fault(replace(test, v_f0=reference), None)
         if slack:
             raise DataError(f"{test.name}: {slack}")
         warnings += _hold_given(test, base, relative)
-    branches: dict[str, tuple[Array, Array]] = {}
-    for which in ("loading", "unloading"):
-        keep = test.loading if which == "loading" else ~test.loading
-        v, p = test.v_f[keep], test.pressure[keep]
-        inside = v > reference * (1.0 + 1e-12)
-        if np.sum(inside) < 5:
-            faults.append(
-                f"{test.name}: {int(np.sum(inside))} samples of {which} above v_f0 = "
-                f"{reference:.6g}, expected at least 5"
-            )
-            continue
-        if np.max(v) >= 1:
-            faults.append(f"{test.name}: v_f up to {np.max(v):.6g}, must be < 1")
-        if not np.max(p[inside]) > 0:
-            faults.append(f"{test.name}: no positive pressure of {which}, expected compression > 0")
-        below = int(np.sum(v < reference))
-        if below:
-            warnings.append(f"{which}: {below} samples below v_f0 = {reference:.4g} were left out.")
-        branches[which] = (v[inside], p[inside])
-    if faults:
-        raise DataError("\n".join(faults))
-
+    branches = _compressed(test, reference, warnings)
     first = _identify_branch("loading", *branches["loading"], base, relative, 1.5)
     second = _identify_branch("unloading", *branches["unloading"], base, relative, first[0].gamma)
     load, back = _spread((first, second), level, test, base, relative, thickness)

@@ -8,7 +8,7 @@ transition from loading to unloading is that with the smallest difference from t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -245,6 +245,34 @@ def measured_loop(
     )
 
 
+def _first_loading(branches: Branches, loading: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Samples of the loading that touched the felt for the first time."""
+    if 1 not in branches.loops:
+        return loading
+    start, top, _ = branches.loops[1]
+    first = np.setdiff1d(np.arange(start, top + 1), branches.held)
+    return first if first.size >= LEAST else loading
+
+
+def _refuse(faults: Iterable[str]) -> None:
+    if found := "; ".join(faults):
+        raise InvalidParameter(f"measured_loop: {found}")
+
+
+def _sample_faults(x: Array, f: Array) -> Iterator[str]:
+    """Why displacements and forces are no loop."""
+    if x.ndim != 1 or x.shape != f.shape or x.size < 2 * LEAST:
+        yield (
+            f"displacement {x.shape} and force {f.shape}, expected arrays of equal length, at "
+            f"least {2 * LEAST} samples"
+        )
+    elif not (np.all(np.isfinite(x)) and np.all(np.isfinite(f)) and np.ptp(x) > 0.0):
+        yield "displacement and force, expected finite numbers that change"
+    elif not np.max(f) > max(0.0, -np.min(f)):
+        ends = f"{np.min(f):.4g} to {np.max(f):.4g}"
+        yield f"force from {ends} N, expected compression to be positive"
+
+
 def _measured_loop(
     displacement: Array,
     force: Array,
@@ -257,55 +285,39 @@ def _measured_loop(
 ) -> MeasuredLoop:
     """As :func:`measured_loop`; by thickness, the displacement is minus the thickness."""
     x, f = np.asarray(displacement, dtype=float), np.asarray(force, dtype=float)
-    faults = []
-    if x.ndim != 1 or x.shape != f.shape or x.size < 2 * LEAST:
-        faults.append(
-            f"displacement {x.shape} and force {f.shape}, expected arrays of equal length, at "
-            f"least {2 * LEAST} samples"
-        )
-    elif not (np.all(np.isfinite(x)) and np.all(np.isfinite(f)) and np.ptp(x) > 0.0):
-        faults.append("displacement and force, expected finite numbers that change")
-    elif not np.max(f) > max(0.0, -np.min(f)):
-        faults.append(
-            f"force from {np.min(f):.4g} to {np.max(f):.4g} N, expected compression to be positive"
-        )
+    faults = [*_sample_faults(x, f)]
     if points < 5:
         faults.append(f"points = {points}, must be >= 5")
-    if faults:
-        raise InvalidParameter("measured_loop: " + "; ".join(faults))
+    _refuse(faults)
     try:
         branches = find_branches(x, cycle)
     except InvalidParameter as error:
         raise InvalidParameter(f"measured_loop: {error}") from None
     loading, unloading = (branches.kept[s] for s in (branches.loading, ~branches.loading))
-    for side, at in (("loading", loading), ("unloading", unloading)):
-        if at.size < LEAST:
-            faults.append(f"{at.size} samples of {side}, expected at least {LEAST}")
+    sides = {"loading": loading, "unloading": unloading}
+    faults = [
+        f"{at.size} samples of {side}, expected at least {LEAST}"
+        for side, at in sides.items()
+        if at.size < LEAST
+    ]
     least, most = float(np.min(x)), float(np.max(x))
     if zero is not None and not 2.0 * least - most <= zero < most:
         faults.append(
             f"zero = {zero:.6g} m, expected less than the largest displacement, near those of the "
             f"test: {least:.6g} to {most:.6g} m"
         )
-    if faults:
-        raise InvalidParameter("measured_loop: " + "; ".join(faults))
+    _refuse(faults)
     given = zero is not None
-    first = loading
-    if cycle is None and 1 in branches.loops:  # where the felt was touched for the first time
-        start, top, _ = branches.loops[1]
-        first = np.setdiff1d(np.arange(start, top + 1), branches.held)
-        first = first if first.size >= LEAST else loading
+    first = loading if cycle is not None else _first_loading(branches, loading)
     contact = free_approach(x[first], f[first], zero)
     zero, offset = contact.zero, contact.level
     e, f = x - zero, f - offset
-    for side, at in (("loading", loading), ("unloading", unloading)):
-        if np.sum(e[at] > 0.0) < LEAST:
-            faults.append(
-                f"zero = {zero:.6g} m: {np.sum(e[at] > 0.0)} samples of {side} beyond it, expected "
-                f"at least {LEAST}"
-            )
-    if faults:
-        raise InvalidParameter("measured_loop: " + "; ".join(faults))
+    beyond = {side: int(np.sum(e[at] > 0.0)) for side, at in sides.items()}
+    _refuse(
+        f"zero = {zero:.6g} m: {number} samples of {side} beyond it, expected at least {LEAST}"
+        for side, number in beyond.items()
+        if number < LEAST
+    )
     end = float(np.max(e))
     grid = end * np.linspace(0.0, 1.0, points) ** 2
     back = unloading
@@ -333,12 +345,12 @@ def _measured_loop(
     if not given:
         found = replace(found, zero_interval=(contact.low, contact.high))
     notes = _notes(found, given=given)
-    for side, curve in zip(("loading", "unloading"), curves, strict=True):
-        if curve.low:
-            notes.append(
-                f"{side} has no samples below {1e3 * curve.low:.4g} mm of compression: it "
-                "continues there as a power of the compression"
-            )
+    notes += [
+        f"{side} has no samples below {1e3 * curve.low:.4g} mm of compression: it continues there "
+        "as a power of the compression"
+        for side, curve in zip(sides, curves, strict=True)
+        if curve.low
+    ]
     if offset:
         notes.append(f"the force of the free approach, {offset:.4g} N, is subtracted")
     return replace(found, notes=tuple(notes))

@@ -101,8 +101,8 @@ def test_regulate_shows_the_screws_before_and_after(tmp_path):
     assert screws[0]["value_before"] == "(218, -40.7) mm"
     assert screws[0]["value_after"] != screws[0]["value_before"]
     for wrong in ("let-off", "=4mm", "let-off="):
-        result, said = _call("regulate", "steinway45", "--target", wrong)
-        assert result.exit_code == 2
+        said = _call("regulate", "steinway45", "--target", wrong)[1]
+        assert said == f"--target {wrong}: expected STEP=VALUE, such as let-off=4mm"
 
 
 def test_measure_of_a_regulation_that_is_no_text(tmp_path):

@@ -17,7 +17,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, load_action
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
 __all__ = ["compose", "stand_alone"]
 
@@ -25,6 +25,30 @@ __all__ = ["compose", "stand_alone"]
 HUB, ARM, TIP = "actuator_hub", "actuator_arm", "actuator_tip"
 COORDINATE = "actuator.hub"
 FINGER, KEY_TOP = "actuator_finger", "actuator_key_top"
+
+
+def _faults_of_action(action: Action) -> Iterator[str]:
+    """Why an actuator cannot press an action."""
+    config = action.config
+    if config.finger is None:
+        yield f"mechanism {action.name!r} describes no finger, where the actuator presses"
+    if config.motor is not None:
+        yield f"mechanism {action.name!r} has a motor already"
+    taken = [n for n in (HUB, ARM, TIP) if n in config.bodies]
+    taken += [n for n in (FINGER, KEY_TOP) if n in config.surfaces]
+    if taken:
+        yield f"mechanism {action.name!r} uses the names {', '.join(taken)} already"
+
+
+def _faults_of_mount(actuator: Actuator, pad: str) -> Iterator[str]:
+    """Why an actuator cannot stand over a key."""
+    mount = actuator.config.mount
+    if mount is None:
+        yield f"actuator {actuator.name!r} has no [mount]: how it stands over a key"
+    elif pad not in mount.pads:
+        yield f"pad {pad!r} is unknown; pads are {', '.join(mount.pads) or 'none'}"
+    if actuator.config.tip.placement != "across":
+        yield "a tip mass along the arm does not fit over a key; use placement 'across'"
 
 
 @checked
@@ -52,25 +76,9 @@ def compose(action: Action | str, actuator: Actuator | str, *, pad: str | None =
     """
     action = load_action(action) if isinstance(action, str) else action
     actuator = load_actuator(actuator) if isinstance(actuator, str) else actuator
-    config = action.config
-    faults = []
-    if config.finger is None:
-        faults.append(f"mechanism {action.name!r} describes no finger, where the actuator presses")
-    if config.motor is not None:
-        faults.append(f"mechanism {action.name!r} has a motor already")
-    mount = actuator.config.mount
-    if mount is None:
-        faults.append(f"actuator {actuator.name!r} has no [mount]: how it stands over a key")
-    taken = [n for n in (HUB, ARM, TIP) if n in config.bodies]
-    taken += [n for n in (FINGER, KEY_TOP) if n in config.surfaces]
-    if taken:
-        faults.append(f"mechanism {action.name!r} uses the names {', '.join(taken)} already")
+    config, mount = action.config, actuator.config.mount
     chosen = pad or (mount.pad if mount is not None else "")
-    if mount is not None and chosen not in mount.pads:
-        faults.append(f"pad {chosen!r} is unknown; pads are {', '.join(mount.pads) or 'none'}")
-    if actuator.config.tip.placement != "across":
-        faults.append("a tip mass along the arm does not fit over a key; use placement 'across'")
-    if faults:
+    if faults := [*_faults_of_action(action), *_faults_of_mount(actuator, chosen)]:
         raise InvalidParameter("compose: " + "; ".join(faults))
     assert config.finger is not None
     assert mount is not None

@@ -117,6 +117,40 @@ def _number(value: float | None) -> str:
     return "none" if value is None else f"{value:.5g}"
 
 
+def _round(
+    number: int,
+    bench: Bench,
+    screws: Screws,
+    targets: Targets,
+    after: list[float | None],
+    reasons: list[str],
+    say: Callable[[str], object],
+) -> tuple[bool, bool]:
+    """Measure each step and turn its screw; whether a screw was turned, and whether all hold."""
+    turned, holding = False, True
+    for i, step in enumerate(targets.steps):
+        after[i], reasons[i] = _try_measure(bench, screws.apply(screws.turns), step)
+        if step.holds(after[i]):
+            continue
+        holding = False
+        if step.screw is None:
+            reasons[i] = reasons[i] or "; ".join(filter(None, (_ONLY_CHECKED, step.note)))
+            continue
+        say(f"round {number}: {step.name}, turning {step.screw.name}")
+
+        def measured(turn: float, i: int = i, step: Step = step) -> float:
+            turns = [*screws.turns[:i], turn, *screws.turns[i + 1 :]]
+            return bench.measure(screws.apply(turns), step)
+
+        solved = solve(step, screws.turns[i], measured, after[i])
+        if solved.turn is None:
+            reasons[i] = solved.why
+        elif solved.turn != screws.turns[i]:
+            screws.turns[i] = solved.turn
+            turned = True
+    return turned, holding
+
+
 @checked
 def regulate(
     action: Action | str,
@@ -157,46 +191,18 @@ def regulate(
     bench = Bench()
     screws = Screws(action, targets.steps)
     n = len(targets.steps)
-    reasons = [""] * n
     before: list[float | None] = [None] * n
+    first_reasons = [""] * n
     for i, step in enumerate(targets.steps):
         say(f"measuring: {step.name}")
-        try:
-            before[i] = bench.measure(action, step)
-        except CannotMeasure as failure:
-            reasons[i] = str(failure)
+        before[i], first_reasons[i] = _try_measure(bench, action, step)
     after = list(before)
-    first_reasons = list(reasons)
+    reasons = list(first_reasons)
     rounds = 0
-    holding = False
-    while rounds < targets.rounds and not holding:
+    turned, holding = True, False
+    while rounds < targets.rounds and turned and not holding:
         rounds += 1
-        turned = False
-        holding = True
-        for i, step in enumerate(targets.steps):
-            after[i], reasons[i] = _try_measure(bench, screws.apply(screws.turns), step)
-            if step.holds(after[i]):
-                continue
-            holding = False
-            if step.screw is None:
-                reasons[i] = reasons[i] or "; ".join(filter(None, (_ONLY_CHECKED, step.note)))
-                continue
-            say(f"round {rounds}: {step.name}, turning {step.screw.name}")
-            solved = solve(
-                step,
-                screws.turns[i],
-                lambda turn, i=i, step=step: bench.measure(  # type: ignore[misc]
-                    screws.apply([*screws.turns[:i], turn, *screws.turns[i + 1 :]]), step
-                ),
-                after[i],
-            )
-            if solved.turn is None:
-                reasons[i] = solved.why
-            elif solved.turn != screws.turns[i]:
-                screws.turns[i] = solved.turn
-                turned = True
-        if not turned:
-            break
+        turned, holding = _round(rounds, bench, screws, targets, after, reasons, say)
     # Measure again: the last round may have ended with a turn of a screw.
     plain = screws.apply(screws.turns)
     for i, step in enumerate(targets.steps):
