@@ -49,6 +49,8 @@ ACTION_SEED, ACTION_CASES = 20270102, 60
 #: Relative tolerance of the integrator of the stated action: near let-off a motion is seen to jump
 #: by 0.1 of the noise of the camera at 3e-6, by 0.02 at this one.
 RTOL = 1e-6
+#: Time after the turn of the hammer that counts in the set ``small`` [s].
+AFTER_TURN = 0.08
 
 
 @dataclass(frozen=True)
@@ -171,8 +173,16 @@ def _small(number: int, folder: Path, seed: int, count: int) -> Task:
         {p["name"]: p["size"] for p in parts if p["form"] == "A"},
         about=f"{told['mode']}: {about}",
     )
-    records = small_machine.read_records(folder / "records" / f"{number}.npz")
+    whole = small_machine.read_records(folder / "records" / f"{number}.npz")
+    records = [_until_after_turn(r) for r in whole]
     return Task(small_machine.stated_model(), effects(), records, truth)
+
+
+def _until_after_turn(record: Record) -> Record:
+    """A stroke until 80 ms after the turn of the hammer: later rebounds repeat no better."""
+    turn = int(np.nanargmax(record.outputs["hammer"]))
+    last = int(np.searchsorted(record.time, record.time[turn] + AFTER_TURN))
+    return record.cut(0, min(last, record.samples), name=record.name)
 
 
 def _kind(parts: Sequence[Mapping[str, Any]]) -> Any:

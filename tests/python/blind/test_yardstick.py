@@ -18,6 +18,7 @@ from blind.imperfect.stated import stated, to_records
 from blind.marks import Answer, Cause, Marked, Truth, compare, mark, mcnemar, read, table
 from blind.yardstick import run_case
 from blind.yardstick_sets import SEALED, SETS
+from feltmb.data import Record
 from feltmb.fit import Jobs
 
 FRICTION = Truth("effect", (Cause(("dry friction",), ("Stribeck friction",)),), {"m": 2.0})
@@ -309,3 +310,15 @@ def test_process_that_somebody_ends_is_no_answer(tmp_path, monkeypatch):
     engine = _engine(source, tmp_path, monkeypatch)
     with pytest.raises(TimeoutError, match="signal 15"):
         run_case(engine, "trials", 3, tmp_path, 5.0)
+
+
+def test_a_stroke_of_the_small_set_ends_after_the_turn_of_the_hammer():
+    from blind.yardstick_sets import AFTER_TURN, _until_after_turn
+
+    time = np.arange(400) * 1e-3
+    hammer = np.where(time < 0.05, time, 0.1 - time)
+    record = Record(name="blow", time=time, inputs={}, outputs={"hammer": hammer})
+    cut = _until_after_turn(record)
+    assert cut.name == "blow"
+    assert cut.time[-1] == pytest.approx(0.05 + AFTER_TURN, abs=1.1e-3)
+    assert _until_after_turn(record.cut(0, 60, name="short")).samples == 60
