@@ -350,7 +350,8 @@ class Information:
         noise, left = (0.0, 0.0) if belief is None else belief.left.get(name, (0.0, 0.0))
         square = 1.0 + max(left**2 - noise**2, 0.0) / sd**2
         random = self.read[name] ** 2 / max(samples, 1.0)
-        return float(precision(np.array(square), np.array(random))) / max(samples, 1.0)
+        found = precision(np.array(square), np.array(random), len(self.samples))
+        return float(found) / max(samples, 1.0)
 
     def _computed(self, share: Array) -> Array:
         study, problem = self.study, self.problem

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from feltmb.gap import LinearModel, Parameter
-from feltmb.gap.evidence import DISCREPANCY, effective_share, log_evidence, weights
+from feltmb.gap.evidence import DISCREPANCY, effective_share, log_evidence, precision, weights
 from feltmb.gap.fit import Start, empty_point, fit_sets
 from feltmb.gap.options import Options
 from feltmb.gap.records import prepare, ready_records
@@ -77,3 +77,14 @@ def test_a_discrepancy_counts_as_a_few_samples():
         counts.append(float((weights(problem, fitted, fitted) * problem.samples)[0]))
     assert counts[0] > 100.0
     assert counts[1] <= 1.2 * DISCREPANCY
+
+
+def test_the_channels_of_a_record_share_one_discrepancy():
+    """One law that is wrong moves all channels: two of them are no more evidence than one."""
+    random = np.full(2, 1e-6)
+    for square in (np.array([26.0]), np.array([26.0, 26.0]), np.array([26.0, 101.0])):
+        m = square.size
+        samples = (square - 1.0) * precision(square, random[:m], m)
+        assert samples.sum() == pytest.approx(DISCREPANCY, rel=0.01)
+    white = precision(np.ones(2), random, 2)  # noise alone is independent
+    assert white == pytest.approx(1.0 / random)
