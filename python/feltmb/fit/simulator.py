@@ -16,7 +16,7 @@ import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
-from feltmb.errors import InvalidParameter, near_names, no_such
+from feltmb.errors import InvalidParameter, near_names
 from feltmb.fit.calling import Run, Runner, calling
 from feltmb.fit.coordinates import Named
 from feltmb.fit.model import (
@@ -70,7 +70,11 @@ class _Asked(dict[str, Array]):
 
     def __getitem__(self, name: str) -> Array:
         if name not in self:
-            raise no_such(f"column of record {self._record}", name, self)
+            raise InvalidParameter(
+                f"there is no column {name} in record {self._record}{near_names(name, self)}; "
+                f"there are {', '.join(self)} (--column {name}=COLUMN, in Python columns of "
+                "ReadOptions, says which it is)"
+            )
         self.read[name] = None
         return super().__getitem__(name)
 

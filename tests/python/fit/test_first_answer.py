@@ -259,7 +259,7 @@ def test_channels_that_do_not_meet_are_told():
     def misspelled(time, inputs, parameters):
         return {"x": inputs["forse"]}
 
-    with pytest.raises(InvalidParameter, match=r"forse.*force"):
+    with pytest.raises(InvalidParameter, match=r"forse.*force.*--column forse=COLUMN"):
         feltmb.Simulator(misspelled).diagnose(records())
 
     def copying(time, inputs, parameters):
