@@ -369,6 +369,8 @@ def customer_page(
             "mechanism; give the one that was diagnosed"
         )
     named = {c.entry.name for c in causes if c.entry}
+    if not candidates:  # a late camera is no fault of the instrument
+        causes = [c for c in causes if c.entry and c.entry.kind not in ("sensor", "input")]
     fitted = [
         (entries[p["name"]], float(p["value"]) - float(p["tabulated"]), None)
         for p in data["parameters"]
@@ -420,8 +422,9 @@ def _found(causes: Sequence[_Cause], candidates: bool, verdict: str) -> str:
         return "The action moves as a sound action does."
     texts = [f"{c.plain.rstrip('.')} ({c.size})" for c in causes]
     if candidates:
-        return f"One of these was found: {'; or '.join(texts)}."
-    return f"{'; '.join(texts)}."
+        inner = [t[:1].lower() + t[1:] for t in texts]
+        return f"One of these was found: {'; or '.join(inner)}."
+    return f"{'. '.join(texts)}."
 
 
 def _hand(before: StaticTouch | None, after: StaticTouch, same: bool) -> str:

@@ -31,6 +31,9 @@ __all__ = [
     "welded_to",
 ]
 
+#: Farthest place of a lead, as a multiple of that of the finger.
+LEAD_REACH = 1.1
+
 _LEAD = re.compile(r"\s*(.+?)\s+at\s+(.+?)\s*")
 _TURNS = re.compile(r"\s*(.+?)\s*turns?\s*")
 
@@ -77,6 +80,16 @@ def _leads(config: MechanismFile, value: Any) -> dict[str, dict[str, str]]:
                 f"lead: got {shortened(repr(text))}, expected a mass and its distance from the "
                 "balance rail, such as '5 g at 200 mm'"
             )
+        reach = config.finger.point[0] if config.finger is not None else math.inf
+        try:
+            place = parse_scalar(found[2], "m")
+        except ValueError:
+            place = 0.0  # the file with the lead is checked, and tells it
+        if abs(place) > LEAD_REACH * abs(reach):
+            raise InvalidParameter(
+                f"lead: got {text}, expected a place on the key; the finger presses it at "
+                f"{1e3 * abs(reach):.0f} mm from the balance rail"
+            )
         while f"added_{number}" in {**config.leads, **added}:
             number += 1
         added[f"added_{number}"] = {"mass": found[1], "position": found[2]}
@@ -98,7 +111,10 @@ def _amount(screw: Screw, what: str, operator: str, value: Any) -> float:
         else:
             amount = parse_scalar(float(turns[1]), "1") * screw.pitch
     except ValueError as error:
-        raise InvalidParameter(f"{what} {operator}=: {error}") from None
+        raise InvalidParameter(
+            f"{what}{operator}={value}: {error}; expected turns or a length, such as "
+            f"{what}{operator}=0.5turn or {what}{operator}=0.35mm"
+        ) from None
     return -amount if operator == "-" else amount
 
 

@@ -41,6 +41,16 @@ def test_a_joint_is_a_part_and_a_felt_is_a_place(tmp_path):
     assert "contact" not in page.found
 
 
+def test_a_sensor_is_no_fault_of_the_instrument(tmp_path):
+    late = named("input_delay", "force sensor", 2e-4, "s", remedy="Tap the sensor.")
+    page = customer_page(result(tmp_path, late, KEY), "steinway45")
+    alone = customer_page(result(tmp_path, KEY), "steinway45")
+    assert (page.found, page.work) == (alone.found, alone.work)
+    page = customer_page(result(tmp_path, late), "steinway45")
+    assert page.found == "The action moves as a sound action does."
+    assert page.work == ()
+
+
 def test_a_parameter_far_outside_its_tolerance_is_the_answer(tmp_path):
     rows = [
         {"name": n, "title": n, "unit": u, "tabulated": 0.0, "sd": sd, "value": v, "low": v - sd,
