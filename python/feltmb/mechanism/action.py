@@ -321,10 +321,13 @@ class Action:
         try:
             raw, touched = apply_numbers(self._raw, values)
             config = self.config
+            layers = [c for c in config.contacts.values() if c.micromechanical is not None]
             for table, key in touched:
-                model = type(getattr(config, table)[key])
-                parts = {**getattr(config, table), key: model.model_validate(raw[table][key])}
-                config = config.model_copy(update={table: parts})
+                old = getattr(config, table)[key]
+                new = type(old).model_validate(raw[table][key])
+                if old in layers or (layers and table == "surfaces" and old.radius != new.radius):
+                    return None  # a layer may take its radii from the surfaces
+                config = config.model_copy(update={table: {**getattr(config, table), key: new}})
             mechanism = _core.assemble(describe(config, dict(self._described)))
         except (ValidationError, InvalidParameter, ValueError, TypeError, KeyError):
             return None  # the complete check reports the fault

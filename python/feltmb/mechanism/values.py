@@ -403,7 +403,7 @@ def apply_numbers(
 ) -> tuple[dict[str, Any], list[tuple[str, str]]]:
     """Tables with changed numbers, which share the rest, and the changed parts.
 
-    Raises ValueError if a value is not a single number of a part.
+    Raises ValueError if a value is not a single number of a part, bare or with a unit.
     """
     out = dict(raw)
     touched: list[tuple[str, str]] = []
@@ -411,7 +411,8 @@ def apply_numbers(
         raise ValueError("paths and values")
     for path, value in values.items():
         number = value.item() if hasattr(value, "item") else value
-        if isinstance(number, bool) or not isinstance(number, (int, float)):
+        measured = isinstance(number, str) and (split_quantity(number) or ("", ""))[1]
+        if not measured and (isinstance(number, bool) or not isinstance(number, (int, float))):
             raise ValueError(path)
         for parts in expand_path(out, split_operator(path)[0]):
             if len(parts) < 3 or parts[0] not in _TABLES_OF_NUMBERS:

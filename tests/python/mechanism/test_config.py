@@ -12,6 +12,7 @@ from feltmb.action.actuator import load_actuator
 from feltmb.cli import main
 from feltmb.mechanism import Action, parse_setting
 from feltmb.mechanism.parameters import bare_numbers, told_numbers, with_values_told
+from feltmb.mechanism.values import apply_values
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 
@@ -188,6 +189,25 @@ def test_curve_coefficients_and_envelopes_are_in_si_units(action):
 def test_values_that_cannot_be_set(action, values, message):
     with pytest.raises(feltmb.InvalidParameter, match=message):
         action.with_values(values)
+
+
+@pytest.mark.parametrize("name", ["steinway45_leaded", "steinway45_felt"])
+def test_numbers_with_and_without_a_unit_change_what_a_whole_check_changes(name):
+    """A change of numbers shares all other parts; radii of layers are those of surfaces."""
+    action = feltmb.load_action(name)
+    changes = [
+        {"surfaces.Gp10.point.y": "77.1 mm"},
+        {"surfaces.Gp10.point.y +=": "0.1 mm", "bodies.key.mass": 0.12},
+        {"surfaces.Hp2.radius": "12.5 mm"},
+        {"surfaces.Hp2.radius": 0.0125},
+        {"springs.butt_spring.rest_angle": "-150 deg", "bodies.wire.angle +=": "1 deg"},
+        {"contacts.06.friction.threshold_speed": "2 mm/s"},
+    ]
+    for values in changes:
+        whole = Action(apply_values(action.raw, values, "with_values"), action.origin)
+        changed = action.with_values(values)
+        assert changed.hash == whole.hash != action.hash
+        assert changed.config == whole.config
 
 
 def test_all_unknown_paths_at_once(action):
