@@ -45,14 +45,9 @@ def static_figure(
         _static_curves(axes, before, ", before", width=0.5, alpha=0.7)
     _static_curves(axes, s, which)
     low, high = (1e3 * w for w in s.window)
-    axes.axvspan(low, high, color=LIFTED, alpha=0.07, lw=0)
+    axes.axvspan(low, high, color=LIFTED, alpha=0.07, lw=0, label="window of the weights DW, UW")
     for y in (s.down_weight, s.up_weight):
         axes.hlines(y, low, high, color=LIFTED, lw=0.8, ls=":")
-    weights = f"window of the weights: DW {s.down_weight:.2f} N, UW {s.up_weight:.2f} N"
-    if before is not None:
-        weights += f"\nbefore: DW {before.down_weight:.2f} N, UW {before.up_weight:.2f} N"
-    paper = {"facecolor": "white", "alpha": 0.8, "lw": 0.0, "pad": 1.0}
-    axes.text(low + 0.1, 0.03, weights, color=LIFTED, fontsize=8, bbox=paper, zorder=5)
     # Without a let-off, the weights give the scale: the press ends at a blocked hammer or key.
     top = max(
         1.5 * t.let_off_force if math.isfinite(t.let_off_force) else 3.0 * t.down_weight_most
@@ -97,10 +92,11 @@ def _static_curves(
     axes: Any, s: StaticTouch, which: str, *, width: float = 1.0, alpha: float = 1.0
 ) -> None:
     """Curves of one mechanism; ``which`` is a part of their names in the legend."""
+    weights = f"DW {s.down_weight:.2f} N, UW {s.up_weight:.2f} N"
     for path, color, lw, ls, name in (
         (s.press, PRESS, 1.8, "-", f"press{which}"),
         (s.release, RELEASE, 1.8, "-", f"release{which}"),
-        (s.lifted_press, LIFTED, 1.2, "--", f"damper lifted{which}"),
+        (s.lifted_press, LIFTED, 1.2, "--", f"damper lifted{which}: {weights}"),
         (s.lifted_release, LIFTED, 1.2, "--", "_"),
     ):
         axes.plot(
@@ -223,9 +219,12 @@ def _draw_travel(axes: Any, families: Sequence[Any]) -> None:
         curve(everything, a, b, color=MUTED, ls=":", lw=1.2, label="grands, " + _law(a, b))
     axes.set_xscale("log")
     axes.set_yscale("log")
+    if len(families) > 2:  # room for the legend below the points
+        lowest, highest = axes.get_ylim()
+        axes.set_ylim(lowest * (lowest / highest) ** 0.3, highest)
     axes.set_xlabel("impact speed [m/s]")
     axes.set_ylabel("travel time [ms]")
-    axes.legend(frameon=False, fontsize=9)
+    axes.legend(frameon=False, fontsize=9, loc="lower left")
 
 
 def dynamic_figure(
