@@ -160,8 +160,7 @@ class CustomerPage:
 
         from markupsafe import Markup
 
-        from feltmb.gap.figures import svg
-        from feltmb.gap.report import render_page
+        from feltmb.gap.report import render_page, svg
         from feltmb.style import new_figure
 
         pictures = []

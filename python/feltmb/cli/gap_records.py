@@ -109,7 +109,7 @@ def _split(given: Sequence[str]) -> tuple[str | None, list[Path]]:
 
 def _check_alone(data: Sequence[Path], reading: ReadOptions, *, as_json: bool) -> None:
     from feltmb.data.files import read_each
-    from feltmb.gap.data_check import check_records
+    from feltmb.gap.records import check_records
 
     records = [r for group in read_each(data, options=reading) for r in group]
     notes, channels = check_records(records), _channels(records)

@@ -14,8 +14,7 @@ from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.fit.limits import InputLimits, Limits, PartTest
 from feltmb.fit.model import Effect, Model
-from feltmb.gap.measured import no_test_of, units_of_tests
-from feltmb.gap.tables import TableReader
+from feltmb.gap.measured import TableReader, no_test_of, units_of_tests
 from feltmb.units.quantity import SI, Schema
 
 __all__ = ["check_limits", "read_limits"]

@@ -26,15 +26,14 @@ from feltmb.fit import Jobs as Jobs
 from feltmb.fit import Port as Port
 from feltmb.fit import Sensitivity as Sensitivity
 from feltmb.fit import SensitivityRequest as SensitivityRequest
-from feltmb.gap.beside import Compared as Compared
 from feltmb.gap.blind import OUTCOMES as OUTCOMES
 from feltmb.gap.blind import Case as Case
 from feltmb.gap.blind import Withheld, withhold
+from feltmb.gap.compare import Compared as Compared
 from feltmb.gap.compare import Comparison, check
+from feltmb.gap.compare import Hint as Hint
 from feltmb.gap.defaults import candidates
-from feltmb.gap.diagnosis import diagnose, fit_model
-from feltmb.gap.explained import Explained, explained_model
-from feltmb.gap.hints import Hint as Hint
+from feltmb.gap.diagnosis import Explained, diagnose, explained_model, fit_model
 from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured
 from feltmb.gap.options import Options
 from feltmb.gap.progress import Progress, Stop

@@ -3,9 +3,8 @@
 Users read them and never make them.
 """
 
-from feltmb.gap.beside import Compared
 from feltmb.gap.blind import OUTCOMES, Case
-from feltmb.gap.hints import Hint
+from feltmb.gap.compare import Compared, Hint
 from feltmb.gap.result import (
     Cell,
     Channel,

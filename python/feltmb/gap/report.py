@@ -19,7 +19,6 @@ import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.files import make_folder, write_text
-from feltmb.gap.explained import Explained
 from feltmb.gap.figures import correlation, residuals, svg, told_set, waterfall
 from feltmb.gap.result import (
     Cell,
@@ -36,6 +35,8 @@ from feltmb.units import readable_unit
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+    from feltmb.gap.diagnosis import Explained
 
 __all__ = ["Report", "render_page"]
 

@@ -575,7 +575,7 @@ def record_file(case: Case) -> None:
     import tomlkit
 
     from feltmb.data import read_record, write_record
-    from feltmb.gap.data_check import check_records
+    from feltmb.gap.records import check_records
 
     rng = case.rng
     kind = rng.choice(list(measured()))
@@ -651,7 +651,7 @@ def reader_seeds() -> dict[str, list[tuple[str, bytes, bytes]]]:
 def read_measured(case: Case, reader: str) -> None:
     """A measured file in one format: read, and checked."""
     from feltmb.data import read_record
-    from feltmb.gap.data_check import check_records
+    from feltmb.gap.records import check_records
 
     rng = case.rng
     suffix, data, sheet = rng.choice(reader_seeds()[reader])

@@ -12,7 +12,7 @@ from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Coordinate, LinearModel, Named, Parameter
 from feltmb.gap import Verdict, diagnose, library
-from feltmb.gap.library.memory import relaxed_along, slip_along
+from feltmb.gap.library.balance import relaxed_along, slip_along
 
 TIME = np.linspace(0.0, 2.0, 1601)
 

@@ -29,8 +29,7 @@ from feltmb.gap import (
     fit_model,
     library,
 )
-from feltmb.gap.data_check import check_records
-from feltmb.gap.records import noise_of_channel, ready_records
+from feltmb.gap.records import check_records, noise_of_channel, ready_records
 
 from . import models
 

@@ -17,7 +17,6 @@ from feltmb.data import Record
 from feltmb.errors import DataError
 from feltmb.fit import Effect
 from feltmb.gap.library.balance import for_force_balance, speed_of
-from feltmb.gap.library.collected import makers
 from feltmb.gap.library.forces import (
     Part,
     Scales,
@@ -30,6 +29,7 @@ from feltmb.gap.library.forces import (
     dry_friction_asymmetry,
     end_stop,
     hysteresis,
+    makers,
     offset_force,
     polynomial_stiffness,
     quadratic_friction,

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import functools
+import importlib
+import pkgutil
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit import Coordinate, Coupling, Effect, Named, State
-from feltmb.gap.library.products import product
 
 #: Coordinate or coupling of two coordinates: the place of a force effect.
 Part = Coordinate | Coupling
@@ -448,3 +452,44 @@ FOR_COORDINATE: tuple[Callable[[Part, Scales], Effect], ...] = (
     lambda c, s: creep(c, scale=0.1 * s.force / s.travel, times=(0.3 * s.time, 3.0 * s.time)),
     lambda c, s: offset_force(c, scale=0.1 * s.force),
 )
+
+
+# ------------------------------------------------------------------------------- units of products
+
+
+_TOKEN = re.compile(r"^([^\d^][^^]*?)(?:\^?(-?\d+(?:\.\d+)?))?$")
+
+
+def product(*powers: tuple[str, float]) -> str:
+    """Unit of a product of units with powers, for example ``s/rad`` -> 1/s.
+
+    Each base unit appears once.
+
+    A text that is not a unit is kept unchanged.
+    """
+    exponents: dict[str, float] = {}
+    for unit, power in powers:
+        for sign, part in zip((1.0, -1.0), unit.split("/", 1), strict=False):
+            for token in part.replace("/", " ").replace("*", " ").split():
+                if token == "1":
+                    continue
+                match = _TOKEN.match(token)
+                name, own = (match[1], float(match[2] or 1.0)) if match else (token, 1.0)
+                exponents[name] = exponents.get(name, 0.0) + sign * power * own
+    above = [_raised(n, e) for n, e in exponents.items() if e > 0.0]
+    below = [_raised(n, -e) for n, e in exponents.items() if e < 0.0]
+    text = " ".join(above) or "1"
+    return f"{text}/{' '.join(below)}" if below else text
+
+
+def _raised(name: str, exponent: float) -> str:
+    return name if exponent == 1.0 else f"{name}^{exponent:g}"
+
+
+@functools.cache
+def makers() -> tuple[Callable[[Part, Scales], Effect], ...]:
+    """Functions that make the effects of a coordinate: every ``FOR_COORDINATE`` of this folder."""
+    found: list[Callable[[Part, Scales], Effect]] = []
+    for module in sorted(info.name for info in pkgutil.iter_modules([str(Path(__file__).parent)])):
+        found += getattr(importlib.import_module(f"{__package__}.{module}"), "FOR_COORDINATE", ())
+    return tuple(found)

@@ -15,7 +15,7 @@ from feltmb.data import Array, Record
 from feltmb.data.readings import ReadingError, acting, true_input
 from feltmb.fit import Effect, EffectKind
 from feltmb.fit.observe import low_passed
-from feltmb.gap.library.curve import curve
+from feltmb.gap.library.sensors import curve
 
 #: Shapes of a late input: what acted before the record.
 BEFORE = ("constant", "zero")
