@@ -160,7 +160,8 @@ class CustomerPage:
 
         from markupsafe import Markup
 
-        from feltmb.gap.report import render_page, svg
+        from feltmb.gap.figures import svg
+        from feltmb.gap.report import render_page
         from feltmb.style import new_figure
 
         pictures = []

@@ -33,11 +33,11 @@ from feltmb.gap.compare import Compared as Compared
 from feltmb.gap.compare import Comparison, check
 from feltmb.gap.compare import Hint as Hint
 from feltmb.gap.defaults import candidates
-from feltmb.gap.diagnosis import Explained, diagnose, explained_model, fit_model
+from feltmb.gap.diagnosis import diagnose, fit_model
 from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured
 from feltmb.gap.options import Options
 from feltmb.gap.progress import Progress, Stop
-from feltmb.gap.report import Report
+from feltmb.gap.report import Explained, Report, explained_model
 from feltmb.gap.result import Cell as Cell
 from feltmb.gap.result import Channel as Channel
 from feltmb.gap.result import Event as Event

@@ -4,34 +4,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-
-import numpy as np
+from dataclasses import replace
 
 from feltmb.arguments import checked
 from feltmb.blas import one_thread
-from feltmb.data import Array, Record
-from feltmb.fit.model import Candidate, Effect, Model
-from feltmb.gap.compare import compared, refuse, simulated
+from feltmb.data import Record
+from feltmb.fit.model import Effect, Model
+from feltmb.gap.compare import compared, refuse
 from feltmb.gap.defaults import chosen_effects
 from feltmb.gap.measured import known_by_test
 from feltmb.gap.options import Options
 from feltmb.gap.problem import Problem
 from feltmb.gap.progress import Meter, Progress, Stop
-from feltmb.gap.records import prepare, ready_records, same_number
-from feltmb.gap.report import Report
-from feltmb.gap.result import Result
+from feltmb.gap.records import prepare, ready_records
+from feltmb.gap.report import Report, explained_model
 from feltmb.gap.search import search
 from feltmb.gap.variation import varies, with_variation
 from feltmb.gap.verdict import judge
 
-__all__ = [
-    "Explained",
-    "diagnose",
-    "explained_model",
-    "fit_model",
-]
+__all__ = ["diagnose", "fit_model"]
 
 #: Share of the limit of time after which no fit goes on; the rest is for the verdict.
 FITS = 0.85
@@ -159,101 +150,3 @@ def fit_model(
         Model and records do not fit together.
     """
     return diagnose(model, (), records, hold_out=(), options=options, tell=tell)
-
-
-# ------------------------------------------------------------------- the model with what was found
-
-
-@dataclass(frozen=True, eq=False)
-class Explained:
-    """A model with fitted parameters and named effects."""
-
-    original: Model
-    theta: Array
-    """Values of its parameters [their units]."""
-    included: tuple[Candidate, ...]
-    magnitudes: Array
-    """Magnitudes of the included effects [their units]."""
-    provenance: str
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """Value of each parameter by name."""
-        return {p.name: float(v) for p, v in zip(self.original.parameters, self.theta, strict=True)}
-
-    @property
-    def effects(self) -> dict[str, float]:
-        """Magnitude of each effect by name."""
-        return {t.name: float(v) for t, v in zip(self.included, self.magnitudes, strict=True)}
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Effects that are no numbers of the model, such as those of sensors."""
-        return tuple(self.original.numbers(self.theta, self.included, self.magnitudes)[1])
-
-    @checked
-    def simulate(self, record: Record) -> dict[str, Array]:
-        """Simulate a whole record; returns the outputs by name.
-
-        A start state that is not known is the one that fits the beginning of the record best.
-
-        Parameters
-        ----------
-        record
-            Record whose inputs drive the model.
-        """
-        return simulated(self.original, record, self.theta, self.included, self.magnitudes)
-
-    @checked
-    def write(self, path: str | Path, *, force: bool = False) -> Path:
-        """Write the model to a file: a mechanism, an MJCF file, or its numbers (TOML).
-
-        Parameters
-        ----------
-        path
-            File to be written.
-        force
-            False: an existing file is not overwritten.
-
-        Raises
-        ------
-        InvalidParameter
-            The file has another ending, or its format cannot represent an effect.
-        """
-        return self.original.write(
-            Path(path),
-            self.theta,
-            self.included,
-            self.magnitudes,
-            provenance=self.provenance,
-            force=force,
-        )
-
-
-@checked
-def explained_model(model: Model, effects: Sequence[Effect], result: Result) -> Explained:
-    """The model with the fitted parameters and the named effects of its diagnosis.
-
-    Parameters
-    ----------
-    model
-        The model that was diagnosed.
-    effects
-        The effects that were tested.
-    result
-        Report of the diagnosis.
-    """
-    fitted = {p.name: p.value for p in result.parameters}
-    by_name = {e.name: e for e in effects}
-    named = [
-        n
-        for n in result.named
-        if n.cause in by_name and same_number(model, by_name[n.cause]) is None
-    ]
-    return Explained(
-        model,
-        np.array([fitted.get(p.name, p.value) for p in model.parameters]),
-        tuple(Candidate(by_name[n.cause], n.shape) for n in named),
-        np.array([n.magnitude for n in named]),
-        f"feltmb gap diagnose of {', '.join(result.records)}",
-    )
