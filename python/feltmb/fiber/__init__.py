@@ -22,7 +22,7 @@ from feltmb.fiber.friction import (
 )
 from feltmb.fiber.granular import granular_stress
 from feltmb.fiber.histories import history, history_models
-from feltmb.fiber.laws import energy, law, models, pressure, slope, tangent_modulus
+from feltmb.fiber.laws import law, models, pressure
 from feltmb.fiber.orientation import (
     Network,
     NetworkEstimate,
@@ -54,7 +54,6 @@ __all__ = [
     "contacts_per_volume",
     "critical_angle",
     "density_structure",
-    "energy",
     "fit",
     "fit_branches",
     "free_length_survival",
@@ -70,9 +69,7 @@ __all__ = [
     "pressure",
     "read_compression",
     "simulate",
-    "slope",
     "structure",
-    "tangent_modulus",
     "uniaxial_tensor",
     "unusual",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
@@ -189,16 +189,16 @@ def fit(
         Names or values are unknown or contradictory; all of them are in the message.
     """
     asked = _Asked(
-        model,
-        None if free is None else tuple(free),
-        dict(fixed or {}),
-        dict(bounds or {}),
-        dict(start or {}),
-        method,
-        n_starts,
-        seed,
-        relative,
-        level,
+        model=model,
+        free=None if free is None else tuple(free),
+        fixed=fixed or {},
+        bounds=bounds or {},
+        start=start or {},
+        method=method,
+        n_starts=n_starts,
+        seed=seed,
+        relative=relative,
+        level=level,
     )
     return _fit(data, [asked], (branch,))[0]
 
@@ -209,15 +209,7 @@ def fit_branches(
     model: str,
     *,
     branches: Sequence[str] = ("loading", "unloading"),
-    free: Sequence[str] | None = None,
-    fixed: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    start: Mapping[str, float] | None = None,
-    method: str = "least_squares",
-    n_starts: int = 12,
-    seed: int = 0,
-    relative: float = 0.0,
-    level: float = 0.95,
+    **options: Any,
 ) -> list[Fit]:
     """Fit a compression law to several branches of a test, each with parameters of its own.
 
@@ -232,8 +224,8 @@ def fit_branches(
         Name of a compression law.
     branches
         Names of branches: ``"loading"``, ``"unloading"``, ``"both"``.
-    free, fixed, bounds, start, method, n_starts, seed, relative, level
-        See :func:`fit`.
+    options
+        Options of :func:`fit`, besides ``branch``.
 
     Returns
     -------
@@ -247,81 +239,70 @@ def fit_branches(
     """
     if not branches:
         raise InvalidParameter("fit_branches: no branch, expected at least one")
-    asked = _Asked(
-        model,
-        None if free is None else tuple(free),
-        dict(fixed or {}),
-        dict(bounds or {}),
-        dict(start or {}),
-        method,
-        n_starts,
-        seed,
-        relative,
-        level,
-    )
-    return _fit(data, [asked] * len(branches), tuple(branches))
+    return _fit(data, [_Asked(model=model, **options)] * len(branches), tuple(branches))
 
 
-@dataclass(frozen=True)
+@checked
+@dataclass(frozen=True, kw_only=True)
 class _Asked:
     """Arguments of a fit, see :func:`fit`."""
 
     model: str
-    free: tuple[str, ...] | None
-    fixed: dict[str, float]
-    bounds: dict[str, tuple[float, float]]
-    start: dict[str, float]
-    method: str
-    n_starts: int
-    seed: int
-    relative: float
-    level: float
+    free: Sequence[str] | None = None
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
+    method: str = "least_squares"
+    n_starts: int = 12
+    seed: int = 0
+    relative: float = 0.0
+    level: float = 0.95
 
+    def __post_init__(self) -> None:
+        known = models()
+        if self.model not in known:
+            raise InvalidParameter(
+                f'fit: model = "{self.model}", must be one of {", ".join(known)}'
+            )
+        described = [p.name for p in known[self.model].parameters]
+        given = {
+            "free": self.names,
+            "fixed": tuple(self.fixed),
+            "bounds": tuple(self.bounds),
+            "start": tuple(n for n in self.start if n != THICKNESS),
+        }
+        faults = [
+            f'fit, model "{self.model}": {what} parameter "{name}" is unknown, expected one of '
+            f"{', '.join(described)}"
+            for what, names in given.items()
+            for name in names
+            if name not in (*described, THICKNESS)
+        ]
+        if THICKNESS in (*self.names, *self.fixed, *self.bounds):
+            faults.append(
+                f'fit: "{THICKNESS}" is no parameter of a law; give it to read_compression, or '
+                "leave it out there and it is estimated"
+            )
+        faults += [
+            f'fit: parameter "{n}" is both free and fixed' for n in self.names if n in self.fixed
+        ]
+        if not self.names:
+            faults.append("fit: no free parameter, expected at least one")
+        if self.method not in ("least_squares", "nelder_mead"):
+            faults.append(f'fit: method = "{self.method}", expected least_squares or nelder_mead')
+        if self.n_starts < 1:
+            faults.append(f"fit: n_starts = {self.n_starts}, expected >= 1")
+        if not 0 < self.level < 1:
+            faults.append(f"fit: level = {self.level:.6g}, expected between 0 and 1")
+        if self.relative < 0:
+            faults.append(f"fit: relative = {self.relative:.6g}, expected >= 0")
+        if faults:
+            raise InvalidParameter("\n".join(faults))
 
-def _check(asked: _Asked) -> None:
-    known = models()
-    model = asked.model
-    if model not in known:
-        raise InvalidParameter(f'fit: model = "{model}", must be one of {", ".join(known)}')
-    described = {p.name for p in known[model].parameters}
-    names = DEFAULT_FREE[model] if asked.free is None else asked.free
-    faults = [
-        f'fit, model "{model}": {what} parameter "{name}" is unknown, expected one of '
-        f"{', '.join(p.name for p in known[model].parameters)}"
-        for what, given in (
-            ("free", names),
-            ("fixed", asked.fixed),
-            ("bounds", asked.bounds),
-            ("start", asked.start),
-        )
-        for name in given
-        if name not in described and not (what == "start" and name == THICKNESS)
-    ]
-    if THICKNESS in names or THICKNESS in asked.fixed:
-        faults = [f for f in faults if f'"{THICKNESS}"' not in f]
-        faults.append(
-            f'fit: "{THICKNESS}" is no parameter of a law; give it to read_compression, or leave '
-            "it out there and it is estimated"
-        )
-    faults += [f'fit: parameter "{n}" is both free and fixed' for n in names if n in asked.fixed]
-    if not names:
-        faults.append("fit: no free parameter, expected at least one")
-    faults += _number_faults(asked)
-    if faults:
-        raise InvalidParameter("\n".join(faults))
-
-
-def _number_faults(asked: _Asked) -> list[str]:
-    faults = []
-    if asked.method not in ("least_squares", "nelder_mead"):
-        faults.append(f'fit: method = "{asked.method}", expected least_squares or nelder_mead')
-    if asked.n_starts < 1:
-        faults.append(f"fit: n_starts = {asked.n_starts}, expected >= 1")
-    if not 0 < asked.level < 1:
-        faults.append(f"fit: level = {asked.level:.6g}, expected between 0 and 1")
-    if asked.relative < 0:
-        faults.append(f"fit: relative = {asked.relative:.6g}, expected >= 0")
-    return faults
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters."""
+        return DEFAULT_FREE[self.model] if self.free is None else tuple(self.free)
 
 
 class _Curve:
@@ -331,7 +312,7 @@ class _Curve:
         self.asked, self.branch = asked, branch
         model, fixed, bounds = asked.model, asked.fixed, asked.bounds
         described: dict[str, Any] = {p.name: p for p in models()[model].parameters}
-        names = DEFAULT_FREE[model] if asked.free is None else asked.free
+        names = asked.names
         self.part = part = data.branch(branch)
         self.v, self.p = part.v_f, part.pressure
         self.reference: str | None = None
@@ -403,71 +384,142 @@ class _Curve:
         return np.asarray((self.curve(self.decode(u)) - self.p) * self.weight / self.scale)
 
     def starts(self) -> list[Array]:
-        return _starts(
-            self.asked.model,
-            self.names,
-            self.low,
-            self.high,
-            self.encode,
-            self.decode,
-            self.curve,
-            self.p,
-            self.weight,
-            self.asked.start,
-            self.asked.n_starts,
-            self.asked.seed,
+        """Start in the middle of the range or as given, then random ones."""
+        rng = np.random.default_rng(self.asked.seed)
+        lower, upper = self.encode(self.low), self.encode(self.high)
+        result = []
+        for number in range(self.asked.n_starts):
+            u = lower + (upper - lower) * rng.uniform(size=len(self.names))
+            if number == 0:
+                u = lower + 0.5 * (upper - lower)
+                if self.asked.start:
+                    middle = zip(self.names, self.decode(u).tolist(), strict=True)
+                    x = np.array([self.asked.start.get(m, value) for m, value in middle])
+                    result.append(self._within(x))
+                    continue
+            result.append(self._scaled(u))
+        return result
+
+    def _within(self, x: Array) -> Array:
+        """Parameters of the search of these values, within their limits."""
+        u = self.encode(np.clip(x, self.low, self.high))
+        return np.clip(u, self.encode(self.low), self.encode(self.high))
+
+    def _scaled(self, u: Array) -> Array:
+        """The same start with the best scale of the pressure, which is known in closed form."""
+        scalers = [i for i, m in enumerate(self.names) if m in _SCALE[self.asked.model]]
+        together = [i for i, m in enumerate(self.names) if m in ("k_b", "k_t")]
+        movable = scalers[:1] or (together if len(together) == 2 else together[:1])
+        for _ in range(3 if movable else 0):
+            x = self.decode(u)
+            c = self.curve(x)
+            denominator = float(np.sum((c * self.weight) ** 2))
+            factor = 1.0
+            if denominator > 0:
+                factor = float(np.sum(c * self.p * self.weight**2)) / denominator
+            if not factor > 0:
+                break
+            x[movable] *= factor
+            u = self._within(x)
+        return u
+
+
+class _Problem:
+    """Curves that are fitted together; their unloaded state is a common parameter."""
+
+    def __init__(
+        self, curves: Sequence[_Curve], spread: Sequence[float], *, common: bool = True
+    ) -> None:
+        self.curves, self.spread = curves, spread
+        own = [np.arange(len(c.names)) for c in curves]
+        self.places = _places(curves) if common else own
+        """Indices of the parameters of each curve."""
+        size = 1 + max(int(np.max(at)) for at in self.places)
+        self.low, self.high = np.full(size, -np.inf), np.full(size, np.inf)
+        for c, at in zip(curves, self.places, strict=True):
+            self.low[at] = np.maximum(self.low[at], c.encode(c.low))
+            self.high[at] = np.minimum(self.high[at], c.encode(c.high))
+
+    def residual(self, u: Array) -> Array:
+        """Residuals of all curves, each over its scatter."""
+        parts = zip(self.curves, self.places, self.spread, strict=True)
+        return np.concatenate([c.residual(u[at]) / s for c, at, s in parts])
+
+    def minimized(self, u0: Array) -> tuple[float, Array]:
+        """Sum of squares and parameters of the minimum from a start."""
+        from scipy import optimize
+
+        low, high = self.low, self.high
+        if self.curves[0].asked.method == "least_squares":
+            margin = 1e-9 * (high - low)
+            found = optimize.least_squares(
+                self.residual,
+                np.clip(u0, low + margin, high - margin),
+                bounds=(low, high),
+                jac="3-point",
+                x_scale="jac",
+                xtol=1e-13,
+                ftol=1e-13,
+                gtol=1e-13,
+                max_nfev=300,
+            )
+            return float(2 * found.cost), np.asarray(found.x)
+        found = optimize.minimize(
+            lambda u: float(np.sum(self.residual(u) ** 2)),
+            u0,
+            method="Nelder-Mead",
+            bounds=list(zip(low, high, strict=True)),
+            options={
+                "xatol": 1e-9,
+                "fatol": 1e-16,
+                "maxiter": 4000,
+                "maxfev": 8000,
+                "adaptive": len(u0) > 2,
+            },
         )
+        return float(found.fun), np.asarray(found.x)
+
+    def jacobian(self, u: Array) -> Array:
+        """Derivative of the residuals."""
+        columns = []
+        for i in range(len(u)):
+            h = 1e-5 * max(1.0, abs(u[i]))
+            up, down = u.copy(), u.copy()
+            up[i] = min(u[i] + h, self.high[i])
+            down[i] = max(u[i] - h, self.low[i])
+            columns.append((self.residual(up) - self.residual(down)) / (up[i] - down[i]))
+        return np.array(columns).T
 
 
 def _fit(data: CompressionData, each: Sequence[_Asked], branches: Sequence[str]) -> list[Fit]:
     """One fit per branch; an estimated unloaded state is a common parameter of all branches."""
-    from scipy import optimize
-
-    asked = each[0]
-    _check(asked)
     curves = [_Curve(data, own, branch) for own, branch in zip(each, branches, strict=True)]
     best: list[Array] = []
     agree: list[int] = []
     spread: list[float] = []
     for c in curves:
-        found = [
-            _minimize(optimize, asked.method, c.residual, u0, c.encode(c.low), c.encode(c.high))
-            for u0 in c.starts()
-        ]
-        found.sort(key=lambda pair: pair[0])
+        alone = _Problem([c], [1.0], common=False)
+        found = sorted((alone.minimized(u0) for u0 in c.starts()), key=lambda pair: pair[0])
         best.append(found[0][1])
         agree.append(sum(cost <= found[0][0] * 1.001 + 1e-30 for cost, _ in found))
         spread.append(math.sqrt(found[0][0] / (len(c.v) - len(c.names))))
     if len(curves) == 1 or curves[0].reference is None:
         fits = [
-            _evaluate([c], [np.arange(len(c.names))], u, [1.0], [n])[0]
+            _evaluate(_Problem([c], [1.0], common=False), u, [n])[0]
             for c, u, n in zip(curves, best, agree, strict=True)
         ]
     else:
-        places = _places(curves)
-        size = 1 + max(int(np.max(at)) for at in places)
-        low, high = np.full(size, -np.inf), np.full(size, np.inf)
-        for c, at in zip(curves, places, strict=True):
-            low[at] = np.maximum(low[at], c.encode(c.low))
-            high[at] = np.minimum(high[at], c.encode(c.high))
         # Without noise, the scatter of a curve is only rounding.
-        spread = [max(s, 1e-9) for s in spread]
-
-        def residual(u: Array) -> Array:
-            return np.concatenate(
-                [c.residual(u[at]) / s for c, at, s in zip(curves, places, spread, strict=True)]
-            )
-
+        problem = _Problem(curves, [max(s, 1e-9) for s in spread])
         joint = []
         for first in range(len(curves)):  # one start for the common state of each branch
-            u = np.zeros(size)
+            u = np.zeros(len(problem.low))
             for i in [*range(len(curves)), first]:
-                u[places[i]] = best[i]
-            u0 = np.clip(u, low, high)
-            joint.append(_minimize(optimize, asked.method, residual, u0, low, high))
-        fits = _evaluate(curves, places, min(joint, key=lambda p: p[0])[1], spread, agree)
+                u[problem.places[i]] = best[i]
+            joint.append(problem.minimized(np.clip(u, problem.low, problem.high)))
+        fits = _evaluate(problem, min(joint, key=lambda p: p[0])[1], agree)
     fits = [replace(f, warnings=(*data.notes, *f.warnings)) for f in fits]
-    return _hold_given(data, asked, branches, fits)
+    return _hold_given(data, each[0], branches, fits)
 
 
 def _places(curves: Sequence[_Curve]) -> list[NDArray[np.int_]]:
@@ -486,13 +538,11 @@ def _places(curves: Sequence[_Curve]) -> list[NDArray[np.int_]]:
 class _Optimum:
     """Best parameters of one problem, and how well the test tells them.
 
-    All arrays are over the parameters of the problem; ``best``, ``low`` and ``high`` are those of
-    the search.
+    All arrays are over the parameters of the problem; ``best`` are those of the search.
     """
 
+    problem: _Problem
     best: Array
-    low: Array
-    high: Array
     values: Array
     """Values of the parameters."""
     span: Array
@@ -507,40 +557,25 @@ class _Optimum:
     """Half an interval over the standard deviation."""
 
     @classmethod
-    def of(
-        cls,
-        curves: Sequence[_Curve],
-        places: Sequence[NDArray[np.int_]],
-        best: Array,
-        spread: Sequence[float],
-    ) -> _Optimum:
+    def of(cls, problem: _Problem, best: Array) -> _Optimum:
+        """Optimum at the best parameters of a search."""
         from scipy import stats
 
-        size = len(best)
-        low, high = np.full(size, -np.inf), np.full(size, np.inf)
+        size, curves = len(best), problem.curves
         logs, values = np.zeros(size, bool), np.zeros(size)
-        for c, at in zip(curves, places, strict=True):
-            low[at] = np.maximum(low[at], c.encode(c.low))
-            high[at] = np.minimum(high[at], c.encode(c.high))
+        for c, at in zip(curves, problem.places, strict=True):
             logs[at], values[at] = c.logs, c.decode(best[at])
-
-        def residual(u: Array) -> Array:
-            return np.concatenate(
-                [c.residual(u[at]) / s for c, at, s in zip(curves, places, spread, strict=True)]
-            )
-
         freedom = sum(len(c.v) for c in curves) - size
-        weighted = float(np.sum(residual(best) ** 2))
+        weighted = float(np.sum(problem.residual(best) ** 2))
         span = np.where(logs, 1.0, np.maximum(np.abs(values), 1e-12))
-        jacobian = _jacobian(residual, best, low, high) * span
-        _, singular, vt = np.linalg.svd(jacobian, full_matrices=False)
+        _, singular, vt = np.linalg.svd(problem.jacobian(best) * span, full_matrices=False)
         ratio = singular / singular[0] if singular[0] > 0 else np.zeros_like(singular)
         lost = ratio < 1e-9
         inverse = np.where(lost, 0.0, 1.0 / np.where(lost, 1.0, singular))
         covariance = (vt.T * inverse**2) @ vt * (weighted / freedom)
         blind = np.any(np.abs(vt[lost]) > 1e-6, axis=0) if lost.any() else np.zeros(size, bool)
         quantile = float(stats.t.ppf(0.5 + 0.5 * curves[0].asked.level, freedom))
-        return cls(best, low, high, values, span, ratio, covariance, blind, quantile)
+        return cls(problem, best, values, span, ratio, covariance, blind, quantile)
 
     def interval(self, at: int, log: bool) -> tuple[float, float]:
         """Interval of a parameter."""
@@ -562,23 +597,18 @@ class _Optimum:
 
     def at_edge(self, at: NDArray[np.int_]) -> NDArray[np.bool_]:
         """Whether parameters are at a limit of the search."""
-        edge = np.minimum(self.best - self.low, self.high - self.best)[at]
-        out: NDArray[np.bool_] = edge < 1e-4 * (self.high - self.low)[at]
+        low, high = self.problem.low, self.problem.high
+        edge = np.minimum(self.best - low, high - self.best)[at]
+        out: NDArray[np.bool_] = edge < 1e-4 * (high - low)[at]
         return out
 
 
-def _evaluate(
-    curves: Sequence[_Curve],
-    places: Sequence[NDArray[np.int_]],
-    best: Array,
-    spread: Sequence[float],
-    agree: Sequence[int],
-) -> list[Fit]:
+def _evaluate(problem: _Problem, best: Array, agree: Sequence[int]) -> list[Fit]:
     """Values, intervals and warnings at the best parameters of one problem."""
-    found = _Optimum.of(curves, places, best, spread)
+    found = _Optimum.of(problem, best)
     return [
-        _evaluated(c, found, at, n_best, len(curves))
-        for c, at, n_best in zip(curves, places, agree, strict=True)
+        _evaluated(c, found, at, n_best, len(problem.curves))
+        for c, at, n_best in zip(problem.curves, problem.places, agree, strict=True)
     ]
 
 
@@ -600,9 +630,12 @@ def _evaluated(c: _Curve, found: _Optimum, at: NDArray[np.int_], n_best: int, br
     reported = tuple(
         m for m, edge in zip(names, found.at_edge(at), strict=True) if edge and m != c.reference
     )
-    warnings = _warnings(
-        asked.model, names, values, interval, correlation, blind, reported, c.low, c.high
-    )
+    warnings = [
+        *_loose(c, interval, blind),
+        *(f"{m} = {values[m]:.4g} lies at a bound of the search" for m in reported),
+        *_together(names, correlation, blind),
+        *_unphysical(asked.model, names, values),
+    ]
     undetermined = [
         m
         for i, m in enumerate(names)
@@ -749,134 +782,34 @@ def _limits(
     return low, high
 
 
-def _starts(
-    model: str,
-    names: tuple[str, ...],
-    low: Array,
-    high: Array,
-    encode: Callable[[Array], Array],
-    decode: Callable[[Array], Array],
-    curve: Callable[[Array], Array],
-    p: Array,
-    weight: Array,
-    start: Mapping[str, float] | None,
-    n_starts: int,
-    seed: int,
-) -> list[Array]:
-    rng = np.random.default_rng(seed)
-    lower, upper = encode(low), encode(high)
-    scalers = [i for i, m in enumerate(names) if m in _SCALE[model]]
-    together = [i for i, m in enumerate(names) if m in ("k_b", "k_t")]
-    result: list[Array] = []
-    for number in range(n_starts):
-        u = lower + (upper - lower) * rng.uniform(size=len(names))
-        if number == 0:
-            u = lower + 0.5 * (upper - lower)
-            if start:
-                x = decode(u)
-                for i, m in enumerate(names):
-                    x[i] = start.get(m, x[i])
-                result.append(np.clip(encode(np.clip(x, low, high)), lower, upper))
-                continue
-        # The scale is known in closed form: the best factor of the curve.
-        movable = scalers[:1] or (together if len(together) == 2 else together[:1])
-        if movable:
-            for _ in range(3):
-                x = decode(u)
-                c = curve(x)
-                denominator = float(np.sum((c * weight) ** 2))
-                factor = float(np.sum(c * p * weight**2)) / denominator if denominator > 0 else 1.0
-                if not factor > 0:
-                    break
-                for i in movable:
-                    x[i] = x[i] * factor
-                u = np.clip(encode(np.clip(x, low, high)), lower, upper)
-        result.append(u)
-    return result
-
-
-def _minimize(
-    optimize: Any,
-    method: str,
-    residual: Callable[[Array], Array],
-    u0: Array,
-    low: Array,
-    high: Array,
-) -> tuple[float, Array]:
-    if method == "least_squares":
-        margin = 1e-9 * (high - low)
-        found = optimize.least_squares(
-            residual,
-            np.clip(u0, low + margin, high - margin),
-            bounds=(low, high),
-            jac="3-point",
-            x_scale="jac",
-            xtol=1e-13,
-            ftol=1e-13,
-            gtol=1e-13,
-            max_nfev=300,
-        )
-        return float(2 * found.cost), np.asarray(found.x)
-    found = optimize.minimize(
-        lambda u: float(np.sum(residual(u) ** 2)),
-        u0,
-        method="Nelder-Mead",
-        bounds=list(zip(low, high, strict=True)),
-        options={
-            "xatol": 1e-9,
-            "fatol": 1e-16,
-            "maxiter": 4000,
-            "maxfev": 8000,
-            "adaptive": len(u0) > 2,
-        },
-    )
-    return float(found.fun), np.asarray(found.x)
-
-
-def _jacobian(residual: Callable[[Array], Array], u: Array, low: Array, high: Array) -> Array:
-    columns = []
-    for i in range(len(u)):
-        h = 1e-5 * max(1.0, abs(u[i]))
-        up, down = u.copy(), u.copy()
-        up[i] = min(u[i] + h, high[i])
-        down[i] = max(u[i] - h, low[i])
-        columns.append((residual(up) - residual(down)) / (up[i] - down[i]))
-    return np.array(columns).T
-
-
-def _warnings(
-    model: str,
-    names: tuple[str, ...],
-    values: Mapping[str, float],
-    interval: Mapping[str, tuple[float, float]],
-    correlation: Array,
-    blind: NDArray[np.bool_],
-    at_bound: tuple[str, ...],
-    low: Array,
-    high: Array,
-) -> list[str]:
-    out: list[str] = []
-    for i, name in enumerate(names):
+def _loose(
+    c: _Curve, interval: Mapping[str, tuple[float, float]], blind: NDArray[np.bool_]
+) -> Iterator[str]:
+    """Warnings of parameters that the data hardly determine."""
+    for i, name in enumerate(c.names):
         bottom, top = interval[name]
         if blind[i]:
-            out.append(f"{name} is not identifiable: the curve does not depend on it here")
-        elif bottom <= low[i] and top >= high[i]:
-            out.append(
+            yield f"{name} is not identifiable: the curve does not depend on it here"
+        elif bottom <= c.low[i] and top >= c.high[i]:
+            yield (
                 f"{name} is not identifiable: its interval ({bottom:.3g}, {top:.3g}) covers the "
-                f"whole range searched ({low[i]:.3g}, {high[i]:.3g})"
+                f"whole range searched ({c.low[i]:.3g}, {c.high[i]:.3g})"
             )
         elif top > 0 and bottom > 0 and top / bottom > 1e3:
-            out.append(f"{name} is poorly identifiable: interval {bottom:.3g} to {top:.3g}")
-    for name in at_bound:
-        out.append(f"{name} = {values[name]:.4g} lies at a bound of the search")
+            yield f"{name} is poorly identifiable: interval {bottom:.3g} to {top:.3g}"
+
+
+def _together(
+    names: tuple[str, ...], correlation: Array, blind: NDArray[np.bool_]
+) -> Iterator[str]:
+    """Warnings of parameters of which only a combination is determined."""
     for i in range(len(names)):
         for j in range(i):
             if not (blind[i] or blind[j]) and abs(correlation[i, j]) > 0.999:
-                out.append(
+                yield (
                     f"{names[j]} and {names[i]} are correlated {correlation[i, j]:+.4f}: "
                     "only a combination of them is identified"
                 )
-    return out + _unphysical(model, names, values)
 
 
 def _unphysical(model: str, names: tuple[str, ...], values: Mapping[str, float]) -> list[str]:

@@ -785,7 +785,7 @@ CALLS = {
         "data": compressed(),
         "model": "van_wyk",
         "branches": ["loading"],
-        "n_starts": 1,
+        "options": {"n_starts": 1},
     },
     "feltmb.fiber.compress_arcs": lambda: {
         "strain": np.linspace(0.0, 0.3, 4),
@@ -820,7 +820,6 @@ CALLS = {
         "obstruction": False,
         "max_nodes": 96,
     },
-    "feltmb.fiber.energy": lambda: {**WYK, "params": wyk()},
     "feltmb.fiber.fit": lambda: {
         "data": compressed(),
         "model": "van_wyk",
@@ -886,9 +885,7 @@ CALLS = {
         "checkpoint": None,
         "max_samples": 2,
     },
-    "feltmb.fiber.slope": lambda: {**WYK, "params": wyk()},
     "feltmb.fiber.structure": lambda: {"ratio": 1.5},
-    "feltmb.fiber.tangent_modulus": lambda: {**WYK, "params": wyk()},
     "feltmb.fiber.uniaxial_tensor": lambda: {"ratio": 1.5},
     # fit
     "feltmb.fit.Coordinate": lambda: {
