@@ -34,7 +34,7 @@ from feltmb.graphics.viewer import script_of
 from feltmb.live.desk import Desk
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Shelf
-from feltmb.live.pictures import default_shown, outputs_of
+from feltmb.live.pictures import default_shown, listed_outputs
 from feltmb.live.states import Asked, Playing, Turned, fault_of
 from feltmb.mechanism import files_of, load_action
 from feltmb.params import names
@@ -240,7 +240,7 @@ def greeting(bench: Bench) -> dict[str, Any]:
         "knobs": [knob.as_dict(bench.numbers) for knob in bench.knobs.values()],
         "numbers": [[path, *rest] for path, rest in bench.numbers.items()],
         "strokes": names("strokes") if playable else [],
-        "outputs": outputs_of(found, action),
+        "outputs": listed_outputs(found, action),
         "panels": default_shown(found, action),
         "contacts": [
             [int(key), contact.label or f"contact {key}"]

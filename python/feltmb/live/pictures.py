@@ -10,11 +10,10 @@ import numpy.typing as npt
 
 from feltmb.graphics.plot.readings import busy_window, contact_numbers, named_events
 from feltmb.graphics.viewer.content import (
-    STRIKER,
     default_panels_of,
     describe_stage,
     output_label,
-    striker_outputs,
+    outputs_of,
 )
 from feltmb.graphics.viewer.packing import pack_columns, pack_times
 from feltmb.mechanism import Action
@@ -23,7 +22,7 @@ from feltmb.style import reader_unit
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["SAMPLES", "default_shown", "describe_live", "outputs_of", "summary_of"]
+__all__ = ["SAMPLES", "default_shown", "describe_live", "listed_outputs", "summary_of"]
 
 #: Numbers of frames of the mechanism, and of samples of a curve and of the string, in quick and
 #: full quality.
@@ -45,16 +44,11 @@ def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> d
     low, high = busy_window(run)
     time = run.time
     some = _every(len(time), SAMPLES[quality])
-    strikers = striker_outputs(run, action.config.reading)
-    outputs = [name for name in dict.fromkeys(shown) if name in run or name in strikers]
-    factors = [reader_unit("m/s" if n in strikers else run.unit(n)) for n in outputs]
-    table = np.column_stack(
-        [
-            (strikers[n] if n in strikers else run[n])[some] * f
-            for n, (f, _) in zip(outputs, factors, strict=True)
-        ]
-        or [np.zeros((len(some), 0))]
-    )
+    known = outputs_of(run, action.config.reading)
+    outputs = {name: known[name] for name in shown if name in known}
+    units = [reader_unit(o.unit) for o in outputs.values()]
+    curves = [o.values[some] * f for o, (f, _) in zip(outputs.values(), units, strict=True)]
+    table = np.column_stack(curves or [np.zeros((len(some), 0))])
     first, last = float(time[0]), float(time[-1])
     return {
         "quality": quality,
@@ -65,8 +59,8 @@ def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> d
         "time": pack_times(1e3 * time[some]),
         "values": pack_columns(table),
         "outputs": [
-            {"name": n, "unit": u, "label": output_label(n, _text(run, n)), "text": _text(run, n)}
-            for n, (_, u) in zip(outputs, factors, strict=True)
+            {"name": n, "unit": u, "label": output_label(n, o.text), "text": o.text}
+            for (n, o), (_, u) in zip(outputs.items(), units, strict=True)
         ],
         "stage": describe_stage(
             run,
@@ -79,10 +73,6 @@ def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> d
         "energy": {k: v for k, v in run.energy.items() if isinstance(v, float)},
         "warnings": [str(w) for w in run.stats["warnings"]],
     }
-
-
-def _text(run: Run, name: str) -> str:
-    return run.long_names[run.names.index(name)] if name in run.names else STRIKER
 
 
 def _every(count: int, most: int) -> npt.NDArray[np.int64]:
@@ -112,12 +102,10 @@ def summary_of(run: Run) -> dict[str, float]:
     return {k: float(v) for k, v in run.summary.items() if math.isfinite(float(v))}
 
 
-def outputs_of(run: Run, action: Action) -> list[list[str]]:
+def listed_outputs(run: Run, action: Action) -> list[list[str]]:
     """Name, label and practical unit of every output."""
-    return [
-        [n, output_label(n, text), reader_unit(unit)[1]]
-        for n, unit, text in zip(run.names, run.units, run.long_names, strict=True)
-    ] + [[n, n, "m/s"] for n in striker_outputs(run, action.config.reading)]
+    known = outputs_of(run, action.config.reading)
+    return [[n, output_label(n, o.text), reader_unit(o.unit)[1]] for n, o in known.items()]
 
 
 def default_shown(run: Run, action: Action) -> list[dict[str, Any]]:

@@ -13,11 +13,6 @@ from feltmb.cli.technician import repeat as command
 
 
 @pytest.fixture(scope="module")
-def action():
-    return feltmb.load_action("steinway45")
-
-
-@pytest.fixture(scope="module")
 def travel(action):
     return key_travel(action)
 

@@ -26,11 +26,6 @@ from feltmb.run.quasistatic import (
 
 
 @pytest.fixture(scope="module")
-def action():
-    return load_action("steinway45")
-
-
-@pytest.fixture(scope="module")
 def measured(action):
     return touch(action, forces=(1.5, 3.0, 12.0), speeds=(0.1, 0.3, 0.6))
 

@@ -14,11 +14,6 @@ from feltmb.cli.technician import wear_table
 
 
 @pytest.fixture(scope="module")
-def action():
-    return feltmb.load_action("steinway45")
-
-
-@pytest.fixture(scope="module")
 def every(action):
     return list(variants(action, screws=True))
 

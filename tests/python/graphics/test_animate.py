@@ -12,11 +12,6 @@ from feltmb.graphics.film import Film
 
 
 @pytest.fixture(scope="module")
-def action():
-    return feltmb.load_action("steinway45")
-
-
-@pytest.fixture(scope="module")
 def run(action):
     return feltmb.simulate(action, "forte")
 

@@ -5,13 +5,7 @@ import re
 import numpy as np
 import pytest
 
-import feltmb
 from feltmb import Action, InvalidParameter, graph
-
-
-@pytest.fixture(scope="module")
-def action():
-    return feltmb.load_action("steinway45")
 
 
 @pytest.fixture(scope="module")

@@ -64,11 +64,6 @@ PENDULUM = {
 
 
 @pytest.fixture(scope="module")
-def action():
-    return feltmb.load_action("steinway45")
-
-
-@pytest.fixture(scope="module")
 def runs(action):
     return {name: feltmb.simulate(action, name) for name in NUMERIC}
 

@@ -31,7 +31,7 @@ from feltmb.gap import Progress, Stop
 from feltmb.live.desk import Desk, simulated
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Shelf
-from feltmb.live.pictures import outputs_of
+from feltmb.live.pictures import listed_outputs
 from feltmb.live.proposals import STROKES
 from feltmb.live.states import Playing
 from feltmb.run.sound import sampled, wav
@@ -489,7 +489,7 @@ def test_memory_is_flat_while_dragging(live, client):
     rng = np.random.default_rng(5)
     knobs = list(live.studio.bench.knobs.values())
     action = live.studio.bench.action
-    outputs = [name for name, *_ in outputs_of(feltmb.simulate(action, "piano"), action)]
+    outputs = [name for name, *_ in listed_outputs(feltmb.simulate(action, "piano"), action)]
     begin, sizes, k = time.monotonic(), [], 0
     while time.monotonic() - begin < 60.0 * minutes:
         with client(live) as page:

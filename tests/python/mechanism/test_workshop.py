@@ -14,11 +14,6 @@ from feltmb.mechanism.to_core import describe, with_leads
 from feltmb.mechanism.workshop import key_ratio, strike_weight
 
 
-@pytest.fixture(scope="module")
-def action():
-    return feltmb.load_action("steinway45")
-
-
 def _key(action):
     return next(b for b in describe(action.config).bodies if b.name == "key")
 

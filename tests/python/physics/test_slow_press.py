@@ -5,15 +5,9 @@ The table of docs/validation/regulation.md.
 
 import pytest
 
-from feltmb import load_action
 from feltmb.run.quasistatic import simulated_press, static_let_off
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def action():
-    return load_action("steinway45")
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,13 +44,13 @@ Progress = Callable[[float], object]
 
 __all__ = [
     "MOST_RUNS",
-    "STRIKER",
+    "Output",
     "default_panels",
     "default_panels_of",
     "describe",
     "describe_stage",
     "output_label",
-    "striker_outputs",
+    "outputs_of",
 ]
 
 MOST_RUNS = 6
@@ -60,7 +61,6 @@ STRING_POINTS = 121
 #: Largest error of a curve by omitted samples, relative to its range.
 CURVE_TOLERANCE = 2e-4
 #: Text of the speed of the striker.
-STRIKER = "speed toward what is struck"
 
 
 def describe(
@@ -77,19 +77,9 @@ def describe(
     window
         Interval [s] that is used; None: all times.
     """
-    if isinstance(run, Curves):
-        time, columns = run.time, dict(run.values)
-        units = {k: run.units.get(k, "1") for k in columns}
-        texts = dict.fromkeys(columns, "")
-        events: list[tuple[float, str]] = []
-    else:
-        time = run.time
-        columns = {k: run.values[:, i] for i, k in enumerate(run.names)}
-        units = dict(zip(run.names, run.units, strict=True))
-        texts = dict(zip(run.names, run.long_names, strict=True))
-        for key, values in striker_outputs(run, reading_of(run)).items():
-            columns[key], units[key], texts[key] = values, "m/s", STRIKER
-        events = named_events(run)
+    time = run.time
+    outputs = outputs_of(run)
+    events = [] if isinstance(run, Curves) else named_events(run)
     keep = _kept(time, window, name)
     out: dict[str, Any] = {
         "name": name,
@@ -101,7 +91,7 @@ def describe(
             if time[keep][0] <= t <= time[keep][-1]
         ],
         "outputs": [
-            _curve(key, time[keep], columns[key][keep], units[key], texts[key]) for key in columns
+            _curve(key, time[keep], o.values[keep], o.unit, o.text) for key, o in outputs.items()
         ],
         "stage": None,
         "note": "",
@@ -123,13 +113,37 @@ def describe(
     return out
 
 
-def striker_outputs(run: Run, reading: Reading) -> dict[str, Array]:
-    """Speed of the striker toward what it strikes [m/s], by name; empty without a striker.
+@dataclass(frozen=True)
+class Output:
+    """A curve of a page."""
 
-    Its sign is that of the impact speed, whatever the axes of the mechanism are.
+    values: Array
+    """Samples [SI unit]."""
+    unit: str
+    text: str
+    """What it is, in words."""
+
+
+def outputs_of(run: Run | Curves, reading: Reading | None = None) -> dict[str, Output]:
+    """Curves by name: the outputs of a run and the speed of its striker, or measured curves.
+
+    The sign of that speed is that of the impact speed, whatever the axes of the mechanism are.
+    ``reading``: that of the mechanism of the run, if it is at hand.
     """
-    speed, striker = striker_speed(run, reading), reading.striker
-    return {} if speed is None or striker is None else {f"{striker.point}.speed": speed}
+    if isinstance(run, Curves):
+        return {k: Output(v, run.units.get(k, "1"), "") for k, v in run.values.items()}
+    described = zip(run.names, run.values.T, run.units, run.long_names, strict=True)
+    found = {name: Output(values, unit, text) for name, values, unit, text in described}
+    reading = reading or reading_of(run)
+    speed = striker_speed(run, reading)
+    if speed is not None and reading.striker is not None:
+        found[_striker(reading)] = Output(speed, "m/s", "speed toward what is struck")
+    return found
+
+
+def _striker(reading: Reading) -> str:
+    """Name of the speed of the striker."""
+    return f"{reading.striker.point}.speed" if reading.striker is not None else ""
 
 
 def _kept(time: Array, window: tuple[float, float] | None, name: str) -> slice:
@@ -423,7 +437,7 @@ def default_panels_of(run: Run, reading: Reading) -> list[dict[str, Any]]:
         panels.append(_panel("motion from the start", points[:4], change=True))
     if reading.striker is not None:
         title = reading.striker.label or reading.striker.point
-        panels.append(_panel(title, striker_outputs(run, reading)))
+        panels.append(_panel(title, {_striker(reading)}.intersection(outputs_of(run, reading))))
     peaks = {n: float(np.max(run[f"contact{n:02d}.force"])) for n in contact_numbers(run)}
     strongest = sorted((n for n, p in peaks.items() if p > 1e-6), key=lambda n: -peaks[n])
     panels.append(_panel("contact forces", [f"contact{n:02d}.force" for n in strongest[:5]]))
