@@ -23,7 +23,6 @@ from feltmb.cli.options import (
     Number,
     Quantity,
     argument,
-    caution,
     count,
     declare,
     fields_of,
@@ -270,11 +269,10 @@ def simulate_command(
         "fiber.simulation:FiberBox",
         n_fibers={"words": "--fibers", "type": count(1, 100_000)},
         n_beads={"words": "--beads", "type": count(2, 10_000)},
-        d_f={"type": positive("m"), "default": "25 um", "callback": caution("d_f")},
+        d_f={"type": positive("m"), "default": "25 um"},
         segment_length={
             "words": "--segment",
             "type": positive("m"),
-            "callback": caution("segment"),
         },
         v_f={"type": FRACTION},
         crimp={"type": Quantity("rad", 0)},
@@ -284,7 +282,6 @@ def simulate_command(
             "words": "--e-modulus",
             "type": positive("Pa"),
             "default": "2.5 GPa",
-            "callback": caution("E"),
         },
         drag={"type": POSITIVE},
         seed={"type": count(0)},
@@ -307,9 +304,10 @@ def simulate_command(
     from rich.progress import Progress
 
     from feltmb.errors import FeltmbError, InvalidParameter
-    from feltmb.fiber import FiberRun, simulate
+    from feltmb.fiber import FiberRun, simulate, unusual
     from feltmb.fiber.plot import plot_simulation
 
+    warn(unusual(d_f=box.d_f, segment=box.segment_length, E=box.E))
     if output.suffix != ".npz":
         raise InvalidParameter(f'{output}: suffix is "{output.suffix}", expected .npz')
     check_targets(None if resume else output, pictures=(plot,), force=force)

@@ -25,7 +25,7 @@ from typing import Any, TypeVar
 import click
 
 from feltmb.cli import completing
-from feltmb.cli.screen import as_json_option, collected_json, complain
+from feltmb.cli.screen import as_json_option, collected_json
 from feltmb.errors import InvalidParameter
 
 __all__ = [
@@ -43,7 +43,6 @@ __all__ = [
     "Number",
     "Quantity",
     "argument",
-    "caution",
     "count",
     "declare",
     "fields_of",
@@ -585,17 +584,3 @@ MODEL_SET = option(
 def picture(text: str) -> Any:
     """Option ``--plot FILE`` of a command that draws one picture."""
     return option(text, FileName(".png", ".pdf", ".svg"), words="--plot", metavar="FILE")
-
-
-def caution(name: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Callback of an option that warns of an unusual number of fibers."""
-
-    def check(_context: click.Context, _parameter: click.Parameter, value: Any) -> Any:
-        if value is not None:
-            from feltmb.fiber import unusual
-
-            for text in unusual(**{name: value}):
-                complain(f"warning: {text}")
-        return value
-
-    return check

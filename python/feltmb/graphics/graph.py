@@ -18,7 +18,6 @@ import numpy.typing as npt
 
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
-from feltmb.mechanism.to_core import with_leads
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action
@@ -77,8 +76,6 @@ class Edge:
     detail : str
         Kind of a joint (``revolute``, ``prismatic``, ``weld``); ``beam`` or ``flexible beam`` for
         such a body; else empty.
-    mass, inertia : float
-        Mass and inertia of a body [kg, kg m^2]; else 0.
     """
 
     name: str
@@ -87,8 +84,6 @@ class Edge:
     head: str
     label: str = ""
     detail: str = ""
-    mass: float = 0.0
-    inertia: float = 0.0
 
 
 #: Node kind -> color, and whether it is a center with a name.
@@ -122,20 +117,6 @@ class LinearGraph:
     name: str
     nodes: tuple[Node, ...]
     edges: tuple[Edge, ...]
-
-    def of_kind(self, kind: str) -> tuple[Edge, ...]:
-        """Edges of one kind.
-
-        Raises
-        ------
-        InvalidParameter
-            The kind does not exist.
-        """
-        if kind not in EDGE_KINDS:
-            raise InvalidParameter(
-                f"graph: kind {kind!r} is unknown; kinds are {', '.join(EDGE_KINDS)}"
-            )
-        return tuple(e for e in self.edges if e.kind == kind)
 
     @cached_property
     def incidence(self) -> Array:
@@ -176,35 +157,6 @@ class LinearGraph:
         if len(chosen) != len(self.nodes) - 1:
             raise InvalidParameter(f"graph of {self.name!r} is not connected; it has no tree")
         return tuple(sorted(chosen))
-
-    @cached_property
-    def cotree(self) -> tuple[int, ...]:
-        """Indices of the edges that are not in the tree (chords)."""
-        inside = set(self.tree)
-        return tuple(j for j in range(len(self.edges)) if j not in inside)
-
-    @cached_property
-    def cutsets(self) -> Array:
-        """Fundamental cutset matrix (nodes - 1, edges): one force balance for each tree edge.
-
-        The columns of the tree are the unit matrix.
-        """
-        reduced = self.incidence[1:]
-        matrix = np.linalg.solve(reduced[:, list(self.tree)], reduced)
-        return np.asarray(np.round(matrix))
-
-    @cached_property
-    def circuits(self) -> Array:
-        """Fundamental circuit matrix (chords, edges): one closed loop for each chord.
-
-        The columns of the chords are the unit matrix.
-        """
-        tree, cotree = list(self.tree), list(self.cotree)
-        matrix = np.zeros((len(cotree), len(self.edges)))
-        matrix[:, cotree] = np.eye(len(cotree))
-        # Cutsets and circuits are orthogonal.
-        matrix[:, tree] = -self.cutsets[:, cotree].T
-        return matrix
 
     def to_dot(self) -> str:
         """Text for Graphviz; tree edges are thick."""
@@ -260,26 +212,12 @@ class _Builder:
         return name
 
     def bodies(self) -> None:
-        for name in self.config.bodies:
-            body = with_leads(self.config, name)
+        for name, body in self.config.bodies.items():
             self.nodes[name] = Node(name, "mass_center", name)
-            mass, inertia = body.mass, body.inertia
-            if body.kind == "beam" and body.length and body.density and body.area:
-                mass = body.density * body.area * body.length
-                inertia = mass * body.length**2 / 12.0
             beam = "beam" if body.rigid else "flexible beam"
-            self.edges.append(
-                Edge(
-                    f"body {name}",
-                    "body",
-                    DATUM,
-                    name,
-                    body.label or name.replace("_", " "),
-                    beam if body.kind == "beam" else "",
-                    mass,
-                    inertia,
-                )
-            )
+            text = body.label or name.replace("_", " ")
+            detail = beam if body.kind == "beam" else ""
+            self.edges.append(Edge(f"body {name}", "body", DATUM, name, text, detail))
 
     def joints(self) -> None:
         for name, body in self.config.bodies.items():

@@ -35,8 +35,8 @@ def test_a_number_outside_of_its_range_is_told_with_the_range(name):
 
 def test_segments_are_not_told_as_fibers(run, tmp_path):
     def told(segment):
-        # The file cannot be written; the options are read before.
-        return run("fiber", "simulate", "--segment", segment, str(tmp_path))[1]
+        # The file has a wrong suffix; the numbers are told before.
+        return run("fiber", "simulate", "--segment", segment, str(tmp_path / "x.txt"))[1]
 
     assert "warning" not in told("5um")
     assert "segment length = 62.5 m is outside of" in told("62.5m")
@@ -59,7 +59,7 @@ def test_packaged_felts_are_usual_and_unknown_names_are_refused():
     ],
 )
 def test_commands_warn_of_unusual_numbers(run, option, value, told, tmp_path):
-    output = run("fiber", "simulate", option, value, str(tmp_path))[1]
+    output = run("fiber", "simulate", option, value, str(tmp_path / "x.txt"))[1]
     assert ("warning: " in output) == ("is outside of" in output) == bool(told)
     assert told in output
 
