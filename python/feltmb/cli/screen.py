@@ -36,7 +36,6 @@ __all__ = [
     "is_terminal",
     "load_with_settings",
     "names_of_files",
-    "new_table",
     "pretty",
     "print_json",
     "redraw",
@@ -116,15 +115,6 @@ def console(*, stderr: bool = False) -> Console:
 # --- tables --------------------------------------------------------------------------------------
 
 
-def new_table(
-    title: str, *columns: str, right: tuple[int, ...] = (), whole: tuple[int, ...] = ()
-) -> FittingTable:
-    """Table that fits the screen; see :func:`feltmb.tables.new_table`."""
-    from feltmb import tables
-
-    return tables.new_table(title, *columns, right=right, whole=whole)
-
-
 def table(
     title: str, heads: str, rows: Iterable[Sequence[str]] = (), caption: str | None = None
 ) -> FittingTable:
@@ -140,6 +130,8 @@ def table(
     rows
         Cells.
     """
+    from feltmb.tables import new_table
+
     marked = [head.strip() for head in heads.split("|")]
     names = [head.lstrip(">=") for head in marked]
     marks = [head[: len(head) - len(name)] for head, name in zip(marked, names, strict=True)]

@@ -34,7 +34,6 @@ from feltmb.cli.screen import (
     console,
     is_terminal,
     load_with_settings,
-    new_table,
     pretty,
     print_json,
     say,
@@ -408,9 +407,9 @@ def strike_tables(run: Run, title: str) -> list[Any]:
     tables = []
     for first in range(0, len(strikes), SIDE_BY_SIDE):
         part = strikes[first : first + SIDE_BY_SIDE]
-        heads = [f"{first + i + 1}" for i in range(len(part))]
+        heads = " | ".join(f">{first + i + 1}" for i in range(len(part)))
         head = f"{title}: {run.provenance['action']}: {len(strikes)} strikes"
-        made = new_table(head, "strike", *heads, "unit", right=tuple(range(1, len(part) + 1)))
+        made = table(head, f"strike | {heads} | unit")
         for key, (text, unit) in rows.items():
             cells = _strike_cells(part, key, unit)
             if cells:

@@ -13,8 +13,7 @@ from click.testing import CliRunner
 import feltmb.cli
 from feltmb import tables
 from feltmb.cli import cli
-from feltmb.cli.screen import new_table
-from feltmb.tables import FittingTable, Screen
+from feltmb.tables import FittingTable, Screen, new_table
 
 CLI = Path(feltmb.cli.__file__).parent
 
@@ -122,7 +121,7 @@ def test_every_table_of_the_commands_is_made_in_one_place():
 
 
 def test_numbers_are_aligned_to_the_right(capsys):
-    from feltmb.cli.screen import console, new_table
+    from feltmb.cli.screen import console
 
     table = new_table("", "name", "value", right=(1,))
     table.add_row("a", "1.5")
