@@ -301,16 +301,20 @@ fingerprint() {  # of all that decides what the installed package is
 fresh() { [ "$(cat "$venv/feltmb.$1" 2>/dev/null)" = "$2" ]; }
 stamp() { printf '%s\n' "$2" >"$venv/feltmb.$1"; }
 
+# The tree of the build, unless this clone was at another place then.
+tree_is_here() { grep -q -x -F "CMAKE_HOME_DIRECTORY:INTERNAL=$root" build/wheel/CMakeCache.txt 2>/dev/null; }
+
 install_package() {
-  local target='.[live]' sources dependencies requirements
+  local target='.[live]' sources dependencies requirements strict=()
   sources=$(fingerprint)
   dependencies=$(sha256sum <pyproject.toml)
-  if fresh sources "$sources" && { [ "$with_tests" = no ] || fresh tests "$dependencies"; } &&
+  if fresh sources "$sources" && { [ "$with_tests" = no ] || { fresh tests "$dependencies" && tree_is_here; }; } &&
     "$vpy" -c 'import feltmb._core' 2>/dev/null; then
     say '  feltmb is up to date'
     return 0
   fi
-  [ "$with_tests" = yes ] && target='.[test]'
+  # tools/test.sh links its C++ tests to this core, in which warnings are errors.
+  [ "$with_tests" = no ] || target='.[test]' strict=(--config-settings=cmake.define.FELTMB_WERROR=ON)
   rm -f "$venv"/feltmb.sources
   mapfile -t requirements < <(pyproject_list build-system requires)
   "$vpy" -c 'import feltmb' 2>/dev/null ||
@@ -319,7 +323,7 @@ install_package() {
   step 'build tools' pip install "${requirements[@]}" ||
     die 'The build tools could not be installed.'
   step "feltmb (compiling with $CMAKE_BUILD_PARALLEL_LEVEL at a time)" \
-    pip install --no-build-isolation "$target" || die 'feltmb could not be built or installed.'
+    pip install --no-build-isolation "${strict[@]}" "$target" || die 'feltmb could not be built or installed.'
   step 'import check' "$vpy" -c 'import feltmb, feltmb._core' ||
     die 'feltmb was installed and cannot be imported.'
   stamp sources "$sources"

@@ -65,22 +65,20 @@ fi
 
 # ---------------------------------------------------------------- C++
 
+# In the tree that the package was built in: its core is compiled once and its tests are linked to it.
 build_cpp_tests() {
-  local cache=build/tests/CMakeCache.txt
   if ! find_doctest; then
     say 'doctest (doctest/doctest.h) is missing; an administrator can run: sudo apt-get install -y doctest-dev'
     return 1
   fi
-  # A tree that was configured for another place of this clone is of no use.
-  if [ -e "$cache" ] && ! grep -q -x -F "CMAKE_HOME_DIRECTORY:INTERNAL=$root" "$cache"; then rm -rf build/tests; fi
-  step 'configuring' cmake -S . -B build/tests -DCMAKE_BUILD_TYPE=Release -DFELTMB_TESTS=ON \
-    -DFELTMB_BENCH=ON -DFELTMB_WERROR=ON -DCMAKE_CXX_FLAGS=-D_GLIBCXX_ASSERTIONS &&
-    step "compiling ($CMAKE_BUILD_PARALLEL_LEVEL at a time)" cmake --build build/tests
+  step 'configuring' cmake -S . -B build/wheel -DCMAKE_BUILD_TYPE=Release -DFELTMB_TESTS=ON \
+    -DFELTMB_BENCH=ON -DFELTMB_WERROR=ON &&
+    step "compiling ($CMAKE_BUILD_PARALLEL_LEVEL at a time)" cmake --build build/wheel
 }
 
 run_cpp_tests() {
-  ctest --test-dir build/tests --no-tests=error --output-on-failure &&
-    sed -n 's/^\[doctest\] \(test cases\|assertions\)/\1/p' build/tests/Testing/Temporary/LastTest.log
+  ctest --test-dir build/wheel --no-tests=error --output-on-failure &&
+    sed -n 's/^\[doctest\] \(test cases\|assertions\)/\1/p' build/wheel/Testing/Temporary/LastTest.log
 }
 
 if part 'C++ build' build_cpp_tests; then
