@@ -123,7 +123,8 @@ def _settable() -> dict[str, Any]:
         action = load_action(name)
     except FeltmbError:
         return {}
-    found = {k: v for k, v in _paths(action.config) if _is_given(action.raw, k)}
+    raw = action.raw  # a copy of the whole mechanism
+    found = {k: v for k, v in _paths(action.config) if _is_given(raw, k)}
     short = {k.removeprefix("bodies."): v for k, v in found.items() if k.startswith("bodies.")}
     return found | short
 

@@ -393,9 +393,10 @@ def _memory(made: FeltEnvelope, e: Array, force: Array, branches: Branches) -> d
     from scipy.optimize import minimize_scalar
 
     samples = force.size - branches.held.size
+    core = made.core  # the numbers of the memory leave the envelope as it is
 
     def criterion(numbers: Mapping[str, float]) -> float:
-        squares = _rms(replace(made, memory=numbers), e, force, branches) ** 2
+        squares = _rms(replace(made, memory=numbers, made=core), e, force, branches) ** 2
         return samples * math.log(max(squares, 1e-300)) + len(numbers) * math.log(samples)
 
     options: list[dict[str, float]] = [{}]

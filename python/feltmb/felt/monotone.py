@@ -177,7 +177,7 @@ def _smooth(rows: Array, bends: Array) -> _Smooth:
     most = float(np.arctanh(CORRELATED)) if n >= LEAST_CORRELATED else 0.0
 
     def fitted(at: Array) -> tuple[float, float, Array, Array]:
-        """Criterion, squares of the innovations, coefficients, and inverse of their covariance."""
+        """Criterion, squares of the innovations, and the normal equations in triangular form."""
         inside = np.clip(at, [STIFFNESS[0], 0.0], [STIFFNESS[1], most])
         correlation, weight = float(np.tanh(inside[1])), scale * float(np.exp(inside[0]))
         gram = (1.0 - correlation**2) * parts[0] + parts[1]
@@ -190,8 +190,7 @@ def _smooth(rows: Array, bends: Array) -> _Smooth:
         logs = 2.0 * float(np.sum(np.log(np.diag(factor)))) - np.log(1.0 - correlation**2)
         cost = freedom * np.log(squares) + logs - bends.shape[0] * np.log(weight)
         outside = float(np.sum((at - inside) ** 2))
-        best = np.asarray(np.linalg.solve(factor.T, half))
-        return float(cost + outside), squares, best, np.asarray(factor, dtype=np.float64)
+        return float(cost + outside), squares, half, np.asarray(factor, dtype=np.float64)
 
     grid = np.arange(STIFFNESS[0], STIFFNESS[1] + 1.0, 2.0)
     starts = [np.array([s, z]) for s in grid[::2] for z in (0.0, 0.5, 1.2) if z <= most]
@@ -202,7 +201,10 @@ def _smooth(rows: Array, bends: Array) -> _Smooth:
         method="Nelder-Mead",
         options={"xatol": 0.02, "fatol": 1e-3},
     ).x
-    near = [fitted(np.array([s, found[1]])) for s in (*grid, found[0])]
+    near = []
+    for stiffness in (*grid, found[0]):
+        cost, squares, half, factor = fitted(np.array([stiffness, found[1]]))
+        near.append((cost, squares, np.asarray(np.linalg.solve(factor.T, half)), factor))
     shares = np.exp(0.5 * (min(cost for cost, *_ in near) - np.array([cost for cost, *_ in near])))
     shares /= np.sum(shares)
     best = np.sum([share * c for share, (_, _, c, _) in zip(shares, near, strict=True)], axis=0)

@@ -160,17 +160,21 @@ def _toe(
     if n < fitted + 2 or not span > 0.0:
         return None
 
+    other = force - force.mean() if approach else force
+
     def rest(zero: float, exponent: float) -> Array:
         basis = (np.maximum(x - zero, 0.0) / span) ** exponent
         if approach:
-            basis, other = basis - basis.mean(), force - force.mean()
-        else:
-            other = force
+            basis -= basis.mean()
         return np.asarray(other - basis * max(float(basis @ other) / float(basis @ basis), 0.0))
+
+    def cost_of(zero: float, exponent: float) -> float:
+        left = rest(zero, exponent)
+        return float(left @ left)
 
     def squares(zero: float) -> tuple[float, float]:
         at = minimize_scalar(
-            lambda p: float(np.sum(rest(zero, p) ** 2)), bounds=EXPONENTS, method="bounded",
+            lambda p: cost_of(zero, p), bounds=EXPONENTS, method="bounded",
             options={"xatol": 1e-3},
         )  # fmt: skip
         return float(at.fun), float(at.x)

@@ -9,7 +9,12 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
+Point = tuple[float, float]
+
 __all__ = ["Labels"]
+
+#: Places on a leader, from the anchor to the label, that should not lie in other labels.
+ALONG = tuple(float(t) for t in np.linspace(0.15, 1.0, 7))
 
 
 def _label_candidates() -> list[tuple[float, float]]:
@@ -29,26 +34,31 @@ class Labels:
         self.obstacles = obstacles
         self.bounds = bounds
         self.boxes: list[tuple[float, float, float, float]] = []
-        self.leaders: list[tuple[Array, Array]] = []
+        self.leaders: list[tuple[Point, Point]] = []
 
     def place(
         self, anchors: Array, width: float, height: float, unit: float
     ) -> tuple[Array, Array]:
         """Anchor and center of a label; all anchors are equally good."""
-        best, best_cost = (anchors[0], anchors[0]), math.inf
-        for at in anchors:
+        start = float(anchors[0][0]), float(anchors[0][1])
+        best, best_cost = (start, start), math.inf
+        for x, y in anchors:
+            at = float(x), float(y)
             for dx, dy in _label_candidates():
                 # Wide labels are moved sideways by half of their width.
                 stretch = 0.5 * (width - height) * np.sign(dx) * min(1.0, abs(dx / (dy or 1e-9)))
-                center = at + np.array([dx * unit + stretch, dy * unit])
-                cost = self._cost(at, center, width, height, math.hypot(dx, dy))
+                center = at[0] + (dx * unit + float(stretch)), at[1] + dy * unit
+                cost = self._cost(at, center, width, height, math.hypot(dx, dy), best_cost)
                 if cost < best_cost:
                     best, best_cost = (at, center), cost
-        self.boxes.append((best[1][0], best[1][1], width, height))
+        self.boxes.append((*best[1], width, height))
         self.leaders.append(best)
-        return best
+        return np.array(best[0]), np.array(best[1])
 
-    def _cost(self, at: Array, center: Array, width: float, height: float, away: float) -> float:
+    def _cost(
+        self, at: Point, center: Point, width: float, height: float, away: float, limit: float
+    ) -> float:
+        """Cost of a place; no more is added once it is above ``limit``."""
         x0, y0, x1, y1 = self.bounds
         w, h = 0.5 * width + 2.0, 0.5 * height + 2.0
         cost = 1.2 * away
@@ -59,22 +69,26 @@ class Labels:
             over_y = h + 0.5 * bh - abs(center[1] - by)
             if over_x > 0 and over_y > 0:
                 cost += 200.0 + min(over_x, over_y)
-        for t in np.linspace(0.15, 1.0, 7):
-            p = at + t * (center - at)
+        if cost >= limit:
+            return cost
+        for t in ALONG:
+            px, py = at[0] + t * (center[0] - at[0]), at[1] + t * (center[1] - at[1])
             for bx, by, bw, bh in self.boxes:
-                if abs(p[0] - bx) < 0.5 * bw + 1 and abs(p[1] - by) < 0.5 * bh + 1:
+                if abs(px - bx) < 0.5 * bw + 1 and abs(py - by) < 0.5 * bh + 1:
                     cost += 30.0
         for a, b in self.leaders:
             if _cross(at, center, a, b):
                 cost += 25.0
+        if cost >= limit:
+            return cost
         inside = (np.abs(self.obstacles[:, 0] - center[0]) < w) & (
             np.abs(self.obstacles[:, 1] - center[1]) < h
         )
         return cost + 1.5 * min(float(np.count_nonzero(inside)), 24.0)
 
 
-def _cross(a: Array, b: Array, c: Array, d: Array) -> bool:
-    def side(p: Array, q: Array, r: Array) -> float:
-        return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
+def _cross(a: Point, b: Point, c: Point, d: Point) -> bool:
+    def side(p: Point, q: Point, r: Point) -> float:
+        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
 
     return side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
