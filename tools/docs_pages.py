@@ -26,11 +26,13 @@ import io
 import itertools
 import os
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
+import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -147,7 +149,7 @@ def compare(expected: list[str], got: list[str], tolerance: float) -> str:
 
 
 def call(command: str) -> list[str]:
-    """Output of a command on both streams; ``feltmb`` runs in this process."""
+    """Output of a command on both streams; ``feltmb`` and scripts run in this process."""
     words = shlex.split(command, comments=True)
     said = io.StringIO()
     if words[0] == "feltmb" and not {"|", ">", "&&", ";"} & set(words):
@@ -160,6 +162,18 @@ def call(command: str) -> list[str]:
             except SystemExit as end:
                 if end.code:
                     said.write(f"(exit code {end.code})\n")
+        return said.getvalue().splitlines()
+    if words[0] == "python" and len(words) > 1 and words[1].endswith(".py"):
+        given, path = sys.argv, list(sys.path)
+        sys.argv = words[1:]
+        sys.path.insert(0, str(Path(words[1]).resolve().parent))
+        try:
+            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+                runpy.run_path(words[1], run_name="__main__")
+        except Exception:
+            said.write(traceback.format_exc())
+        finally:
+            sys.argv, sys.path[:] = given, path
         return said.getvalue().splitlines()
     done = subprocess.run(
         command, shell=True, capture_output=True, text=True, check=False, timeout=600
@@ -284,6 +298,9 @@ def run_page(page: Path, folder: Path, *, slow: bool = True, write: bool = False
                         raise Mismatch(f"{where}: {fault}")
     finally:
         sys.path[:] = path
+        for name, module in list(sys.modules.items()):  # of this page, not of the next one
+            if (getattr(module, "__file__", None) or "").startswith(f"{folder.resolve()}{os.sep}"):
+                del sys.modules[name]
         for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)
