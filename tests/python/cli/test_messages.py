@@ -1,5 +1,7 @@
 """Messages and output: printable, short, in one place; a closed pipe is no fault."""
 
+import contextlib
+import io
 import json
 import subprocess
 import sys
@@ -10,6 +12,7 @@ import pytest
 from calls import refused
 
 import feltmb
+from feltmb.cli import main
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -67,7 +70,7 @@ def test_the_end_of_a_long_line_is_kept():
         [ODD],
     ],
 )
-def test_no_command_prints_control_characters(tmp_path, run_file, words):
+def test_no_command_prints_control_characters(tmp_path, run_file, monkeypatch, words):
     path = tmp_path / f"{ODD.replace('/', '')}.toml"
     path.write_text('schema = 1\nname = "\\u001b\\u009b\\u202e"\n"\\u001b[2J" = 1\n')
     with h5py.File(run_file, "a") as file:
@@ -77,10 +80,16 @@ def test_no_command_prints_control_characters(tmp_path, run_file, words):
         told = json.loads(file.attrs["provenance"]) | {"action": ODD}
         file.attrs["provenance"] = json.dumps(told)
     words = [w.format(file=path, run=run_file) if "{" in w else w for w in words]
-    done = subprocess.run(
-        [sys.executable, "-m", "feltmb", *words], capture_output=True, cwd=tmp_path, check=False
-    )
-    said = (done.stdout + done.stderr).decode()
+    monkeypatch.chdir(tmp_path)
+    out = io.StringIO()
+    with (
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(out),
+        contextlib.suppress(SystemExit),
+    ):
+        main(words)
+    said = out.getvalue()
+    assert said
     for letter in ODD + "\x1b\x9b\u202e":
         assert letter.isprintable() or letter not in said, said
 

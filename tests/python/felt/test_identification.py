@@ -55,7 +55,9 @@ def test_exact_loop_gives_the_truth_back(name):
     assert not any("intervals are too narrow" in w for w in found.warnings)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name", [NAMES[0], *(pytest.param(n, marks=pytest.mark.slow) for n in NAMES[1:])]
+)
 def test_intervals_hold_the_truth_as_often_as_they_say(name):
     m = load_material(name)
     hits = total = 0

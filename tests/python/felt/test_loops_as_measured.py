@@ -41,7 +41,7 @@ def test_a_coarse_loop_without_noise_is_interpolated(n, most):
     assert found.rms < 0.3 if n == 13 else 0.05
 
 
-@pytest.mark.parametrize("n", [25, 50])
+@pytest.mark.parametrize("n", [25, pytest.param(50, marks=pytest.mark.slow)])
 def test_intervals_of_coarse_noisy_loops_cover(n):
     inside = []
     for seed in range(8):

@@ -95,8 +95,15 @@ def test_a_branch_without_samples_at_small_compression_is_a_power_there(low, bac
     assert found.loss == pytest.approx(1.0 - work[1] / work[0], abs=0.002)
 
 
-@pytest.mark.parametrize("offset", [0.2, -0.2])
-@pytest.mark.parametrize("wrong", [None, 30, 140])
+@pytest.mark.parametrize(
+    ("offset", "wrong"),
+    [
+        (0.2, None),
+        (-0.2, 30),
+        (0.2, 140),
+        *(pytest.param(*c, marks=pytest.mark.slow) for c in ((-0.2, None), (0.2, 30), (-0.2, 140))),
+    ],
+)
 def test_the_force_of_the_approach_and_lost_samples(offset, wrong):
     """An offset of the load cell, and one sample of 0 N or 5 N."""
     x, force = powers()
@@ -108,6 +115,10 @@ def test_the_force_of_the_approach_and_lost_samples(offset, wrong):
     assert abs(found.zero) < 5e-5
     assert found.envelope.loading[-1] == pytest.approx(10.0, abs=0.02)
     assert any(f"approach, {offset:.2g} N, is subtracted" in note for note in found.notes)
+
+
+#: Noise [N] and power of a loading from zero: without, with little and with much noise.
+FAST = ((0.0, 1.0), (0.4, 1.5), (3.0, 2.5))
 
 
 def preloaded(missing, noise, seed=1):
@@ -138,8 +149,14 @@ def test_a_preload_is_told_with_the_compression_that_the_test_lacks(missing, tmp
     assert any("first sample" in n and "--zero" not in n for n in told.notes)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.05, 0.4, 3.0])
-@pytest.mark.parametrize("power", [1.0, 1.5, 2.5])
+@pytest.mark.parametrize(
+    ("noise", "power"),
+    [
+        pytest.param(n, p, marks=() if (n, p) in FAST else pytest.mark.slow)
+        for n in (0.0, 0.05, 0.4, 3.0)
+        for p in (1.0, 1.5, 2.5)
+    ],
+)
 def test_noise_is_no_preload(noise, power):
     for seed, n in enumerate((20, 100, 1000)):
         up = np.linspace(0.0, 1.4, n)

@@ -41,7 +41,10 @@ def written(tmp_path, seed=0, noise=0.002, **options):
     return path
 
 
-@pytest.mark.parametrize("area", ["4cm^2", "4 cm2", "400mm2", "4e-4"])
+@pytest.mark.parametrize(
+    "area",
+    ["4 cm2", *(pytest.param(a, marks=pytest.mark.slow) for a in ("4cm^2", "400mm2", "4e-4"))],
+)
 def test_an_area_in_any_unit(tmp_path, area):
     path = written(tmp_path)
     common = ["--v-f0", str(FELT.v_f0), "--area", area, "--thickness", "8mm", "--json"]

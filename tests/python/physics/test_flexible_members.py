@@ -148,7 +148,13 @@ TREES = {
 }
 
 
-@pytest.mark.parametrize("name", TREES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=pytest.mark.slow if n == "chain, polynomial 1 + 2" else ())
+        for n in TREES
+    ],
+)
 def test_rotating_beams_against_lagrange(name):
     """M, Q and qdd of rotating beams: the Lagrangian of `beam_witness`, to 1e-10 of the terms."""
     make, kind, axial, lateral = TREES[name]
