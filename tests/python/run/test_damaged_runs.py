@@ -1,5 +1,6 @@
 """Saved runs with damaged tables, arrays and texts; starts and interruptions."""
 
+import json
 import signal
 import sys
 import threading
@@ -11,6 +12,7 @@ import pytest
 from calls import refused, short_strike, stroke_command
 
 import feltmb
+from feltmb.graphics.animate import animate
 from feltmb.mechanism import Action
 
 
@@ -98,6 +100,30 @@ def test_text_that_is_none_in_a_run(pendulum, tmp_path):
     run = feltmb.load_run(path)
     run.status.encode("utf-8")
     run.save(tmp_path / "again.nc")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a" + ".a" * 200_000 + "=1",  # hung
+        "contacts = 5\n[reading]\nstrike_contact = 6\n",  # tracebacks of the plots
+        "[contacts.06]\nsurfaces = 5\n[reading]\nstrike_contact = 6\n",
+        None,  # another mechanism
+    ],
+)
+def test_another_text_in_the_place_of_the_mechanism(pendulum, tmp_path, text):
+    """Pictures of the run do without it; what needs the mechanism is refused."""
+    run = feltmb.simulate("steinway45", "staccato", duration=0.02)
+    path = run.save(tmp_path / "run.nc")
+    with h5py.File(path, "a") as file:
+        table = json.loads(file.attrs["provenance"])
+        file.attrs["provenance"] = json.dumps(table | {"toml": text or pendulum.to_toml()})
+    loaded = feltmb.load_run(path)
+    assert loaded.plot().axes
+    feltmb.view(loaded, tmp_path / "run.html")
+    with pytest.raises(feltmb.FeltmbError) as error:
+        animate(loaded, tmp_path / "run.gif")
+    assert len(str(error.value)) < 2000
 
 
 def test_damaged_metadata_of_hdf5(tmp_path, monkeypatch):
