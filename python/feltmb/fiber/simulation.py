@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -290,6 +290,9 @@ class FiberRun:
             for name in _STATE:
                 if state[name].dtype.kind not in "fiu" or state[name].ndim != 1:
                     raise ValueError(f"state {name}: expected a list of numbers")
+            for name, kind in (("box", FiberBox), ("cycle", Cycle)):
+                if other := header[name].keys() - {f.name for f in fields(kind)}:
+                    raise ValueError(f"{name}: unknown entries {shown(sorted(other))}")
             counts = {
                 name: {str(key): float(value) for key, value in header[name].items()}
                 for name in ("laid", "relaxed")

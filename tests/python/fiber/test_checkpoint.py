@@ -19,9 +19,11 @@ def test_a_changed_checkpoint_is_refused(tmp_path):
         whole | {"state_positions": np.array(1.0)},
         whole | {"table_pressure": np.full(3, np.nan)},
         {k: v for k, v in whole.items() if k != "state_box"},
-        whole | {"header": np.array(json.dumps(header | {"box": {"nope": 1}}))},
+        whole | {"header": np.array(json.dumps(header | {"box": header["box"] | {"nope": 1}}))},
     ):
         np.savez(tmp_path / "b.npz", **changed)
         with pytest.raises(DataError):
             fiber.FiberRun.load(tmp_path / "b.npz")
+    with pytest.raises(DataError, match=r"box: unknown entries \['nope'\]"):
+        fiber.FiberRun.load(tmp_path / "b.npz")
     assert fiber.FiberRun.load(good).box == box
