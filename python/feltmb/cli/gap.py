@@ -362,7 +362,7 @@ def blind(
         "Record that is held out to confirm the findings.", metavar="NAME"
     ),
     out: Path | None = option(
-        "Folder for blind.json and one file for each case. An interrupted run continues.",
+        "Folder for blind.json. Ctrl-C ends the run with the finished cases.",
         FolderName(),
         metavar="DIRECTORY",
     ),
@@ -381,6 +381,7 @@ def blind(
     not know the effect. Without DATA the planned runs of the model are used. Machine and model have
     the same equations, so a real machine is more difficult.
     """
+    from feltmb.files import make_folder
     from feltmb.gap import withhold
 
     adapter = load_adapter(model, settings, stated=stated)
@@ -389,6 +390,8 @@ def blind(
     if not records:
         raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
     adapter = adapter.with_records(records, exclude)
+    if out is not None:
+        make_folder(out)
     found = withhold(
         adapter.model,
         adapter.effects,
@@ -397,7 +400,6 @@ def blind(
         seed=seed,
         only=list(dict.fromkeys(only)) or None,
         hold_out=(held_out(hold_out, data, groups) if data else list(hold_out)) or None,
-        folder=out,
         options=options,
         progress=_Told(),
     )

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
-from feltmb.files import Store, digest_of, make_folder, package_digest
 from feltmb.fit.model import Candidate, Effect, Model, Ready
 from feltmb.fit.observe import observe, shifted
 from feltmb.gap.diagnosis import diagnose
@@ -135,7 +133,6 @@ def withhold(
     only: Sequence[str] | None = None,
     hold_out: Sequence[str] | None = None,
     options: Options | None = None,
-    folder: str | Path | None = None,
     progress: Callable[[int, int, Case], None] | None = None,
 ) -> Withheld:
     """Withhold effects of a list in turn and count how often the diagnosis is right.
@@ -156,11 +153,9 @@ def withhold(
         Held-out records, as in :func:`feltmb.gap.diagnose`.
     options
         Options of each diagnosis.
-    folder
-        Folder for finished cases, one file each. A case is not diagnosed again as long as its
-        records, the effects, the options and the version of feltmb are the same.
     progress
-        ``progress(done, total, case)`` is called after every case.
+        ``progress(done, total, case)`` is called after every case. Ctrl-C ends the run; the result
+        has the finished cases.
 
     Raises
     ------
@@ -177,12 +172,16 @@ def withhold(
         raise InvalidParameter(f"cases = {total}, seed = {seed}: expected >= 1 and >= 0")
     split_records(records, hold_out)
     machine = _machine(ready_records(model, records), effects, options or Options())
-    store = None if folder is None else Store(make_folder(folder))
     done: list[Case] = []
     for number in range(total):
         effect = known.get(turns[number % len(turns)])
         rng = np.random.default_rng([seed, number])
-        done.append(machine.diagnosed(number, effect, rng, hold_out, store))
+        try:
+            done.append(machine.diagnosed(number, effect, rng, hold_out))
+        except KeyboardInterrupt:
+            if not done:
+                raise
+            break
         if progress is not None:
             progress(len(done), total, done[-1])
     return Withheld(tuple(done))
@@ -207,21 +206,15 @@ class _Machine:
         effect: Effect | None,
         rng: np.random.Generator,
         hold_out: Sequence[str] | None,
-        store: Store | None,
     ) -> Case:
-        """A finished case, or else a new one."""
+        """One case."""
         case = Case(number, "" if effect is None else effect.name, 0.0, "", 0.0)
         given, theta = () if effect is None else (_drawn(effect, rng),), self._parameters(rng)
         try:
             shown, ratio = self._records(theta, given, rng)
             for candidate, size in given:
                 case = replace(case, magnitude=size, unit=candidate.effect.unit)
-            case, key = replace(case, signal_to_noise=ratio), ""
-            if store is not None:
-                key = self._key(shown, hold_out, case)
-                if (kept := store.get(key)) is not None:
-                    own = {k: kept[k] for k in asdict(case)}
-                    return Case(**own | {"told": tuple(map(tuple, own["told"]))})
+            case = replace(case, signal_to_noise=ratio)
             model, options = self.problem.model, self.options
             report = diagnose(model, self.effects, shown, hold_out=hold_out, options=options)
         except FeltmbError as fault:
@@ -236,7 +229,7 @@ class _Machine:
         within = [p.low <= true[p.name] <= p.high for p in report.parameters]
         within += [n.low <= case.magnitude <= n.high for group in told for n in group
                    if n.cause == case.effect and not n.parameter]  # fmt: skip
-        case = replace(
+        return replace(
             case,
             outcome=_outcome(case.effect, report),
             verdict=report.verdict.name,
@@ -244,9 +237,6 @@ class _Machine:
             covered=int(sum(within)),
             intervals=len(within),
         )
-        if store is not None:
-            store.put(key, asdict(case))
-        return case
 
     def _parameters(self, rng: np.random.Generator) -> Array:
         """Parameters from their priors."""
@@ -286,17 +276,6 @@ class _Machine:
             sensors = {k: v for k, v in record.sensors.items() if k in outputs}
             shown.append(replace(record, outputs=outputs, inputs=inputs, sensors=sensors))
         return shown, math.sqrt(square)
-
-    def _key(self, records: Sequence[Record], hold_out: Sequence[str] | None, case: Case) -> str:
-        """Hash of everything that a case depends on; equations of effects count by results."""
-        model, parts = self.problem.model, []
-        for e in self.effects:
-            given = ((Candidate(e, e.shapes[0]), float(np.clip(e.scale, *e.bounds))),)
-            y = _outputs(model, self.problem.fit[0].as_measured, self.theta, self.starts[0], given)
-            parts.append((e.name, e.scale, e.bounds, e.weight, repr(e.shapes), np.nan_to_num(y)))
-        data = [(r.name, r.role, r.time, r.inputs, r.outputs, repr(r.sensors)) for r in records]
-        own = (package_digest(), repr(self.options), repr(model.parameters), repr(model.states()))
-        return digest_of(own, hold_out, parts, data, repr(case))
 
 
 #: An effect and its magnitude, or nothing.

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -537,20 +538,16 @@ def _units(rows: Sequence[Compared]) -> Iterator[Hint]:
     groups: dict[tuple[float, str, tuple[str, ...]], list[list[Compared]]] = {}
     for name in dict.fromkeys(r.channel for r in rows):
         own = [r for r in rows if r.channel == name and math.isfinite(r.correlation)]
-        known = [_known_factor(r) for r in own]
-        wrong = [r for r, k in zip(own, known, strict=True) if k]
-        if not wrong or len({k for k in known if k}) > 1:
-            continue
-        if all(k or abs(r.factor - 1.0) < MOST for r, k in zip(own, known, strict=True)):
+        if (found := _wrong_unit(own)) is not None:
+            factor, text, wrong = found
             where = () if len(wrong) == len(own) else tuple(r.record for r in wrong)
-            key = (*next(k for k in known if k), where)
-            groups.setdefault(key, []).append(wrong)
-    for (factor, text, where), found in groups.items():
-        wrong = [r for g in found for r in g]
+            groups.setdefault((factor, text, where), []).append(wrong)
+    for (factor, text, where), channels in groups.items():
+        wrong = [r for g in channels for r in g]
         sign = factor < 0.0
         large = sign or abs(math.log(abs(factor))) > math.log(LARGE)
         value = float(np.median([r.factor for r in wrong]))
-        names = tuple(g[0].channel for g in found)
+        names = tuple(g[0].channel for g in channels)
         yield Hint(
             "sign" if sign else "unit",
             names,
@@ -559,6 +556,17 @@ def _units(rows: Sequence[Compared]) -> Iterator[Hint]:
             f"{_reversed(wrong) if sign else ''}",
             large and all(abs(r.correlation) > SURE for r in wrong),
         )
+
+
+def _wrong_unit(rows: Sequence[Compared]) -> tuple[float, str, list[Compared]] | None:
+    """The one factor of the rows of a channel, and the rows that have it; others have 1."""
+    known = [_known_factor(r) for r in rows]
+    wrong = [r for r, k in zip(rows, known, strict=True) if k]
+    factors = {k for k in known if k}
+    right = [r for r, k in zip(rows, known, strict=True) if not k]
+    if len(factors) != 1 or not all(abs(r.factor - 1.0) < MOST for r in right):
+        return None
+    return *factors.pop(), wrong
 
 
 def _reversed(wrong: Sequence[Compared]) -> str:
@@ -669,40 +677,50 @@ def _input(model: Model, runs: Runs) -> list[Hint]:
 
 def _exchanged(runs: Runs, rows: Sequence[Compared]) -> list[Hint]:
     """Channels that the model explains far better in another order, in all records."""
-    from scipy.optimize import linear_sum_assignment
-
-    found: dict[tuple[tuple[str, str], ...], int] = {}
+    found: Counter[tuple[tuple[str, str], ...]] = Counter()
     having: list[set[str]] = []
     for record, outputs in runs:
         own = [r for r in rows if r.record == record.name and r.samples > 2 and r.motion > 0.0]
         having.append({r.channel for r in own})
         for unit in dict.fromkeys(r.unit for r in own):
-            same = [r for r in own if r.unit == unit]
-            cost = np.full((len(same), len(same)), 1e9)  # share of the motion that is left
-            for i, j in np.ndindex(cost.shape):
-                gap = record.outputs[same[i].channel] - outputs[same[j].channel]
-                if np.isfinite(gap).any():
-                    with np.errstate(all="ignore"):
-                        cost[i, j] = min(np.nanmean(gap**2) / same[i].motion ** 2, 1e9)
-            order = linear_sum_assignment(cost)[1].tolist()
-            for cycle in _cycles(order):
-                cycle = sorted(cycle, key=lambda k: same[k].channel)
-                now, left = cost[cycle, cycle], cost[cycle, [order[k] for k in cycle]]
-                noise = np.array([(same[k].noise / same[k].motion) ** 2 for k in cycle])
-                far = now.sum() > MOST * len(cycle) or (
-                    now.sum() > TRIED * len(cycle) and left.sum() < LEFT * now.sum()
-                )
-                if far and np.all(now > noise) and np.all(left < MOST * np.minimum(now, 1.0)):
-                    key = tuple((same[k].channel, same[order[k]].channel) for k in cycle)
-                    found[key] = found.get(key, 0) + 1
+            found.update(_better_orders(record, outputs, [r for r in own if r.unit == unit]))
     hints = []
     for key, count in found.items():
         names = tuple(a for a, _ in key)
         of = sum(set(names) <= h for h in having)
         text = ", ".join(f"{a} looks like {b}" for a, b in key)
-        several = count == of
-        hints.append(Hint("exchange", names, f"{text}: are the columns exchanged?", several))
+        hints.append(Hint("exchange", names, f"{text}: are the columns exchanged?", count == of))
     return hints
+
+
+def _better_orders(
+    record: Record, outputs: Mapping[str, Array], rows: Sequence[Compared]
+) -> Iterator[tuple[tuple[str, str], ...]]:
+    """Channels in one unit that other outputs of the model explain far better, and these."""
+    from scipy.optimize import linear_sum_assignment
+
+    cost = _left_by_pair(record, outputs, rows)
+    order = linear_sum_assignment(cost)[1].tolist()
+    for cycle in _cycles(order):
+        cycle = sorted(cycle, key=lambda k: rows[k].channel)
+        now, left = cost[cycle, cycle], cost[cycle, [order[k] for k in cycle]]
+        noise = np.array([(rows[k].noise / rows[k].motion) ** 2 for k in cycle])
+        far = now.sum() > MOST * len(cycle) or (
+            now.sum() > TRIED * len(cycle) and left.sum() < LEFT * now.sum()
+        )
+        if far and np.all(now > noise) and np.all(left < MOST * np.minimum(now, 1.0)):
+            yield tuple((rows[k].channel, rows[order[k]].channel) for k in cycle)
+
+
+def _left_by_pair(record: Record, outputs: Mapping[str, Array], rows: Sequence[Compared]) -> Array:
+    """Share of the motion of each channel that each output of the model leaves."""
+    cost = np.full((len(rows), len(rows)), 1e9)
+    for i, j in np.ndindex(cost.shape):
+        gap = record.outputs[rows[i].channel] - outputs[rows[j].channel]
+        if np.isfinite(gap).any():
+            with np.errstate(all="ignore"):
+                cost[i, j] = min(np.nanmean(gap**2) / rows[i].motion ** 2, 1e9)
+    return cost
 
 
 def _cycles(order: Sequence[int]) -> Iterator[list[int]]:

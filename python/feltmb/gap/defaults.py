@@ -11,7 +11,7 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter, near_names
-from feltmb.fit.model import Effect, Jobs, Model, State
+from feltmb.fit.model import Effect, Model, State, prior_jobs
 from feltmb.gap.library import (
     constant_rate,
     exchange,
@@ -74,22 +74,29 @@ def chosen_effects(
     InvalidParameter
         A name fits no effect.
     """
-    texts = [e for e in effects or () if isinstance(e, str)]
     exclude = [exclude] if isinstance(exclude, str) else list(exclude)
+    own = [e for e in effects or () if isinstance(e, Effect)]
+    texts = [e for e in effects or () if isinstance(e, str)]
     if effects is not None and not texts and not exclude:
-        return tuple(e for e in effects if isinstance(e, Effect)), ()
-    default = tuple(_all(model, records)) if effects is None or texts else ()
-    own = tuple(e for e in effects or () if isinstance(e, Effect))
-    found = (*own, *(_named(default, texts, "effects") if texts else default))
-    out = {e.name for e in _named(found, exclude, "exclude")}
-    kept = tuple(e for e in found if e.name not in out)
+        return tuple(own), ()
+    if effects is None:
+        own += _all(model, records)
+    elif texts:
+        own += _named(tuple(_all(model, records)), texts, "effects")
+    out = {e.name for e in _named(own, exclude, "exclude")}
+    kept = tuple(e for e in own if e.name not in out)
+    return kept, (_note(kept, [e.name for e in own if e.name in out], records),)
+
+
+def _note(kept: Sequence[Effect], out: Sequence[str], records: Sequence[Record]) -> str:
+    """Note about the choice of effects; ``out``: those that are left out."""
     counted = Counter(e.component for e in kept)
     listed = ", ".join(f"{count} of {part}" for part, count in counted.items())
-    left = f"; left out: {', '.join(e.name for e in found if e.name in out)}" if out else ""
+    left = f"; left out: {', '.join(out)}" if out else ""
     names = ", ".join(dict.fromkeys(r.name for r in records))
-    return kept, (
+    return (
         f"effects tested: {len(kept)} ({listed or 'none'}), with sizes from {names}{left}; "
-        "effects= and exclude= change the choice",
+        "effects= and exclude= change the choice"
     )
 
 
@@ -138,7 +145,7 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
     states = model.states()
     if not states:
         return
-    paths = [(r, x) for r in records if (x := _path(model, r, states)) is not None]
+    paths = [(r, x) for r in records if (x := _path(model, r)) is not None]
     if not paths:
         return
     names = [s.name for s in states]
@@ -198,15 +205,9 @@ def _exchanges(
             yield exchange(state.name, name, power, scale=scale, unit=unit)
 
 
-def _path(model: Model, record: Record, states: Sequence[State]) -> Array | None:
+def _path(model: Model, record: Record) -> Array | None:
     """States of the tabulated model over a record, (n, nx); None: it has none, or fails."""
-    prior = record.start
-    mean = {} if prior is None else prior.mean
-    jobs = Jobs(
-        theta=np.array([[p.value for p in model.parameters]]),
-        starts=np.array([[mean.get(s.name, s.start) for s in states]]),
-    )
-    path = model.motion(record, jobs)
+    path = model.motion(record, prior_jobs(model, record))
     return None if path is None or not np.isfinite(path).all() else path[0]
 
 

@@ -237,24 +237,20 @@ def with_measured(
     for name, tests in by_name.items():
         if reasons[name]:
             continue
-        best = min(m.sd for m in tests)
-        weights = [(best / m.sd) ** 2 for m in tests]  # at most 1, so that no square overflows
-        value = sum(w * m.value for w, m in zip(weights, tests, strict=True)) / sum(weights)
-        sd = best / math.sqrt(sum(weights))
-        p, effect = parameters.get(name), known.get(name)
-        if p is None and effect is not None:
-            (lower, upper), unit = effect.bounds, effect.unit
+        value, sd = _combined(tests)
+        if name in parameters:
+            p = parameters[name]
+            (lower, upper), unit = (p.lower, p.upper), p.unit
+            changed[name] = replace(p, sd=sd, before=p.before or p)
         else:
-            assert p is not None
-            lower, upper, unit = p.lower, p.upper, p.unit
+            (lower, upper), unit = known[name].bounds, known[name].unit
+            magnitudes[name] = value, sd
         if not lower <= value <= upper:
             faults.append(
                 f"{name}: got {value:g} {unit}, expected a value in [{lower:g}, {upper:g}]"
             )
-        elif p is None:
-            magnitudes[name] = value, sd
-        else:
-            changed[name] = replace(p, value=value, sd=sd, before=p.before or p)
+        elif name in changed:
+            changed[name] = replace(changed[name], value=value)
     if faults:
         raise InvalidParameter("measured: " + "; ".join(faults))
     out = model.with_parameters(changed) if changed else model
@@ -264,6 +260,14 @@ def with_measured(
     out = including(out, [known[name] for name in magnitudes], values, sds)
     unknown = {p.name: replace(p, value=0.0, sd=math.inf) for p in out.own}
     return out.with_parameters({p.name: replace(p, before=unknown[p.name]) for p in out.own})
+
+
+def _combined(tests: Sequence[Measured]) -> tuple[float, float]:
+    """Mean of tests of one number, weighted by their accuracy, and its standard deviation."""
+    best = min(m.sd for m in tests)
+    weights = [(best / m.sd) ** 2 for m in tests]  # at most 1, so that no square overflows
+    value = sum(w * m.value for w, m in zip(weights, tests, strict=True)) / sum(weights)
+    return value, best / math.sqrt(sum(weights))
 
 
 @checked

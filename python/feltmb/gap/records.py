@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -176,14 +176,8 @@ def problem_of(
     DataError
         No record shows an output of the model.
     """
-    shown = {n for r in fitted for n, y in r.outputs.items() if np.isfinite(y).any()}
-    channels = tuple(i for i, n in enumerate(model.outputs) if n in shown)
-    if not channels:
-        raise DataError(
-            f"records: they show {', '.join(sorted(shown)) or 'nothing'}, expected an output of "
-            f"the model {model.name} ({', '.join(model.outputs)})"
-        )
-    names, records = [model.outputs[c] for c in channels], (*fitted, *held)
+    channels, records = _channels(model, fitted), (*fitted, *held)
+    names = [model.outputs[c] for c in channels]
     units = dict.fromkeys(u for r in records for n, u in r.units.items() if n in names)
     if unknown := [n for n in options.good_enough if n not in {*model.outputs, *units}]:
         raise InvalidParameter(
@@ -208,6 +202,18 @@ def problem_of(
         exact=all(s.sigma is None for s in sensors),
         notes=notes,
     )
+
+
+def _channels(model: Model, records: Sequence[Record]) -> tuple[int, ...]:
+    """Outputs of the model that a record shows, as indices."""
+    shown = {n for r in records for n, y in r.outputs.items() if np.isfinite(y).any()}
+    channels = tuple(i for i, n in enumerate(model.outputs) if n in shown)
+    if not channels:
+        raise DataError(
+            f"records: they show {', '.join(sorted(shown)) or 'nothing'}, expected an output of "
+            f"the model {model.name} ({', '.join(model.outputs)})"
+        )
+    return channels
 
 
 def _errors(
@@ -392,27 +398,29 @@ def split_records(
     hold_out
         Names of held-out records; () holds nothing out; None: as above.
     """
-    if hold_out is not None:
-        chosen = [hold_out] if isinstance(hold_out, str) else list(hold_out)
-        names = [r.name for r in records]
-        unknown = [h for h in chosen if h not in names]
-        if unknown:
-            raise InvalidParameter(
-                f"hold_out: no record {', '.join(unknown)}; there are {', '.join(names)}"
-            )
-        held = [r for r in records if r.name in chosen]
-        if not chosen:
-            return _with_values(records), ()
-    else:
-        held = [r for r in records if r.role == "held_out"]
-        if not held and len(records) >= 3:
-            held = list(records[2::3])
+    held = _held(records, hold_out)
     kept = [r for r in records if r not in held]
-    if held and kept:
-        return _with_values(kept), _with_values(held)
     if not kept:
         raise InvalidParameter("hold_out: every record is held out, none is left to fit")
+    if held:
+        return _with_values(kept), _with_values(held)
+    if hold_out is not None and not hold_out:
+        return _with_values(records), ()
     return _with_values([_blocks(r, 0) for r in kept]), _with_values([_blocks(r, 1) for r in kept])
+
+
+def _held(records: Sequence[Record], hold_out: Sequence[str] | str | None) -> list[Record]:
+    """Whole records that are held out."""
+    if hold_out is None:
+        stated = [r for r in records if r.role == "held_out"]
+        return stated or (list(records[2::3]) if len(records) >= 3 else [])
+    chosen = [hold_out] if isinstance(hold_out, str) else list(hold_out)
+    names = [r.name for r in records]
+    if unknown := [h for h in chosen if h not in names]:
+        raise InvalidParameter(
+            f"hold_out: no record {', '.join(unknown)}; there are {', '.join(names)}"
+        )
+    return [r for r in records if r.name in chosen]
 
 
 def _blocks(record: Record, odd: int) -> Record:
@@ -477,7 +485,6 @@ def check_records(records: Sequence[Record], model: Model | None = None) -> list
     ]
     if not records:
         faults.append("there are none, expected at least one")
-    outputs = None if model is None else model.outputs
     notes: list[str] = []
     for k, r in enumerate(records):
         notes += [f"{r.name}: {note}" for note in r.notes]
@@ -487,31 +494,49 @@ def check_records(records: Sequence[Record], model: Model | None = None) -> list
             if o.name != r.name and _same_numbers(o, r)
         ]
         faults += [] if model is None else _against(model, r)
-        if (steps := np.diff(r.time)).max() > JUMP * (middle := float(np.median(steps))):
-            at = int(np.argmax(steps))
-            faults.append(
-                f"{r.name}: the clock jumps by {steps[at]:g} s at {r.time[at]:g} s (median step "
-                f"{middle:g} s); split the record there"
-            )
-        elif lost := int(np.sum(steps > 1.5 * middle)):
-            notes.append(f"{r.name}: uneven clock, {lost} steps are longer than 1.5 medians")
-        for name, values in r.outputs.items():
-            if outputs is None or name in outputs:
-                for fault, text in _numbers(values[np.isfinite(values)]):
-                    (faults if fault else notes).append(f"{r.name}.{name}: {text}")
+        for fault, text in _of_record(r, r.outputs if model is None else model.outputs):
+            (faults if fault else notes).append(text)
     if faults:
         raise DataError("records: " + "; ".join(faults))
-    if outputs is not None and model is not None:
-        recorded = dict.fromkeys(n for r in records for n in r.outputs)
-        absent = [n for n in outputs if n not in recorded]
-        if 0 < len(absent) <= len(recorded):  # a model may offer far more than one measures
-            notes.append(f"{', '.join(absent)}: not compared, because no record has this output")
-        notes += [
-            f"{n}: not compared, because the model has no such output{near_names(n, outputs)}"
-            for n in recorded
-            if n not in outputs
-        ]
-    return notes
+    return notes if model is None else [*notes, *_not_compared(records, model.outputs)]
+
+
+def _of_record(record: Record, compared: Collection[str]) -> Iterator[tuple[bool, str]]:
+    """What is strange about the clock and the compared outputs of a record; True: a fault."""
+    for fault, text in _clock(record.time):
+        yield fault, f"{record.name}: {text}"
+    for name in (n for n in record.outputs if n in compared):
+        values = record.outputs[name]
+        for fault, text in _numbers(values[np.isfinite(values)]):
+            yield fault, f"{record.name}.{name}: {text}"
+
+
+def _clock(time: Array) -> Iterator[tuple[bool, str]]:
+    """What is strange about a clock, and whether it cannot be used."""
+    steps = np.diff(time)
+    middle = float(np.median(steps))
+    if steps.max() > JUMP * middle:
+        at = int(np.argmax(steps))
+        yield (
+            True,
+            f"the clock jumps by {steps[at]:g} s at {time[at]:g} s (median step {middle:g} s); "
+            "split the record there",
+        )
+    elif lost := int(np.sum(steps > 1.5 * middle)):
+        yield False, f"uneven clock, {lost} steps are longer than 1.5 medians"
+
+
+def _not_compared(records: Sequence[Record], outputs: Sequence[str]) -> Iterator[str]:
+    """Notes about outputs that only the model or only a record has."""
+    recorded = dict.fromkeys(n for r in records for n in r.outputs)
+    absent = [n for n in outputs if n not in recorded]
+    if 0 < len(absent) <= len(recorded):  # a model may offer far more than one measures
+        yield f"{', '.join(absent)}: not compared, because no record has this output"
+    for n in recorded:
+        if n not in outputs:
+            yield (
+                f"{n}: not compared, because the model has no such output{near_names(n, outputs)}"
+            )
 
 
 def _against(model: Model, record: Record) -> Iterator[str]:
