@@ -49,7 +49,7 @@ MAY_USE = {
         "tables": "errors",
         "style": "errors figure",
         "_core": "",
-        "params": "errors units",
+        "params": "errors files units",
         "data": GROUND,
         "fiber": f"{GROUND} _core params data",
         "contact": f"{GROUND} _core fiber",

@@ -341,19 +341,7 @@ def load_material(name_or_path: str | Path) -> FeltMaterial:
     InvalidParameter
         The file has faults, all in one message, or the name is unknown.
     """
-    path = Path(name_or_path)
-    if path.suffix != ".toml":
-        names = packaged_materials()
-        if str(name_or_path) not in names:
-            import difflib
-
-            near = difflib.get_close_matches(str(name_or_path), names, n=1, cutoff=0.3)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InvalidParameter(
-                f"felt {str(name_or_path)!r} is none of {', '.join(names)}, nor a file ending in "
-                f".toml{hint}"
-            )
-        path = params.folder("felts") / f"{name_or_path}.toml"
+    path = params.find(name_or_path, "felts", "felt")
     material = validated(FeltMaterial, read_toml(path), path.name)
     if material.fiber.friction == 0.0 and material.loading is not None:
         raise InvalidParameter(

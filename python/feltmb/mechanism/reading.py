@@ -11,7 +11,7 @@ from feltmb import params
 from feltmb.arguments import checked
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fiber.material import load_material
-from feltmb.files import MOST_EXTENDS, beside, is_file, named_file, read_toml, why_missing
+from feltmb.files import MOST_EXTENDS, beside, named_file, read_toml
 from feltmb.mechanism.values import apply_values
 from feltmb.units.quantity import (
     shortened,
@@ -27,25 +27,13 @@ def packaged_actions() -> list[str]:
 
 def resolve(name_or_path: str | Path) -> Path:
     """File of a packaged mechanism; any other path is returned unchanged."""
-    text = str(name_or_path)
-    if text in packaged_actions():
-        return params.folder() / f"{text}.toml"
-    path = Path(text)
-    if path.suffix == ".py":
+    if Path(name_or_path).suffix == ".py":
         raise InvalidParameter(
-            f"mechanism {shortened(repr(text))} is a Python file, expected a TOML file or a "
-            "packaged name; a Python model is no mechanism: it cannot be exported or played, "
-            "feltmb gap takes it"
+            f"mechanism {shortened(repr(str(name_or_path)))} is a Python file, expected a TOML "
+            "file or a packaged name; a Python model is no mechanism: it cannot be exported or "
+            "played, feltmb gap takes it"
         )
-    if is_file(path):
-        return path
-    if path.suffix == ".toml" or len(path.parts) != 1:
-        raise InvalidParameter(f"mechanism {shortened(repr(text))}: {why_missing(path)}")
-    known = ", ".join(packaged_actions())
-    raise InvalidParameter(
-        f"mechanism {shortened(repr(text))} is unknown; packaged are {known}; "
-        "or give the path of a TOML file"
-    )
+    return params.find(name_or_path, "", "mechanism")
 
 
 @checked

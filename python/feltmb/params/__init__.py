@@ -5,7 +5,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-__all__ = ["folder", "names", "sources", "texts"]
+from feltmb.errors import InvalidParameter, near_names, shown
+from feltmb.files import is_file, why_missing
+
+__all__ = ["find", "folder", "names", "sources", "texts"]
 
 
 def folder(kind: str = "") -> Path:
@@ -16,6 +19,43 @@ def folder(kind: str = "") -> Path:
 def names(kind: str = "") -> list[str]:
     """Names of the packaged TOML files of a type, sorted."""
     return sorted(p.stem for p in folder(kind).glob("*.toml"))
+
+
+def find(
+    name_or_path: str | Path, kind: str, what: str, *, beside: Path = Path(), forms: str = "TOML"
+) -> Path:
+    """File of packaged data by its name, or any other file by its path.
+
+    Parameters
+    ----------
+    name_or_path
+        Name of packaged data, or path of a file.
+    kind
+        Folder of the packaged data, see :func:`folder`.
+    what
+        What it is, for the message, such as ``"stroke"``.
+    beside
+        Folder of a relative path.
+    forms
+        Kinds of files, for the message.
+
+    Raises
+    ------
+    InvalidParameter
+        There is neither.
+    """
+    text, known = str(name_or_path), names(kind)
+    if text in known:
+        return folder(kind) / f"{text}.toml"
+    path = beside / text
+    if is_file(path):
+        return path
+    hint = f"or give the path of a {forms} file{near_names(text, known)}"
+    if path.suffix or len(path.parts) > 1:
+        hint = why_missing(path)
+    raise InvalidParameter(
+        f"{what} {shown(text)} is unknown; packaged are {', '.join(known)}; {hint}"
+    )
 
 
 def texts(key: str, kind: str = "") -> dict[str, str]:

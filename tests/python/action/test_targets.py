@@ -75,7 +75,7 @@ def test_targets_extend_packaged_ones(tmp_path):
     with pytest.raises(InvalidParameter, match="leads back to itself"):
         load_targets(again)
     again.write_text('schema = 1\nname = "again"\nextends = "nothing"\n')
-    with pytest.raises(InvalidParameter, match="'nothing' are unknown"):
+    with pytest.raises(InvalidParameter, match="'nothing' is unknown"):
         load_targets(again)
 
 

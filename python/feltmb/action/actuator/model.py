@@ -22,7 +22,7 @@ from pydantic import Field, ValidationError
 from feltmb import _core, params
 from feltmb.arguments import checked
 from feltmb.errors import IntegrationError, InvalidParameter, no_such
-from feltmb.files import is_file, write_file
+from feltmb.files import write_file
 from feltmb.files.netcdf import Variable, encode
 from feltmb.mechanism import (
     LawChoice,
@@ -193,16 +193,7 @@ def packaged_actuators() -> list[str]:
 
 
 def _resolve(name_or_path: str | Path) -> Path:
-    text = str(name_or_path)
-    if text in packaged_actuators():
-        return params.folder("actuators") / f"{text}.toml"
-    path = Path(text)
-    if is_file(path):
-        return path
-    raise InvalidParameter(
-        f"actuator {shortened(repr(text))} is unknown; packaged are "
-        f"{', '.join(packaged_actuators())}; or give the path of a TOML file"
-    )
+    return params.find(name_or_path, "actuators", "actuator")
 
 
 @checked

@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from feltmb import params
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
-from feltmb.files import is_file, read_toml
+from feltmb.files import read_toml
 from feltmb.mechanism import Action
 from feltmb.units.quantity import (
     SI,
@@ -272,20 +272,8 @@ def load_targets(name_or_path: str | Path) -> Targets:
     InvalidParameter
         The file has faults; all of them are in the message.
     """
-    path = _path_of(str(name_or_path), Path())
+    path = params.find(name_or_path, "regulation", "target file")
     return validated(Targets, _tables(path, ()), path.name)
-
-
-def _path_of(text: str, folder: Path) -> Path:
-    if text in packaged_targets():
-        return params.folder("regulation") / f"{text}.toml"
-    path = folder / text
-    if not is_file(path):
-        raise InvalidParameter(
-            f"targets {shortened(repr(text))} are unknown; "
-            f"packaged are {', '.join(packaged_targets())}; or give the path of a TOML file"
-        )
-    return path
 
 
 #: Pairs of entries of a step that exclude each other.
@@ -303,7 +291,9 @@ def _tables(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
         raise InvalidParameter(f"{path}: extends {base!r}, which leads back to itself")
     if len(seen) >= MOST_EXTENDS:
         raise InvalidParameter(f"{path}: extends {base!r}; the limit is {MOST_EXTENDS} files")
-    below = _tables(_path_of(base, path.parent), (*seen, path.resolve()))
+    below = _tables(
+        params.find(base, "regulation", "regulation", beside=path.parent), (*seen, path.resolve())
+    )
     steps, own = below.get("steps", []), raw.get("steps", [])
     if not isinstance(own, list) or not isinstance(steps, list):
         return {**below, **raw}

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError
 from feltmb import params
 from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import is_file, read_toml, why_missing
+from feltmb.files import read_toml
 from feltmb.run.stroke.strokes import (
     PRESCRIBED,
     UNITS,
@@ -26,7 +26,7 @@ from feltmb.run.stroke.strokes import (
     usual_interpolation,
 )
 from feltmb.units import conversion_factor
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, shortened
+from feltmb.units.quantity import SI, Schema, fault_lines, fault_text
 
 
 class _Ramp(Schema):
@@ -92,16 +92,7 @@ def load_stroke(name_or_path: str | Path) -> Stroke:
     DataError
         A CSV has faults; all of them are in the message, with line numbers.
     """
-    text = str(name_or_path)
-    if text in packaged_strokes():
-        return _from_toml(params.folder("strokes") / f"{text}.toml")
-    path = Path(text)
-    if not is_file(path):
-        hint = why_missing(path) if path.suffix else "or give the path of a TOML or CSV file"
-        raise InvalidParameter(
-            f"stroke {shortened(repr(text))} is unknown; "
-            f"packaged are {', '.join(packaged_strokes())}; {hint}"
-        )
+    path = params.find(name_or_path, "strokes", "stroke", forms="TOML or CSV")
     return _from_toml(path) if path.suffix == ".toml" else read_stroke_csv(path)
 
 
