@@ -32,6 +32,15 @@ RIGID_STROKES = {
 }
 
 
+def pytest_configure(config):
+    """Random examples of each property: few by default, many where slow tests run too."""
+    from hypothesis import settings
+
+    few = config.getoption("markexpr") == "not slow"
+    settings.register_profile("feltmb", max_examples=25 if few else 200, deadline=None)
+    settings.load_profile("feltmb")
+
+
 @pytest.fixture(scope="session")
 def data():
     """Folder of the tests' own mechanisms."""

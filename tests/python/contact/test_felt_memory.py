@@ -40,11 +40,11 @@ legs = st.lists(st.floats(-0.1, 1.0), min_size=2, max_size=10)
 contacts = st.sampled_from(USABLE)
 
 
-@pytest.mark.parametrize("examples", [50, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("examples", [25, pytest.param(1000, marks=pytest.mark.slow)])
 def test_bounds_and_passivity(examples):
     """0 <= F_U <= F <= F_L on every history, and the work never falls below the stored energy."""
 
-    @settings(max_examples=examples, deadline=None, derandomize=True)
+    @settings(max_examples=examples, derandomize=True)
     @given(
         key=contacts,
         ends=legs,
@@ -74,7 +74,7 @@ def test_bounds_and_passivity(examples):
     check()
 
 
-@settings(max_examples=50, deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(key=contacts, ends=legs, slower=st.floats(1e-4, 1e4))
 def test_rate_independent(key, ends, slower):
     e = history(np.asarray(ends) * envelope(key).closing)
@@ -122,7 +122,7 @@ def test_partial_loops_lose_a_like_share(key, share):
     assert 0.1 < loss < 0.6
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(
     key=contacts,
     share=st.floats(0.05, 1.2),

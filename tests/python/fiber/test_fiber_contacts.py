@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
@@ -56,7 +56,6 @@ def test_printed_tube_constant():
     assert printed / right == pytest.approx((4 / math.pi) ** 2, rel=1e-14)
 
 
-@settings(max_examples=80, deadline=None)
 @given(st.sampled_from(MODELS), st.floats(1e-4, 0.8), st.floats(1, 50))
 def test_every_model_is_consistent(model, v, ratio):
     free = mean_free_length(model, v, D, ratio=ratio, **extra(model))

@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
@@ -244,7 +244,6 @@ def test_laws_pickle_and_compare():
     assert np.array_equal(again.pressure(V), made.pressure(V))
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.floats(1e3, 1e9), st.floats(0.05, 5), st.floats(0.01, 0.5), st.floats(1.001, 1.9))
 def test_binomial_grows_and_stores(k_p, gamma, v0, factor):
     made = law("binomial", K_p=k_p, gamma=gamma, v_f0=v0)
@@ -528,7 +527,6 @@ def test_laws_without_memory_in_the_same_call():
     assert p == pytest.approx(pressure("van_wyk", strain=x, **SPRING))
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.lists(st.floats(0, 0.5), min_size=3, max_size=12))
 def test_dunlop_loops_dissipate(turns):
     """Whatever the path, closing it costs work; stress is never negative."""

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
@@ -140,7 +140,6 @@ def test_mean_inverse_sine_of_errata():
         assert np.sum(w * s.mean_inverse_sine(c)) == pytest.approx(value, abs=6e-5)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.floats(1e-3, 1e6))
 def test_structure_is_physical(ratio):
     s = structure(ratio)

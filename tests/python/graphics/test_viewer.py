@@ -10,7 +10,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import feltmb
@@ -125,7 +125,6 @@ def test_packed_times_come_back():
     np.testing.assert_allclose(unpack_times(pack_times(time)) - 1e6, time - 1e6, rtol=1e-6)
 
 
-@settings(max_examples=60)
 @given(
     st.lists(st.floats(-1, 1), min_size=2, max_size=120),
     st.floats(1e-4, 0.5),
