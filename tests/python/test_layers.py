@@ -1,6 +1,7 @@
 """The direction of dependence between the parts of feltmb, and what no committed file may hold."""
 
 import ast
+import functools
 import graphlib
 import re
 import subprocess
@@ -162,6 +163,12 @@ def imported_names(tree: ast.AST, module: list[str]) -> Iterator[list[str]]:
         yield from imported_names(child, module)
 
 
+@functools.cache
+def parsed(file: Path) -> ast.Module:
+    """Tree of a source, made once for all checks of it."""
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
 def python_faults(root: Path) -> Iterator[str]:
     package = root / "python" / "feltmb"
     for file in sorted(package.rglob("*.py")):
@@ -169,7 +176,7 @@ def python_faults(root: Path) -> Iterator[str]:
         module = ["feltmb", *file.relative_to(package).with_suffix("").parts]
         user = module[1]
         yield from check_use("Python", str(path), user, user)
-        for name in imported_names(ast.parse(file.read_text(encoding="utf-8")), module):
+        for name in imported_names(parsed(file), module):
             if name[0] != "feltmb":
                 continue
             inside = len(name) > 1 and (name[1] in MAY_USE["Python"] or is_part(package, name[1]))
@@ -198,9 +205,12 @@ def committed_files(root: Path) -> list[Path]:
 
 def text_faults(file: Path, root: Path) -> Iterator[str]:
     data = file.read_bytes()
-    if b"\0" in data:
+    text = data.decode(errors="replace")
+    if b"\0" in data or not any(
+        p.search(text) for p in (MACHINE_PATH, PACKAGE_HOST, REPLACED_WORD)
+    ):
         return
-    for number, line in enumerate(data.decode(errors="replace").splitlines(), start=1):
+    for number, line in enumerate(text.splitlines(), start=1):
         where = f"{file.relative_to(root)}:{number}"
         if found := MACHINE_PATH.search(line):
             yield f"{where}: path of a machine {found.group()}"
@@ -241,7 +251,7 @@ def imports_of_modules(package: Path) -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for module, file in files.items():
         found[module] = set()
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for node in ast.walk(parsed(file)):
             names: list[str] = []
             if isinstance(node, ast.ImportFrom) and node.module:
                 names = [f"{node.module}.{alias.name}" for alias in node.names]
