@@ -449,8 +449,8 @@ def _strike_cells(strikes: Sequence[Mapping[str, float]], key: str, unit: str) -
     values = [strike.get(key) for strike in strikes]
     why = ["" for _ in strikes]
     if key == "let_off_time":
-        # "no let-off: pushed to the string" is the cell "pushed".
-        why = [let_off_words(s).removeprefix("no let-off: ").partition(" ")[0] for s in strikes]
+        words = [let_off_words(s) for s in strikes]
+        why = ["thrown" if w.endswith("thrown off") else w and "none" for w in words]
     if not any(why) and all(value is None for value in values):
         return []
     # One unit for a row: that of its largest value.

@@ -127,7 +127,7 @@ def test_the_command_prints_a_column_for_each_strike(run):
     for strike in run.strike_list:
         assert f"{strike['impact_time']:.5f}" in text
         assert f"{strike['impact_speed']:.4g}" in text
-    assert "pushed" in text
+    assert "none" in text
     assert "key is back" in text
     whole = text_of(summary_table(run, "two"))
     assert "impact speed" not in whole
