@@ -504,9 +504,10 @@ class Record:
             notes.append(f"{', '.join(unused)} of {output} has no influence: it is an input")
         sigma = _noise_as_input(sensor, self.outputs[output])
         color = {name: sensor.correlation_time} if sigma and sensor.correlation_time else {}
+        unit = {name: sensor.unit} if sensor.unit != "1" else {}
         about: dict[str, Any] = {
             "input_mode": mode or self.input_mode,
-            "input_units": {**self.input_units, name: sensor.unit},
+            "input_units": {**self.input_units, **unit},
             "input_sigma": {**self.input_sigma, name: sigma} if sigma else self.input_sigma,
             "input_correlation_time": {**self.input_correlation_time, **color},
         }
@@ -567,12 +568,12 @@ class Record:
     def with_columns_as_inputs(
         self, columns: Mapping[str, str], mode: InputMode | None = None
     ) -> Record:
-        """Copy in which measured columns are inputs.
+        """Copy in which measured columns are inputs, as by :meth:`with_output_as_input`.
 
         Parameters
         ----------
         columns
-            Input -> output of the record, or another input, whose values it gets.
+            Input -> output of the record, or another input, whose values and noise it gets.
         mode
             Input mode of the copy; default: the same.
 
@@ -587,16 +588,24 @@ class Record:
                 f"record {self.name}: no column {', '.join(missing)} for an input; there are "
                 f"{', '.join(known)}"
             )
-        units = self.units
-        stated = {n: units[c] for n, c in columns.items() if units.get(c, "1") != "1"}
-        return replace(
-            self,
-            inputs={**self.inputs, **{n: known[c] for n, c in columns.items()}},
-            outputs=_without(self.outputs, *columns.values()),
-            sensors=_without(self.sensors, *columns.values()),
-            input_units={**self.input_units, **stated},
-            input_mode=mode or self.input_mode,
-        )
+        record, moved = self, dict[str, str]()
+        for name, column in columns.items():
+            source = moved.get(column, column)
+            if source in record.inputs:
+                record = record._with_copied_input(source, name)
+            else:
+                record = record.with_output_as_input(column, name)
+                moved[column] = name
+        return replace(record, input_mode=mode or self.input_mode)
+
+    def _with_copied_input(self, source: str, name: str) -> Record:
+        """Copy in which an input has a second name."""
+        own: dict[str, Any] = {}
+        for key in ("inputs", "input_units", "input_sigma", "input_correlation_time"):
+            values = getattr(self, key)
+            own[key] = {**values, name: values[source]} if source in values else values
+        before = None if self.before is None else self.before._with_copied_input(source, name)
+        return replace(self, before=before, **own)
 
     def with_changed_inputs(self, change: Callable[[Record], Mapping[str, Array]]) -> Record:
         """Copy of the record, with inputs changed by a function of the whole run.

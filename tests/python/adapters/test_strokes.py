@@ -256,3 +256,22 @@ def test_derivatives_belong_to_the_samples_of_an_uneven_clock(adapter):
         want = every.d_theta[kept][..., column]
         error = np.abs(found.d_theta[..., column] - want).max()
         assert error <= 0.02 * np.abs(want).max(), model.parameters[column].name
+
+
+def test_an_identity_has_no_delay(adapter):
+    """The record of a run, asked for at its own times, is the answer of the model to its force."""
+    rough, _, record = adapter
+    model, _ = mechanism_model(
+        rough.action, channels=["key", "whippen", "hammer"], library=rough.library,
+        tolerances=[], effects=[], rtol=1e-7, workers=1, variation=None,
+    )  # fmt: skip
+    stroke = feltmb.load_stroke("forte")
+    rate = 1.0 / (record.time[1] - record.time[0])
+    run = feltmb.simulate(
+        rough.action, stroke, duration=record.time[-1], output_rate=rate, rtol=1e-7
+    )
+    own = np.column_stack([run[name] for name in model.outputs])[: record.samples]
+    y = model.simulate(record, at(np.zeros(0)))[0]
+    own = own - own[0]  # the channels of a camera are changes
+    late = np.abs(np.gradient(own, record.time, axis=0)).max(axis=0) * 1e-5
+    assert np.all(np.abs(y - own).max(axis=0) < late)  # less than 10 us, a fiftieth of a sample

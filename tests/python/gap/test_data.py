@@ -133,6 +133,11 @@ def test_an_output_becomes_an_input():
         assert made.input_correlation_time == {"force": 5e-3}
         assert made.notes[0] == "made here"
         assert "offset_sd of f has no influence" in made.notes[1]
+        twice = one.with_columns_as_inputs({"force": "f", "copy": "f"}, "motion")
+        assert np.array_equal(twice.inputs["copy"], made.inputs["force"])
+        assert twice.input_sigma["copy"] == twice.input_sigma["force"] == made.input_sigma["force"]
+        assert twice.notes == made.notes
+    assert np.array_equal(twice.before.inputs["copy"], made.before.inputs["force"])
     assert made.before.inputs["force"][:40] == pytest.approx(np.sin(20.0 * time[:40]), abs=1e-3)
     holes = replace(whole, outputs={**whole.outputs, "f": np.where(time < 0.01, np.nan, read)})
     late = holes.cut(50, 150).with_output_as_input("f", "force")
