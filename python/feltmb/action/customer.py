@@ -248,17 +248,20 @@ class _Cause:
         """What is wrong, with the label of a contact instead of its number."""
         number, mark, label = self.component.partition(", ")
         text = self.mechanism or self.component
-        return text.replace(number, label) if mark and number.startswith("contact") else text
+        if mark and number.startswith("contact"):
+            text = text.replace(number, label)
+        return text[:1].upper() + text[1:]
 
     @cached_property
     def size(self) -> str:
         """Magnitude for people: mm, g, or a share of the number that it changes."""
         if self.unit == "1":
-            return f"{100.0 * (self.magnitude - self.tabulated):+.3g} %"
+            return f"{100.0 * (self.magnitude - self.tabulated):+.3g}\N{NO-BREAK SPACE}%"
         factor, unit = readable_unit(self.magnitude, self.unit)
         if self.unit == "m":
             factor, unit = 1e3, "mm"
-        return f"{factor * (self.magnitude - self.tabulated):.3g} {unit}"
+        text = f"{factor * (self.magnitude - self.tabulated):.3g} {unit}"
+        return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _causes(data: Mapping[str, Any], library: Mapping[str, Entry]) -> tuple[list[_Cause], bool]:

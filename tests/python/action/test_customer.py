@@ -37,7 +37,7 @@ def test_a_joint_is_a_part_and_a_felt_is_a_place(tmp_path):
     assert page.bodies == ("key", "whippen")
     (point,) = page.points
     assert point == pytest.approx((-0.141, 0.035), abs=0.015)  # about the top of the capstan
-    assert "0.5 mm" in page.found
+    assert "0.5\N{NO-BREAK SPACE}mm" in page.found
     assert "contact" not in page.found
 
 
@@ -63,7 +63,7 @@ def test_a_parameter_far_outside_its_tolerance_is_the_answer(tmp_path):
     (folder / "report.json").write_text(json.dumps(data))
     page = customer_page(folder, "steinway45")
     assert page.bodies == ("key",)
-    assert "-0.66 mm" in page.found
+    assert "-0.66\N{NO-BREAK SPACE}mm" in page.found
     assert "mass" not in page.found
     path = "surfaces.Kp2.point.y"
     height = [a.value(path).value for a in (page.after, page.before)]
