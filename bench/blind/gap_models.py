@@ -30,8 +30,8 @@ from feltmb.gap import (
     Record,
     Sensor,
     State,
+    candidates,
     diagnose,
-    library,
 )
 
 Signal = Callable[..., Any]
@@ -139,9 +139,7 @@ def shaken(
             record(f"run {i}", time, {"f": f(time)}, {"q": q}, {"q": noise}, random, told=told)
         )
     model = oscillator("oscillator", m, k, c)
-    effects = library.standard_effects(
-        ["q"], ["f"], model.coordinates, records[0], force=5.0, travel=0.03, speed=0.3
-    )
+    effects = candidates(model, records)
     return model, effects, records
 
 
@@ -189,9 +187,7 @@ def absorber() -> Case:
             record(f"run {i}", time, {"f": f(time)}, {"q": y[:, 0]}, {"q": 5e-5}, random)
         )
     model = oscillator("oscillator", m, k, c)
-    effects = library.standard_effects(
-        ["q"], ["f"], model.coordinates, records[0], force=5.0, travel=0.03, speed=0.3
-    )
+    effects = candidates(model, records)
     return Case("an absorber on the mass: not in the library", (), 0.0, model, effects, records)
 
 
@@ -244,12 +240,7 @@ def backlash() -> Case:
         outputs={"a": "a", "b": "b"},
         coordinates=[motor, load, shaft],
     )
-    effects = [
-        *library.standard_effects(
-            ["a", "b"], ["T"], [motor, load], records[0], force=1.0, travel=0.1, speed=5.0
-        ),
-        *library.for_coordinate(shaft, force=1.0, travel=0.025, speed=1.0),
-    ]
+    effects = candidates(model, records)
     return Case("backlash of 0.004 rad", ("dead zone shaft",), 40.0, model, effects, records)
 
 
@@ -305,9 +296,7 @@ def motor() -> Case:
         coordinates=[shaft],
         hold="zero",
     )
-    effects = library.standard_effects(
-        ["angle", "current"], ["U"], [shaft], records[0], force=0.05, travel=20.0, speed=40.0
-    )
+    effects = candidates(model, records)
     named = ("Stribeck friction shaft",)
     return Case("Stribeck friction 0.012 N m", named, more, model, effects, records)
 
@@ -327,7 +316,7 @@ def pendulum() -> Case:
         records.append(
             record(f"run {i}", time, {}, {"th": y[:, 0]}, {"th": 2e-3}, random, told=False)
         )
-    bob = Coordinate(name="bob", position="th", speed="w", unit="N m/(kg m^2)")
+    bob = Coordinate(name="bob", position="th", speed="w", unit="N m/(kg m^2)", position_unit="rad")
     model = Equations(
         name="pendulum",
         states=[
@@ -342,9 +331,7 @@ def pendulum() -> Case:
         outputs={"th": "th"},
         coordinates=[bob],
     )
-    effects = library.standard_effects(
-        ["th"], [], [bob], records[0], force=10.0, travel=1.5, speed=4.0
-    )
+    effects = candidates(model, records)
     return Case("drag 0.02", ("quadratic friction bob",), 0.02, model, effects, records)
 
 
@@ -396,9 +383,7 @@ def nothing() -> Case:
         outputs={"stroke": lambda t, x, u, p: x.zs - x.zu, "push": lift},
         coordinates=[body, wheel],
     )
-    effects = library.standard_effects(
-        ["stroke", "push"], ["z"], [body, wheel], records[0], force=500.0, travel=0.03, speed=0.5
-    )
+    effects = candidates(model, records)
     return Case("nothing; parameters 2 to 3 sd off", (), 0.0, model, effects, records)
 
 

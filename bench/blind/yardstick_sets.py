@@ -33,6 +33,7 @@ from feltmb.gap import (
     Record,
     Sensor,
     State,
+    candidates,
     library,
 )
 
@@ -343,10 +344,7 @@ def _go1() -> Task:
         substeps=6,
         hold="zero",
     )
-    effects = library.standard_effects(
-        ["position"], {"target": "rad"}, [motor], records[-1], force=1.0, travel=1.0, speed=2.0,
-        time=0.3,
-    )  # fmt: skip
+    effects = candidates(model, records)
     causes = (
         Cause(("dry friction motor",), ("Stribeck friction motor", "hysteresis motor")),
         Cause(("viscous friction motor",)),
@@ -400,9 +398,7 @@ def _overdamped() -> Task:
         )
         for k, (t, u, q) in enumerate(r.T for r in _runs("overdamped_joint"))
     ]  # fmt: skip
-    effects = library.standard_effects(
-        model.outputs, {"target": "rad"}, [joint], records[0], force=5.0, travel=0.3, speed=5.0
-    )
+    effects = candidates(model, records)
     causes = (
         Cause(("dry friction joint",), ("Stribeck friction joint",)),
         Cause(("viscous friction joint",)),
@@ -435,9 +431,7 @@ def _slow_clock() -> Task:
         )
         for k, (t, y) in enumerate(r.T for r in _runs("slow_clock"))
     ]  # fmt: skip
-    effects = library.standard_effects(
-        model.outputs, {}, [bob], records[0], force=2.0, travel=0.3, speed=1.0
-    )
+    effects = candidates(model, records)
     truth = Truth(
         "effect",
         (Cause(("*clock*", "parameter:L", "*outside its tolerance*")),),
@@ -471,9 +465,7 @@ def _offsets() -> Task:
         )
         for k, (t, y) in enumerate(r.T for r in _runs("offset_of_each_run"))
     ]  # fmt: skip
-    effects = library.standard_effects(
-        model.outputs, {}, [mass], records[0], force=5.0, travel=0.3, speed=1.0
-    )
+    effects = candidates(model, records)
     truth = Truth(
         "numbers", numbers={"k": 20.0, "c": 0.8}, free=("offset of sensor x*",), accuracy=0.1,
         about="an offset of each run: k = 20, c = 0.8",

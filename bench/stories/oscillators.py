@@ -34,8 +34,8 @@ from feltmb.gap import (
     Report,
     Sensor,
     State,
+    candidates,
     diagnose,
-    library,
 )
 
 Array = NDArray[np.float64]
@@ -134,12 +134,7 @@ def model_and_effects(data: Sequence[Record]) -> tuple[Equations, tuple[Effect, 
         outputs={"q": "q"},
         coordinates=[mass],
     )
-    travel = max(float(np.max(np.abs(r.outputs["q"]))) for r in data)
-    speed = max(float(np.max(np.abs(np.gradient(r.outputs["q"], STEP)))) for r in data)
-    force = max(float(np.max(np.abs(r.inputs["f"]))) for r in data)
-    return model, library.standard_effects(
-        ["q"], ["f"], [mass], data[0], force=force, travel=travel, speed=speed
-    )
+    return model, candidates(model, data)
 
 
 def run(case: int, *, bare: bool = False) -> tuple[str, str, float, Report, float]:

@@ -11,6 +11,7 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter, near_names
+from feltmb.fit.coordinates import Coordinate, Named
 from feltmb.fit.model import Effect, Model, State, prior_jobs
 from feltmb.gap.library import (
     constant_rate,
@@ -164,10 +165,13 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
             speed = [a - b for a, b in zip(speed, series(part.speed, ratio), strict=True)]
         rates = [np.gradient(v, r.time) for (r, _), v in zip(paths, speed, strict=True)]
         travel = _typical(np.concatenate([q - np.median(q) for q in position]))
-        pace, push = _typical(np.concatenate(speed)), _typical(np.concatenate(rates))
+        forces = [
+            rate * _inertia(model, first, r, x) for rate, (r, x) in zip(rates, paths, strict=True)
+        ]
+        pace, force = _typical(np.concatenate(speed)), _typical(np.concatenate(forces))
         yield from for_coordinate(
             c,
-            force=push * _inertia(model, first.inertia),
+            force=force,
             travel=travel,
             speed=pace,
             time=travel / pace,
@@ -211,8 +215,11 @@ def _path(model: Model, record: Record) -> Array | None:
     return None if path is None or not np.isfinite(path).all() else path[0]
 
 
-def _inertia(model: Model, inertia: object) -> float:
-    """Inertia of a coordinate at the tabulated values; 1 if it is a function or not stated."""
-    known = {p.name: p.value for p in model.parameters}
-    value = known.get(inertia) if isinstance(inertia, str) else inertia
-    return abs(float(value)) if isinstance(value, int | float) and value else 1.0
+def _inertia(model: Model, c: Coordinate, record: Record, path: Array) -> Array | float:
+    """Inertia of a coordinate along a path, (n,); 1 if it is not stated."""
+    x = Named(dict(zip((s.name for s in model.states()), path.T, strict=True)))
+    p = Named({p.name: p.value for p in model.parameters})
+    with np.errstate(all="ignore"):
+        pushed = c.push(1.0, record.time, x, Named(dict(record.inputs)), p)[c.speed]
+        inertia = np.asarray(1.0 / np.abs(pushed))
+    return np.where(np.isfinite(inertia), inertia, 1.0)

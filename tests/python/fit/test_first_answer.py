@@ -11,7 +11,7 @@ import pytest
 
 import feltmb
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.fit import Parameter
+from feltmb.fit import Coordinate, Parameter
 from feltmb.gap import Options, candidates
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -294,6 +294,19 @@ def test_inputs_and_coordinates_come_from_the_rates():
     assert model.outputs == ("x", "v")
     (c,) = model.coordinates
     assert (c.name, c.speed, c.inertia, c.unit) == ("x", "v", "m", "N")
+
+
+def test_sizes_of_forces_follow_from_the_inertia():
+    table = pd.DataFrame({"t": TIME, "motor": wave(), "x": 0.02 * wave(seed=2)})
+    record = feltmb.Record.from_frame(table, inputs=["motor"])
+    sizes = []
+    for inertia in ("m", lambda t, x, u, p: p.m, lambda t, x, u, p: 3.0 * p.m):
+        place = Coordinate(name="x", position="x", speed="v", inertia=inertia)
+        model = feltmb.Equations(rates, states={"x": "m", "v": "m/s"}, parameters=PRIORS,
+                                 coordinates=[place])  # fmt: skip
+        found = {e.name: e.scale for e in candidates(model, record)}
+        sizes.append(found["dry friction x"])
+    assert sizes[1:] == pytest.approx([sizes[0], 3.0 * sizes[0]])
 
 
 def test_an_inertia_that_also_weighs_is_not_guessed():

@@ -14,7 +14,7 @@ from feltmb.errors import DataError, InvalidParameter
 QUICK = gap.Options(tries=2, most=1)
 
 MODEL = """
-from feltmb.gap import Coordinate, Equations, Parameter, State, library
+from feltmb.gap import Coordinate, Equations, Parameter, State, candidates, library
 
 table = Coordinate(name="table", position="x", speed="v", inertia="m")
 model = Equations(
@@ -22,7 +22,7 @@ model = Equations(
     states=[State(name="x", unit="m", start_sd=1e-4), State(name="v", unit="m/s", start_sd=1e-3)],
     parameters=[Parameter(name="m", value=2.0, sd=0.1, unit="kg"),
                 Parameter(name="k", value=90.0, sd=3.0, unit="N/m")],
-    inputs=["motor"],
+    inputs={"motor": "N"},
     rates=lambda t, x, u, p: (x.v, (u.motor - p.k * x.x) / p.m),
     outputs={"table": "x", "speed": "v"},
     coordinates=[table],
@@ -30,9 +30,7 @@ model = Equations(
 """
 EFFECTS = """
 def effects(records):
-    return library.standard_effects(
-        model.outputs, {"motor": "N"}, [table], records[0], force=4.0, travel=0.04, speed=0.3
-    )
+    return candidates(model, records)
 """
 
 

@@ -9,7 +9,7 @@ docs/howto/add_an_effect.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -100,7 +100,6 @@ __all__ = [
     "sensor_offset",
     "sensor_saturation",
     "speed_of",
-    "standard_effects",
     "static_friction",
     "viscous_friction",
 ]
@@ -195,48 +194,3 @@ def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effec
             unit=unit,
         ),
     )
-
-
-def standard_effects(
-    outputs: Sequence[str],
-    inputs: Mapping[str, str] | Sequence[str],
-    coordinates: Sequence[Part],
-    record: Record,
-    *,
-    force: float,
-    travel: float,
-    speed: float,
-    time: float = 0.1,
-) -> tuple[Effect, ...]:
-    """Generic effects of a whole second-order model, scaled by a record.
-
-    Parameters
-    ----------
-    outputs
-        Outputs of the model.
-    inputs
-        Inputs of the model with their units, ``{"motor": "N"}``; names alone: the units of the
-        record.
-    coordinates
-        Coordinates and couplings on which effects act.
-    record
-        Record from which typical magnitudes of channels are taken.
-    force
-        Typical force [N or N m].
-    travel
-        Typical displacement [m or rad].
-    speed
-        Typical speed [m/s or rad/s].
-    time
-        Typical duration of an event [s].
-    """
-    out: list[Effect] = []
-    for c in coordinates:
-        out.extend(for_coordinate(c, force=force, travel=travel, speed=speed, time=time))
-    units = inputs if isinstance(inputs, Mapping) else {}
-    for name in inputs:
-        out.extend(for_input(name, record, unit=units.get(name)))
-    for name in outputs:
-        if name in record.outputs:
-            out.extend(for_sensor(outputs, name, record))
-    return tuple(out)
