@@ -1099,7 +1099,6 @@ CALLS = {
         "only": None,
         "hold_out": None,
         "options": gap.Options(seconds=2.0),
-        "folder": None,
         "progress": None,
     },
     # experiment
