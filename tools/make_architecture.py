@@ -23,7 +23,7 @@ PICTURE = ROOT / "docs" / "img" / "architecture.svg"
 #: Purpose of the folders of the C++ core; the modules of the package state their own.
 FOLDERS = {
     "core": "exceptions, plane vectors, sums that do not depend on the machine",
-    "numeric": "roots, quadrature, interpolation, random numbers, threads",
+    "numeric": "roots, quadrature, interpolation, eigenproblems, random numbers, threads",
     "fiber": "micromechanics of fiber networks, box of single fibers",
     "contact": "contact laws with their memory, envelopes of felt, friction",
     "beam": "shapes of flexible beams, hub with a flexible arm",

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/numeric/eigenproblem.hpp"
 #include "feltmb/numeric/quadrature.hpp"
 
 namespace feltmb {
@@ -147,11 +148,11 @@ HubBeamModes HubBeam::modes(double tip_mass) const {
     throw InvalidParameter(format("actuator arm: tip_mass = %.6g kg, must be >= 0", tip_mass));
   }
   const Eigen::MatrixXd mass = mass_ + tip_mass * tip_ * tip_.transpose();
-  const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> solver(stiffness_, mass);
-  if (solver.info() != Eigen::Success) throw Error("actuator arm: its modes were not found");
+  const Eigenpairs solution = symmetric_eigenpairs(stiffness_, mass);
+  if (!solution.found) throw Error("actuator arm: its modes were not found");
   HubBeamModes out;
-  out.stiffness = solver.eigenvalues().cwiseMax(0.0);
-  out.shapes = solver.eigenvectors();
+  out.stiffness = solution.values.cwiseMax(0.0);
+  out.shapes = solution.vectors;
   // Rounding of the largest frequency, 1e14 1/s^2, would give the rigid mode one of its own.
   out.stiffness[0] = 0.0;
   out.shapes.col(0).setZero();
@@ -170,12 +171,11 @@ Eigen::VectorXd HubBeam::frequencies(int count, bool clamped) const {
     const Eigen::VectorXd coupling = mass_.col(0).tail(free);
     mass -= coupling * coupling.transpose() / mass_(0, 0);
   }
-  const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> solver(
-      mass, stiffness_.bottomRightCorner(free, free), Eigen::EigenvaluesOnly);
-  if (solver.info() != Eigen::Success) throw Error("actuator arm: its frequencies were not found");
+  const Eigenpairs solution = symmetric_eigenpairs(mass, stiffness_.bottomRightCorner(free, free));
+  if (!solution.found) throw Error("actuator arm: its frequencies were not found");
   Eigen::VectorXd out(count);
   for (int i = 0; i < count; ++i) {
-    out[i] = 1.0 / (2.0 * std::numbers::pi * std::sqrt(solver.eigenvalues()[free - 1 - i]));
+    out[i] = 1.0 / (2.0 * std::numbers::pi * std::sqrt(solution.values[free - 1 - i]));
   }
   return out;
 }

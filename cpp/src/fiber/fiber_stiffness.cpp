@@ -2,6 +2,7 @@
 
 #include "feltmb/fiber/faults.hpp"
 #include "feltmb/fiber/orientation.hpp"
+#include "feltmb/numeric/eigenproblem.hpp"
 
 namespace feltmb {
 Eigen::Matrix<double, 6, 6> narter_stiffness(const Tensor4& eeee, double stiffness) {
@@ -19,9 +20,9 @@ Eigen::Matrix<double, 6, 6> narter_stiffness(const Tensor4& eeee, double stiffne
 }
 
 Eigen::Matrix<double, 6, 6> narter_compliance(const Eigen::Matrix<double, 6, 6>& stiffness) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>> solver(stiffness);
-  const double smallest = solver.eigenvalues().minCoeff();
-  const double largest = solver.eigenvalues().maxCoeff();
+  const Eigen::VectorXd values = symmetric_eigenpairs(stiffness).values;
+  const double smallest = values.minCoeff();
+  const double largest = values.maxCoeff();
   if (!(smallest > 1e-12 * largest)) {
     throw InvalidParameter(
         format("narter: smallest eigenvalue of the stiffness = %.6g Pa, must be > 0 (planar or "

@@ -1,6 +1,5 @@
 #include "feltmb/model/bdf_order.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <complex>
@@ -8,6 +7,7 @@
 #include <numbers>
 
 #include "feltmb/core/index.hpp"
+#include "feltmb/numeric/eigenproblem.hpp"
 #include "feltmb/planar/dynamics.hpp"
 
 namespace feltmb {
@@ -87,12 +87,12 @@ std::vector<FreeMode> free_modes(const std::shared_ptr<const Mechanism>& mechani
   const Eigen::MatrixXd stiffness =
       -0.5 * (dynamics.stiffness() + dynamics.stiffness().transpose())(moving, moving);
   const Eigen::MatrixXd mass = dynamics.mass_matrix()(moving, moving);
-  const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> eigen(stiffness, mass);
+  const Eigenpairs eigen = symmetric_eigenpairs(stiffness, mass);
   std::vector<FreeMode> out;
-  for (Eigen::Index i = 0; i < eigen.eigenvalues().size(); ++i) {
-    const double square = eigen.eigenvalues()[i];
+  for (Eigen::Index i = 0; i < eigen.values.size(); ++i) {
+    const double square = eigen.values[i];
     if (!(square > 0.0)) continue;  // falls or drifts, does not swing
-    const Eigen::VectorXd shape = eigen.eigenvectors().col(i);
+    const Eigen::VectorXd shape = eigen.vectors.col(i);
     const double rate = std::sqrt(square);
     out.push_back({rate, 0.5 * shape.dot(damping(moving, moving) * shape) / rate});
   }

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/numeric/eigenproblem.hpp"
 
 namespace feltmb {
 namespace {
@@ -383,13 +384,12 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
   int iteration = 0;
   bool stable = false;
   bool moved = true;
-  Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(n);
+  Eigenpairs eigen;
   for (; iteration < most; ++iteration) {
     const Eigen::VectorXd force = scale.cwiseProduct(rest.force());
-    if (moved) eigen.compute(way.transpose() * rest.hessian() * way);
-    const Eigen::VectorXd& values = eigen.eigenvalues();
-    const Eigen::VectorXd along =
-        eigen.eigenvectors().transpose() * (way.transpose() * rest.force());
+    if (moved) eigen = symmetric_eigenpairs(way.transpose() * rest.hessian() * way);
+    const Eigen::VectorXd& values = eigen.values;
+    const Eigen::VectorXd along = eigen.vectors.transpose() * (way.transpose() * rest.force());
     if (force.cwiseAbs().maxCoeff() <= enough) {
       // A body that no force moves in either direction rests where it is.
       stable = values.minCoeff() >= -1e-14 * values.cwiseAbs().maxCoeff();
@@ -402,7 +402,7 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
     // Each direction on its own: shortening all of them alike would let the softest one, which
     // wants to go far, hold up the others.
     step = step.cwiseMax(-radius).cwiseMin(radius);
-    const Eigen::VectorXd dq = way * (eigen.eigenvectors() * step);
+    const Eigen::VectorXd dq = way * (eigen.vectors * step);
     const double predicted = along.dot(step);
     const double trial = rest.energy(q + dq);
     const double residual_before = force.cwiseAbs().maxCoeff();
