@@ -412,7 +412,7 @@ class Adapter:
 
 
 def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) -> Adapter | None:
-    """Packaged mechanism or mechanism file, see :mod:`feltmb.adapters.resolve`."""
+    """Packaged mechanism or mechanism file, see :mod:`feltmb.adapters.model`."""
     from feltmb.adapters import STROKE_KINDS, finger_limits, planned_strokes
     from feltmb.adapters.model import resolve
 

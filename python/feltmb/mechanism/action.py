@@ -155,7 +155,7 @@ class Action:
         return self._as_model(records).fit(records, options=options, tell=tell)
 
     def _as_model(self, records: Any) -> Any:
-        return above("adapters.resolve", "model_of")(self, records)
+        return above("adapters.model", "model_of")(self, records)
 
     def __reduce__(self) -> tuple[Any, ...]:
         self._refuse_laws("pickled")

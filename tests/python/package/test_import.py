@@ -6,6 +6,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -199,3 +200,15 @@ def test_no_name_is_a_module_and_something_else():
             if getattr(importlib.import_module(package), name) is not module:
                 both.append(found.name)
     assert both == []
+
+
+def test_parts_that_are_called_by_name_exist():
+    """``above("gap.diagnosis", "diagnose")``: no import tells that the function was moved."""
+    called = [
+        pair
+        for path in Path(feltmb.__file__).parent.rglob("*.py")
+        for pair in re.findall(r'\babove\(\s*"([\w.]+)", "(\w+)"\)', path.read_text("utf-8"))
+    ]
+    assert len(called) >= 4
+    for part, function in called:
+        assert callable(getattr(importlib.import_module(f"feltmb.{part}"), function))
