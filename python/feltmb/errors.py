@@ -137,7 +137,11 @@ def near_names(name: object, known: Iterable[str]) -> str:
     """The end of a message: known names that are similar to an unknown one; empty if none is."""
     import difflib
 
-    near = difflib.get_close_matches(name, list(known), n=3) if isinstance(name, str) else []
+    if not isinstance(name, str):
+        return ""
+    listed = list(known)
+    near = difflib.get_close_matches(name, listed, n=3)
+    near = near or [k for k in listed if len(name) > 2 and name in k][:3]
     return f"; near are {', '.join(near)}" if near else ""
 
 

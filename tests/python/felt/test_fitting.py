@@ -143,7 +143,7 @@ def test_command(tmp_path, capsys):
     packaged = load_material("a12_05")
     assert load_material(target).loading.K_p == pytest.approx(packaged.loading.K_p, rel=1e-3)
     assert run(*command, "--fibers", "wool") == 2
-    assert "felt 'wool' is none of" in capsys.readouterr().err
+    assert "felt 'wool' is unknown" in capsys.readouterr().err
 
 
 def test_audit_of_a_micromechanical_contact():

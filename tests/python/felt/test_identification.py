@@ -217,7 +217,7 @@ def test_material_files_are_checked(tmp_path):
     text = str(error.value)
     for part in ("v_f0", "fiber.diameter", "fiber.friction", "did you mean 'withdrawal_force'"):
         assert part in text
-    with pytest.raises(InvalidParameter, match="did you mean 'synthetic_leather'"):
+    with pytest.raises(InvalidParameter, match="near are synthetic_leather"):
         load_material("leather")
 
 

@@ -35,7 +35,7 @@ def test_names_longer_than_names_of_files(name, tmp_path):
     refused(lambda: feltmb.load_action(name), "mechanism")
     refused(lambda: feltmb.load_stroke(name), "stroke")
     refused(lambda: feltmb.load_run(name), "there is no such file")
-    refused(lambda: feltmb.load_targets(name), "targets")
+    refused(lambda: feltmb.load_targets(name), "target file")
     with pytest.raises(feltmb.FeltmbError, match="cannot be written"):
         check_writable(tmp_path / name, force=False)
 
