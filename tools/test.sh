@@ -71,9 +71,12 @@ build_cpp_tests() {
     say 'doctest (doctest/doctest.h) is missing; an administrator can run: sudo apt-get install -y doctest-dev'
     return 1
   fi
-  step 'configuring' cmake -S . -B build/wheel -DCMAKE_BUILD_TYPE=Release -DFELTMB_TESTS=ON \
+  # The CMake that built the package: another version would compile the core again.
+  local cmake
+  cmake=$(sed -n 's/^CMAKE_COMMAND:INTERNAL=//p' build/wheel/CMakeCache.txt)
+  step 'configuring' "$cmake" -S . -B build/wheel -DCMAKE_BUILD_TYPE=Release -DFELTMB_TESTS=ON \
     -DFELTMB_BENCH=ON -DFELTMB_WERROR=ON &&
-    step "compiling ($CMAKE_BUILD_PARALLEL_LEVEL at a time)" cmake --build build/wheel
+    step "compiling ($CMAKE_BUILD_PARALLEL_LEVEL at a time)" "$cmake" --build build/wheel
 }
 
 run_cpp_tests() {

@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <fstream>
 #include <new>
+#include <sstream>
 #include <string>
 #include <thread>
 #include <vector>
@@ -117,8 +118,9 @@ TEST_CASE("hammer on string: both methods meet the reference and each other") {
       CAPTURE(damping);
       const auto m = assemble(hammer_on_string(modes, std::stod(damping), false));
       REQUIRE(LinearMachine::of(*m).has_value());
-      std::ifstream in(std::string(FELTMB_REFERENCE) + "/ref_N" + std::to_string(modes) + "_xi" +
-                       damping + ".csv");
+      std::ostringstream path;
+      path << FELTMB_REFERENCE "/ref_N" << modes << "_xi" << damping << ".csv";
+      std::ifstream in(path.str());
       std::vector<double> x, force;
       std::string line;
       std::getline(in, line);
