@@ -215,14 +215,19 @@ def _vicon(path: Path, lines: Lines) -> Columns | None:
     heads = [_cells(t) for t in lines.texts[:5]]
     if not titles or titles[0] != 0 or len(heads) < 5 or heads[3][:2] != ["Frame", "Sub Frame"]:
         return None
-    sections = {lines.texts[i].strip(' ,;\t"'): i for i in titles}
-    start = sections.pop("Trajectories", None)
-    if start is None:
+    sections = [lines.texts[i].strip(' ,;\t"') for i in titles]
+    if "Trajectories" not in sections:
         raise DataError(
             f"{path}: Vicon export without trajectories, expected the section Trajectories: choose "
             "it in the ASCII export, or save the columns of one device with one header"
         )
-    part = lines[start : min((i for i in titles if i > start), default=len(lines))]
+    first = sections.index("Trajectories")
+    part = lines[titles[first] : [*titles, len(lines)][first + 1]]
+    if len(part) < 6:
+        raise DataError(
+            f"{path}: line {part.numbers[-1]}: the section Trajectories ends here, expected its "
+            "frame rate, points, axes, units and frames"
+        )
     rate, points, axes, units = (_cells(t) for t in part.texts[1:5])
     frequency = read_number(rate[0])
     if not (frequency and frequency > 0.0) or len(units) != len(axes):
@@ -239,6 +244,7 @@ def _vicon(path: Path, lines: Lines) -> Columns | None:
     columns.values["time"] = (frames - frames[0]) / frequency
     columns.units["time"] = "s"
     columns.notes.append(f"time is counted from frame {frames[0]:g}, at {frequency:g} Hz")
+    del sections[first]
     if sections:
         columns.notes.append(f"sections {', '.join(sections)} of the Vicon export are left out")
     return columns

@@ -188,7 +188,7 @@ def fit(
     InvalidParameter
         Names or values are unknown or contradictory; all of them are in the message.
     """
-    asked = _Asked(
+    asked = FitOptions(
         model=model,
         free=None if free is None else tuple(free),
         fixed=fixed or {},
@@ -239,13 +239,13 @@ def fit_branches(
     """
     if not branches:
         raise InvalidParameter("fit_branches: no branch, expected at least one")
-    return _fit(data, [_Asked(model=model, **options)] * len(branches), tuple(branches))
+    return _fit(data, [FitOptions(model=model, **options)] * len(branches), tuple(branches))
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
-class _Asked:
-    """Arguments of a fit, see :func:`fit`."""
+class FitOptions:
+    """Options of a fit, see :func:`fit`."""
 
     model: str
     free: Sequence[str] | None = None
@@ -308,7 +308,7 @@ class _Asked:
 class _Curve:
     """One branch and a law: residuals as a function of the scaled free parameters."""
 
-    def __init__(self, data: CompressionData, asked: _Asked, branch: str):
+    def __init__(self, data: CompressionData, asked: FitOptions, branch: str):
         self.asked, self.branch = asked, branch
         model, fixed, bounds = asked.model, asked.fixed, asked.bounds
         described: dict[str, Any] = {p.name: p for p in models()[model].parameters}
@@ -491,7 +491,7 @@ class _Problem:
         return np.array(columns).T
 
 
-def _fit(data: CompressionData, each: Sequence[_Asked], branches: Sequence[str]) -> list[Fit]:
+def _fit(data: CompressionData, each: Sequence[FitOptions], branches: Sequence[str]) -> list[Fit]:
     """One fit per branch; an estimated unloaded state is a common parameter of all branches."""
     curves = [_Curve(data, own, branch) for own, branch in zip(each, branches, strict=True)]
     best: list[Array] = []
@@ -680,7 +680,7 @@ def _evaluated(c: _Curve, found: _Optimum, at: NDArray[np.int_], n_best: int, br
 
 
 def _hold_given(
-    data: CompressionData, asked: _Asked, branches: Sequence[str], fits: list[Fit]
+    data: CompressionData, asked: FitOptions, branches: Sequence[str], fits: list[Fit]
 ) -> list[Fit]:
     """Warn if the test indicates another unloaded thickness than the given one."""
     h0 = data.thickness0

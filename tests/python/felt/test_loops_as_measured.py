@@ -288,9 +288,18 @@ def test_exports_of_motion_capture(tmp_path, text):
     assert record.outputs["key.x"] == pytest.approx([7e-3, 8e-3, 9e-3])
 
 
-def test_a_vicon_export_without_trajectories_is_refused(tmp_path):
+def test_a_second_section_of_trajectories_is_left_out_with_a_note(tmp_path):
+    path = tmp_path / "take.csv"
+    path.write_text(f"{VICON}\n{VICON.replace('hammer', 'damper')}")
+    record = read_record(path)
+    assert "hammer.y" in record.outputs
+    assert any("Devices, Trajectories, Devices of the Vicon export" in n for n in record.notes)
+
+
+@pytest.mark.parametrize("text", [DEVICES, f"{DEVICES}\nTrajectories\n100\n"], ids=["none", "cut"])
+def test_a_vicon_export_without_trajectories_is_refused(tmp_path, text):
     path = tmp_path / "devices.csv"
-    path.write_text(DEVICES)
+    path.write_text(text)
     with pytest.raises(DataError, match="section Trajectories"):
         read_record(path)
 

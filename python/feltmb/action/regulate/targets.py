@@ -292,7 +292,7 @@ def _tables(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     if len(seen) >= MOST_EXTENDS:
         raise InvalidParameter(f"{path}: extends {base!r}; the limit is {MOST_EXTENDS} files")
     below = _tables(
-        params.find(base, "regulation", "regulation", beside=path.parent), (*seen, path.resolve())
+        params.find(base, "regulation", "target file", beside=path.parent), (*seen, path.resolve())
     )
     steps, own = below.get("steps", []), raw.get("steps", [])
     if not isinstance(own, list) or not isinstance(steps, list):

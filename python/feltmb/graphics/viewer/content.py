@@ -60,7 +60,6 @@ MOST_STRING_SAMPLES = 4000
 STRING_POINTS = 121
 #: Largest error of a curve by omitted samples, relative to its range.
 CURVE_TOLERANCE = 2e-4
-#: Text of the speed of the striker.
 
 
 def describe(
