@@ -371,8 +371,10 @@ def _of_axis(name: str, origin: str | None, *, pixels: bool) -> str | None:
     if origin is None or "," not in origin:
         return origin
     parts = [p.strip() for p in origin.split(",")]
+    if len(parts) != 2:
+        raise InvalidParameter(f"origin of {name}: got {shortened(repr(origin))}, expected X,Y")
     axis = name.rpartition(".")[2]
-    if len(parts) != 2 or axis not in ("x", "y") or not pixels:
+    if axis not in ("x", "y") or not pixels:
         return None
     return parts["xy".index(axis)]
 

@@ -109,7 +109,7 @@ def _amount(screw: Screw, what: str, operator: str, value: Any) -> float:
         elif screw.pitch is None:
             raise ValueError("has no thread in [screws]; expected a length, such as 0.2mm")
         else:
-            amount = parse_scalar(float(turns[1]), "1") * screw.pitch
+            amount = parse_scalar(turns[1], "1") * screw.pitch
     except ValueError as error:
         raise InvalidParameter(
             f"{what}{operator}={value}: {error}; expected turns or a length, such as "

@@ -90,7 +90,8 @@ def table_to_dataset(
     if order and len(table.drop_duplicates(axes)) == len(table) == math.prod(
         map(len, order.values())
     ):
-        data = table.set_index(list(axes)).to_xarray().sel(order)
+        data = table.set_index(list(axes)).to_xarray()
+        data = data.isel({a: data.get_index(a).get_indexer(v) for a, v in order.items()})
     else:
         rows = table.reset_index(drop=True).rename_axis("member")
         data = rows.to_xarray().set_coords(list(axes)).drop_vars("member")

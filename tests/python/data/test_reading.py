@@ -250,6 +250,14 @@ def test_columns_in_pixels_with_scale_and_origin(tmp_path):
     np.testing.assert_allclose(record.outputs["tip.y"], [0, -2e-3, -4e-3, -4e-3], atol=1e-15)
 
 
+@pytest.mark.parametrize("origin", ["90,480,0", "90,", "x,480"])
+def test_an_origin_that_is_no_point_of_the_picture_is_refused(tmp_path, origin):
+    options = ReadOptions(units={"": "px"}, scales={"": "0.2mm"}, origins={"": origin})
+    path = put(tmp_path, "t [s],tip.x,tip.y\n0,90,480\n1,91,479\n2,92,478\n")
+    with pytest.raises(DataError, match=r"origin of tip\.[xy]: got .*, expected"):
+        read_record(path, options=options)
+
+
 @pytest.mark.parametrize("points", ["from 10 20 to 13 24", "from 10, 20 to 13, 24"])
 def test_the_scale_is_that_of_two_points_of_the_picture(tmp_path, points):
     """3 and 4 pixels: they are 5 pixels apart."""

@@ -64,7 +64,7 @@ def test_screws_by_name(action):
     [
         ({"lead": "5 g"}, "5 g at 200 mm"),
         ({"lead": "5 g at 900 mm"}, "a place on the key; the finger presses it at 225 mm"),
-        ({"capstan +=": "half turn"}, r"capstan\+=half turn: .*such as capstan\+=0.5turn"),
+        ({"capstan +=": "half turn"}, r"got .half., expected .*such as capstan\+=0.5turn"),
         ({"lead": "5 g at 2 N"}, r"leads\.added_1\.position.*does not measure"),
         ({"capstan": "3 mm"}, r"capstan\+=0\.5turn"),
         ({"punchings +=": "1 turn"}, "no thread"),

@@ -362,6 +362,8 @@ def test_numbers_without_a_unit_are_in_si_units(action, stroke):
     assert len(set(found)) == 1
     given = quiet(action, stroke, {path: [0.0771], "string.modes": [3, 4], "key.mass": [0.1]})
     assert given.to_xarray()[path].attrs["units"] == "m"
+    mixed = quiet(action, stroke, {path: ["77.1 mm", "78 mm"], "key.mass": [0.1, "200 g"]})
+    assert mixed.to_xarray()["steps"].dims == (path, "key.mass", "stroke")
     assert len(given.notes) == 1  # the file gives the mass in kg
 
 
