@@ -229,6 +229,14 @@ def _unit(variable: Any) -> str:
     return spelled_unit(unit.replace(".", " ")) or "" if unit else ""
 
 
+def _start(variable: Any) -> float | None:
+    """Start value of a variable; None: it has none, or one that is no number."""
+    try:
+        return float(variable.start)
+    except (TypeError, ValueError):
+        return None
+
+
 def _kind(path: Path, description: Any, kind: str | None) -> str:
     """Kind of the simulation: the stated one, else model exchange if the FMU has it."""
     kinds = [
@@ -330,9 +338,7 @@ def fmu(
         inputs = _channels(description, "input")
     every = outputs is None
     outputs = _channels(description, "output") if outputs is None else outputs
-    stated = {
-        n: (None if v.start is None else float(v.start), _unit(v)) for n, v in variables.items()
-    }
+    stated = {n: (_start(v), _unit(v)) for n, v in variables.items()}
     parameters, unknown = from_file(parameters, unknown, stated)
     listed = [*(p if isinstance(p, str) else p.name for p in parameters), *(unknown or {})]
     wanted = [*listed, *inputs, *outputs]

@@ -113,9 +113,9 @@ def from_file(
 
 def _from_file(name: str, prior: Any, value: float | None, unit: str) -> Any:
     """A prior in the unit of a file, whose value None is the value of the file."""
-    parts = list(prior) if isinstance(prior, list | tuple) else [prior]
-    if parts == [prior] and prior is not None:
+    if prior is not None and not isinstance(prior, list | tuple):
         return prior
+    parts: list[Any] = [None] if prior is None else list(prior)
     if len(parts) == 3 and unit and parts[2] not in ("1", unit):
         try:
             factor = conversion_factor(parts[2], unit)

@@ -27,6 +27,10 @@ DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
       <Real start="0"/></ScalarVariable>
     <ScalarVariable name="x" valueReference="5" causality="output"><Real/></ScalarVariable>
     <ScalarVariable name="v" valueReference="6" causality="local"><Real/></ScalarVariable>
+    <ScalarVariable name="log" valueReference="0" causality="parameter" variability="fixed">
+      <Boolean start="true"/></ScalarVariable>
+    <ScalarVariable name="table" valueReference="0" causality="parameter" variability="fixed">
+      <String start="cart.txt"/></ScalarVariable>
   </ModelVariables>
   <ModelStructure><Outputs><Unknown index="6"/></Outputs></ModelStructure>
 </fmiModelDescription>
@@ -98,6 +102,14 @@ def test_variables_that_an_fmu_lacks_are_told(fmu):
         cart(fmu, inputs=["u"])
     with pytest.raises(InvalidParameter, match="there is no such file"):
         cart(fmu.with_name("other.fmu"))
+
+
+def test_start_values_are_those_of_the_fmu(fmu):
+    """Other variables of it are no numbers."""
+    model = cart(fmu, parameters={"mass": (None, 0.1, "kg")}, unknown={"dry": "N"})
+    assert model.parameters[0].value == 2.0
+    with pytest.raises(InvalidParameter, match="parameter table: got"):
+        cart(fmu, parameters={"table": (None, 0.1, "kg")})
 
 
 def test_a_run_of_an_fmu_does_not_depend_on_those_before(fmu):
