@@ -581,6 +581,8 @@ class Record:
         ------
         DataError
             There is no such column.
+        InvalidParameter
+            An output would become an input of a name that another channel has.
         """
         known = {**self.outputs, **self.inputs}
         if missing := [c for c in columns.values() if c not in known]:
@@ -590,21 +592,25 @@ class Record:
             )
         record, moved = self, dict[str, str]()
         for name, column in columns.items():
-            source = moved.get(column, column)
-            if source in record.inputs:
-                record = record._with_copied_input(source, name)
+            if column in self.inputs:
+                record = record._with_input_of(self, column, name)
+            elif column in moved:
+                record = record._with_input_of(record, moved[column], name)
             else:
                 record = record.with_output_as_input(column, name)
                 moved[column] = name
         return replace(record, input_mode=mode or self.input_mode)
 
-    def _with_copied_input(self, source: str, name: str) -> Record:
-        """Copy in which an input has a second name."""
+    def _with_input_of(self, other: Record, source: str, name: str) -> Record:
+        """Copy with an input of another record, under a name that it may have already."""
         own: dict[str, Any] = {}
         for key in ("inputs", "input_units", "input_sigma", "input_correlation_time"):
-            values = getattr(self, key)
-            own[key] = {**values, name: values[source]} if source in values else values
-        before = None if self.before is None else self.before._with_copied_input(source, name)
+            values = getattr(other, key)
+            stated = {name: values[source]} if source in values else {}
+            own[key] = {**_without(getattr(self, key), name), **stated}
+        before = self.before
+        if before is not None and other.before is not None:
+            before = before._with_input_of(other.before, source, name)
         return replace(self, before=before, **own)
 
     def with_changed_inputs(self, change: Callable[[Record], Mapping[str, Array]]) -> Record:

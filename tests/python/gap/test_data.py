@@ -154,6 +154,20 @@ def test_an_output_becomes_an_input():
         whole.with_output_as_input("f", "y")
 
 
+def test_inputs_that_exchange_their_names_keep_their_noise():
+    time = np.arange(100) * 1e-3
+    one = Record(name="run", time=time, inputs={"a": time, "b": 2.0 * time}, outputs={"y": time},
+                 input_units={"a": "N"}, input_sigma={"a": 0.1})  # fmt: skip
+    for record in (one, one.cut(50, 100)):
+        found = record.with_columns_as_inputs({"a": "b", "b": "a"})
+        for part, of in ((found, record), (found.before, record.before)):
+            if of is None:
+                continue
+            assert np.array_equal(part.inputs["a"], of.inputs["b"])
+            assert np.array_equal(part.inputs["b"], of.inputs["a"])
+            assert (part.input_units, part.input_sigma) == ({"b": "N"}, {"b": 0.1})
+
+
 def test_units_of_the_header_become_si(tmp_path):
     (tmp_path / "a.csv").write_text("t [ms],key [mm],f [N]\n0,1,2\n1,2,3\n2,,4\n")
     (tmp_path / "a.toml").write_text("[inputs.force]\ncolumn = 'f'\n[outputs.key]\n")
