@@ -159,8 +159,8 @@ class Problem:
     held_out: tuple[Observed, ...]
     channels: tuple[int, ...]
     """Outputs of the model that a record shows, as indices in ``model.outputs``."""
-    exact: bool = False
-    """Whether no record states the noise of its sensors, so that it was estimated."""
+    noise_estimated: bool = False
+    """Whether the noise of all sensors is estimated, because no record states it."""
     notes: tuple[str, ...] = ()
     """Assumptions about the records, for the report."""
 

@@ -199,7 +199,7 @@ def problem_of(
         fit=observed,
         held_out=unseen,
         channels=channels,
-        exact=all(s.sigma is None for s in sensors),
+        noise_estimated=all(s.sigma is None for s in sensors),
         notes=notes,
     )
 

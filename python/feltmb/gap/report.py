@@ -127,6 +127,10 @@ def _size(value: float, unit: str) -> str:
     return f"{float(f'{factor * value:.3g}'):.6g}{'' if name == '1' else f' {name}'}"
 
 
+def _tolerances(p: ParameterValue) -> str:
+    return f"{float(f'{p.tolerances:.2g}'):g} tolerances"
+
+
 def _percent(value: float) -> str:
     return f"{float(f'{100.0 * value:.2g}'):g} %" if math.isfinite(value) else "-"
 
@@ -173,7 +177,7 @@ def _statement(result: Result) -> str:
         Verdict.NO_GAP: ": there is no gap",
         Verdict.CALIBRATED: f". No {other}cause is missing"
         if result.complete
-        else f". No {other}cause was found before the limit of time",
+        else f". No {other}cause was found before the search ended",
         Verdict.UNKNOWN: ". No cause that was tried explains it",
     }.get(result.verdict, f". {_listed(told)} {takes} it to {_part(c, c.explained)}")
     return f"{_off(result)}{misses}{found}. {_remains(result)}"
@@ -184,12 +188,9 @@ def _off(result: Result) -> str:
     told = []
     for p in result.off[:PARAMETERS]:
         change = p.value - p.tabulated
-        if p.relative:
-            size = f"{100.0 * change:+.3g} %"
-        else:
-            factor, unit = readable_unit(abs(change), p.unit)
-            size = f"{factor * change:+.3g}{'' if unit == '1' else f' {unit}'}"
-        told.append(f"The parameter {p.title} is off by {size}, {p.tolerances:.2g} tolerances. ")
+        size = _size(100.0 * abs(change), "%") if p.relative else _size(abs(change), p.unit)
+        sign = "+" if change > 0.0 else "-"
+        told.append(f"The parameter {p.title} is off by {sign}{size}, {_tolerances(p)}. ")
     return "".join(told)
 
 
@@ -256,8 +257,7 @@ def _moved(result: Result) -> list[ParameterValue]:
 def _calibration(result: Result) -> _Section:
     moved, items = _moved(result), []
     for p in moved[:PARAMETERS]:
-        far = p.tolerances
-        ratio = f", a change of {far:.2g} tolerances" if far >= 0.01 else ""
+        ratio = f", a change of {_tolerances(p)}" if p.tolerances >= 0.01 else ""
         items.append(f"{p.title}: {_interval(p)}; tabulated {_tabulated(p)}{ratio}")
     if len(moved) > PARAMETERS:
         items.append(f"{len(moved) - PARAMETERS} more parameters are in the details")

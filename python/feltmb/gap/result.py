@@ -170,6 +170,8 @@ class Named:
     """Whether it is a parameter outside its tolerance; the magnitude is its value."""
     mechanism: str = ""
     remedy: str = ""
+    changes: str = ""
+    """Parameter of the model that is this cause, also under the name of an effect; "": none."""
 
 
 @dataclass(frozen=True)
@@ -285,12 +287,13 @@ class Result:
     def off(self) -> tuple[ParameterValue, ...]:
         """Parameters that are surely far outside their tolerances, farthest first.
 
-        They are a part of the answer, unless it is unknown what they imitate. Those that are named
-        are omitted.
+        They are a part of the answer, unless it is unknown what they imitate. Those that are told
+        as causes are omitted.
         """
-        told = {n.cause for n in self.named}
+        if self.verdict is Verdict.UNKNOWN:
+            return ()
+        told = {n.changes for group in (self.named, *self.classes) for n in group}
         found = [p for p in self.parameters if p.moved and p.tolerances > OFF]
-        found = [] if self.verdict is Verdict.UNKNOWN else found
         return tuple(sorted((p for p in found if p.name not in told), key=lambda p: -p.tolerances))
 
     @cached_property

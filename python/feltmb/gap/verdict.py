@@ -80,7 +80,7 @@ def judge(
     tell("held_out")
     problem, sets, weight, predicted, worse = _posterior(searched, check)
     tell("judge")
-    first = sets[0]
+    probable = sets[0]
     sets, weight = _consistent(problem, sets, weight)
     told, classes = _told(sets, weight, options.credibility)
     best = _representative(sets, told, classes)
@@ -101,10 +101,10 @@ def judge(
         except (Stop, KeyboardInterrupt) as stop:
             searched.ended_by = stop
     reasons = {
-        Reason.DIFFERS_BETWEEN_RECORDS: sets[0] is not first,
+        Reason.DIFFERS_BETWEEN_RECORDS: sets[0] is not probable,
         Reason.NOT_COMPLETE: searched.ended_by is not None,
         Reason.INTERRUPTED: _interrupted(searched.ended_by),
-        Reason.NOISE_NOT_STATED: problem.exact,
+        Reason.NOISE_NOT_STATED: problem.noise_estimated,
         Reason.CALIBRATION_PREDICTS_WORSE: worse,
         Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
     }
@@ -221,7 +221,12 @@ def _consistent(
 def _told(
     sets: Sequence[Fitted], weight: Array, credibility: float
 ) -> tuple[list[int], list[list[int]]]:
-    """Causes that are named, and classes of which one is missing."""
+    """Causes that are named, and classes of which one is missing.
+
+    As long as the sets with a cause that is not told yet have the probability ``credibility``
+    together, the fewest such causes are collected, the most probable first, of which at least one
+    is in sets of this probability. One cause is named; several are a class.
+    """
     told: list[int] = []
     classes: list[list[int]] = []
     taken: set[int] = set()
@@ -320,7 +325,7 @@ def _named(
     if found.effect is None:
         assert found.parameter is not None
         p = problem.model.parameters[found.parameter]
-        scale, zero, unit = problem.unit[k], p.value, p.unit
+        scale, zero, unit, changes = problem.unit[k], p.value, p.unit, p.name
         low, high = p.lower, p.upper
         shape, mechanism, remedy = None, "", ""
         if (alias := found.alias) is not None:
@@ -330,7 +335,7 @@ def _named(
         names: tuple[str, ...] = ()
     else:
         effect = found.effect
-        scale, zero, unit = effect.scale, 0.0, effect.unit
+        scale, zero, unit, changes = effect.scale, 0.0, effect.unit, ""
         low, high = effect.bounds
         members = [m for m in fitted.members if problem.causes[m.cause].effect is not None]
         at = members.index(next(m for m in members if m.cause == cause))
@@ -351,6 +356,7 @@ def _named(
         by_record=tuple(float(zero + scale * v) for v in values),
         same=same,
         parameter=found.effect is None and found.alias is None,
+        changes=changes,
         mechanism=mechanism,
         remedy=remedy,
     )
@@ -491,7 +497,7 @@ def _channels(
             Channel(
                 name,
                 unit,
-                _white(problem, best, c) if problem.exact else float(problem.noise[c]),
+                _white(problem, best, c) if problem.noise_estimated else float(problem.noise[c]),
                 motion,
                 float(tabulated[c]),
                 float(calibrated[c]),

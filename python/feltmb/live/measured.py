@@ -375,7 +375,7 @@ def told(report: Report, effects: Sequence[Effect], bench: Bench) -> dict[str, A
     """
     causes = [(n, f"{n.probability:.0%} probable") for n in report.named]
     causes += [(n, f"one of {len(group)}") for group in report.classes for n in group]
-    known = {n.cause for n, _ in causes}
+    known, changed = {n.cause for n, _ in causes}, {n.changes for n, _ in causes}
     moved = sorted((p for p in report.parameters if p.moved), key=lambda p: -p.tolerances)
     chances: dict[str, float] = {}
     for s in report.sets:
@@ -398,7 +398,7 @@ def told(report: Report, effects: Sequence[Effect], bench: Bench) -> dict[str, A
         "parameters": [
             _parameter(bench, p)
             for p in moved[:MOST_ROWS]
-            if p.name not in known and p not in report.off
+            if p.name not in changed and p not in report.off
         ],
         "candidates": [
             _row(bench, name, "", f"{value:.0%} probable", mechanism.get(name, ""))

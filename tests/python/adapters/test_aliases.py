@@ -153,7 +153,8 @@ def test_within_its_tolerance_it_is_none(slope):
         assert report.verdict is Verdict.CALIBRATED
         return
     (found,) = report.named
-    assert found.cause == "steeper"
+    assert (found.cause, found.changes) == ("steeper", "slope")
+    assert report.off == ()  # told once
     assert found.low < slope - 1.0 < found.high
     assert report.worst.explained < 0.1 * report.worst.tabulated
 

@@ -183,7 +183,7 @@ def test_without_causes_no_cause_is_told(report, verdict):
 def test_a_search_that_ended_early_does_not_say_that_no_cause_is_missing(report):
     bare = replace(report, verdict=Verdict.CALIBRATED, named=(), classes=(), sets=())
     assert not bare.complete
-    assert "No cause was found before the limit of time" in bare.summary()
+    assert "No cause was found before the search ended" in bare.summary()
     assert "No cause is missing" in replace(bare, complete=True).summary()
 
 
@@ -287,5 +287,9 @@ def test_a_parameter_far_outside_its_tolerance_is_an_answer(report):
     assert "felt: check it, and correct the machine" in " ".join(told.text().split())
     unknown = replace(told, verdict=Verdict.UNKNOWN)  # it imitates what is not known
     assert unknown.off == ()
-    named = Named("m", "arm", "kg", 1.033, 1.031, 1.035, 0.99, parameter=True)
+    named = Named("m", "arm", "kg", 1.033, 1.031, 1.035, 0.99, parameter=True, changes="m")
     assert [p.name for p in replace(told, named=(named,)).off] == ["f"]
+    assert [p.name for p in replace(told, classes=((named, named),)).off] == ["f"]
+    further = replace(far, value=13.4, low=13.3, high=13.5)
+    several = replace(told, parameters=(further,))
+    assert several.summary().startswith("The parameter mass is off by +12.4 kg, 1200 tolerances.")
