@@ -429,6 +429,8 @@ def shifted(record: Record, y: Array, delays: Array) -> Array:
 def delayed(record: Record, y: Array, delay: float) -> Array:
     """As :func:`shifted` for outputs (n, ...) with one delay, which is needed only once.
 
+    Columns with values that are not finite are unchanged.
+
     Parameters
     ----------
     record
@@ -438,11 +440,13 @@ def delayed(record: Record, y: Array, delay: float) -> Array:
     delay
         Delay [s].
     """
-    if delay == 0.0 or not np.isfinite(y).all():
+    out = y.reshape(len(y), -1).copy()
+    good = np.isfinite(out).all(axis=0)
+    if delay == 0.0 or not good.any():
         return y
     time = _times(record, len(y))
-    found = _continued(time, y.reshape(1, len(y), -1), time - delay)
-    return np.asarray(found.reshape(y.shape))
+    out[:, good] = _continued(time, out[None, :, good], time - delay)[0]
+    return out.reshape(y.shape)
 
 
 def _times(record: Record, count: int) -> Array:

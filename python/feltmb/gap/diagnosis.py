@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from feltmb.arguments import checked
@@ -96,6 +96,7 @@ def diagnose(
         notes = (
             *told,
             *_split(problem, ready.records, hold_out),
+            *_clocks(problem),
             *before.notes,
             *(h.text for h in before.hints),
         )
@@ -119,6 +120,22 @@ def _split(
     if hold_out is not None or any(r.role == "held_out" for r in records):
         return ()
     return (f"held out: {', '.join(o.record.name for o in problem.held_out)} (hold_out=)",)
+
+
+def _clocks(problem: Problem) -> Iterator[str]:
+    """Notes about sensors that are late together."""
+    found = {
+        (q.channels, q.scale)
+        for o in (*problem.fit, *problem.held_out)
+        for q in o.local
+        if len(q.channels) > 1
+    }
+    for channels, sd in sorted(found):
+        names = ", ".join(problem.names[c] for c in channels)
+        yield (
+            f"{names}: one clock, which is late by one time in each record, because they have the "
+            f"same delay_sd ({sd:g} s); different values make them independent"
+        )
 
 
 @checked

@@ -291,20 +291,21 @@ def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
                 )
             else:
                 by_global = np.zeros((n, m, 0))
+            by_starts = s.d_starts[:, columns]
+            by_further = s.d_candidates[:, columns] * further
+            for late, delay in _delays(problem, ask, r):
+                for derivatives in (by_global, by_starts, by_further):
+                    derivatives[:, late] = delayed(o.record, derivatives[:, late], delay)
             local = local_of(problem, ask.members, o)
             by_local = np.zeros((n, m, len(local)))
             for j, q in enumerate(local):
                 if q.kind == "start":
-                    by_local[:, :, j] = s.d_starts[:, columns, q.index] * q.scale
+                    by_local[:, :, j] = by_starts[:, :, q.index] * q.scale
                 elif q.kind == "mode":
                     assert o.modes is not None
                     by_local[:, :, j] = o.modes[:, :, q.index]
                 else:
                     by_local[:, :, j] = by_sensor[j]
-            by_further = s.d_candidates[:, columns] * further
-            for late, delay in _delays(problem, ask, r):
-                by_global[:, late] = delayed(o.record, by_global[:, late], delay)
-                by_further[:, late] = delayed(o.record, by_further[:, late], delay)
             own.append(
                 Linear(
                     _residual(o, readings),

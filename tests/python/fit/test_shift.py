@@ -16,7 +16,7 @@ from feltmb.fit import (
     SensitivityRequest,
     State,
 )
-from feltmb.fit.observe import observe, observed_sensitivities, shifted
+from feltmb.fit.observe import delayed, observe, observed_sensitivities, shifted
 
 SAMPLES = 101
 
@@ -58,6 +58,9 @@ def test_each_job_has_its_delay_and_a_failed_one_stays_as_it_is():
     assert np.array_equal(seen[1], y[1])
     assert np.allclose(seen[2, 31:], motion(time - 0.3)[0, 31:], atol=2e-7)
     assert np.array_equal(seen[3], y[3], equal_nan=True)
+    together = delayed(record(time), np.stack([y[0], y[3]], axis=1), 4e-3)
+    assert np.allclose(together[:, 0], seen[0], atol=1e-12)
+    assert np.array_equal(together[:, 1], y[3], equal_nan=True)
 
 
 def test_a_known_delay_is_part_of_the_readings():

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from feltmb.data import StartPrior
 from feltmb.gap import Coordinate, Equations, Options, Parameter, Record, Sensor, State, library
 from feltmb.gap.linear import Ask, Point, count_global, evaluate, local_of
 from feltmb.gap.problem import Member
@@ -74,5 +77,26 @@ def test_derivatives_by_all_unknowns_are_those_of_the_simulation(name, shape):
         step = np.zeros_like(x)
         step[k] = 1e-3
         differences = (residual(x - step) - residual(x + step)) / 2e-3
+        error = np.linalg.norm(exact[..., k] - differences)
+        assert error < 0.01 * np.linalg.norm(differences), k
+
+
+def test_derivatives_of_a_late_record_are_those_of_the_late_motion():
+    model, record = slide()
+    sensor = replace(record.sensors["position"], delay_sd=0.02)
+    start = StartPrior(mean={"x": 0.0, "v": 0.0}, sd={"x": 0.01, "v": 0.1})
+    late = replace(record, sensors={"position": sensor}, start=start)
+    problem = prepare(ready_records(model, [late]), EFFECTS, (), Options())
+    assert [q.kind for q in problem.fit[0].local] == ["start", "start", "delay"]
+    start = np.array([*np.full(len(problem.free), 0.3), 0.5, -0.7, 1.5])
+
+    def at(values, derivatives=False):
+        point = Point(values[:-3], (values[-3:],))
+        return evaluate(problem, [Ask((), point, problem.fit, derivatives=derivatives)])[0][0]
+
+    found = at(start, derivatives=True)
+    exact = np.concatenate([found.by_global, found.by_local], axis=2)
+    for k, step in enumerate(1e-3 * np.eye(start.size)):
+        differences = (at(start - step).residual - at(start + step).residual) / 2e-3
         error = np.linalg.norm(exact[..., k] - differences)
         assert error < 0.01 * np.linalg.norm(differences), k

@@ -187,11 +187,15 @@ def test_a_late_clock_whose_uncertainty_is_stated_is_no_cause(stated):
             outputs[name] = y + sigma * noise.standard_normal(400)
         records.append(replace(true, outputs=outputs, sensors=sensors))
     result = diagnose(model, [DRY, *library.for_input("f", records[0])], records)
+    clocks = [n for n in result.notes if "q, v: one clock" in n]
     if stated:
         assert result.verdict is Verdict.CALIBRATED
+        assert len(clocks) == 1
+        assert "same delay_sd (0.006 s)" in clocks[0]
         for c in result.channels:
             assert c.explained < 1.1 * c.noise
     else:
+        assert clocks == []
         (named,) = result.named
         assert named.cause == "delay of input f"
         assert named.magnitude == pytest.approx(-8e-3, rel=0.05)
