@@ -293,12 +293,13 @@ class Configurations:
                 old = Values(self._file)
                 old.update(new)
             new |= applied(((c, m) for e, m, _ in sizes for c in e.changes), old)
+            config = self._config
             for path in {*new, *self._new}:
                 value = new[path] if path in new else self._old[path]
                 if value != self._new.get(path, self._old[path]):
-                    self._config = replace_entry(self._config, path, value)
-            self._new = new
-            config = self._config = self._config if new else self._file
+                    config = replace_entry(config, path, value)
+            config = config if new else self._file
+            self._new, self._config = new, config
         for e, magnitude, _ in sizes:
             if e.insertion is not None:
                 config = insert(config, e.insertion, magnitude)

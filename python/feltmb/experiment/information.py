@@ -335,7 +335,7 @@ class Information:
         """
         share = np.array(
             [
-                self._share(n, sd, samples[n]) if n in self.read else 0.0
+                self._share(n, sd, samples[n], len(samples)) if n in self.read else 0.0
                 for n, sd in zip(self.problem.names, self.problem.noise, strict=True)
             ]
         )
@@ -344,13 +344,13 @@ class Information:
             self._known[key] = self._computed(share)
         return self._known[key]
 
-    def _share(self, name: str, sd: float, samples: float) -> float:
+    def _share(self, name: str, sd: float, samples: float, channels: int) -> float:
         """Inverse variance of one value in units of the noise of its sensor."""
         belief = self.study.belief
         noise, left = (0.0, 0.0) if belief is None else belief.left.get(name, (0.0, 0.0))
         square = 1.0 + max(left**2 - noise**2, 0.0) / sd**2
         random = self.read[name] ** 2 / max(samples, 1.0)
-        found = precision(np.array(square), np.array(random), len(self.samples))
+        found = precision(np.array(square), np.array(random), channels)
         return float(found) / max(samples, 1.0)
 
     def _computed(self, share: Array) -> Array:

@@ -112,7 +112,7 @@ def _named(effects: Sequence[Effect], names: Sequence[str], what: str) -> list[E
             known = [e.name for e in effects]
             raise InvalidParameter(
                 f"{what}: got {name!r}, no effect, pattern or component"
-                f"{near_names(name, known)}; there are {', '.join(known)}"
+                f"{near_names(name, known)}; there are {', '.join(known) or 'none'}"
             )
         found |= {e.name: e for e in fitting}
     return list(found.values())
@@ -220,6 +220,6 @@ def _inertia(model: Model, c: Coordinate, record: Record, path: Array) -> Array 
     x = Named(dict(zip((s.name for s in model.states()), path.T, strict=True)))
     p = Named({p.name: p.value for p in model.parameters})
     with np.errstate(all="ignore"):
-        pushed = c.push(1.0, record.time, x, Named(dict(record.inputs)), p)[c.speed]
+        pushed = c.push(np.float64(1.0), record.time, x, Named(dict(record.inputs)), p)[c.speed]
         inertia = np.asarray(1.0 / np.abs(pushed))
     return np.where(np.isfinite(inertia), inertia, 1.0)
