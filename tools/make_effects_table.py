@@ -14,7 +14,7 @@ def sizes_of(entries: list[Entry]) -> str:
     """Magnitudes of a family: one, or the smallest and the largest of each unit."""
     by_unit: dict[str, list[float]] = {}
     for e in entries:
-        by_unit.setdefault(e.unit.replace("{input_unit}", "N"), []).append(e.magnitude)
+        by_unit.setdefault(e.unit, []).append(e.magnitude)
     texts = []
     for unit, sizes in by_unit.items():
         ends = dict.fromkeys(f"{v:.3g}" for v in (min(sizes), max(sizes)))

@@ -2,37 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data import Array, Record, join_records
+from feltmb.data import Array, Record, StartPrior, join_records
 from feltmb.data.joining import align_clocks
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.fit.model import Model, Ready
+from feltmb.fit.model import Candidate, Model, Ready
+from feltmb.fit.noise import rms_of_measured
+from feltmb.fit.observe import observe
 from feltmb.gap.figures import comparison
-from feltmb.gap.records import ready_records
+from feltmb.gap.problem import Observed
+from feltmb.gap.records import noise_of_channel, ready_records
+from feltmb.units import TEMPERATURE_SCALES, readable_unit, spelled_unit, zero_and_factor
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
-import math
-from collections import Counter
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
-from typing import Literal
-
-from feltmb.data import StartPrior
-from feltmb.fit.model import Candidate
-from feltmb.fit.noise import rms_of_measured
-from feltmb.fit.observe import observe
-from feltmb.gap.problem import Observed
-from feltmb.gap.records import noise_of_channel
-from feltmb.units import TEMPERATURE_SCALES, readable_unit, spelled_unit, zero_and_factor
 
 __all__ = [
     "Compared",

@@ -347,6 +347,11 @@ def _climb(
     check: Callable[[], None],
     tell: Callable[[str], None],
 ) -> None:
+    """Add the best of some causes, drop those that are not needed any more, and so on.
+
+    When nothing more gains, each cause of the set is exchanged for those that resemble it.
+    """
+
     def gain(s: Fitted, over: Fitted) -> float:
         return log_odds(problem, s, over)
 
