@@ -333,25 +333,26 @@ class Information:
 
         ``samples``: number of values by output of all records that are diagnosed together.
         """
-        share = np.array(
-            [
-                self._share(n, sd, samples[n], len(samples)) if n in self.read else 0.0
-                for n, sd in zip(self.problem.names, self.problem.noise, strict=True)
-            ]
-        )
+        known = self._shares(samples)
+        share = np.array([known[n] if n in self.read else 0.0 for n in self.problem.names])
         key = share.tobytes()
         if key not in self._known:
             self._known[key] = self._computed(share)
         return self._known[key]
 
-    def _share(self, name: str, sd: float, samples: float, channels: int) -> float:
-        """Inverse variance of one value in units of the noise of its sensor."""
-        belief = self.study.belief
-        noise, left = (0.0, 0.0) if belief is None else belief.left.get(name, (0.0, 0.0))
-        square = 1.0 + max(left**2 - noise**2, 0.0) / sd**2
-        random = self.read[name] ** 2 / max(samples, 1.0)
-        found = precision(np.array(square), np.array(random), channels)
-        return float(found) / max(samples, 1.0)
+    def _shares(self, samples: Mapping[str, float]) -> dict[str, float]:
+        """Inverse variance of one value of each channel in units of the noise of its sensor."""
+        belief, sd = (
+            self.study.belief,
+            dict(zip(self.problem.names, self.problem.noise, strict=True)),
+        )
+        number = np.maximum(np.array(list(samples.values())), 1.0)
+        square = np.ones(number.size)
+        for i, name in enumerate(samples):
+            noise, left = (0.0, 0.0) if belief is None else belief.left.get(name, (0.0, 0.0))
+            square[i] += max(left**2 - noise**2, 0.0) / (sd.get(name) or noise or 1.0) ** 2
+        random = np.array([self.read.get(n, 1.0) ** 2 for n in samples]) / number
+        return dict(zip(samples, precision(square, random) / number, strict=True))
 
     def _computed(self, share: Array) -> Array:
         study, problem = self.study, self.problem

@@ -233,38 +233,39 @@ def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
 
     A set leaves noise, and a discrepancy that no cause of the list has. The noise is random, and
     counts the effective share of its samples. The discrepancy is not: another record of the same
-    motion repeats it, and one law that is wrong moves all of the m channels. It counts as
+    motion repeats it, and one law that is wrong moves many channels. It counts as
     :data:`DISCREPANCY` samples of all channels, however long the records and however many the
     channels are, so that small differences between models that are both wrong decide nothing (a
     coarsened likelihood: Miller and Dunson, Journal of the American Statistical Association 114,
     2019, 1113). The variances of an estimate by both add, so that the effective number N of samples
     of a channel is
 
-        f^2 / N = 1 / (q n) + m d^2 / DISCREPANCY
+        f^2 / N = 1 / (q n) + m d^2 / DISCREPANCY,    m = (sum d^2)^2 / sum d^4
 
     with the noise f that the better set leaves, in units of the noise of the sensor, and the
-    discrepancy d^2 = f^2 - 1, less what is possible by chance.
+    discrepancy d^2 = f^2 - 1, less what is possible by chance. The number m of channels that share
+    it is 1 if one channel has all of it, and the number of all channels if they have equal parts.
     """
     share = max(one.effective, other.effective)
     samples = np.maximum(problem.samples, 1.0)
     square = np.minimum(one.noise, other.noise) ** 2
-    return square * precision(square, 1.0 / (share * samples), square.size) / samples
+    return square * precision(square, 1.0 / (share * samples)) / samples
 
 
-def precision(square: Array, random: Array, channels: int) -> Array:
+def precision(square: Array, random: Array) -> Array:
     """Inverse variance of an estimate by a noise and a discrepancy together, by channel, (m,).
 
     Parameters
     ----------
     square
         Mean square of what a set leaves, in units of the square of the noise of the sensor.
+        All channels, which share one discrepancy.
     random
         Inverse number of independent samples.
-    channels
-        Number of channels, which share one discrepancy.
     """
     discrepancy = np.maximum(square - 1.0 - 2.0 * np.sqrt(2.0 * random), 0.0)
-    return np.asarray(1.0 / (random + channels * discrepancy / DISCREPANCY))
+    sharing = discrepancy.sum() ** 2 / max(float(np.sum(discrepancy**2)), 1e-300)
+    return np.asarray(1.0 / (random + sharing * discrepancy / DISCREPANCY))
 
 
 def log_odds(problem: Problem, one: Fitted, other: Fitted) -> float:

@@ -82,9 +82,10 @@ def test_a_discrepancy_counts_as_a_few_samples():
 def test_the_channels_of_a_record_share_one_discrepancy():
     """One law that is wrong moves all channels: two of them are no more evidence than one."""
     random = np.full(2, 1e-6)
-    for square in (np.array([26.0]), np.array([26.0, 26.0]), np.array([26.0, 101.0])):
-        m = square.size
-        samples = (square - 1.0) * precision(square, random[:m], m)
+    for square in (np.array([26.0]), np.array([26.0, 26.0]), np.array([26.0, 1.0])):
+        samples = (square - 1.0) * precision(square, random[: square.size])
         assert samples.sum() == pytest.approx(DISCREPANCY, rel=0.01)
-    white = precision(np.ones(2), random, 2)  # noise alone is independent
+    alone = precision(np.array([26.0, 1.0]), random)  # the other channel has noise only
+    assert alone[1] == pytest.approx(1e6)
+    white = precision(np.ones(2), random)  # noise alone is independent
     assert white == pytest.approx(1.0 / random)
