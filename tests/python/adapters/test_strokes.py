@@ -52,6 +52,16 @@ def adapter():
     return model, effects, record
 
 
+def without_tolerances(adapter):
+    """The model without parameters and effects, and the record."""
+    rough, _, record = adapter
+    model, _ = mechanism_model(
+        rough.action, channels=["key", "whippen", "hammer"], library=rough.library,
+        tolerances=[], effects=[], rtol=1e-7, workers=1, variation=None,
+    )  # fmt: skip
+    return model, record
+
+
 def at(theta):
     """One simulation at these parameters."""
     return Jobs(theta=theta[None], starts=np.zeros((1, 0)))
@@ -146,11 +156,7 @@ def test_a_camera_that_lags_and_a_force_sensor_that_leads_show_the_same(adapter)
 
 def test_the_modes_of_a_record_hold_the_noise_of_its_input(adapter):
     """Replays with noisy input differ as much as the modes say."""
-    rough, _, record = adapter
-    model, _ = mechanism_model(
-        rough.action, channels=["key", "whippen", "hammer"], library=rough.library,
-        tolerances=[], effects=[], rtol=1e-7, workers=1, variation=None,
-    )  # fmt: skip
+    model, record = without_tolerances(adapter)
     problem = prepare(ready_records(model, [record]), (), (), Options())
     assert varies(problem)
     modes = with_variation(problem).fit[0].modes / 2e-5
@@ -260,15 +266,11 @@ def test_derivatives_belong_to_the_samples_of_an_uneven_clock(adapter):
 
 def test_an_identity_has_no_delay(adapter):
     """The record of a run, asked for at its own times, is the answer of the model to its force."""
-    rough, _, record = adapter
-    model, _ = mechanism_model(
-        rough.action, channels=["key", "whippen", "hammer"], library=rough.library,
-        tolerances=[], effects=[], rtol=1e-7, workers=1, variation=None,
-    )  # fmt: skip
+    model, record = without_tolerances(adapter)
     stroke = feltmb.load_stroke("forte")
     rate = 1.0 / (record.time[1] - record.time[0])
     run = feltmb.simulate(
-        rough.action, stroke, duration=record.time[-1], output_rate=rate, rtol=1e-7
+        model.action, stroke, duration=record.time[-1], output_rate=rate, rtol=1e-7
     )
     own = np.column_stack([run[name] for name in model.outputs])[: record.samples]
     y = model.simulate(record, at(np.zeros(0)))[0]
