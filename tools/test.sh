@@ -73,7 +73,8 @@ build_cpp_tests() {
   fi
   # The CMake that built the package: another version would compile the core again.
   local cmake
-  cmake=$(sed -n 's/^CMAKE_COMMAND:INTERNAL=//p' build/wheel/CMakeCache.txt)
+  cmake=$(sed -n 's/^CMAKE_COMMAND:INTERNAL=//p' build/wheel/CMakeCache.txt 2>/dev/null || true)
+  cmake=${cmake:-cmake}
   step 'configuring' "$cmake" -S . -B build/wheel -DCMAKE_BUILD_TYPE=Release -DFELTMB_TESTS=ON \
     -DFELTMB_BENCH=ON -DFELTMB_WERROR=ON &&
     step "compiling ($CMAKE_BUILD_PARALLEL_LEVEL at a time)" "$cmake" --build build/wheel
