@@ -52,13 +52,13 @@ ONE_NOTE = (
 def listing(*, as_json: bool) -> None:
     """List packaged mechanisms, strokes, felts, laws and accepted units."""
     from feltmb import params
+    from feltmb._core import fiber  # the package of this name imports readers and fits
     from feltmb.contact import LAWS
-    from feltmb.fiber import models
     from feltmb.run.stroke import load_stroke, packaged_strokes
     from feltmb.units import ACCEPTED_UNITS
 
     actions, actuators, felts = (params.texts("about", k) for k in ("", "actuators", "felts"))
-    fibers = {name: law.title for name, law in models().items()}
+    fibers = {law.name: law.title for law in fiber.law_descriptions()}
     strokes = {name: load_stroke(name) for name in packaged_strokes()}
     if as_json:
         print_json(

@@ -70,7 +70,7 @@ def test_a_list_reads_no_mechanism():
     )
     assert "feltmb.params" in modules
     assert not modules & {"scipy", "pandas", "xarray", "matplotlib", "h5netcdf", "h5py", "jinja2"}
-    assert not modules & {"feltmb.mechanism", "feltmb.run.simulate"}  # laws of fibers are listed
+    assert not modules & {"feltmb.mechanism", "feltmb.fiber", "feltmb.data", "feltmb.run.simulate"}
 
 
 def test_functions_that_bear_the_name_of_their_module():
