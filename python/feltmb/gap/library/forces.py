@@ -389,40 +389,6 @@ def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
     )
 
 
-def drifting_stiffness(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
-    """A stiffness that develops during a record, by warming or settling.
-
-    F = k (1 - exp(-t / tau)) q. t [s] is the time of the record, so that the record should begin
-    with the drift; the shapes are tau [s].
-
-    Parameters
-    ----------
-    c
-        Coordinate, or coupling of two coordinates, on which the effect acts.
-    scale
-        Final stiffness that one would expect [N/m or N m/rad].
-    times
-        Time constants of the drift that are tried [s].
-    """
-
-    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, tau: Any) -> Mapping[str, Array]:
-        q, _ = c._motion(x)
-        return c._push(size * np.expm1(-t / tau) * q, t, x, u, p)
-
-    return Effect(
-        name=f"drifting stiffness {c.name}",
-        component=c.name,
-        unit=product((c.unit, 1), (c.travel_unit, -1)),
-        scale=scale,
-        kind="drift",
-        mechanism="The spring changes while the record runs.",
-        shapes=tuple(float(v) for v in times),
-        shape_names=("time [s]",),
-        remedy="Warm up before measuring, or model the change.",
-        rate=rate,
-    )
-
-
 def offset_force(c: Part, *, scale: float) -> Effect:
     """A constant force: gravity, preload, offset of the drive."""
     return Effect(
