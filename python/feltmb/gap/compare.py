@@ -419,9 +419,8 @@ def _delay(time: Array, measured: Array, model: Array) -> tuple[float, float]:
 #: Records, each with the outputs of the tabulated model.
 Runs = Sequence[tuple[Record, Mapping[str, Array]]]
 
-#: Correlation of record and model from which a factor is told, and is certainly a unit if it is
-#: about this large [1].
-ALIKE, SURE, LARGE = 0.9, 0.99, 9.0
+#: Correlation of record and model from which a factor is told, and is certain [1].
+ALIKE, SURE = 0.9, 0.99
 #: Largest distance of a factor from that of a unit, as a share of their logarithms [1].
 NEAR = 0.15
 #: Share of the squared difference that an explanation must take away; shares that another clock,
@@ -495,7 +494,7 @@ def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...
             known = {n for h in units for n in h.channels}  # as good an explanation as an exchange
             found += [h for h in _exchanged(runs, rows) if not known >= {*h.channels}]
             taken = {n for h in found for n in h.channels}
-            found += [h for h in units if not taken & {*h.channels}] + [*_scales(model, runs)]
+            found += [h for h in units if not taken & {*h.channels}]
         if not found:
             found += _input(model, runs)
     if size > ANY_SIZE:
@@ -511,55 +510,61 @@ def _size_of_tolerances(model: Model) -> float:
     )
 
 
-def _known_factor(row: Compared) -> tuple[float, str] | None:
-    """The factor of a wrong unit or sign that is near to that of a row, and its description."""
-    if not (abs(row.correlation) > ALIKE and abs(row.offset) <= row.motion):
-        return None
+def _relations(unit: str) -> Iterator[tuple[float, float, str, bool]]:
+    """Zero and factor of each wrong label of a reading, its words, and whether it has this unit."""
+    yield from ((0.0, f, text, bool(own)) for f, text, own in _FACTORS if own in ("", unit))
+    unit = spelled_unit(unit) or unit
+    for true, label in TEMPERATURE_SCALES if unit in {u for u, _ in TEMPERATURE_SCALES} else ():
+        (zero, factor), (other, back) = zero_and_factor(unit, true), zero_and_factor(label, unit)
+        yield -(zero * factor + other) * back, factor * back, f"{true} labeled as {label}", True
+
+
+def _known_relation(row: Compared) -> tuple[float, float, str] | None:
+    """Zero, factor and words of the wrong unit, scale or sign that is near to those of a row."""
     found = []
-    for factor, text, unit in _FACTORS:
+    for zero, factor, text, own in _relations(row.unit):
         ratio = row.factor / factor
-        if unit not in ("", row.unit) or not ratio > 0.0:
+        far = min(row.motion, 0.5 * abs(zero) or math.inf)  # nearer to this zero than to none
+        if not (ratio > 0.0 and abs(row.correlation) > ALIKE and abs(row.offset - zero) <= far):
             continue
         off = abs(math.log(ratio)) / max(abs(math.log(abs(factor))), math.log(10.0))
         if off < NEAR:
-            found.append((off, not unit, factor, text))
+            found.append((off, not own, zero, factor, text))
     return min(found)[2:] if found else None
 
 
 def _units(rows: Sequence[Compared]) -> Iterator[Hint]:
-    """Channels whose factor is that of a wrong unit in all records, or in some of them."""
-    groups: dict[tuple[float, str, tuple[str, ...]], list[list[Compared]]] = {}
+    """Channels that have a wrong unit, scale or sign in all records, or in some of them."""
+    groups: dict[tuple[float, float, str, tuple[str, ...]], list[list[Compared]]] = {}
     for name in dict.fromkeys(r.channel for r in rows):
         own = [r for r in rows if r.channel == name and math.isfinite(r.correlation)]
         if (found := _wrong_unit(own)) is not None:
-            factor, text, wrong = found
+            zero, factor, text, wrong = found
             where = () if len(wrong) == len(own) else tuple(r.record for r in wrong)
-            groups.setdefault((factor, text, where), []).append(wrong)
-    for (factor, text, where), channels in groups.items():
+            groups.setdefault((zero, factor, text, where), []).append(wrong)
+    for (zero, factor, text, where), channels in groups.items():
         wrong = [r for g in channels for r in g]
-        sign = factor < 0.0
-        large = sign or abs(math.log(abs(factor))) > math.log(LARGE)
-        value = float(np.median([r.factor for r in wrong]))
         names = tuple(g[0].channel for g in channels)
+        size = f"{float(np.median([r.factor for r in wrong])):.4g} times the model"
         yield Hint(
-            "sign" if sign else "unit",
+            "scale" if zero else "sign" if factor < 0.0 else "unit",
             names,
-            f"{', '.join(names)} is {value:.4g} times the model in "
+            f"{', '.join(names)} is {'on another scale' if zero else size} in "
             f"{'record ' + ', '.join(where) if where else 'all records'}: {text}?"
-            f"{_reversed(wrong) if sign else ''}",
-            large and all(abs(r.correlation) > SURE for r in wrong),
+            f"{_reversed(wrong) if factor < 0.0 else ''}",
+            all(abs(r.correlation) > SURE for r in wrong),
         )
 
 
-def _wrong_unit(rows: Sequence[Compared]) -> tuple[float, str, list[Compared]] | None:
-    """The one factor of the rows of a channel, and the rows that have it; others have 1."""
-    known = [_known_factor(r) for r in rows]
+def _wrong_unit(rows: Sequence[Compared]) -> tuple[float, float, str, list[Compared]] | None:
+    """The one relation of the rows of a channel, and the rows that have it; others have 1."""
+    known = [_known_relation(r) for r in rows]
     wrong = [r for r, k in zip(rows, known, strict=True) if k]
-    factors = {k for k in known if k}
+    relations = {k for k in known if k}
     right = [r for r, k in zip(rows, known, strict=True) if not k]
-    if len(factors) != 1 or not all(abs(r.factor - 1.0) < MOST for r in right):
+    if len(relations) != 1 or not all(abs(r.factor - 1.0) < MOST for r in right):
         return None
-    return *factors.pop(), wrong
+    return *relations.pop(), wrong
 
 
 def _reversed(wrong: Sequence[Compared]) -> str:
@@ -567,33 +572,6 @@ def _reversed(wrong: Sequence[Compared]) -> str:
     names = [n for n, unit in dict.fromkeys((r.channel, r.unit) for r in wrong) if unit == "m"]
     options = ",".join(f"{n}=-LENGTH" for n in names)
     return f" (mirrored picture: --scale {options} with the length of a pixel)" if names else ""
-
-
-def _scales(model: Model, runs: Runs) -> Iterator[Hint]:
-    """Temperatures on another scale than that of their label in all records."""
-    scales = {true for true, _ in TEMPERATURE_SCALES}
-    for name in model.outputs:
-        own = spelled_unit(model.units.get(name, "")) or model.units.get(name, "")
-        pairs = [(r.outputs[name], y[name]) for r, y in runs if name in r.outputs]
-        if own not in scales or not pairs:
-            continue
-        best, most = "", LEFT
-        for true, label in TEMPERATURE_SCALES:
-            shares = []
-            for x, y in pairs:
-                other = _reading(_reading(y, own, true), label, own)
-                with np.errstate(all="ignore"):
-                    shares.append(float(np.nanmean((x - other) ** 2) / np.nanmean((x - y) ** 2)))
-            if max(shares) < most:
-                best, most = f"{true} labeled as {label}", max(shares)
-        if best:
-            yield Hint("scale", (name,), f"{name} is on another scale in all records: {best}?",
-                       sure=True)  # fmt: skip
-
-
-def _reading(values: Array, scale: str, other: str) -> Array:
-    zero, factor = zero_and_factor(scale, other)
-    return np.asarray((values - zero) * factor)
 
 
 def _left(record: Record, outputs: Mapping[str, Array]) -> float:
